@@ -55,7 +55,7 @@ class FreeSpace:
 
     def __init__(self, stage: SceneDescription, camera: Camera, aspect: float) -> None:
         runtime.start()
-        self.camera = camera
+        self.camera = camera.framed(aspect)
         self.aspect = aspect
         self.bounds = stage.bounds()
         self._scene, self._obstacles = _on_device(stage)
@@ -64,10 +64,10 @@ class FreeSpace:
 
     def seen_by(self, camera: Camera, aspect: float) -> FreeSpace:
         """Return the free space of the same scene before another camera."""
-        if camera == self.camera and aspect == self.aspect:
+        if camera.framed(aspect) == self.camera and aspect == self.aspect:
             return self
         other = copy.copy(self)
-        other.camera, other.aspect = camera, aspect
+        other.camera, other.aspect = camera.framed(aspect), aspect
         other._landmarks = other._reachable_landmarks()
         return other
 

@@ -54,6 +54,8 @@ class View:
     def __post_init__(self) -> None:
         if self.width < 1 or self.height < 1:
             raise ArgumentError(f"view of {self.width}x{self.height} pixels: width and height must be at least 1")
+        for name in ("previous", "current", "next"):
+            object.__setattr__(self, name, getattr(self, name).framed(self.width / self.height))
 
     @property
     def cameras(self) -> tuple[Camera, Camera, Camera]:

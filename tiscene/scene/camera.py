@@ -15,6 +15,8 @@ from tiscene.errors import ArgumentError
 
 Vector3 = tuple[float, float, float]
 Quaternion = tuple[float, float, float, float]
+_CONFORM = ("expandAperture", "cropAperture", "adjustApertureHeight")
+_SAME_ASPECT = 1e-6  # relative; apertures are single-precision numbers
 _LENGTHS = ("lens_radius", "focus_distance", "near", "far")
 
 
@@ -36,6 +38,10 @@ class Camera:
             position. None: a perspective camera.
         shutter_open: Frames from the frame's own time, -1..1. Color is averaged while the shutter is open (motion
             blur); labels show the frame's own time.
+        aspect: Width / height of the aperture that `vertical_fov` or `orthographic_height` is the height of. `conform`
+            says how images of another shape are framed. None: images of any shape have that height.
+        conform: OpenUSD's aspectRatioConformPolicy: "expandAperture" shows at least the aperture, "cropAperture" at
+            most the aperture, "adjustApertureHeight" its full width.
         shutter_close: The same. Equal to `shutter_open`: no motion blur, and color shows the frame's own time too.
         dynamic: Motion of the camera, any `dynamics.Dynamic`. None: a fixed camera.
     """
@@ -52,6 +58,8 @@ class Camera:
     orthographic_height: float | None = None
     shutter_open: float = 0.0
     shutter_close: float = 0.0
+    aspect: float | None = None
+    conform: str = "expandAperture"
     dynamic: Any = field(default=None, hash=False)
 
     def __post_init__(self) -> None:
@@ -64,8 +72,9 @@ class Camera:
             if not _are_numbers(getattr(self, name), count):
                 raise refuse(name, f"must be finite numbers, {count} of them")
             object.__setattr__(self, name, tuple(float(component) for component in getattr(self, name)))
-        for name in (*_LENGTHS, "vertical_fov", "exposure", "orthographic_height", "shutter_open", "shutter_close"):
-            if name in ("exposure", "orthographic_height") and getattr(self, name) is None:
+        optional = ("exposure", "orthographic_height", "aspect")
+        for name in (*_LENGTHS, "vertical_fov", *optional, "shutter_open", "shutter_close"):
+            if name in optional and getattr(self, name) is None:
                 continue
             if not _are_numbers((getattr(self, name),), 1):
                 raise refuse(name, "must be finite")
@@ -86,6 +95,10 @@ class Camera:
             raise refuse("orthographic_height", "must be greater than 0 m")
         if self.orthographic_height is not None and self.lens_radius > 0.0:
             raise refuse("lens_radius", "an orthographic camera has none")
+        if self.aspect is not None and self.aspect <= 0.0:
+            raise refuse("aspect", "must be greater than 0")
+        if self.conform not in _CONFORM:
+            raise refuse("conform", f"must be one of {', '.join(_CONFORM)}")
         if not -1.0 <= self.shutter_open <= self.shutter_close <= 1.0:
             raise refuse("shutter_open", f"must be -1 <= open <= close <= 1 frames, shutter_close={self.shutter_close}")
         if not 0.0 < self.near < self.far:
@@ -141,6 +154,25 @@ class Camera:
         """Return the camera with another position, m, and rotation."""
         return replace(self, position=position, rotation=rotation)
 
+    def framed(self, aspect: float) -> Camera:
+        """Return the camera as images of one shape show it, with the height that its `conform` policy gives.
+
+        Args:
+            aspect: Width / height of the images.
+        """
+        if self.aspect is None:
+            return self
+        ratio = self.aspect / aspect
+        if abs(ratio - 1.0) < _SAME_ASPECT:
+            ratio = 1.0
+        factor = {"expandAperture": max(1.0, ratio), "cropAperture": min(1.0, ratio)}.get(self.conform, ratio)
+        if factor == 1.0:
+            return replace(self, aspect=None)
+        if self.orthographic_height is not None:
+            return replace(self, aspect=None, orthographic_height=self.orthographic_height * factor)
+        tangent = math.tan(0.5 * self.vertical_fov) * factor
+        return replace(self, aspect=None, vertical_fov=2.0 * math.atan(tangent))
+
     def axes(self) -> NDArray[np.float64]:
         """Return the camera's axes in the world, 3x3: the columns are right, up and backward (+x, +y, +z)."""
         return matrix_from_quaternion(self.rotation)
@@ -157,7 +189,7 @@ class Camera:
 
         The matrix of an orthographic camera maps (x, y, 1) to pixels, for any z.
         """
-        focal = self.pixels(height)
+        focal = self.framed(width / height).pixels(height)
         return np.array([[focal, 0.0, 0.5 * (width - 1)], [0.0, focal, 0.5 * (height - 1)], [0.0, 0.0, 1.0]])
 
     def pixels(self, height: int) -> float:
@@ -185,10 +217,10 @@ class Camera:
             Left, right, bottom, top, near, far.
         """
         right, up, backward = self.axes().T
-        position = np.asarray(self.position)
-        tangent, half = math.tan(0.5 * self.vertical_fov), 0.0
-        if self.orthographic_height is not None:
-            tangent, half = 0.0, 0.5 * self.orthographic_height
+        position, framed = np.asarray(self.position), self.framed(aspect)
+        tangent, half = math.tan(0.5 * framed.vertical_fov), 0.0
+        if framed.orthographic_height is not None:
+            tangent, half = 0.0, 0.5 * framed.orthographic_height
         planes = []
         for across, size in ((right, aspect), (-right, aspect), (up, 1.0), (-up, 1.0)):
             normal = across - backward * (tangent * size)

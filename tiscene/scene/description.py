@@ -171,6 +171,7 @@ class SceneDescription:
         templates: Templates that are defined on the stage.
         colliders: Meshes for collisions alone.
         tracks: Instances that move, appear and disappear by the stage's own time samples.
+        resolution: Width and height of the image that the stage's RenderSettings ask for, px. None: none.
     """
 
     name: str
@@ -185,6 +186,7 @@ class SceneDescription:
     templates: tuple[Template, ...] = field(default=())
     colliders: tuple[Collider, ...] = ()
     tracks: tuple[InstanceTrack, ...] = ()
+    resolution: tuple[int, int] | None = None
 
     @property
     def is_dark(self) -> bool:

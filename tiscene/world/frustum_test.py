@@ -32,6 +32,7 @@ def in_view(camera: Camera, aspect: float, boxes: Array, poses: Array) -> NDArra
     """
     if not len(boxes):
         return np.zeros(0, np.bool_)
+    camera = camera.framed(aspect)
     tangent = math.tan(0.5 * camera.vertical_fov)
     right, up, backward = camera.axes().T
     tip = np.asarray(camera.position)

@@ -290,6 +290,7 @@ class Room:
         parent = f"/{self.name}/Cameras"
         if not self.stage.GetPrimAtPath(parent):
             UsdGeom.Scope.Define(self.stage, parent)
+            usd.define_render_settings(self.stage)
         camera = UsdGeom.Camera.Define(self.stage, f"{parent}/{name}")
         camera.CreateHorizontalApertureAttr(0.32)
         camera.CreateVerticalApertureAttr(0.24)

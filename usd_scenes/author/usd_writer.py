@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from pxr import Gf, Kind, Sdf, Usd, UsdGeom, UsdPhysics, UsdSemantics, UsdShade, Vt
+from pxr import Gf, Kind, Sdf, Usd, UsdGeom, UsdPhysics, UsdRender, UsdSemantics, UsdShade, Vt
 
 from usd_scenes.author import primitives
 from usd_scenes.author.material_presets import PRESETS, MaterialPreset, without_textures
@@ -32,6 +32,13 @@ def new_stage(root: str, kind: str | None = None) -> tuple[Usd.Stage, Usd.Prim]:
         Usd.ModelAPI(prim).SetKind(kind)
     stage.SetDefaultPrim(prim)
     return stage, prim
+
+
+def define_render_settings(stage: Usd.Stage) -> None:
+    """Define RenderSettings by which cameras keep their vertical field of view in images of any shape."""
+    settings = UsdRender.Settings.Define(stage, "/Render/Settings")
+    settings.CreateAspectRatioConformPolicyAttr(UsdRender.Tokens.adjustApertureWidth)
+    stage.SetMetadata("renderSettingsPrimPath", str(settings.GetPath()))
 
 
 @dataclass(frozen=True)

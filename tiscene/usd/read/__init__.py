@@ -9,6 +9,7 @@
     mesh_table         meshes, shared by instances
     point_instancer    points of UsdGeomPointInstancer
     stage_camera       UsdGeomCamera
+    stage_render_settings  camera, resolution and conform policy of RenderSettings
     extracted_prims    prims that a scenario moves, as templates
     template           templates from files and from /Templates
     inspection         metadata and statistics of a file

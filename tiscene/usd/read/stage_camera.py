@@ -14,16 +14,22 @@ from tiscene.scene.description import Matrix
 from tiscene.usd.core.report import StageReport
 from tiscene.usd.core.transform import unmirrored, unscaled
 from tiscene.usd.geometry.deforming import is_time_varying
+from tiscene.usd.read.stage_render_settings import DEFAULT_POLICY
 
 _EXPOSURE_ATTRIBUTES = ("exposure", "exposure:iso", "exposure:time", "exposure:fStop", "exposure:responsivity")
 _STATIC_ATTRIBUTES = (
-    *("projection", "focalLength", "verticalAperture", "fStop", "focusDistance", "clippingRange"),
+    *("projection", "focalLength", "horizontalAperture", "verticalAperture", "fStop", "focusDistance", "clippingRange"),
     *("shutter:open", "shutter:close", *_EXPOSURE_ATTRIBUTES),
 )
 
 
 def read_camera(
-    prim: Usd.Prim, world_from_prim: Matrix, time: Usd.TimeCode, meters_per_unit: float, report: StageReport
+    prim: Usd.Prim,
+    world_from_prim: Matrix,
+    time: Usd.TimeCode,
+    meters_per_unit: float,
+    report: StageReport,
+    policy: str = DEFAULT_POLICY,
 ) -> Camera | None:
     """Read a camera at a time code.
 
@@ -33,6 +39,7 @@ def read_camera(
         time: time code to read at.
         meters_per_unit: meters per stage unit.
         report: receives problems and omissions.
+        policy: the stage's aspectRatioConformPolicy.
 
     Returns:
         The camera. Its exposure is None if no exposure attribute is authored: the stream meters it. None, with a
@@ -67,6 +74,12 @@ def read_camera(
         if number(name):
             report.omission(path, "a camera's aperture offset is not applied")
     optional: dict[str, Any] = {}
+    width = number("horizontalAperture")
+    if policy != "adjustApertureWidth":  # that policy keeps the height in all images
+        if 0.0 < width < math.inf:
+            optional.update(aspect=width / aperture, conform=policy)
+        else:
+            report.omission(path, f"a camera's horizontalAperture of {width:g} is not used: it must be positive")
     f_stop, focus = number("fStop"), number("focusDistance")
     if orthographic:
         optional["orthographic_height"] = aperture / 10.0 * meters_per_unit

@@ -43,6 +43,7 @@ from tiscene.usd.read.point_instancer import (
     point_instances,
 )
 from tiscene.usd.read.stage_camera import read_camera
+from tiscene.usd.read.stage_render_settings import read_render_settings
 
 _DRAWN_PURPOSES = (UsdGeom.Tokens.default_, UsdGeom.Tokens.render)
 _METADATA_TYPES = ("HoudiniLayerInfo",)  # types of prims in which other programs keep their own data
@@ -102,8 +103,9 @@ class StageReader:
         self._materials = MaterialTableBuilder(self._textures, time, report)
         self._meshes = MeshTable(self._materials, time, report, self._meters)
         self._lights = LightReader(self._textures, time, report, self._meters, self.up_axis)
-        self._cameras: list[Camera] = []
+        self._cameras: list[tuple[Sdf.Path, Camera]] = []
         self._objects = StageObjectTable(stage)
+        self._settings = read_render_settings(stage, report)
         self._top = Sdf.Path.absoluteRootPath  # root of the outermost traversal
         # While the prototype of a point instancer is traversed: its parts so far, and its root.
         self._parts: list[PrototypePart] | None = None
@@ -120,11 +122,12 @@ class StageReader:
             instances=self._objects.instances(),
             objects=self._objects.objects(self.by_name),
             lights=tuple(self._lights.lights),
-            cameras=tuple(self._cameras),
+            cameras=tuple(camera for _, camera in self._settings.main_first(self._cameras, lambda each: each[0])),
             colliders=self._objects.colliders(),
             tracks=self._objects.tracks(),
             up_axis=self.up_axis,
             templates=templates,
+            resolution=self._settings.resolution,
         )
 
     def walk(self, root: Usd.Prim, context: TraversalContext, predicate: Any = DEFINED) -> None:
@@ -228,9 +231,9 @@ class StageReader:
             self._report.omission(prim.GetPath(), "cameras in a point instancer's prototypes are not read")
             return
         matrix = to_matrix(here.world, self._meters)
-        camera = read_camera(prim, matrix, self._time, self._meters, self._report)
+        camera = read_camera(prim, matrix, self._time, self._meters, self._report, self._settings.policy)
         if camera is not None:
-            self._cameras.append(camera)
+            self._cameras.append((prim.GetPath(), camera))
 
     def _read_light(self, prim: Usd.Prim, here: TraversalContext) -> None:
         if self._parts is not None:

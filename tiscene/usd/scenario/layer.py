@@ -177,7 +177,7 @@ class OverLayer:
             lens.CreateProjectionAttr(UsdGeom.Tokens.orthographic)
             height = camera.orthographic_height * per_meter * 10.0
         lens.CreateVerticalApertureAttr(height)
-        lens.CreateHorizontalApertureAttr(height * 4.0 / 3.0)
+        lens.CreateHorizontalApertureAttr(height * (camera.aspect or 4.0 / 3.0))
         lens.CreateFocalLengthAttr(focal_length)
         lens.CreateFocusDistanceAttr(camera.focus_distance * per_meter)
         if camera.lens_radius > 0.0:

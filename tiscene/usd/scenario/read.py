@@ -30,6 +30,7 @@ from tiscene.usd.core.transform import to_matrix
 from tiscene.usd.core.units import Units
 from tiscene.usd.lights.light import is_light
 from tiscene.usd.read.stage_camera import read_camera
+from tiscene.usd.read.stage_render_settings import read_render_settings
 from tiscene.usd.read.subprocess_reader import read_in_subprocess
 from tiscene.usd.scenario.light_time_samples import read_light_motion
 from tiscene.usd.scenario.motion_schema import read_dynamic
@@ -100,6 +101,7 @@ class _ScenarioReader:
         self._report = report
         self._units = Units.of(stage)
         self._time = reading_time(stage, None)
+        self._settings = read_render_settings(stage)
 
     def read(self) -> AuthoredScenario:
         scenarios, prims, cameras, lights = [], [], [], []
@@ -295,6 +297,7 @@ class _ScenarioReader:
         """
         listed = targets(root, "tiscene:scenario:camera") if root else []
         if not listed:
+            cameras = self._settings.main_first(cameras, Usd.Prim.GetPath)
             return self._one_camera(cameras[0], False) if cameras else None
         found = []
         for path in listed:
@@ -312,7 +315,8 @@ class _ScenarioReader:
             return str(prim.GetName()) if is_listed else None
         world = UsdGeom.Xformable(prim).ComputeLocalToWorldTransform(self._time)
         meters = self._units.meters
-        camera = read_camera(prim, to_matrix(world, meters), self._time, meters, self._report)
+        policy = self._settings.policy
+        camera = read_camera(prim, to_matrix(world, meters), self._time, meters, self._report, policy)
         pose = read_pose(prim, self._time, self._units)
         if camera is None or isinstance(pose, str):
             return None
@@ -334,6 +338,9 @@ class _ScenarioReader:
                 and math.isclose(value, content[key], rel_tol=1e-5, abs_tol=1e-7)
             ):
                 content[key] = float(value)
+        if schema.has(prim, schema.CAMERA):
+            content["aspect"] = authored(prim, "tiscene:camera:aspect") or None
+            content["conform"] = str(authored(prim, "tiscene:camera:conform") or camera.conform)
         return content
 
 

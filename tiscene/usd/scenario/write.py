@@ -123,6 +123,9 @@ def _write_camera(over: OverLayer, content: Mapping[str, Any], report: StageRepo
         if content[key] is not None:
             attribute = prim.CreateAttribute(f"tiscene:camera:{name}", _TYPES.Double, False, Sdf.VariabilityUniform)
             attribute.Set(content[key])
+    aspect = prim.CreateAttribute("tiscene:camera:aspect", _TYPES.Double, False, Sdf.VariabilityUniform)
+    aspect.Set(content["aspect"] or 0.0)
+    _set(prim, "tiscene:camera:conform", _TYPES.Token, content["conform"])
     if content["dynamic"] is not None:
         write_dynamic(prim, content["dynamic"], over.units, lambda: _part_path(over, prim), report)
     return prim

@@ -1,0 +1,87 @@
+# SPDX-License-Identifier: Apache-2.0
+"""UsdRender: the camera, the resolution and the conform policy that a stage's RenderSettings author.
+
+RenderProducts override the settings that they author themselves; the first product counts. Values that are not authored
+are left to the caller: USD's fallback resolution is not the author's choice.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+from pxr import Usd, UsdGeom, UsdRender
+
+from tiscene.usd.core.report import StageReport
+
+DEFAULT_POLICY = "expandAperture"
+POLICIES = ("expandAperture", "cropAperture", "adjustApertureWidth", "adjustApertureHeight")
+
+
+@dataclass(frozen=True)
+class StageRenderSettings:
+    """What a stage says about its image.
+
+    Attributes:
+        camera: path of the camera prim; "" if not authored.
+        resolution: width and height, px; None if not authored.
+        policy: aspectRatioConformPolicy, how a camera frames images of another shape than its aperture.
+    """
+
+    camera: str = ""
+    resolution: tuple[int, int] | None = None
+    policy: str = DEFAULT_POLICY
+
+    def main_first(self, cameras: list[Any], path_of: Any) -> list[Any]:
+        """Return cameras with the main one first.
+
+        Args:
+            cameras: cameras of any type.
+            path_of: function that returns the path of one.
+        """
+        return sorted(cameras, key=lambda each: str(path_of(each)) != self.camera)
+
+
+def read_render_settings(stage: Usd.Stage, report: StageReport | None = None) -> StageRenderSettings:
+    """Read the RenderSettings that the stage's metadata names, else the only one on the stage.
+
+    Args:
+        stage: the stage.
+        report: receives settings that are not applied; None: nothing is reported.
+    """
+    settings = UsdRender.Settings.GetStageRenderSettings(stage)
+    if not settings:
+        found = [prim for prim in stage.Traverse() if prim.IsA(UsdRender.Settings)]
+        if len(found) != 1:
+            return StageRenderSettings()
+        settings = UsdRender.Settings(found[0])
+    products = [stage.GetPrimAtPath(path) for path in settings.GetProductsRel().GetForwardedTargets()]
+    prims = [*(prim for prim in products[:1] if prim), settings.GetPrim()]
+
+    def authored(name: str) -> Any:
+        values = (prim.GetAttribute(name).Get() for prim in prims if prim.GetAttribute(name).HasAuthoredValue())
+        return next(values, None)
+
+    targets = [prim.GetRelationship("camera").GetForwardedTargets() for prim in prims]
+    camera = next((stage.GetPrimAtPath(each[0]) for each in targets if each), None)
+    path = settings.GetPath()
+    if camera is not None and not (camera and camera.IsA(UsdGeom.Camera)):
+        if report:
+            report.omission(path, "the camera of the RenderSettings does not exist; the stage's first one is used")
+        camera = None
+    policy = str(authored("aspectRatioConformPolicy") or DEFAULT_POLICY)
+    if report and policy not in POLICIES:
+        report.omission(path, f"aspectRatioConformPolicy {policy!r} is not applied; {DEFAULT_POLICY} is used")
+    if report and authored("pixelAspectRatio") not in (None, 1.0):
+        report.omission(path, "pixelAspectRatio is not applied: pixels are square")
+    if report and tuple(authored("dataWindowNDC") or (0, 0, 1, 1)) != (0, 0, 1, 1):
+        report.omission(path, "dataWindowNDC is not applied: the whole image is rendered")
+    size = authored("resolution")
+    valid = size is not None and len(size) == 2 and min(size) >= 1
+    if report and size is not None and not valid:
+        report.omission(path, f"the resolution {tuple(size)} of the RenderSettings is not used: it must be positive")
+    return StageRenderSettings(
+        str(camera.GetPath()) if camera else "",
+        (int(size[0]), int(size[1])) if valid else None,
+        policy if policy in POLICIES else DEFAULT_POLICY,
+    )
