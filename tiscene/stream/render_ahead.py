@@ -9,13 +9,13 @@ import pickle
 import queue
 import signal
 import threading
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager, suppress
 from typing import Any, Protocol
 
 from tiscene.errors import ArgumentError, DeviceError
-from tiscene.frame.frame import Frame
 from tiscene.scenario.scenario import Scenario
+from tiscene.stream.view_renderer import Pixels
 
 POLL_SECONDS = 0.5  # between two checks that the worker lives
 JOIN_SECONDS = 5.0
@@ -35,8 +35,9 @@ class AheadSource(Protocol):
 class RenderAhead:
     """Renders frames of a stream ahead of its position, in one worker process that starts with the first frame.
 
-    The worker has a copy of the stream. It waits while `count` frames are ready. After a seek or an edit of the world,
-    frames that were rendered ahead in vain are dropped. The frames have the same bytes as without a worker.
+    The worker has a copy of the stream and sends arrays of pixels; the owner computes objects and events.
+    It waits while `count` frames are ready. After a seek or an edit of the world, frames that were rendered ahead in
+    vain are dropped. The frames have the same bytes as without a worker.
 
     Args:
         count: number of frames that may be ready; 0 for no worker.
@@ -51,8 +52,8 @@ class RenderAhead:
     def __getstate__(self) -> dict[str, Any]:
         return {"count": 0, "_worker": None}  # a copy in a worker process renders by itself
 
-    def frame(self, stream: AheadSource) -> Frame:
-        """Return the frame at the stream's position.
+    def pixels(self, stream: AheadSource) -> Sequence[Pixels]:
+        """Return the pixels of the frame at the stream's position, one for each camera.
 
         Raises:
             DeviceError: the worker has died.
@@ -72,8 +73,8 @@ class RenderAhead:
             self.close()
             raise result
         self._expected = stream.position + 1, version
-        frame: Frame = result
-        return frame
+        pixels: Sequence[Pixels] = result
+        return pixels
 
     def check_no_worker(self, action: str) -> None:
         """Raise ArgumentError for something that the worker's copy of the stream would miss."""
@@ -150,7 +151,7 @@ def _render_ahead(stream: Any, requests: Any, results: Any) -> None:
             if scenario is not None:
                 stream.restart(scenario)
         try:
-            result: Any = stream[position]
+            result: Any = [Pixels.of(view) for view in stream[position].views.values()]
         except Exception as error:
             result = _picklable(error)
         results.put((number, result))

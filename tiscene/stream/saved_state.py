@@ -1,12 +1,15 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Check of a saved state before a stream continues from it."""
+"""SavedState: the position of a stream as a dict, and the check of one before a stream continues from it."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Any
+from typing import Any, Protocol
 
 from tiscene.errors import ArgumentError
+from tiscene.scenario.scenario import Scenario
+from tiscene.stream.stage_cache import file_digests
+from tiscene.world.world import World
 
 VERSION = 1
 
@@ -16,6 +19,44 @@ _CURES = {
     "files": "The files of the scene or of a template have changed: restore them, or start again.",
 }
 _OTHER_CURE = "Pass the saved {0} to Stream(...)."
+
+
+class StatefulSource(Protocol):
+    """What saving a state needs of a Stream."""
+
+    @property
+    def position(self) -> int: ...
+    @property
+    def scenario(self) -> Scenario: ...
+    @property
+    def world(self) -> World: ...
+    def settings(self) -> dict[str, Any]: ...
+    def seek(self, index: int) -> Any: ...
+
+
+class SavedState:
+    """The methods of a stream for checkpoints."""
+
+    def state_dict(self: StatefulSource) -> dict[str, Any]:
+        """Return the stream's position and settings as JSON-ready values below 1 kB."""
+        return {"version": VERSION, "position": self.position, "settings": self.settings()}
+
+    def load_state_dict(self: StatefulSource, state: Mapping[str, Any]) -> None:
+        """Continue where `state_dict` was taken.
+
+        Raises:
+            ArgumentError: the state is of another stream; nothing has changed then.
+        """
+        check_state(state, self.settings())
+        self.seek(state["position"])
+
+    def file_digests(self: StatefulSource) -> dict[str, str]:
+        """Return the SHA-256 of every file that the scene and the scenario's templates consist of.
+
+        Returns:
+            Digests by path relative to the scene's folder; a template's paths begin with its name and a colon.
+        """
+        return file_digests(self.scenario, self.world.stage)
 
 
 def check_state(state: Mapping[str, Any], settings: Mapping[str, Any]) -> None:

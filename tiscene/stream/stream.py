@@ -34,10 +34,10 @@ from tiscene.scene.description import Light
 from tiscene.stream.frame_slice import FrameSlice
 from tiscene.stream.progress import ProgressBar
 from tiscene.stream.render_ahead import RenderAhead
-from tiscene.stream.saved_state import VERSION, check_state
-from tiscene.stream.stage_cache import StageCache, digest, file_digests
+from tiscene.stream.saved_state import SavedState
+from tiscene.stream.stage_cache import StageCache, digest
 from tiscene.stream.stream_output import StreamOutput
-from tiscene.stream.view_renderer import ViewRenderer, render_all_cameras
+from tiscene.stream.view_renderer import Pixels, ViewRenderer, render_all_cameras
 from tiscene.usd.core.limits import Limits
 from tiscene.validation import distinct_names, integer, number, positive, shutter_times
 from tiscene.world.category_ids import CategoryIds
@@ -48,7 +48,7 @@ DEFAULT_BUFFERS = ("rgb", "semantic", "instance", "depth", "forward_flow")
 MAX_SIZE = 16384
 
 
-class Stream(LoaderMethods, StreamOutput, Iterator[Frame]):
+class Stream(LoaderMethods, StreamOutput, SavedState, Iterator[Frame]):
     """An endless or finite, exactly repeatable sequence of labeled frames.
 
     A stream is an iterator with a position, as an open file is: a second `for` continues where the first stopped,
@@ -61,8 +61,8 @@ class Stream(LoaderMethods, StreamOutput, Iterator[Frame]):
     Args:
         source: a scene name ("room_02"), a USD file, a Scenario, or a scenario file (.json). A stage plays its own
             motion: time samples, or the schema TisceneMotionAPI.
-        width: image width, px.
-        height: image height, px.
+        width: image width, px; None: that of the stage's RenderSettings, else 256.
+        height: image height, px; None: that of the stage's RenderSettings (in proportion to `width`), else 192.
         fps: frame k shows time k / fps.
         frames: number of frames; None for an endless stream. It never changes a frame.
         buffers: names of the buffers to render (`tiscene list` names all); others cost nothing.
@@ -108,8 +108,8 @@ class Stream(LoaderMethods, StreamOutput, Iterator[Frame]):
         self,
         source: str | os.PathLike[str] | Scenario,
         *,
-        width: int = 256,
-        height: int = 192,
+        width: int | None = None,
+        height: int | None = None,
         fps: float = 25.0,
         frames: int | None = None,
         buffers: Sequence[str] = DEFAULT_BUFFERS,
@@ -138,8 +138,8 @@ class Stream(LoaderMethods, StreamOutput, Iterator[Frame]):
         prefetch: int = 0,
         progress: ProgressCallback | None = None,
     ) -> None:
-        self.width = integer("width", width, 1, MAX_SIZE)
-        self.height = integer("height", height, 1, MAX_SIZE)
+        width = None if width is None else integer("width", width, 1, MAX_SIZE)
+        height = None if height is None else integer("height", height, 1, MAX_SIZE)
         self.frames = None if frames is None else integer("frames", frames, 1, sys.maxsize)
         self.seed = integer("seed", seed, 0, 2**32 - 1)
         self.fps = positive("fps", fps)
@@ -180,6 +180,7 @@ class Stream(LoaderMethods, StreamOutput, Iterator[Frame]):
             source = replace(source, variants={**source.variants, **variants})
         if camera is not None:
             source = replace(source, camera=camera)
+        self.width, self.height = _image_size(width, height, self.stages.stage(source).resolution)
         self.restart(source)
         self.world.category_ids.check_selection(each.category for each in catalog.templates().values())
         if not COLORS.isdisjoint(rendered_buffers(self.buffers)):
@@ -206,7 +207,7 @@ class Stream(LoaderMethods, StreamOutput, Iterator[Frame]):
         )
         load_template = partial(self.stages.template, scenario=scenario, stage=stage)
         ids = CategoryIds(catalog.categories(), catalog.FIRST_UNREGISTERED_ID, self._selected_categories)
-        world = World(scenario, stage, load_template, self.fps, width / height, renderer.mesh_trees, ids)
+        world = World(scenario, stage, load_template, self.fps, width / height, renderer.mesh_trees, ids, self.seed)
         renderer.set_world(world)
         self.close()
         self.world, self._renderer = world, renderer
@@ -280,7 +281,7 @@ class Stream(LoaderMethods, StreamOutput, Iterator[Frame]):
     def __next__(self) -> Frame:
         if self.frames is not None and self._position >= self.frames:
             raise StopIteration
-        frame = self._ahead.frame(self) if self._ahead.count else self._render(self._position)
+        frame = self._render(self._position, self._ahead.pixels(self) if self._ahead.count else None)
         self.seek(self._position + 1)
         return frame
 
@@ -311,9 +312,10 @@ class Stream(LoaderMethods, StreamOutput, Iterator[Frame]):
         return self._render(index)
 
     @runtime.one_thread_at_a_time
-    def _render(self, index: int) -> Frame:
+    def _render(self, index: int, pixels: Sequence[Pixels] | None = None) -> Frame:
         self._renderer.check_session()  # before the simulation uses its arrays
-        return render_all_cameras(self._renderer, self.world.state(index), self.buffers, self.width, self.height)
+        state = self.world.state(index)
+        return render_all_cameras(self._renderer, state, self.buffers, self.width, self.height, pixels)
 
     @runtime.one_thread_at_a_time
     def render_view(
@@ -354,19 +356,6 @@ class Stream(LoaderMethods, StreamOutput, Iterator[Frame]):
         self._ahead.check_no_worker("set_light")
         self.world.set_light(row, light)
 
-    def state_dict(self) -> dict[str, Any]:
-        """Return the stream's position and settings as JSON-ready values below 1 kB."""
-        return {"version": VERSION, "position": self._position, "settings": self.settings()}
-
-    def load_state_dict(self, state: Mapping[str, Any]) -> None:
-        """Continue where `state_dict` was taken.
-
-        Raises:
-            ArgumentError: the state is of another stream; nothing has changed then.
-        """
-        check_state(state, self.settings())
-        self.seek(state["position"])
-
     def settings(self) -> dict[str, Any]:
         """Return everything that a frame depends on beside its index, JSON-ready.
 
@@ -390,10 +379,11 @@ class Stream(LoaderMethods, StreamOutput, Iterator[Frame]):
             "categories": None if self._selected_categories is None else list(self._selected_categories),
         }
 
-    def file_digests(self) -> dict[str, str]:
-        """Return the SHA-256 of every file that the scene and the scenario's templates consist of.
 
-        Returns:
-            Digests by path relative to the scene's folder; a template's paths begin with its name and a colon.
-        """
-        return file_digests(self.scenario, self.world.stage)
+def _image_size(width: int | None, height: int | None, resolution: tuple[int, int] | None) -> tuple[int, int]:
+    """Return the size of the images: what the caller gave, completed from the stage's resolution, else 256 x 192."""
+    if resolution is not None and width is None:
+        width = resolution[0] if height is None else max(1, round(height * resolution[0] / resolution[1]))
+    if resolution is not None and height is None and width is not None:
+        height = max(1, round(width * resolution[1] / resolution[0]))
+    return integer("width", width or 256, 1, MAX_SIZE), integer("height", height or 192, 1, MAX_SIZE)

@@ -3,8 +3,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import replace
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
 
 from tiscene.device import runtime
 from tiscene.frame.buffers import COLORS, complete, rendered_buffers
@@ -22,6 +26,26 @@ from tiscene.world.world import World
 from tiscene.world.world_state import CameraStep, WorldState
 
 MAX_RENDERERS = 4  # image sizes whose arrays are kept
+
+
+@dataclass(frozen=True)
+class Pixels:
+    """The part of a frame that takes time to render.
+
+    Attributes:
+        buffers: arrays by name.
+        instance: the `instance` buffer, if it was rendered.
+        spp: samples per pixel of the color buffers.
+    """
+
+    buffers: Mapping[str, NDArray[Any]]
+    instance: NDArray[np.int32] | None
+    spp: float
+
+    @classmethod
+    def of(cls, frame: Frame) -> Pixels:
+        """Return the pixels of a frame."""
+        return cls(frame.buffers, frame.buffers.get("instance"), frame.spp)
 
 
 class ViewRenderer:
@@ -97,6 +121,7 @@ class ViewRenderer:
         camera_row: int | None = None,
         since: int | None = None,
         incremental: bool | None = None,
+        pixels: Pixels | None = None,
     ) -> Frame:
         """Render one view of a world state.
 
@@ -109,6 +134,7 @@ class ViewRenderer:
                 interpolated.
             since: frame from which `backward_flow` is measured; None: the one before.
             incremental: overrides the stream's setting for this frame.
+            pixels: what another process has rendered; None: rendered here.
 
         Returns:
             The frame, in the exposure of the world's main camera unless the view's camera has its own.
@@ -116,6 +142,32 @@ class ViewRenderer:
         self.check_session()
         if since is not None and since != state.frame - 1:
             state = replace(state, placement=state.placement.since(self.world.state(since).placement))
+        self._upload_descriptions()
+        if pixels is None:
+            pixels = self._pixels(state, view, buffers, main_size, camera_row, incremental)
+        step = CameraStep(view.previous, view.current, view.next)
+        return Frame(
+            index=state.frame,
+            time=state.frame / self.world.fps,
+            camera=FrameCamera(view.current, view.width, view.height),
+            buffers=pixels.buffers,
+            objects=self._measurer.table(state.placement, view, state.objects, pixels.instance),
+            categories=self.world.categories,
+            materials=self._scene.materials.labels,
+            spp=pixels.spp,
+            events=state.events(step, view.width / view.height),
+        )
+
+    def _pixels(
+        self,
+        state: WorldState,
+        view: View,
+        buffers: Sequence[str],
+        main_size: tuple[int, int],
+        camera_row: int | None,
+        incremental: bool | None,
+    ) -> Pixels:
+        """Render the buffers of one view; arguments as of `render`."""
         names, buffers = buffers, rendered_buffers(buffers)
         colored = not COLORS.isdisjoint(buffers)
         samples = None
@@ -125,7 +177,6 @@ class ViewRenderer:
             )
         incremental = self.settings.incremental if incremental is None else incremental
         moving = movers(state) if colored and incremental and samples is None and is_static_view(view) else None
-        self._upload_descriptions()
         exposure = view.current.exposure
         if exposure is None:
             exposure = self.exposure(*main_size) if "rgb" in buffers else 0.0
@@ -142,18 +193,7 @@ class ViewRenderer:
             moving=moving,
             shutter_samples=samples or (),
         )
-        step = CameraStep(view.previous, view.current, view.next)
-        return Frame(
-            index=state.frame,
-            time=state.frame / self.world.fps,
-            camera=FrameCamera(view.current, view.width, view.height),
-            buffers=complete(names, rendered),
-            objects=self._measurer.table(state.placement, view, state.objects, rendered.get("instance")),
-            categories=self.world.categories,
-            materials=self._scene.materials.labels,
-            spp=renderer.spp if colored else 0.0,
-            events=state.events(step, view.width / view.height),
-        )
+        return Pixels(complete(names, rendered), rendered.get("instance"), renderer.spp if colored else 0.0)
 
     def _upload_descriptions(self) -> None:
         """Add the world's stage and templates to the device scene, as far as they are not there."""
@@ -173,12 +213,31 @@ class ViewRenderer:
 
 
 def render_all_cameras(
-    renderer: ViewRenderer, state: WorldState, buffers: Sequence[str], width: int, height: int
+    renderer: ViewRenderer,
+    state: WorldState,
+    buffers: Sequence[str],
+    width: int,
+    height: int,
+    pixels: Sequence[Pixels] | None = None,
 ) -> Frame:
-    """Render a frame from each of the world's cameras; the first holds the others as `views`."""
+    """Render a frame from each of the world's cameras; the first holds the others as `views`.
+
+    Args:
+        renderer: of the world.
+        state: of the world, at the frame to render.
+        buffers: names of the buffers to compute.
+        width: image width, px.
+        height: image height, px.
+        pixels: what another process has rendered, one for each camera; None: rendered here.
+    """
     first, *others = [
         renderer.render(
-            state, View(*step, width=width, height=height), buffers, main_size=(width, height), camera_row=row
+            state,
+            View(*step, width=width, height=height),
+            buffers,
+            main_size=(width, height),
+            camera_row=row,
+            pixels=None if pixels is None else pixels[row],
         )
         for row, step in enumerate(state.cameras)
     ]
