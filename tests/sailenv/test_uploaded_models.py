@@ -3,6 +3,8 @@
 
 import contextlib
 import io
+import json
+import re
 import stat
 import struct
 import zipfile
@@ -12,7 +14,7 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from tiscene.errors import ArgumentError, MissingFile
+from tiscene.errors import ArgumentError, MissingFile, StageError, StageWarning
 from tiscene.sailenv import uploaded_models
 from tiscene.sailenv.uploaded_models import UploadedModels
 
@@ -66,6 +68,89 @@ def test_uploaded_model_with_a_texture_can_be_spawned(make_agent, tmp_path):
     assert again.endswith("other.zip")
     with pytest.raises(ValueError, match="filename"):
         agent.send_obj_zip(io.BytesIO(b""))
+
+
+def two_sided(extra=""):
+    """Return an OBJ: a square at z = 0.5 of the material front, one at z = -0.5 of back, one at x = 0.8 of side."""
+    squares = [(-0.5, 0.5, 0.5, "front"), (-0.5, 0.5, -0.5, "back"), (0.7, 0.9, 0.5, "side")]
+    lines, faces = [extra], []
+    for number, (left, right, z, material) in enumerate(squares):
+        corners = [(left, -0.5), (right, -0.5), (right, 0.5), (left, 0.5)]
+        lines += [f"v {x} {y} {z}" for x, y in corners]
+        first = 4 * number + 1
+        order = [first, first + 1, first + 2, first + 3]
+        faces += [f"usemtl {material}", "f " + " ".join(f"{v}/{v - first + 1}" for v in order[:: 1 if z > 0 else -1])]
+    return "\n".join([*lines, "vt 0 0", "vt 1 0", "vt 1 1", "vt 0 1", *faces, ""])
+
+
+COLORS = {
+    "front": {"diffuse": [1.0, 0.0, 0.0]},
+    "back": {"albedo": "blue.png"},
+    "side": {"Albedo_Texture": "green.png", "metallic": 0.0, "Smoothness": 0.2},
+}
+
+
+def colors_by_column(frame):
+    """Return the strongest channel of each column that shows the object: "r", "g" or "b"."""
+    there = frame["object"].any(axis=-1)
+    columns = [column for column in range(there.shape[1]) if there[:, column].any()]
+    means = [frame["main"][there[:, column], column].mean(axis=0) for column in columns]
+    return "".join("rgb"[int(np.argmax(mean))] for mean in means)
+
+
+def test_uploaded_model_shows_its_front_from_positive_z_with_materials_of_its_json(make_agent):
+    """As in Unity: coordinates are those of the left-handed space, so that +x is to the left of a camera at +z."""
+    members = {
+        "sign/sign.obj": two_sided(),
+        "sign/sign_mat_def.json": json.dumps(COLORS),
+        "sign/blue.png": png((0, 0, 255)),
+        "sign/green.png": png((0, 255, 0)),
+    }
+    agent = make_agent(at=(0, 0, 3), width=48, height=36, flow_frame_active=False, strict=True)
+    agent.set_rotation((0, 180, 0))
+    path = agent.send_obj_zip(io.BytesIO(zipped(members)), "sign.zip")
+    agent.spawn_object("file:" + path)
+    seen = colors_by_column(agent.get_frame())
+    assert re.fullmatch("g+r+", seen)
+    agent.set_position((0, 0, -3))
+    agent.set_rotation((0, 0, 0))
+    assert re.fullmatch("b+g+", colors_by_column(agent.get_frame()))
+
+
+def test_ignored_parts_of_material_definitions_are_named(uploads):
+    definitions = {
+        "Front": {"albedo": [255, 0, 0], "shine": 3, "normal": [0, 0, 1], "metallic": "gone.png"},
+        "attic": {"albedo": [0, 1, 0]},
+    }
+    members = {"a.obj": two_sided("mtllib gone.mtl"), "a_mat_def.json": json.dumps(definitions)}
+    with pytest.warns(StageWarning) as caught:
+        template = Path(uploads.template(uploads.store("a.zip", zipped(members))))
+    text = " ".join(str(each.message) for each in caught)
+    for part in ("front.shine", "front.normal", "gone.png", "'attic', which no face uses"):
+        assert part in text
+    assert "(1, 0, 0)" in template.read_text()
+
+
+@pytest.mark.parametrize("content", ["{", "[]", '{"front": 3}'])
+def test_damaged_material_definitions_are_errors(uploads, content):
+    path = uploads.store("a.zip", zipped({"a.obj": two_sided(), "a_mat_def.json": content}))
+    with pytest.raises(StageError, match=r"a_mat_def\.json"):
+        uploads.template(path)
+
+
+def test_smoothness_of_unity_is_the_alpha_of_the_metallic_texture(uploads):
+    image = io.BytesIO()
+    Image.new("RGBA", (2, 2), (255, 0, 0, 51)).save(image, "png")
+    members = {
+        "a.obj": two_sided(),
+        "a_mat_def.json": json.dumps({"front": {"metallic": "m.png", "normal": "n.png", "emission": [1, 1, 1]}}),
+        "m.png": image.getvalue(),
+        "n.png": png((128, 128, 255)),
+    }
+    template = Path(uploads.template(uploads.store("a.zip", zipped(members))))
+    values = sorted(int(np.asarray(Image.open(each)).flat[0]) for each in template.parent.glob("textures/*data*"))
+    assert values == [128, 204, 255]
+    assert "emissiveColor = (1, 1, 1)" in template.read_text()
 
 
 def test_template_raises_for_paths_that_were_not_uploaded_and_files_without_a_model(uploads, tmp_path):

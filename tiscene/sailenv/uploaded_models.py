@@ -1,5 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Models that agents upload: zip files with an OBJ file, kept in a temporary folder until the environment is closed.
+"""Models that agents upload: zip files with an OBJ file, its materials (MTL or JSON) and textures.
+
+They are kept in a temporary folder until the environment is closed.
 
 Uploads are not trusted. Nothing is written outside of the folder. A zip file is read completely, within limits on count
 and size, before any of its members is written.
@@ -17,7 +19,7 @@ import zipfile
 from pathlib import Path, PurePosixPath
 
 from tiscene.errors import ArgumentError, MissingFile
-from tiscene.usd.importers.import_template import import_asset
+from tiscene.usd.importers.unity_model import import_unity_model
 
 MAX_BYTES = 128 << 20  # of an uploaded file
 MAX_UNPACKED = 512 << 20  # bytes, of all members of a zip file
@@ -107,9 +109,7 @@ class UploadedModels:
             if model.stat().st_size > MAX_MODEL:
                 raise ArgumentError(f"{model.name!r} has {model.stat().st_size} bytes; the limit is {MAX_MODEL}")
             name = model.stem.replace("_", " ")
-            self._templates[path] = import_asset(
-                model, folder / "template", name=name, label=name.lower(), unit=1.0, up_axis="Y", centered=False
-            )
+            self._templates[path] = import_unity_model(model, folder / "template", name=name, label=name.lower())
         return str(self._templates[path])
 
     def close(self) -> None:
