@@ -57,7 +57,7 @@ MAY_IMPORT = {
         "tiscene.sailenv",  # the coordinates of SAILenv's layout
     },
     "tiscene.learning": {
-        *("dynamics", "tiscene.catalog", "tiscene.errors", "tiscene.files", "tiscene.frame", "tiscene.render"),
+        *("dynamics", "tiscene", "tiscene.catalog", "tiscene.errors", "tiscene.files", "tiscene.frame", "tiscene.render"),
         *("tiscene.scenario", "tiscene.scene", "tiscene.stream", "tiscene.validation", "tiscene.world"),
     },
     "tiscene.cli": {
@@ -80,6 +80,7 @@ CALLED_BY_NAME = {
     "write_usd": "tiscene.usd.scenario.write:write_scenario",
     "sample": "tiscene.randomization.sampler:sample",
     "with_factor": "tiscene.randomization.factors:with_factor",
+    "free_places": "tiscene.randomization.free_places:FreePlaces",
     "template": "tiscene.usd.read.template:read_template",  # by the catalog, for categories in binary templates
 }
 

@@ -13,6 +13,7 @@ PUBLIC = [
     "AllTogether",
     "Camera",
     "CatmullWaypoints",
+    "Clock",
     "Composite",
     "Course",
     "DictTimings",
@@ -37,6 +38,7 @@ PUBLIC = [
     "Waypoint",
     "World",
     "categories",
+    "evaluate",
     "scenes",
     "templates",
 ]

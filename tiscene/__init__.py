@@ -62,6 +62,7 @@ _MODULES = {
     "AllTogether": "dynamics",
     "Camera": "tiscene.scene.camera",
     "CatmullWaypoints": "dynamics",
+    "Clock": "tiscene.learning.clock",
     "Composite": "dynamics",
     "Course": "tiscene.learning.course",
     "DictTimings": "dynamics",
@@ -86,6 +87,7 @@ _MODULES = {
     "Waypoint": "dynamics",
     "World": "tiscene.world.world",
     "categories": "tiscene.catalog",
+    "evaluate": "tiscene.learning.evaluation",
     "scenes": "tiscene.catalog",
     "templates": "tiscene.catalog",
 }

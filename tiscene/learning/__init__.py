@@ -13,4 +13,13 @@
     course             Course: phases one after another
     course_file        courses as JSON
     stream_pool        streams of several scenarios that share stages
+    learner            interface of learners, and learners by name
+    clock              Clock: a stream that does not wait
+    evaluation         evaluate: predict, then learn, and tests between the phases
+    stream_metrics     accuracy while a learner learns: online, near future, focus of attention, adaptation
+    accuracy_matrix    ACC, BWT, FWT and forgetting
+    task_matrix        counts of tests after each phase
+    pixel_counts       confusion matrices of pixels
+    resource_usage     time and memory
+    score              Score: results, and how to compute them again
 """

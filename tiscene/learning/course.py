@@ -21,6 +21,7 @@ from tiscene.errors import ArgumentError
 from tiscene.frame.object_table import ObjectTable
 from tiscene.learning import course_file
 from tiscene.learning.phase import CourseFrame, Phase
+from tiscene.learning.pixel_labels import LABELS, moving_instances
 from tiscene.learning.stream_pool import StreamPool
 from tiscene.learning.supervision import SupervisionRules
 from tiscene.scenario.scenario import Scenario
@@ -29,7 +30,6 @@ from tiscene.stream.stream import Stream
 from tiscene.validation import integer, positive
 
 VERSION = 1
-LABELS = ("semantic", "instance", "part", "depth")  # what a teacher reads
 DEFAULTS: dict[str, Any] = {"width": 64, "height": 48, "fps": 25.0, "quality": "fast", "buffers": ("rgb", *LABELS)}
 
 
@@ -159,6 +159,7 @@ class Course(Iterator[CourseFrame]):
             buffers={name: frame[name] for name in self.observed},
             objects=ObjectTable(),
             events=(),
+            moving=frozenset(),
             _other_views=(),
             **(hidden if self.boundaries == "hidden" else {}),
         )
@@ -173,7 +174,9 @@ class Course(Iterator[CourseFrame]):
             "boundary": position == 0,
             "lap": None if laps is None else laps.lap(k, self.fps),
         }
-        return CourseFrame.of(stream[k], index=index, **where)
+        frame = stream[k]
+        moving = frozenset(moving_instances(stream.world.state(k)))
+        return CourseFrame.of(frame, index=index, moving=moving, **where)
 
     @property
     def position(self) -> int:

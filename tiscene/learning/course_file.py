@@ -51,6 +51,7 @@ class _Derived(Mapping[str, type]):
 # Which classes a field holds, by its name; see `tiscene.scenario.serialization`.
 FIELDS: dict[str, Mapping[str, type]] = {
     "drift": {"Drift": Drift},
+    "parts": _Derived(Policy),
     "policy": _Derived(Policy),
     "schedule": _Derived(Schedule),
     "supervision": {"SupervisionRules": SupervisionRules},

@@ -120,12 +120,14 @@ class CourseFrame(Frame):
         phase_index: its number in the phase.
         boundary: whether it is the first frame of its phase.
         lap: number of the lap in the phase's scenario; None: its motion never repeats.
+        moving: instance ids of the objects that move between the frames before and after it.
     """
 
     phase: str = ""
     phase_index: int = 0
     boundary: bool = False
     lap: int | None = None
+    moving: frozenset[int] = frozenset()
 
     __eq__ = object.__eq__
     __hash__ = object.__hash__

@@ -252,6 +252,9 @@ class Supervision:
         return Moment(number, length, rng, self._moving_at(index))
 
     def _moving_at(self, index: int) -> frozenset[int]:
+        held = self._held
+        if held is not None and held.index == index and hasattr(held, "moving"):
+            return frozenset(held.moving)  # a frame of a course knows it
         if self._moving[0] != index:
             source, k = self._source(index)
             self._moving = index, frozenset(moving_instances(source.world.state(k)))

@@ -162,6 +162,31 @@ class Everything(Policy):
 
 
 @dataclass(frozen=True)
+class Combined(Policy):
+    """Label the pixels of several policies; a policy that is silent adds none.
+
+    Attributes:
+        parts: the policies.
+    """
+
+    parts: Sequence[Policy]
+
+    def __post_init__(self) -> None:
+        if isinstance(self.parts, Policy) or not isinstance(self.parts, Sequence) or not self.parts:
+            raise ArgumentError(f"parts={self.parts!r}: must be one or more policies")
+        object.__setattr__(
+            self, "parts", tuple(check_policy(each, f"parts[{row}]") for row, each in enumerate(self.parts))
+        )
+
+    def is_silent(self, moment: Moment) -> bool:
+        return all(each.is_silent(moment) for each in self.parts)
+
+    def pixels(self, frame: Frame, moment: Moment) -> Sequence[Pixel]:
+        speaking = [each for each in self.parts if not each.is_silent(moment)]
+        return list(dict.fromkeys(pixel for each in speaking for pixel in each.pixels(frame, moment)))
+
+
+@dataclass(frozen=True)
 class _InPartOfPhase(Policy):
     """Follow another policy in a part of the phase; be silent in the rest.
 

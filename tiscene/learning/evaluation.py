@@ -1,0 +1,331 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Evaluation of learners on a course: predict, then learn, frame by frame; tests between the phases.
+
+Several learners take the same course at once, so that each frame is rendered once. A learner that is deterministic has
+the same scores in every run, also if the evaluation is interrupted and continues from a checkpoint.
+"""
+
+from __future__ import annotations
+
+import copy
+import hashlib
+import os
+import pickle
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tiscene.errors import ArgumentError, export_errors
+from tiscene.files import write_atomically
+from tiscene.learning.clock import Clock
+from tiscene.learning.course import Course
+from tiscene.learning.learner import Learner, check_learner
+from tiscene.learning.phase import CourseFrame
+from tiscene.learning.pixel_counts import selected_pixels
+from tiscene.learning.resource_usage import ResourceUsage
+from tiscene.learning.score import Score
+from tiscene.learning.stream_metrics import (
+    Adaptation,
+    FocusAccuracy,
+    Metric,
+    NearFutureAccuracy,
+    OnlineAccuracy,
+)
+from tiscene.learning.supervision import Answer, Supervision
+from tiscene.learning.task_matrix import TaskMatrix
+
+VERSION = 1
+Progress = Callable[[str, int, int], None]
+
+
+def default_metrics() -> tuple[Metric, ...]:
+    """Return the metrics of an evaluation for which none are given."""
+    return OnlineAccuracy(), OnlineAccuracy("frame"), NearFutureAccuracy(), FocusAccuracy(), Adaptation()
+
+
+def evaluate(learner: Learner, course: Course, metrics: Iterable[Metric] | None = None, **options: Any) -> Score:
+    """Evaluate a learner on a course.
+
+    Args:
+        learner: has `predict(frame)`, which returns a map of category ids, and `learn(frame, answers)`.
+        course: phases, in which it learns, and tests.
+        metrics: None: online accuracy of objects and of whole frames, near-future accuracy, accuracy at a focus of
+            attention, adaptation to drift.
+        **options: as of `evaluate_all`.
+
+    Returns:
+        All scores, and what is needed to compute them again.
+
+    Raises:
+        ArgumentError: an argument is invalid, or a prediction has the wrong shape or type.
+    """
+    return evaluate_all({options.pop("name", "learner"): learner}, course, metrics, **options)[0]
+
+
+def evaluate_all(
+    learners: Mapping[str, Learner],
+    course: Course,
+    metrics: Iterable[Metric] | None = None,
+    *,
+    clock: Clock | None = None,
+    checkpoint: str | os.PathLike[str] | None = None,
+    checkpoint_every: int = 500,
+    progress: Progress | None = None,
+    described: Mapping[str, Mapping[str, Any]] | None = None,
+) -> list[Score]:
+    """Evaluate several learners on one course, frame by frame.
+
+    Args:
+        learners: by name.
+        course: phases, in which they learn, and tests.
+        metrics: None: `default_metrics()`.
+        clock: how many frames learning from one takes; None: the stream waits.
+        checkpoint: file to write the state of the evaluation to, and to continue from if it exists. The learners need
+            `state_dict` and `load_state_dict`. Such a file is a pickle: do not open one from a source that you do not
+            trust. It is deleted at the end.
+        checkpoint_every: frames between checkpoints.
+        progress: called with a text, the number of frames that are done, and of all.
+        described: of each learner, what makes it again ("learner", "seed", "options"), for the score.
+
+    Returns:
+        One score per learner, in their order.
+
+    Raises:
+        ArgumentError: an argument is invalid, or a prediction has the wrong shape or type.
+    """
+    chosen = tuple(default_metrics() if metrics is None else metrics)
+    runs = [_Run(name, learner, course, chosen, clock or Clock()) for name, learner in learners.items()]
+    if not runs:
+        raise ArgumentError("learners={}: give one learner or more")
+    return _Evaluation(runs, course, progress, dict(described or {})).run(checkpoint, checkpoint_every)
+
+
+class _Run:
+    """One learner on its way through a course."""
+
+    def __init__(self, name: str, learner: Learner, course: Course, metrics: Sequence[Metric], clock: Clock) -> None:
+        self.name, self.course = name, course
+        self.learner = check_learner(learner, name)
+        self.metrics = copy.deepcopy(tuple(metrics))
+        names = [each.name for each in self.metrics]
+        if len(set(names)) < len(names):
+            raise ArgumentError(f"metrics: {', '.join(names)}: two metrics share a name")
+        for metric in self.metrics:
+            metric.begin(course)
+        self.clock = copy.deepcopy(clock)
+        self.teacher = Supervision(course)
+        self.usage = ResourceUsage()
+        self.matrix = TaskMatrix(course)
+        self.waiting: list[Answer] = []  # labels that arrived while the learner was busy
+
+    def predict(self, observation: CourseFrame) -> NDArray[np.integer[Any]]:
+        with self.usage.of("predict"):
+            prediction = np.asarray(self.learner.predict(observation))
+        shape = self.course.height, self.course.width
+        if prediction.shape != shape or not np.issubdtype(prediction.dtype, np.integer):
+            raise ArgumentError(
+                f"{self.name}: predict returned {prediction.dtype} {list(prediction.shape)}; it must return category "
+                f"ids, integers {list(shape)}"
+            )
+        return prediction
+
+    def step(self, frame: CourseFrame) -> None:
+        observation = self.course.observation(frame)
+        prediction = self.predict(observation)
+        for metric in self.metrics:
+            if not metric.gap and frame.index % metric.every == 0:
+                metric.update(frame, prediction)
+        number, _ = self.course.phase_at(frame.index)
+        self.waiting += self.teacher.arrived(frame.index)
+        if self.course.phases[number].evaluate or not self.clock.starts(frame.index):
+            return
+        answers, self.waiting = self.waiting, []
+        answers += [answer for _, answer in self.teacher.offers(frame) if isinstance(answer, Answer)]
+        if ask := getattr(self.learner, "ask", None):
+            with self.usage.of("ask"):
+                pixels = list(ask(observation))
+            given = [self.teacher.ask(int(y), int(x), frame) for y, x in pixels]
+            answers += [answer for answer in given if isinstance(answer, Answer)]
+        with self.usage.of("learn"):
+            self.learner.learn(observation, answers)
+
+    def foresee(self, metric: Metric, frame: CourseFrame) -> None:
+        """Predict a frame of the future."""
+        metric.update(frame, self.predict(self.course.observation(frame)))
+
+    def end_phase(self) -> None:
+        shown = self.course.boundaries == "shown" or getattr(self.learner, "sees_phases", False)
+        if shown and (end := getattr(self.learner, "end_of_phase", None)):
+            with self.usage.of("learn"):
+                end()
+
+    def state_dict(self) -> dict[str, Any]:
+        if not hasattr(self.learner, "state_dict") or not hasattr(self.learner, "load_state_dict"):
+            raise ArgumentError(f"{self.name}: a checkpoint needs a learner with state_dict and load_state_dict")
+        return {
+            "learner": self.learner.state_dict(),
+            "metrics": [each.state_dict() for each in self.metrics],
+            "clock": self.clock.state_dict(),
+            "teacher": self.teacher.state_dict(),
+            "usage": self.usage.state_dict(),
+            "matrix": self.matrix.state_dict(),
+            "waiting": self.waiting,
+        }
+
+    def load_state_dict(self, state: Mapping[str, Any]) -> None:
+        self.learner.load_state_dict(state["learner"])  # type: ignore[attr-defined]
+        for metric, each in zip(self.metrics, state["metrics"], strict=True):
+            metric.load_state_dict(each)
+        self.clock.load_state_dict(state["clock"])
+        self.teacher.load_state_dict(state["teacher"])
+        self.usage.load_state_dict(state["usage"])
+        self.matrix.load_state_dict(state["matrix"])
+        self.waiting = state["waiting"]
+
+
+class _Evaluation:
+    """Several runs through one course, which share its frames."""
+
+    def __init__(
+        self, runs: Sequence[_Run], course: Course, progress: Progress | None, described: dict[str, Any]
+    ) -> None:
+        self.runs, self.course, self.described = runs, course, described
+        self.tests = course.tests
+        self.progress = progress or (lambda *_: None)
+        self.next_frame = 0
+        self.digests: list[str] = []
+        self._kept: dict[int, CourseFrame] = {}  # frames that were rendered ahead
+        self._tested = False
+
+    def run(self, checkpoint: str | os.PathLike[str] | None, every: int) -> list[Score]:
+        path = None if checkpoint is None else Path(checkpoint)
+        if path is not None and path.exists():
+            self._load(path)
+        total = len(self.course)
+        if not self._tested:
+            self._test(0)
+        for index in range(self.next_frame, total):
+            number, _ = self.course.phase_at(index)
+            self.progress(f"phase {self.course.phases[number].name}", index, total)
+            self._step(index)
+            if index + 1 == self.course.starts[number + 1]:
+                self._end_phase(number)
+            self.next_frame = index + 1
+            if path is not None and (index + 1) % every == 0 and index + 1 < total:
+                self._save(path)
+        self.progress("done", total, total)
+        scores = [self._score(run) for run in self.runs]
+        if path is not None:
+            path.unlink(missing_ok=True)
+        return scores
+
+    def _frame(self, index: int) -> CourseFrame:
+        if index not in self._kept:
+            self._kept[index] = self.course[index]
+        return self._kept[index]
+
+    def _step(self, index: int) -> None:
+        frame = self._frame(index)
+        self.digests.append(_digest(frame))
+        for run in self.runs:
+            run.step(frame)
+        ahead = {(each.gap, each.every) for each in self.runs[0].metrics if each.gap}
+        for gap, every in sorted(ahead):
+            if index % every == 0 and index + gap < len(self.course):
+                future = self._frame(index + gap)
+                for run in self.runs:
+                    for metric in run.metrics:
+                        if (metric.gap, metric.every) == (gap, every):
+                            run.foresee(metric, future)
+        del self._kept[index]
+
+    def _end_phase(self, number: int) -> None:
+        if not self.course.phases[number].evaluate:
+            for run in self.runs:
+                run.end_phase()
+            self._test(number + 1)
+
+    def _test(self, row: int) -> None:
+        """Test all runs on all tests; row 0 is before the first phase."""
+        self._tested = True
+        if self.tests is None:
+            return
+        name = "untrained" if row == 0 else self.course.phases[row - 1].name
+        for run in self.runs:
+            run.matrix.begin_row(row, name)
+        for frame in self.tests.seek(0):
+            self.progress(f"tests after {name}", self.next_frame, len(self.course))
+            selected = selected_pixels(frame, run.matrix.pixels)
+            observation = self.tests.observation(frame)
+            for run in self.runs:
+                run.matrix.add(frame, run.predict(observation), selected, observation)
+
+    def _save(self, path: Path) -> None:
+        state = {
+            "version": VERSION,
+            "course": self.course.digest(),
+            "next_frame": self.next_frame,
+            "digests": self.digests,
+            "runs": {run.name: run.state_dict() for run in self.runs},
+        }
+        with export_errors(path):
+            write_atomically(path, pickle.dumps(state))
+
+    def _load(self, path: Path) -> None:
+        try:
+            state = pickle.loads(path.read_bytes())
+            is_state = state["version"] == VERSION
+        except Exception as error:  # a damaged pickle raises anything
+            raise ArgumentError(f"checkpoint {str(path)!r}: cannot be read ({error}); delete it") from error
+        if (
+            not is_state
+            or state["course"] != self.course.digest()
+            or list(state["runs"]) != [r.name for r in self.runs]
+        ):
+            raise ArgumentError(f"checkpoint {str(path)!r}: is of another course or of other learners; delete it")
+        for run in self.runs:
+            run.load_state_dict(state["runs"][run.name])
+        self.next_frame, self.digests, self._tested = state["next_frame"], state["digests"], True
+
+    def _score(self, run: _Run) -> Score:
+        ledger = run.teacher.ledger
+        by_phase: dict[str, int] = {}
+        for row in ledger:
+            phase = self.course.phases[self.course.phase_at(row.asked)[0]].name
+            by_phase[phase] = by_phase.get(phase, 0) + 1
+        scores: dict[str, Any] = {metric.name: metric.result() for metric in run.metrics}
+        if self.tests is not None:
+            scores["tests"] = run.matrix.result()
+        labels = {
+            "given": len(ledger),
+            "by_phase": by_phase,
+            "refused": dict(run.teacher.refused),
+            "ledger": ledger.digest(),
+        }
+        return Score(
+            name=run.name,
+            learner=dict(
+                self.described.get(
+                    run.name, {"learner": f"{type(run.learner).__module__}:{type(run.learner).__qualname__}"}
+                )
+            ),
+            course=self.course,
+            scores=scores,
+            labels=labels,
+            clock={"cost": float(run.clock.cost), "skipped": run.clock.skipped},
+            resources=run.usage.result(run.learner),
+            digests=list(self.digests),
+            examples=run.matrix.examples,
+        )
+
+
+def _digest(frame: CourseFrame) -> str:
+    """Return the first half of the SHA-256 of a frame's buffers."""
+    digest = hashlib.sha256()
+    for name in sorted(frame):
+        digest.update(name.encode())
+        digest.update(np.ascontiguousarray(frame[name]).tobytes())
+    return digest.hexdigest()[:32]

@@ -1,0 +1,131 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Score: the results of an evaluation, with all that is needed to compute them again."""
+
+from __future__ import annotations
+
+import hashlib
+import os
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+import tiscene
+from tiscene.errors import ArgumentError
+from tiscene.learning import course_file
+from tiscene.learning.course import Course
+from tiscene.learning.task_matrix import Example
+
+FORMAT, VERSION = "tiscene.score", 1
+
+
+@dataclass(frozen=True, eq=False)
+class Score(Mapping[str, Any]):
+    """The results of one learner on one course: a mapping from a metric's name to its values.
+
+    Attributes:
+        name: name of the learner.
+        learner: what makes it again: "learner" (a name or "module:Class"), "seed", "options".
+        course: the course.
+        scores: values by metric; "tests" has the accuracy matrix and what is made of it.
+        labels: number of labels by phase, refusals, and the digest of the ledger.
+        clock: the learner's cost in frames, and the frames that it missed.
+        resources: time and memory. They depend on the machine; everything else does not.
+        digests: of every frame's buffers.
+        examples: frames of the tests after the last phase.
+    """
+
+    name: str
+    learner: Mapping[str, Any]
+    course: Course
+    scores: Mapping[str, Any]
+    labels: Mapping[str, Any]
+    clock: Mapping[str, Any]
+    resources: Mapping[str, Any]
+    digests: Sequence[str]
+    examples: Sequence[Example] = field(default=(), repr=False)
+
+    def __getitem__(self, name: str) -> Any:
+        return self.scores[name]
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self.scores)
+
+    def __len__(self) -> int:
+        return len(self.scores)
+
+    def to_json(self) -> dict[str, Any]:
+        """Return everything but the examples as JSON values."""
+        return {
+            "format": FORMAT,
+            "version": VERSION,
+            "tiscene": tiscene.__version__,
+            "name": self.name,
+            "learner": dict(self.learner),
+            "course": self.course.to_json(),
+            "categories": list(self.course.categories.values())[1:],
+            "scores": dict(self.scores),
+            "labels": dict(self.labels),
+            "clock": dict(self.clock),
+            "resources": dict(self.resources),
+            "frames": {
+                "count": len(self.digests),
+                "digest": hashlib.sha256("".join(self.digests).encode()).hexdigest(),
+                "digests": list(self.digests),
+            },
+        }
+
+    def save(self, path: str | os.PathLike[str]) -> None:
+        """Write the score as a JSON file.
+
+        Raises:
+            ExportError: the file cannot be written.
+        """
+        course_file.write(path, self.to_json())
+
+
+def differences(first: Mapping[str, Any], second: Mapping[str, Any]) -> list[str]:
+    """Compare two scores, as JSON values, in everything that does not depend on the machine.
+
+    Returns:
+        A line for each difference; none if the second recomputes the first.
+    """
+    found = []
+    for name in ("course", "learner", "categories", "clock"):
+        if first[name] != second[name]:
+            found.append(f"{name}: differs")
+    digests = zip(first["frames"]["digests"], second["frames"]["digests"], strict=False)
+    changed = [index for index, (a, b) in enumerate(digests) if a != b]
+    if changed or first["frames"]["count"] != second["frames"]["count"]:
+        where = f", first {changed[0]}" if changed else ""
+        found.append(f"frames: {len(changed)} of {first['frames']['count']} differ{where}")
+    if first["labels"]["ledger"] != second["labels"]["ledger"]:
+        found.append("labels: the ledgers differ")
+    found += _different("scores", first["scores"], second["scores"])
+    return found
+
+
+def _different(path: str, first: Any, second: Any) -> list[str]:
+    if isinstance(first, Mapping) and isinstance(second, Mapping):
+        names = dict.fromkeys((*first, *second))
+        return [line for name in names for line in _different(f"{path}.{name}", first.get(name), second.get(name))]
+    is_list = isinstance(first, list | tuple) and isinstance(second, list | tuple)
+    if is_list and len(first) == len(second):
+        pairs = enumerate(zip(first, second, strict=True))
+        return [line for row, (a, b) in pairs for line in _different(f"{path}[{row}]", a, b)]
+    return [] if first == second else [f"{path}: {first!r} and {second!r}"]
+
+
+def read_score(path: str | os.PathLike[str]) -> dict[str, Any]:
+    """Return the JSON values of a saved score.
+
+    Raises:
+        MissingFile: there is no such file.
+        ArgumentError: it is not a score of this version.
+    """
+
+    def checked(content: Any) -> dict[str, Any]:
+        if not isinstance(content, Mapping) or content.get("format") != FORMAT or content.get("version") != VERSION:
+            raise ArgumentError(f'not a score: it should be an object with "format": "{FORMAT}", version {VERSION}')
+        return dict(content)
+
+    return course_file.read(path, checked)

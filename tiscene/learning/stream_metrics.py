@@ -1,0 +1,257 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Metrics of a learner while it learns: each counts predictions that were made before the label was known."""
+
+from __future__ import annotations
+
+import math
+from abc import ABC, abstractmethod
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dynamics import argument_checks
+from tiscene.errors import ArgumentError
+from tiscene.learning.course import Course
+from tiscene.learning.phase import CourseFrame
+from tiscene.learning.pixel_counts import PixelCounts, check_pixels, named, selected_pixels
+from tiscene.learning.teaching_policies import FollowMovingObjects, Moment, Policy, check_policy
+
+_FOCUS = 0x60C
+
+
+class Metric(ABC):
+    """A metric of the predictions of one learner on one course.
+
+    A metric is made once per evaluation: `begin` sets it to zero.
+
+    Attributes:
+        name: key of its values in the score.
+        gap: number of frames by which a prediction is ahead of learning; 0: the prediction of the next frame.
+        every: it is updated at every `every`-th frame.
+    """
+
+    name = ""
+    gap = 0
+    every = 1
+
+    @abstractmethod
+    def begin(self, course: Course) -> None:
+        """Set all counts to zero."""
+
+    @abstractmethod
+    def update(self, frame: CourseFrame, prediction: NDArray[Any]) -> None:
+        """Count a prediction of a frame, [height, width]."""
+
+    @abstractmethod
+    def result(self) -> dict[str, Any]:
+        """Return the values as JSON-ready values."""
+
+    @abstractmethod
+    def state_dict(self) -> dict[str, Any]:
+        """Return the counts as JSON-ready values."""
+
+    @abstractmethod
+    def load_state_dict(self, state: Mapping[str, Any]) -> None:
+        """Take the counts of `state_dict`."""
+
+
+class OnlineAccuracy(Metric):
+    """Prequential accuracy: each frame is predicted, then learned (Gama et al., "On evaluating stream learning
+    algorithms", 2013).
+
+    Args:
+        pixels: the pixels that count: "objects" (of the scenario), "moving" (objects), or "frame".
+        window: frames of a point of the curve.
+
+    Values: `accuracy` (of all pixels), `class_accuracy` (mean over categories), `by_category`, `by_phase`, `by_factor`,
+    and `curve`: pairs (first frame of the window, accuracy).
+    """
+
+    def __init__(self, pixels: str = "objects", window: int = 25) -> None:
+        self.pixels = check_pixels(pixels)
+        if argument_checks.whole(window, "window") < 1:
+            raise ArgumentError(f"window={window!r}: must be at least 1 frame")
+        self.window = window
+        self.name = "online" if pixels == "objects" else f"online_{pixels}"
+
+    def begin(self, course: Course) -> None:
+        self._course = course
+        self._counts = PixelCounts(len(course.categories))
+        self.hits: list[tuple[int, int, int]] = []  # frame, correct pixels, all pixels
+
+    def update(self, frame: CourseFrame, prediction: NDArray[Any]) -> None:
+        selected = selected_pixels(frame, self.pixels)
+        self.hits.append((frame.index, *self._counts.add(frame.semantic[selected], prediction[selected])))
+
+    def result(self) -> dict[str, Any]:
+        return {
+            "pixels": self.pixels,
+            "accuracy": self._counts.accuracy(),
+            "class_accuracy": self._counts.class_accuracy(),
+            "by_category": named(self._counts.by_category(), self._course.categories),
+            "by_phase": self._grouped(lambda index: self._course.phases[self._course.phase_at(index)[0]].name),
+            "by_factor": self._grouped(self._factors),
+            "curve": self.curve(),
+        }
+
+    def _factors(self, index: int) -> str:
+        number, k = self._course.phase_at(index)
+        drifts = self._course.phases[number].drift
+        values = [each.schedule.position(k, len(each.values)) for each in drifts]
+        shown = [
+            f"{each.factor} {each.at(position) if each.factor != 'scenario' else position:.4g}"
+            if isinstance(each.at(position), int | float) or each.factor == "scenario"
+            else f"{each.factor} {each.at(position)}"
+            for each, position in zip(drifts, values, strict=True)
+        ]
+        return ", ".join(shown)
+
+    def _grouped(self, key: Any) -> dict[str, float]:
+        sums: dict[str, list[int]] = {}
+        for index, correct, total in self.hits:
+            group = sums.setdefault(key(index), [0, 0])
+            group[0] += correct
+            group[1] += total
+        return {name: correct / total for name, (correct, total) in sums.items() if name and total}
+
+    def curve(self) -> list[tuple[int, float]]:
+        """Return pairs (first frame of a window, accuracy); windows without pixels are left out."""
+        sums: dict[int, list[int]] = {}
+        for index, correct, total in self.hits:
+            window = sums.setdefault(index // self.window * self.window, [0, 0])
+            window[0] += correct
+            window[1] += total
+        return [(index, correct / total) for index, (correct, total) in sorted(sums.items()) if total]
+
+    def state_dict(self) -> dict[str, Any]:
+        return {"counts": self._counts.to_json(), "hits": [list(row) for row in self.hits]}
+
+    def load_state_dict(self, state: Mapping[str, Any]) -> None:
+        self._counts.load(state["counts"])
+        self.hits = [(index, correct, total) for index, correct, total in state["hits"]]
+
+
+class NearFutureAccuracy(OnlineAccuracy):
+    """Accuracy of frame k + gap after learning up to frame k (Hammoud et al., "Rapid Adaptation in Online Continual
+    Learning: Are We Evaluating It Right?", ICCV 2023).
+
+    Learners that only repeat the labels of the last frames win online accuracy where labels repeat. With a gap that is
+    longer than labels repeat for, they do not.
+
+    Args:
+        gap: frames.
+        every: frames between two predictions.
+        pixels: the pixels that count.
+        window: frames of a point of the curve.
+    """
+
+    def __init__(self, gap: int = 50, every: int = 5, pixels: str = "objects", window: int = 25) -> None:
+        super().__init__(pixels, window)
+        for name, value in (("gap", gap), ("every", every)):
+            if argument_checks.whole(value, name) < 1:
+                raise ArgumentError(f"{name}={value!r}: must be at least 1 frame")
+        self.gap, self.every = gap, every
+        self.name = "near_future" if pixels == "objects" else f"near_future_{pixels}"
+
+    def result(self) -> dict[str, Any]:
+        return {"gap": self.gap} | super().result()
+
+
+class FocusAccuracy(Metric):
+    """Accuracy at the pixels of a focus of attention.
+
+    Args:
+        focus: a policy whose pixels are the fixations, such as FocusOfAttention(fixations).
+    """
+
+    name = "focus"
+
+    def __init__(self, focus: Policy | None = None) -> None:
+        self.focus = check_policy(focus or FollowMovingObjects(), "focus")
+
+    def begin(self, course: Course) -> None:
+        self._course = course
+        self._counts = PixelCounts(len(course.categories))
+
+    def update(self, frame: CourseFrame, prediction: NDArray[Any]) -> None:
+        number, k = self._course.phase_at(frame.index)
+        length = self._course.starts[number + 1] - self._course.starts[number]
+        rng = np.random.default_rng((_FOCUS, frame.index))
+        pixels = self.focus.pixels(frame, Moment(k, length, rng, frame.moving))
+        if pixels:
+            rows, columns = np.array(pixels).T
+            self._counts.add(frame.semantic[rows, columns], prediction[rows, columns])
+
+    def result(self) -> dict[str, Any]:
+        return {
+            "accuracy": self._counts.accuracy(),
+            "class_accuracy": self._counts.class_accuracy(),
+            "by_category": named(self._counts.by_category(), self._course.categories),
+        }
+
+    def state_dict(self) -> dict[str, Any]:
+        return {"counts": self._counts.to_json()}
+
+    def load_state_dict(self, state: Mapping[str, Any]) -> None:
+        self._counts.load(state["counts"])
+
+
+class Adaptation(OnlineAccuracy):
+    """How a learner answers drift: the loss of accuracy, and the frames until it is made up for.
+
+    With a(f) the accuracy of the `window` frames from f on, for a drift that begins at frame e:
+
+    - `before`: a(e - window); `drop`: `before` minus the lowest a(f) until the next drift.
+    - `recovery`: the first f - e with a(f) >= level * before; None: not before the next drift.
+    - `adaptation`: the first f - e with a(f) >= level * a of the last window before the next drift.
+
+    Args:
+        window: frames.
+        level: fraction of the accuracy that has to be reached again, 0..1.
+        pixels: the pixels that count.
+    """
+
+    def __init__(self, window: int = 25, level: float = 0.9, pixels: str = "objects") -> None:
+        super().__init__(pixels, window)
+        if not 0.0 < argument_checks.number(level, "level") <= 1.0:
+            raise ArgumentError(f"level={level!r}: must be above 0 and at most 1")
+        self.level = level
+        self.name = "adaptation" if pixels == "objects" else f"adaptation_{pixels}"
+
+    def result(self) -> dict[str, Any]:
+        frames = {index: (correct, total) for index, correct, total in self.hits}
+        events = self._course.events()
+        ends = [*list(events)[1:], len(self._course)]
+        rows = [self._answer(frames, at, end) | {"change": events[at]} for at, end in zip(events, ends, strict=True)]
+        recoveries = [row["recovery"] for row in rows]
+        done = [value for value in recoveries if value is not None]
+        return {
+            "pixels": self.pixels,
+            "events": rows,
+            "mean_recovery": float(np.mean(done)) if done else None,
+            "recovered": len(done),
+        }
+
+    def _answer(self, frames: Mapping[int, tuple[int, int]], at: int, end: int) -> dict[str, Any]:
+        def accuracy(first: int) -> float:
+            pairs = [frames[index] for index in range(first, first + self.window) if index in frames]
+            correct, total = (sum(column) for column in zip(*pairs, strict=True)) if pairs else (0, 0)
+            return correct / total if total else math.nan
+
+        starts = range(at, max(end - self.window, at) + 1)
+        after = [accuracy(first) for first in starts]
+        before, final = accuracy(at - self.window), after[-1]
+        known = [value for value in after if not math.isnan(value)]
+
+        def reached(level: float) -> int | None:
+            return next((number for number, value in enumerate(after) if value >= level), None)
+
+        return {
+            "frame": at,
+            "before": None if math.isnan(before) else before,
+            "drop": None if math.isnan(before) or not known else before - min(known),
+            "recovery": None if math.isnan(before) else reached(self.level * before),
+            "adaptation": None if math.isnan(final) else reached(self.level * final),
+        }
