@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Tests for surfaces that overlap: whether two surfaces cross, and whether a point lies inside a closed one.
 
-Results are exact up to rounding. Whether surfaces that only touch count as crossing depends on their triangles: shrink one
-of them first.
+Results are exact up to rounding. Whether surfaces that only touch count as crossing depends on their triangles: shrink
+one of them first.
 """
 
 from __future__ import annotations
@@ -88,8 +88,7 @@ def _bounds(triangles: Array) -> Array:
 
 def _touching(a: Array, b: Array) -> NDArray[np.bool_]:
     """Return which boxes [..., 2, 3] touch."""
-    result: NDArray[np.bool_] = ((a[..., 0, :] <= b[..., 1, :]) & (b[..., 0, :] <= a[..., 1, :])).all(axis=-1)
-    return result
+    return np.asarray(((a[..., 0, :] <= b[..., 1, :]) & (b[..., 0, :] <= a[..., 1, :])).all(axis=-1), np.bool_)
 
 
 def _in_blocks(triangles: Array) -> Array:

@@ -26,9 +26,7 @@ STAGE = SceneDescription(
         SceneObject("Beam", "/Beam", "beam"),
     ),
     colliders=(
-        Collider(
-            1, -1, np.array([[0.2, 0, 0, 0], [0, 0.2, 0, 3], [0, 0, 0.2, 0], [0, 0, 0, 1.0]]), prim_path="/Guide"
-        ),
+        Collider(1, -1, np.array([[0.2, 0, 0, 0], [0, 0.2, 0, 3], [0, 0, 0.2, 0], [0, 0, 0, 1.0]]), prim_path="/Guide"),
     ),
 )
 TEMPLATES = {
@@ -69,7 +67,9 @@ def test_object_in_the_stage_is_reported_at_its_first_frame(template, position, 
 
 
 def test_objects_in_each_other_are_reported_of_both():
-    made = world(ts.Object("a", "Cube", (0, 1, 0)), ts.Object("b", "Cube", (0.2, 1, 0)), ts.Object("c", "Cube", (0, 2, 0)))
+    made = world(
+        ts.Object("a", "Cube", (0, 1, 0)), ts.Object("b", "Cube", (0.2, 1, 0)), ts.Object("c", "Cube", (0, 2, 0))
+    )
     assert overlaps(made) == [Event("overlap", 4, 5), Event("overlap", 5, 4)]
 
 
@@ -113,7 +113,9 @@ def test_edits_of_the_stage_count():
 def test_scale_and_rotation_count():
     tall = ts.Object("a", "Cube", (1.2, 0.5, 0.0), (0, 0, 0), scale=(1.0, 1.0, 1.0))
     assert overlaps(world(tall)) == []
-    assert overlaps(world(ts.Object("a", "Cube", (1.2, 0.5, 0.0), scale=(3.0, 1.0, 1.0)))) == [Event("overlap", 4, BLOCK)]
+    assert overlaps(world(ts.Object("a", "Cube", (1.2, 0.5, 0.0), scale=(3.0, 1.0, 1.0)))) == [
+        Event("overlap", 4, BLOCK)
+    ]
     pin = {"position": (1.0, 0.5, 0.0), "template": "Pin"}
     assert overlaps(world(ts.Object("a", **pin, rotation=(0, 0, 90)))) == [Event("overlap", 4, BLOCK)]
 

@@ -17,7 +17,7 @@ from tiscene.randomization.ranges import ScenarioRanges
 from tiscene.randomization.template_extent import enclosing_radius
 from tiscene.scene.camera import Vector3
 from tiscene.scene.description import Instance, SceneDescription
-from tiscene.world.place_request import PlaceRequest
+from tiscene.world.place_finder import PlaceRequest
 
 SPAWNED = 2**63  # added to the number of a spawned object's draws; those of `Scenario.sample` begin at 0
 
@@ -45,7 +45,7 @@ class FreePlaces:
             ScenarioError: no place was found.
         """
         ranges = ScenarioRanges(
-            dynamics=("still",), region=tuple(request.region), depth=tuple(request.depth), min_size=0.0,
+            dynamics=("still",), region=request.region, depth=request.depth, min_size=0.0,
             aspect=request.aspect,
         )  # fmt: skip
         spec, space = request.spec, self._free_space(request)
@@ -57,9 +57,9 @@ class FreePlaces:
         if found is None:
             tally = ", ".join(f"{reason} ({count} times)" for reason, count in placer.reasons.most_common())
             raise ScenarioError(
-                f"object {spec.id!r} (template {spec.template!r}, {radius:.2f} m about its origin) has no free place at "
-                f"frame {spec.first_frame} in region={ranges.region}, depth={ranges.depth}, in {ATTEMPTS} draws: {tally}. "
-                "Widen region or depth, turn the camera, or spawn a smaller object"
+                f"object {spec.id!r} (template {spec.template!r}, {radius:.2f} m about its origin) fits nowhere at "
+                f"frame {spec.first_frame} in region={ranges.region}, depth={ranges.depth}, in {ATTEMPTS} draws: "
+                f"{tally}. Widen region or depth, turn the camera, or spawn a smaller object"
             )
         x, y, z = found.tolist()
         return x, y, z
@@ -70,9 +70,7 @@ class FreePlaces:
         kept = self._space
         if kept is None or kept[2] is not session or not _same(kept[1], instances):
             self._space = None  # frees its arrays first
-            stage = replace(
-                self._stage, instances=request.instances, colliders=request.colliders, tracks=(), lights=()
-            )
+            stage = replace(self._stage, instances=request.instances, colliders=request.colliders, tracks=(), lights=())
             kept = FreeSpace(stage, request.camera, request.aspect), instances, session
         self._space = kept[0].seen_by(request.camera, request.aspect), *kept[1:]
         return self._space[0]
@@ -80,7 +78,6 @@ class FreePlaces:
 
 def _same(a: tuple[Instance, ...], b: tuple[Instance, ...]) -> bool:
     return len(a) == len(b) and all(
-        one is other
-        or (one.mesh == other.mesh and np.array_equal(one.world_from_object, other.world_from_object))
+        one is other or (one.mesh == other.mesh and np.array_equal(one.world_from_object, other.world_from_object))
         for one, other in zip(a, b, strict=True)
     )

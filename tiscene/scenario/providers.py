@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Functions of higher packages that `Scenario` calls by name, so that `tiscene.scenario` imports nothing above it."""
+"""Functions of higher packages that `Scenario` and `World` call by name, so that neither imports anything above it."""
 
 from __future__ import annotations
 
@@ -12,6 +12,7 @@ PROVIDERS = {
     "read_usd": "tiscene.usd.scenario.read:read_scenario",
     "write_usd": "tiscene.usd.scenario.write:write_scenario",
     "sample": "tiscene.randomization.sampler:sample",
+    "free_places": "tiscene.randomization.free_places:FreePlaces",
     "with_factor": "tiscene.randomization.factors:with_factor",
 }
 

@@ -18,5 +18,6 @@
     lights            lights at each frame
     event_detector    events between two frames
     overlap_detector  what an object is placed inside of
+    place_finder      where a spawned object may be put: the request for a free place
     frustum_test      which boxes a camera has in view
 """

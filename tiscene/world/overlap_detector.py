@@ -165,10 +165,12 @@ def _overlap(a: Array, b: Array) -> bool:
 
 def _is_inside(point: Array, triangles: Array) -> bool:
     """Return whether a point [3] lies inside a closed surface."""
-    return _touch(_box(triangles), np.stack([point, point])) and winding_number(point, triangles) > 0.5
+    return bool(_touch(_box(triangles), np.stack([point, point]))) and winding_number(point, triangles) > 0.5
 
 
-def _near(positions: NDArray[np.float32], triangles: NDArray[np.int32], matrix: Array, surface: Array) -> Array:
+def _near(
+    positions: NDArray[np.float32], triangles: NDArray[np.int32], matrix: Array, surface: Array
+) -> NDArray[np.intp]:
     """Return the rows of a mesh's triangles whose boxes touch the box of a surface, in the mesh's own space."""
     inverse = np.linalg.inv(matrix)
     low, high = _box(surface)
@@ -176,8 +178,7 @@ def _near(positions: NDArray[np.float32], triangles: NDArray[np.int32], matrix: 
     half = np.abs(inverse[:3, :3]) @ (0.5 * (high - low)) + 1e-6 * (1.0 + np.abs(center))
     below, above = positions < center - half, positions > center + half
     beside = below[triangles].all(axis=1) | above[triangles].all(axis=1)
-    rows: Array = np.flatnonzero(~beside.any(axis=1))
-    return rows
+    return np.flatnonzero(~beside.any(axis=1))
 
 
 def _mapped(corners: NDArray[np.floating], matrix: Array) -> Array:
@@ -209,8 +210,7 @@ def _box_at(box: Array, pose: Array) -> Array:
 
 def _touch(a: Array, b: Array) -> NDArray[np.bool_]:
     """Return which boxes [..., 2, 3] touch; boxes of NaN touch nothing."""
-    result: NDArray[np.bool_] = ((a[..., 0, :] <= b[..., 1, :]) & (b[..., 0, :] <= a[..., 1, :])).all(axis=-1)
-    return result
+    return np.asarray(((a[..., 0, :] <= b[..., 1, :]) & (b[..., 0, :] <= a[..., 1, :])).all(axis=-1), np.bool_)
 
 
 def _make_room(kept: dict[tuple[object, ...], Array], most: int) -> None:

@@ -33,6 +33,7 @@ from tiscene.world.lights import WorldLights
 from tiscene.world.object_registry import ObjectRegistry, WorldObject
 from tiscene.world.overlap_detector import OverlapDetector
 from tiscene.world.overridden_stage import check_materials, overridden, with_materials
+from tiscene.world.place_finder import PlaceFinder
 from tiscene.world.stage_objects import StageObjects
 from tiscene.world.trajectories import Trajectories, TrajectoryContext
 from tiscene.world.world_state import CameraStep, ObjectBounds, WorldState
@@ -56,6 +57,7 @@ class World:
         trees: returns the bounding volume hierarchies of the stage's meshes, if a renderer has them; requested if
             objects can collide.
         category_ids: assigns the ids of categories; None: 1, 2, ... as they first appear.
+        seed: of the search for free places.
 
     Attributes:
         stage: the stage, with the scenario's overrides.
@@ -77,6 +79,7 @@ class World:
         aspect: float = 4.0 / 3.0,
         trees: Callable[[], MeshTrees] | None = None,
         category_ids: CategoryIds | None = None,
+        seed: int = 0,
     ) -> None:
         self._scenario = scenario
         self._log = scenario.log()
@@ -113,13 +116,12 @@ class World:
             instances=self._stage_objects.instances,
         )
         self.trajectories = Trajectories(scenario, self._log, setting)
-        start = self.cameras[0].position
-        overlaps = OverlapDetector(
-            self._log, stage, registry.surface, self._stage_objects.instances, self.trajectories, start
-        )
+        eye, placed = self.cameras[0].position, self._stage_objects.instances
+        overlaps = OverlapDetector(self._log, stage, registry.surface, placed, self.trajectories, eye)
         self._evaluator = FrameEvaluator(
             self._log, registry, self._stage_objects, self._lights, self.trajectories, overlaps, self.fps
         )
+        self._place_finder = PlaceFinder(stage, registry, self._stage_objects, self._evaluator, aspect, seed)
 
     @property
     def scenario(self) -> Scenario:
@@ -236,35 +238,48 @@ class World:
     def spawn(
         self,
         template: str,
-        position: Sequence[float] = (0.0, 0.0, 0.0),
+        position: Sequence[float] | None = None,
         rotation: Sequence[float] = (0.0, 0.0, 0.0),
         dynamic: Dynamic | None = None,
         *,
         id: str | None = None,
+        free: bool = False,
+        region: tuple[float, float, float, float] = (0.0, 0.0, 1.0, 1.0),
+        depth: tuple[float, float] = (1.0, 5.0),
         **others: Any,
     ) -> int:
         """Spawn an object at the next frame.
 
         Args:
             template: name or file of its template.
-            position: m.
+            position: m; None: the origin, or with `free` the place that is found.
             rotation: Euler angles in degrees, or a quaternion.
             dynamic: trajectory, whose clock starts at the next frame; None: none.
             id: name in the scenario; None: a new one is made.
+            free: find a place as `Scenario.sample` does: the main camera sees it, and the ball around the object
+                touches neither the stage nor other objects. It depends on `seed`, the frame and the number of
+                objects so far.
+            region: with `free`, part of the image for the object's origin: left, top, right, bottom, 0..1.
+            depth: with `free`, nearest and farthest depth of the object's origin, m.
             **others: further attributes of `Object`: last_frame, frustum_limited, collide, scale.
 
         Returns:
             The instance id.
 
         Raises:
-            ScenarioError, TemplateNotFound: nothing has changed then.
+            ScenarioError, ArgumentError, TemplateNotFound: nothing has changed then.
         """
         if id is None:
             first = len(self._log.lives) - len(self._scenario.objects) + 1
             names = (f"spawned_{number}" for number in itertools.count(first))
             id = next(name for name in names if self._log.row(name) is None)
-        new = Object(id, template, position, rotation, dynamic, first_frame=self.next_frame, **others)  # type: ignore[arg-type]
+        start = (0.0, 0.0, 0.0) if position is None else position
+        new = Object(id, template, start, rotation, dynamic, first_frame=self.next_frame, **others)  # type: ignore[arg-type]
         self._registry.template(new)
+        if free:
+            if position is not None:
+                raise ArgumentError("free=True finds a position; leave position out")
+            new = self._place_finder.placed(new, self._camera_step(self.next_frame, 0).current, region, depth)
         self._edit(Spawn(self.next_frame, new))
         return self._registry.id_of(len(self._log.lives) - 1)
 

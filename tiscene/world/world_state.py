@@ -54,6 +54,9 @@ class ObjectBounds:
         self._objects = objects
         self._visible: dict[tuple[Camera, float], NDArray[np.bool_]] = {}
         self._known: dict[tuple[Camera, float], NDArray[np.bool_]] = {}
+        self.ids: NDArray[np.int64]
+        self.boxes: NDArray[np.float64]
+        self.poses: NDArray[np.float64]
         if earlier is not None and len(earlier._objects) == len(objects):
             pairs = enumerate(zip(objects, earlier._objects, strict=True))
             self._changed = [row for row, (each, last) in pairs if each is not last]
