@@ -22,7 +22,7 @@ from tiscene.errors import ArgumentError, CameraNotFound, ScenarioError, SceneNo
 from tiscene.randomization.draws import Draws
 from tiscene.randomization.ranges import ScenarioRanges
 from tiscene.scenario.objects import Frustum, Object
-from tiscene.scenario.scenario import Scenario
+from tiscene.scenario.scenario import DRAWN_FACTORS, Scenario
 from tiscene.usd.read.stage_reader import read_stage
 
 SMALL = ("Ball 01", "Cup 01", "Dish 01")
@@ -303,7 +303,7 @@ def test_keywords_of_sample_are_the_fields_of_the_ranges():
     parameters = inspect.signature(Scenario.sample).parameters
     defaults = {field.name: field.default for field in fields(ScenarioRanges)}
     assert {name: each.default for name, each in parameters.items() if name in defaults} == defaults
-    assert set(parameters) == {"scene", "seed", "camera", *defaults}
+    assert set(parameters) == {"scene", "seed", "camera", *defaults, *DRAWN_FACTORS}
 
 
 ROOMS = ("room_01", "room_02", "room_03")

@@ -9,6 +9,9 @@
     illumination_factor  time of day, strength, color and direction of lights
     material_factor      base colors, roughness and textures
     furniture_factor     movable objects of the scene elsewhere
+    clutter_factor       distractors that rest in view
+    path_factors         places of objects anew: occlusion, rooms
+    view_factor          pose and lens of the main camera
     scene_collisions     whether an object penetrates the scene
     object_paths         balls along the paths of objects
     object_factors       speed, instances and categories of objects

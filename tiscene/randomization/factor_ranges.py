@@ -150,14 +150,16 @@ class ClutterRanges(FactorRanges):
         templates: templates to draw from; None: the whole catalog, without categories that the scenario's objects have.
         depth: distance from the camera along its axis, m.
         scale: scale factor.
+        size: size, m, of templates that are drawn from the whole catalog, as `min_size` of `Scenario.sample` counts it.
     """
 
     count: tuple[int, int] = (0, 0)
     templates: Sequence[str] | None = None
     depth: Range = (1.0, 5.0)
     scale: Range = (1.0, 1.0)
+    size: Range = (0.0, 0.6)
 
-    LIMITS: ClassVar = {"depth": (1e-3, math.inf), "scale": (1e-3, 1e3)}
+    LIMITS: ClassVar = {"depth": (1e-3, math.inf), "scale": (1e-3, 1e3), "size": (0.0, math.inf)}
     TYPICAL: ClassVar = {"count": (3, 6)}
 
     def __post_init__(self) -> None:
@@ -176,8 +178,8 @@ class ViewRanges(FactorRanges):
         yaw: how far it is turned about the vertical, degrees, to either side.
         pitch: the same up and down.
         zoom: factor of its focal length, drawn on a logarithmic scale.
-        lens_radius: radius of its aperture, m; None: its own. The plane in focus is that of the surface at the image's
-            center.
+        lens_radius: radius of its aperture, m; None: its own.
+        focus_distance: distance of the plane in focus, m; None: its own.
     """
 
     shift: Range = (0.0, 0.0)
@@ -185,6 +187,7 @@ class ViewRanges(FactorRanges):
     pitch: Range = (0.0, 0.0)
     zoom: Range = (1.0, 1.0)
     lens_radius: Range | None = None
+    focus_distance: Range | None = None
 
     LIMITS: ClassVar = {
         "shift": (0.0, 100.0),
@@ -192,6 +195,7 @@ class ViewRanges(FactorRanges):
         "pitch": (0.0, 90.0),
         "zoom": (0.05, 20.0),
         "lens_radius": (0.0, 1.0),
+        "focus_distance": (1e-3, math.inf),
     }
     TYPICAL: ClassVar = {"shift": (0.0, 0.4), "yaw": (0.0, 12.0), "pitch": (0.0, 5.0), "zoom": (0.85, 1.2)}
 

@@ -10,16 +10,21 @@ from __future__ import annotations
 
 import hashlib
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from numbers import Integral
 from typing import Any
 
 from tiscene.errors import ArgumentError, UnknownName
+from tiscene.randomization.clutter_factor import with_clutter
 from tiscene.randomization.draws import Draws
 from tiscene.randomization.furniture_factor import with_furniture
 from tiscene.randomization.illumination_factor import with_illumination
 from tiscene.randomization.material_factor import with_materials_drawn
 from tiscene.randomization.object_factors import with_categories, with_instances, with_speed
+from tiscene.randomization.path_factors import with_occlusion, with_room
+from tiscene.randomization.scene_files import stage_of, templates_of
+from tiscene.randomization.view_factor import with_view
+from tiscene.scenario.overrides import LightOverride, MaterialOverride, Override
 from tiscene.scenario.scenario import Scenario
 
 Apply = Callable[[Scenario, Any, Callable[[str], Draws]], Scenario]
@@ -49,6 +54,10 @@ FACTORS: dict[str, Factor] = {
     for each in (
         Factor("categories", "names of categories to draw from; None: all", False, True, with_categories),
         Factor("instances", "templates to draw from; None: others of its category", False, True, with_instances),
+        Factor("views", "degrees of a turn, a camera, or ranges; None: typical", True, True, with_view),
+        Factor("clutter", "number of distractors, (low, high), or ranges; None: typical", True, True, with_clutter),
+        Factor("occlusion", "fraction of the path, or (low, high); None: (0.1, 0.5)", True, False, with_occlusion),
+        Factor("rooms", "scenes to draw from; None: all others", False, False, with_room),
         Factor("illumination", "lighting ('night'), stops, or ranges; None: typical", True, True, with_illumination),
         Factor("materials", "how far they change, 0..1, or ranges; None: typical", True, True, with_materials_drawn),
         Factor("furniture", "how far it is moved, m, or ranges; None: typical", True, True, with_furniture),
@@ -75,7 +84,25 @@ def with_factor(scenario: Scenario, name: str, value: Any = None, *, seed: int =
         raise UnknownName("factor", str(name), FACTORS)
     if isinstance(seed, bool) or not isinstance(seed, Integral) or not 0 <= seed < 2**64:
         raise ArgumentError(f"seed={seed!r}: must be a whole number from 0 to 2^64 - 1")
-    return FACTORS[name].apply(scenario, value, lambda part: factor_draws(int(seed), name, part))
+    drawn = FACTORS[name].apply(scenario, value, lambda part: factor_draws(int(seed), name, part))
+    return without_missing(drawn) if drawn.overrides else drawn
+
+
+def without_missing(scenario: Scenario) -> Scenario:
+    """Return a scenario without overrides of lights and materials that its variants and templates do not have."""
+    stage = stage_of(scenario)
+    lights = {name for each in stage.lights for name in (each.prim_path, each.name)}
+    descriptions = [stage, *templates_of(scenario, stage.up_axis)]
+    materials = [{name for each in one.materials for name in (each.prim_path, each.name)} for one in descriptions]
+
+    def exists(each: Override) -> bool:
+        if isinstance(each, LightOverride):
+            return each.prim in lights
+        if isinstance(each, MaterialOverride):
+            return any(each.prim in names and each.like in (None, *names) for names in materials)
+        return True
+
+    return replace(scenario, overrides=[each for each in scenario.overrides if exists(each)])
 
 
 def factor_draws(seed: int, factor: str, part: str = "") -> Draws:

@@ -62,15 +62,9 @@ def _drawn(path: str, is_infinite: bool, ranges: IlluminationRanges, draws: Call
         path,
         intensity=round(math.exp(own.between("strength", 0, low, high)), DECIMALS),
         color=(red, green, blue),
-        yaw=_either_side(own, "yaw", ranges.yaw) if is_infinite else 0.0,
-        pitch=_either_side(own, "pitch", ranges.pitch) if is_infinite else 0.0,
+        yaw=round(own.either_side("yaw", ranges.yaw), DECIMALS) if is_infinite else 0.0,
+        pitch=round(own.either_side("pitch", ranges.pitch), DECIMALS) if is_infinite else 0.0,
     )
-
-
-def _either_side(own: Draws, purpose: str, size: tuple[float, float]) -> float:
-    """Return a random angle of a size within a range, degrees, of random sign."""
-    sign = -1.0 if own.uniform(f"{purpose} -", 0)[0] < 0.5 else 1.0
-    return round(sign * own.between(purpose, 0, *size), DECIMALS)
 
 
 def _with_lighting(scenario: Scenario, ranges: IlluminationRanges, own: Draws) -> Mapping[str, str]:

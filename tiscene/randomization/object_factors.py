@@ -97,7 +97,7 @@ def with_instances(scenario: Scenario, value: Any, draws: Callable[[str], Draws]
             objects.append(each)
             continue
         if allowed is None:
-            wanted = _category(each.template)
+            wanted = category_of(each.template)
             names = [name for name, entry in catalog.templates().items() if entry.category == wanted]
             known = [variant for name in names or [each.template] for variant in instances_of(name)]
             choices = [name for name in known if not _same(name, each.template)]
@@ -135,7 +135,7 @@ def with_categories(scenario: Scenario, value: Any, draws: Callable[[str], Draws
         if is_distractor(each) or catalog.is_prim_path(each.template):
             objects.append(each)
             continue
-        own = _category(each.template)
+        own = category_of(each.template)
         names = [name for name in wanted if name != own] or list(wanted)
         order = np.argsort(draws(each.id).uniform("category", 0, len(names)), kind="stable")
         category = names[int(order[0])]
@@ -155,7 +155,8 @@ def instances_of(template: str) -> list[str]:
     return result
 
 
-def _category(template: str) -> str:
+def category_of(template: str) -> str:
+    """Return the category of a template, with or without variants."""
     name = catalog.template_variants(template)[0]
     known = catalog.templates().get(name)
     return (known or catalog.TemplateEntry(name, catalog.find_template(name))).category

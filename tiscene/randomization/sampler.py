@@ -8,7 +8,6 @@ ranges is replaced by another one. Scenarios are JSON values here.
 from __future__ import annotations
 
 import difflib
-import functools
 import math
 import os
 from collections import Counter
@@ -30,13 +29,13 @@ from tiscene.randomization.free_space import FreeSpace
 from tiscene.randomization.object_placer import ATTEMPTS, ObjectPlacer
 from tiscene.randomization.point_pools import DECIMALS, PointPools
 from tiscene.randomization.ranges import ScenarioRanges
+from tiscene.randomization.scene_files import free_space_of, stage_of
 from tiscene.randomization.template_extent import template_extent
+from tiscene.scenario.scenario import Scenario
 from tiscene.scene.camera import Camera
-from tiscene.usd.read.stage_reader import read_stage
 
 Array = NDArray[np.float64]
 MAX_TEMPLATES = 32  # templates that are tried for one object
-SCENES = 4  # whose free space is kept
 SCENARIO = 2**64 - 1  # number of the draws that belong to no object
 
 
@@ -70,8 +69,8 @@ def sample(
     names = sorted(catalog.templates()) if limits.templates is None else limits.templates
     for name in names:
         catalog.find_template(name)
-    file = catalog.find_scene(scene)
-    space, up_axis = _space(file, file.stat().st_mtime_ns, camera, limits.aspect)
+    bare = Scenario(os.fspath(scene), camera=camera)
+    space, up_axis = free_space_of(bare, aspect=limits.aspect), stage_of(bare).up_axis
     count = Draws(int(seed), SCENARIO).whole("objects", 0, *limits.objects)
     objects: list[dict[str, Any]] = []
     starts: list[tuple[Array, float]] = []
@@ -211,11 +210,3 @@ class _ObjectSampler:
             first = self.draws.whole("first", 0, 0, self.limits.frames - length)
             content |= {"first_frame": first, "last_frame": first + length - 1}
         return content
-
-
-@functools.lru_cache(maxsize=SCENES)
-def _space(file: Path, modified: int, camera: Camera | str | None, aspect: float) -> tuple[FreeSpace, str]:
-    """Return the free space before a camera of a scene, and the up axis. `modified` invalidates the cache."""
-    stage = read_stage(file)
-    watching = camera if isinstance(camera, Camera) else stage.camera(camera)
-    return FreeSpace(stage, watching, aspect), stage.up_axis

@@ -108,7 +108,7 @@ class SceneCollisions:
         if by is None:
             return bool(((near > low) & (near < high)).all(axis=2).any())
         back = np.linalg.inv(by)
-        return bool(self._hits(transformed(near - LIFT * self.up, back), NEXT).any())
+        return bool(self._hits(transformed(near - (LIFT * self.up), np.asarray(back, np.float64)), NEXT).any())
 
     def carries(self) -> bool:
         """Return whether another object rests on the selected one."""
@@ -167,7 +167,7 @@ class SceneCollisions:
 
     def _world_edges(self, row: int) -> Array:
         each = self._instances[row]
-        edges = self._stage.meshes[each.mesh].positions[self._edges[each.mesh]].astype(np.float64)
+        edges: Array = self._stage.meshes[each.mesh].positions[self._edges[each.mesh]].astype(np.float64)
         return transformed(edges, each.world_from_object)
 
 

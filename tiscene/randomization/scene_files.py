@@ -9,11 +9,15 @@ from collections.abc import Mapping
 from pathlib import Path
 
 from tiscene import catalog
+from tiscene.randomization.free_space import FreeSpace
+from tiscene.scenario.overrides import CameraOverride, ObjectOverride
 from tiscene.scenario.scenario import Scenario
+from tiscene.scene.camera import Camera
 from tiscene.scene.description import SceneDescription
 from tiscene.usd.read.inspection import stage_facts
 from tiscene.usd.read.stage_reader import read_stage
 from tiscene.usd.read.template import read_template
+from tiscene.world.overridden_stage import overridden
 
 KEPT = 4
 
@@ -46,7 +50,41 @@ def templates_of(scenario: Scenario, up_axis: str) -> list[SceneDescription]:
     """
     names = dict.fromkeys(each.template for each in scenario.objects if not catalog.is_prim_path(each.template))
     stage = {template.name: template.description for template in stage_of(scenario).templates}
-    return [stage[name] if name in stage else _template(name, up_axis) for name in names]
+    return [stage[name] if name in stage else template_of(name, up_axis) for name in names]
+
+
+def main_camera_of(scenario: Scenario) -> Camera:
+    """Return the main camera of a scenario at its start, with its overrides.
+
+    Raises:
+        CameraNotFound: the stage has no such camera.
+    """
+    camera = scenario.cameras[0]
+    if isinstance(camera, Camera):
+        return camera
+    cameras = [each for each in scenario.overrides if isinstance(each, CameraOverride)]
+    return overridden(stage_of(scenario), cameras).camera(camera)
+
+
+def free_space_of(scenario: Scenario, camera: Camera | None = None, aspect: float = 4.0 / 3.0) -> FreeSpace:
+    """Return the free space of a scenario's stage, with its overrides, before a camera.
+
+    Args:
+        scenario: the scenario.
+        camera: the camera; None: the main camera.
+        aspect: width / height of its image.
+    """
+    file = catalog.find_scene(scenario.scene)
+    moved = tuple(each for each in scenario.overrides if isinstance(each, ObjectOverride))
+    variants = json.dumps(scenario.variants, sort_keys=True)
+    return _free_space(file, file.stat().st_mtime_ns, variants, moved, camera or main_camera_of(scenario), aspect)
+
+
+@functools.lru_cache(maxsize=KEPT)
+def _free_space(
+    file: Path, modified: int, variants: str, moved: tuple[ObjectOverride, ...], camera: Camera, aspect: float
+) -> FreeSpace:
+    return FreeSpace(overridden(_stage(file, modified, variants), moved), camera, aspect)
 
 
 @functools.lru_cache(maxsize=KEPT)
@@ -61,6 +99,7 @@ def _variant_sets(file: Path, modified: int) -> Mapping[str, tuple[str, tuple[st
 
 
 @functools.lru_cache(maxsize=64)
-def _template(name: str, up_axis: str) -> SceneDescription:
+def template_of(name: str, up_axis: str) -> SceneDescription:
+    """Return a template of the catalog, or of a file, for a stage of an up axis."""
     file, variants = catalog.find_template(name), catalog.template_variants(name)[1]
     return read_template(file, up_axis="Z" if up_axis == "Z" else "Y", variants=variants).description

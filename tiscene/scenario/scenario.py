@@ -44,6 +44,8 @@ from tiscene.scenario.scenario_fields import (
 from tiscene.scene.camera import Camera
 
 FORMAT, VERSION = "tiscene.scenario", 1
+# Factors that `Scenario.sample` draws after the objects, in this order: each keeps clear of what was drawn before.
+DRAWN_FACTORS = ("clutter", "furniture", "views", "illumination", "materials")
 Range = float | tuple[float, float]
 WholeRange = int | tuple[int, int]
 
@@ -143,11 +145,17 @@ class Scenario:
         life: WholeRange | None = None,
         wait_time: float = 0.0,
         aspect: float = 4.0 / 3.0,
+        clutter: Any = None,
+        furniture: Any = None,
+        views: Any = None,
+        illumination: Any = None,
+        materials: Any = None,
     ) -> Scenario:
         """Draw a random scenario; the same arguments give the same scenario.
 
         Every quantity of every object has random numbers of its own: one more object, or another range of speeds,
-        changes nothing else. A range is (low, high), both included, or one number.
+        changes nothing else. A range is (low, high), both included, or one number. The last five arguments are factors
+        as of `with_factor`, drawn after the objects, which keep their places: True for typical ranges, or a value.
 
         Args:
             scene: name or file of the scene.
@@ -172,14 +180,24 @@ class Scenario:
             life: number of frames for which an object is alive, from a random one on; None: always.
             wait_time: time until all objects start, s.
             aspect: width / height of the view.
+            clutter: distractors, that rest in view: their number, or ranges.
+            furniture: movable objects of the scene elsewhere, and in other variants.
+            views: another pose or lens of the camera.
+            illumination: time of day; strength, color and direction of lights; exposure.
+            materials: other colors, roughness and textures.
 
         Raises:
             ArgumentError: the ranges contradict themselves.
             ScenarioError: nothing in the scene fits the ranges.
         """
         ranges = {name: value for name, value in locals().items() if name not in ("cls", "scene", "seed", "camera")}
+        factors = {name: ranges.pop(name) for name in DRAWN_FACTORS}
         content = provider("sample")(scene, seed=seed, camera=camera, **ranges)
-        return replace(cls.from_json({"format": FORMAT, "version": VERSION} | content), camera=camera)
+        scenario = replace(cls.from_json({"format": FORMAT, "version": VERSION} | content), camera=camera)
+        for name, value in factors.items():
+            if value is not None and value is not False:
+                scenario = scenario.with_factor(name, None if value is True else value, seed=seed)
+        return scenario
 
     def with_factor(self, factor: str, value: Any = None, *, seed: int = 0) -> Scenario:
         """Return the scenario with one factor of variation drawn anew, and everything else as it is: a counterfactual.
