@@ -30,7 +30,7 @@ MAY_IMPORT = {
     "tiscene.device": {"tiscene.errors", "tiscene.files"},
     "tiscene.scene": {"tiscene.device", "tiscene.errors", "tiscene.validation"},
     "tiscene.scenario": {"dynamics", "tiscene.catalog", "tiscene.errors", "tiscene.files", "tiscene.scene"},
-    "tiscene.frame": {"tiscene.errors", "tiscene.scene"},
+    "tiscene.frame": {"tiscene.errors", "tiscene.files", "tiscene.scene"},
     "tiscene.usd": {"tiscene.catalog", "tiscene.errors", "tiscene.files", "tiscene.scene"},
     "tiscene.render": {
         *("tiscene.device", "tiscene.errors", "tiscene.files", "tiscene.frame", "tiscene.scene", "tiscene.validation")
@@ -49,8 +49,8 @@ MAY_IMPORT = {
         *("tiscene.scene", "tiscene.usd", "tiscene.validation", "tiscene.world"),
     },
     "tiscene.sailenv": {
-        *("dynamics", "tiscene.catalog", "tiscene.device", "tiscene.errors", "tiscene.render", "tiscene.scenario"),
-        *("tiscene.scene", "tiscene.stream", "tiscene.usd", "tiscene.validation", "tiscene.world"),
+        *("dynamics", "tiscene.catalog", "tiscene.device", "tiscene.errors", "tiscene.frame", "tiscene.render"),
+        *("tiscene.scenario", "tiscene.scene", "tiscene.stream", "tiscene.usd", "tiscene.validation", "tiscene.world"),
     },
     "tiscene.export": {
         *("tiscene", "tiscene.errors", "tiscene.files", "tiscene.frame", "tiscene.scene", "tiscene.stream"),
@@ -92,6 +92,8 @@ ONLY_IN = {
     "PIL": (
         "tiscene/usd/",
         "tiscene/export/",
+        "tiscene/frame/frame_display.py",
+        "tiscene/preview/",
         "usd_scenes/author/",
         "docs/tools/template_sheet.py",
         "docs/tools/gallery.py",

@@ -8,4 +8,5 @@
     object_table  one row per live object, with boxes and visibility
     events        spawn, despawn, contact, overlap, enter, leave
     visualize     buffers as images
+    frame_display  pictures of a frame for files, windows and notebooks
 """

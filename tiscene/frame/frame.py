@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from tiscene.errors import BufferNotFound
 from tiscene.frame.buffers import BUFFERS
 from tiscene.frame.events import Event
+from tiscene.frame.frame_display import FrameDisplay
 from tiscene.frame.object_table import ObjectTable
 from tiscene.scene.camera import Camera, Quaternion, Vector3
 
@@ -73,7 +74,7 @@ class FrameCamera:
 
 
 @dataclass(frozen=True, eq=False)
-class Frame(Mapping[str, NDArray[Any]]):
+class Frame(FrameDisplay, Mapping[str, NDArray[Any]]):
     """One frame of a stream: a mapping from buffer names to arrays.
 
     `frame["depth"]` and `frame.depth` are the same array. The arrays belong to the frame: they may be written to.

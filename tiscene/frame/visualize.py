@@ -189,6 +189,29 @@ def flow_picture(flow: NDArray[np.floating], longest: float | None = None, legen
     return image
 
 
+def sailenv_flow_picture(flow: NDArray[np.floating], *, backward: bool = False) -> Pixels:
+    """Draw flow as SAILenv's client does: `direction_picture` of its flow, (-dx, +dy) with dy downwards.
+
+    Args:
+        flow: [h, w, 2], dx right and dy down, px.
+        backward: Whether it points to the frame before, against the motion.
+    """
+    return direction_picture(flow * (np.array((1.0, -1.0)) if backward else np.array((-1.0, 1.0))))
+
+
+def direction_picture(vectors: NDArray[np.floating]) -> Pixels:
+    """Draw vectors [h, w, 2]: the hue is the direction (red: +x), the value is the length.
+
+    The longest vector has full value, the shortest is black.
+    """
+    x, y = np.moveaxis(np.asarray(vectors, np.float64), -1, 0)
+    length, hue = np.hypot(x, y), np.arctan2(y, x) * (3.0 / np.pi) % 6.0
+    span = length.max() - length.min()
+    value = (length - length.min()) / (span if span > 0.0 else 1.0)
+    channels = [(sector + hue) % 6.0 for sector in (5.0, 3.0, 1.0)]  # red, green, blue
+    return _to_bytes(np.stack([value * (1.0 - np.clip(np.minimum(k, 4.0 - k), 0.0, 1.0)) for k in channels], axis=-1))
+
+
 def _wheel_colors(flow: NDArray[np.floating]) -> Pixels:
     """Return colors of vectors [h, w, 2]; length 1 has full color."""
     wheel = _flow_wheel()
