@@ -102,6 +102,11 @@ class Client:
             return np.frombuffer(data, "<f4").reshape(*shape, 2)[::-1]
         return np.asarray(Image.open(io.BytesIO(data)), np.float32) / np.float32(255.0)
 
+    def ask_pixel(self, y, x):
+        """Return frame, category, object, questions left and name; or the error."""
+        status = self.request(0x40, struct.pack("<ii", y, x))
+        return (*(self.int() for _ in range(4)), self.text()) if status == "ok" else status
+
     def delete(self):
         self.ask(0x01)
         assert self.socket.recv(1) == b""

@@ -70,16 +70,14 @@ def _render(commands: Commands) -> None:
         help="buffers to write, or 'all' (default: those that the format requires, else "
         "rgb,semantic,instance,depth,forward_flow)",
     )
-    render.add_argument(
-        "--format", metavar="NAME", default="png", help=f"{', '.join(FORMATS)} (default: %(default)s)"
-    )
+    render.add_argument("--format", metavar="NAME", default="png", help=f"{', '.join(FORMATS)} (default: %(default)s)")
     render.add_argument(
         "--objects",
         choices=("moving", "visible", "all"),
         help="write the table of the moving, visible or all objects of each frame (default: no table)",
     )
     render.add_argument("--overwrite", action="store_true", help="replace frames that were made with other settings")
-    _add_size(render, width=256, height=192)
+    _add_size(render, width=None, height=None)
     render.add_argument(
         "--fps", metavar="N", type=float, default=25.0, help="frame k shows time k / fps (default: %(default)g)"
     )
@@ -226,6 +224,12 @@ def _serve(commands: Commands) -> None:
         help="flow is always that from the frame before (default: from the client's last frame)",
     )
     serve.add_argument(
+        "--query-budget",
+        type=int,
+        metavar="N",
+        help="how many pixels each client may ask about, an extension of the protocol (default: any number)",
+    )
+    serve.add_argument(
         "--wait",
         type=float,
         default=1.0,
@@ -236,9 +240,13 @@ def _serve(commands: Commands) -> None:
     serve.add_argument("-v", "--verbose", action="count", default=0, help="log each event; -vv: each frame too")
 
 
-def _add_size(command: argparse.ArgumentParser, width: int, height: int) -> None:
-    command.add_argument("--width", metavar="PX", type=int, default=width, help="image width (default: %(default)s)")
-    command.add_argument("--height", metavar="PX", type=int, default=height, help="image height (default: %(default)s)")
+def _add_size(command: argparse.ArgumentParser, width: int | None, height: int | None) -> None:
+    """Add the size of images. None: that of the stage's RenderSettings, else 256 x 192."""
+    for name, default, usual in (("width", width, 256), ("height", height, 192)):
+        text = "%(default)s" if default else f"of the stage's RenderSettings, else {usual}"
+        command.add_argument(
+            f"--{name}", metavar="PX", type=int, default=default, help=f"image {name} (default: {text})"
+        )
 
 
 def _add_quality(command: argparse.ArgumentParser, default: str) -> None:

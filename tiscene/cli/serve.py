@@ -30,6 +30,7 @@ def run(args: argparse.Namespace) -> None:
         incremental=args.incremental,
         seed=args.seed,
         consecutive_flow=args.consecutive_flow,
+        query_budget=args.query_budget,
         arch=args.arch,
     )
     server = Server(environment, args.host, args.port, wait=args.wait)

@@ -25,6 +25,7 @@
     agent_walls         walls at the sides of an agent's view
     frame_views         views of a frame in SAILenv's types
     scene_profile       start pose and camera track
+    pixel_queries       answers about single pixels within a budget, an extension
     category_numbers    numbers in category views
     light_controls      lights by SAILenv's names
     uploaded_models     models sent by agents

@@ -24,6 +24,7 @@ from tiscene.sailenv.agent_objects import AgentObjects
 from tiscene.sailenv.environment import Environment
 from tiscene.sailenv.frame_views import VIEWS
 from tiscene.sailenv.json_messages import single_precision
+from tiscene.sailenv.pixel_queries import PixelAnswer
 from tiscene.sailenv.scenario_classes import Vector3
 
 # By host and port. An environment ends with its last agent.
@@ -88,7 +89,7 @@ class Agent(AgentObjects):
             strict: Raise a TisceneError where SAILenv prints a message.
             settings: Arguments of `tiscene.sailenv.environment.Environment` for the first agent of a world: scene, fps,
                 quality, spp, max_depth, denoise, incremental, seed,
-                consecutive_flow, arch.
+                consecutive_flow, query_budget, arch.
         """
         self.main_frame_active = main_frame_active
         self.object_frame_active = object_frame_active
@@ -173,6 +174,24 @@ class Agent(AgentObjects):
             frame[name] = to_client_dtype(name, array)
         frame["deltaTime"] = seconds
         return frame
+
+    def ask_pixel(self, y: int, x: int) -> PixelAnswer | None:
+        """Extension of tiscene: return the labels of a pixel of the frame received last.
+
+        `Agent(..., query_budget=N)` allows N answers for each agent of the world. A question that cannot be answered
+        prints an error, or raises it if `strict`, and does not count.
+
+        Args:
+            y: Row, 0 at the top.
+            x: Column, 0 at the left.
+
+        Returns:
+            The answer; None for an error.
+        """
+        answer: PixelAnswer | None = self._try(
+            "Error asking about a pixel: {}", lambda world, camera: world.ask_pixel(camera, y, x)
+        )
+        return answer
 
     def change_scene(self, scene_name: str) -> None:
         """Start one of `scenes`."""

@@ -49,6 +49,7 @@ class AgentCamera:
         last_camera: The camera of its last frame; None before the first.
         frame_camera: Its camera when the current frame began; None if it was not there.
         camera_before: Its camera in the frame before, received or not; None if it was not there.
+        queries: The number of its questions about pixels that were answered.
 
     Raises:
         ArgumentError: The image is too large or empty.
@@ -68,6 +69,7 @@ class AgentCamera:
     last_camera: Camera | None = None
     frame_camera: Camera | None = None
     camera_before: Camera | None = None
+    queries: int = 0
 
     def __post_init__(self) -> None:
         width, height = self.width, self.height

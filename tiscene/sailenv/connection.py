@@ -204,6 +204,17 @@ class Connection:
         number, position, rotation = await self._read.int32(), await self._read.vector(), await self._read.vector()
         await self._acknowledge(f"move {number}", self._environment.move, agent, number, position, rotation)
 
+    async def ask_pixel(self, agent: AgentCamera) -> None:
+        y, x = await self._read.int32(), await self._read.int32()
+        try:
+            answer = await self._call(self._environment.ask_pixel, agent, y, x)
+        except TisceneError as error:
+            await self._send(text_bytes(str(error)))
+            return
+        left = -1 if answer.left is None else answer.left
+        numbers = int_bytes(answer.frame, answer.category, answer.object, left)
+        await self._send(text_bytes("ok") + numbers + text_bytes(answer.name))
+
     async def get_light(self, quantity: str, as_bytes: Callable[..., bytes]) -> None:
         name = await self._read.text()
         try:
@@ -309,4 +320,5 @@ HANDLERS: dict[Command, Handler] = {
     Command.SPAWN_VIEW_FRUSTUM: Connection.spawn_view_frustum,
     Command.LOAD_SCENARIO: Connection.load_scenario,
     Command.MOVE_OBJECT: Connection.move_object,
+    Command.ASK_PIXEL: Connection.ask_pixel,
 }

@@ -29,6 +29,7 @@ from tiscene.sailenv.agent_renderer import AgentRenderer
 from tiscene.sailenv.agent_walls import AgentWalls
 from tiscene.sailenv.environment_edits import EnvironmentEdits
 from tiscene.sailenv.light_controls import clipped, integer_color
+from tiscene.sailenv.pixel_queries import PixelAnswer, PixelQueries
 from tiscene.sailenv.scene_profile import SceneProfile
 from tiscene.sailenv.scene_session import SceneSession
 from tiscene.sailenv.uploaded_models import UploadedModels
@@ -59,6 +60,7 @@ class Environment(EnvironmentEdits):
         incremental: bool | None = None,
         seed: int = 0,
         consecutive_flow: bool = False,
+        query_budget: int | None = None,
         arch: str | None = None,
     ) -> None:
         """Check the arguments; the scene is read when it is first needed.
@@ -74,6 +76,7 @@ class Environment(EnvironmentEdits):
                 after waiting for a base image; None: as the preset says ("fast", "preview": yes).
             seed: Seed of the rendering.
             consecutive_flow: Whether flow is always measured from the frame before. False: from the agent's last frame.
+            query_budget: How many pixels each agent may ask about (see `ask_pixel`); None for any number.
             arch: "cpu" or "cuda"; None for "cpu".
 
         Raises:
@@ -83,6 +86,7 @@ class Environment(EnvironmentEdits):
         overrides = {"spp": spp, "max_depth": max_depth, "denoise": denoise, "incremental": incremental}
         preset(quality, **overrides)  # raises errors before clients connect
         integer("seed", seed, 0, 2**32 - 1)
+        self._queries = PixelQueries(query_budget)
         runtime.start(arch)
         self.consecutive_flow = bool(consecutive_flow)
         self.clock = -1
@@ -154,6 +158,10 @@ class Environment(EnvironmentEdits):
         )
         agent.last_frame, agent.has_edited, agent.is_stepping, agent.last_camera = self.clock, False, True, step.current
         return result, steps / self.fps
+
+    def ask_pixel(self, agent: AgentCamera, y: int, x: int) -> PixelAnswer:
+        """Extension of tiscene: return the labels of a pixel of an agent's last frame; see `PixelQueries.ask`."""
+        return self._queries.ask(self.stream, self._session.category_numbers, agent, y, x)
 
     def position(self, agent: AgentCamera) -> Vector3:
         """Return an agent's position, m."""
@@ -277,6 +285,7 @@ class Environment(EnvironmentEdits):
                 walls = AgentWalls(agent, scenario.frustum, camera)
         self._walls, self._ambient = walls, (0, 0, 0)
         self._renderer.start_frame(self._ambient)
+        self._queries.forget()
         self.clock = -1
         for each in self.agents.values():
             each.restart_clock()

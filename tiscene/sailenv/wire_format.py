@@ -57,6 +57,7 @@ class Command(IntEnum):
     SPAWN_VIEW_FRUSTUM = 0x1C
     LOAD_SCENARIO = 0x1D
     MOVE_OBJECT = 0x1E
+    ASK_PIXEL = 0x40  # an extension of tiscene
 
 
 class CommandsBytes:
