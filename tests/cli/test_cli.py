@@ -17,7 +17,7 @@ from tiscene import catalog
 from tiscene.cli import main as cli
 from tiscene.cli import render as render_command
 from tiscene.errors import SceneNotFound, StageWarning
-from tiscene.export import EXPORTERS
+from tiscene.export import FORMATS
 from tiscene.frame.buffers import BUFFERS
 from tiscene.scenario.scenario import Scenario
 from tiscene.scene.description import SceneDescription
@@ -102,6 +102,7 @@ def test_render_passes_every_option_to_the_stream(tmp_path, fake):
         "categories": ("chair", "alarm clock"),
         "root": ".",
         "untrusted": True,
+        "strict": False,
         "variants": {"/Room{lighting}": "evening", "/Room{appearance}": "primitives"},
     }
 
@@ -159,7 +160,7 @@ def test_interrupted_render_is_continued_by_the_same_command(tmp_path, fake, cap
     [
         (["render", "nowhere", "-o", "x"], "tiscene: no scene 'nowhere'. Did you mean 'somewhere'?"),
         (["render", "s", "-o", "x", "--buffers", "dept"], "tiscene: no buffer 'dept'. Did you mean 'depth'?"),
-        (["render", "s", "-o", "x", "--format", "jpg"], "tiscene: format='jpg': must be one of cryptomatte, exr, npz"),
+        (["render", "s", "-o", "x", "--format", "jpg"], "tiscene: format='jpg': must be one of png, exr, exr-single"),
         (
             ["render", "s", "-o", "x", "--format", "sailenv", "--buffers", "rgb"],
             "requires the buffer 'semantic': make the stream with",
@@ -240,7 +241,7 @@ def test_help_of_render_names_every_format_and_the_default_buffers(capsys):
     with pytest.raises(SystemExit, match="0"):
         cli.main(["render", "--help"])
     text = capsys.readouterr().out
-    assert set(EXPORTERS) <= set(text.replace(",", " ").split())
+    assert set(FORMATS) <= set(text.replace(",", " ").split())
     assert ",".join(DEFAULT_BUFFERS) in "".join(text.split())
 
 

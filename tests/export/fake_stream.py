@@ -6,8 +6,10 @@ from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
+import pytest
 
-from tiscene.errors import BufferNotFound
+from tiscene.errors import BufferNotFound, MissingExtra
+from tiscene.export.formats import FORMATS
 from tiscene.frame.buffers import BUFFERS
 from tiscene.frame.frame import Frame, FrameCamera
 from tiscene.frame.object_table import ObjectTable, OrientedBox
@@ -103,3 +105,24 @@ class FakeStream:
         return Frame(
             index, index / self.fps, camera, buffers, table, self.categories, materials={0: "", 1: "/Looks/Oak"}
         )
+
+
+# Formats that need no more of a stream than a FakeStream has.
+FAKE_FORMATS = tuple(name for name in FORMATS if name != "tracks")
+# Buffers of the formats that cannot hold all.
+_BUFFERS = {
+    "video": ("rgb", "semantic", "instance", "part", "depth", "distance", "forward_flow", "forward_occlusion"),
+}
+
+
+def fake_stream_for(format: str, **arguments: Any) -> FakeStream:
+    """Return a stream with all buffers that a format can hold."""
+    return FakeStream(_BUFFERS.get(format, tuple(BUFFERS)), **arguments)
+
+
+def skip_without_extra(format: str) -> None:
+    """Skip a test if the libraries of a format are not installed."""
+    try:
+        FORMATS[format].writer()
+    except MissingExtra as error:
+        pytest.skip(str(error))

@@ -11,29 +11,60 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from tests.export.fake_stream import FakeStream
+from tests.export.fake_stream import FAKE_FORMATS, FakeStream, fake_stream_for, skip_without_extra
 from tiscene.errors import ArgumentError, ExportError
-from tiscene.export import EXPORTERS, SUMMARIES, export
+from tiscene.export import FORMATS, export
 from tiscene.export.manifest import NAME, Manifest, buffer_digest, frame_digest
 from tiscene.export.manifest_difference import cure, differences
+from tiscene.export.rerun_recording import content_digest as rrd_digest
 from tiscene.frame.buffers import BUFFERS
 from tiscene.frame.frame import FrameCamera
 from tiscene.scene.camera import Camera
 
 
+def summary_of(format):
+    return getattr(FORMATS[format].writer(), "SUMMARY", ())
+
+
 def contents(folder):
-    return {str(path.relative_to(folder)): path.read_bytes() for path in sorted(folder.rglob("*")) if path.is_file()}
+    """Files by name; of Rerun's recordings, whose bytes differ, the digest of their chunks."""
+    return {
+        str(path.relative_to(folder)): rrd_digest(path) if path.suffix == ".rrd" else path.read_bytes()
+        for path in sorted(folder.rglob("*"))
+        if path.is_file()
+    }
 
 
-@pytest.mark.parametrize("format", EXPORTERS)
+@pytest.mark.parametrize("format", FAKE_FORMATS)
 def test_export_writes_the_same_bytes_again_and_only_listed_files(tmp_path, format):
+    skip_without_extra(format)
     for folder in ("a", "b"):
-        export(FakeStream(), tmp_path / folder, format=format, frames=range(3))
+        export(fake_stream_for(format), tmp_path / folder, format=format, frames=range(3))
     assert contents(tmp_path / "a") == contents(tmp_path / "b")
     manifest = Manifest.load(tmp_path / "a")
     listed = {name for entry in manifest.frames.values() for name in entry["files"]}
-    summary, _ = SUMMARIES.get(format, ((), None))
-    assert set(contents(tmp_path / "a")) == listed | {NAME, *summary}
+    assert set(contents(tmp_path / "a")) == listed | {NAME, *summary_of(format)}
+
+
+@pytest.mark.parametrize("format", FAKE_FORMATS)
+def test_export_of_any_format_is_continued_extended_and_repaired(tmp_path, format):
+    skip_without_extra(format)
+    export(fake_stream_for(format), tmp_path / "whole", format=format, frames=range(6))
+    stream = fake_stream_for(format)
+    stream.interrupt_at = 4
+    with pytest.raises(KeyboardInterrupt):
+        export(stream, tmp_path / "parts", format=format, frames=range(6))
+    again = fake_stream_for(format)
+    export(again, tmp_path / "parts", format=format, frames=range(6))
+    assert again.rendered == [4, 5]
+    assert contents(tmp_path / "parts") == contents(tmp_path / "whole")
+    export(fake_stream_for(format), tmp_path / "longer", format=format, frames=range(3))
+    export(fake_stream_for(format), tmp_path / "longer", format=format, frames=range(3, 6))
+    assert contents(tmp_path / "longer") == contents(tmp_path / "whole")
+    name = max(Manifest.load(tmp_path / "longer").frames[5]["files"], key=lambda name: "labels" not in name)
+    (tmp_path / "longer" / name).write_bytes(b"damaged")
+    export(fake_stream_for(format), tmp_path / "longer", format=format, frames=range(6))
+    assert contents(tmp_path / "longer") == contents(tmp_path / "whole")
 
 
 def test_manifest_has_provenance_and_digests(tmp_path):
@@ -167,7 +198,7 @@ def test_second_export_into_a_folder_is_refused_while_the_first_one_runs(tmp_pat
 KILLED = """
 import os, sys
 from pathlib import Path
-from tests.export.fake_stream import FakeStream
+from tests.export.fake_stream import FAKE_FORMATS, FakeStream, fake_stream_for, skip_without_extra
 from tiscene.export import export
 
 def kill(index, frame):
@@ -203,7 +234,9 @@ def test_overwrite_deletes_only_files_of_the_manifest(tmp_path):
 
 
 def test_invalid_arguments_and_folders_raise(tmp_path):
-    with pytest.raises(ArgumentError, match="format='jpg': must be one of cryptomatte, exr, npz, png, sailenv"):
+    with pytest.raises(
+        ArgumentError, match="format='jpg': must be one of png, exr, exr-single, npz"
+    ):
         export(FakeStream(), tmp_path, format="jpg", frames=range(1))
     with pytest.raises(ArgumentError, match=r"the stream is endless; pass the frames"):
         export(FakeStream(), tmp_path)
@@ -246,22 +279,25 @@ class ThreeCameraStream(FakeStream):
         return replace(first, _other_views=tuple(others))
 
 
-@pytest.mark.parametrize("format", EXPORTERS)
+@pytest.mark.parametrize("format", FAKE_FORMATS)
 def test_several_cameras_have_one_folder_each(tmp_path, format):
-    manifest = export(ThreeCameraStream(), tmp_path / "all", format=format, frames=range(3))
+    skip_without_extra(format)
+    buffers = fake_stream_for(format).buffers
+    manifest = export(ThreeCameraStream(buffers), tmp_path / "all", format=format, frames=range(3))
     folders = ("Main", "Over the door", "a_b_._")
     assert manifest.folders == [f"{each}/" for each in folders]
     found = contents(tmp_path / "all")
     listed = {name for entry in manifest.frames.values() for name in entry["files"]}
-    summary = {f"{each}/{name}" for each in folders for name in SUMMARIES.get(format, ((), None))[0]}
+    summary = {f"{each}/{name}" for each in folders for name in summary_of(format)}
     assert set(found) == listed | summary | {NAME}
-    alone = contents(tmp_path / "one") if export(FakeStream(), tmp_path / "one", format=format, frames=range(3)) else {}
+    export(FakeStream(buffers), tmp_path / "one", format=format, frames=range(3))
+    alone = contents(tmp_path / "one")
     for name, data in alone.items():
-        if name != NAME and "labels" not in name:
+        if name != NAME and "labels" not in name and not getattr(FORMATS[format].writer(), "HOLDS_LABELS", False):
             assert found[f"Main/{name}"] == data
     different = [name.removeprefix("Main/") for name in found if name.startswith("Main/") and "labels" not in name]
     assert any(found[f"Main/{name}"] != found[f"a_b_._/{name}"] for name in different)
-    assert manifest.frames[0]["digest"] == frame_digest(ThreeCameraStream()[0])
+    assert manifest.frames[0]["digest"] == frame_digest(ThreeCameraStream(buffers)[0])
 
 
 def test_export_of_several_cameras_is_continued_and_replaced(tmp_path):

@@ -68,7 +68,7 @@ def test_id_beyond_16_bits_raises_export_error():
     assert read("x.png", png.encode(frame(instance=ids))["instance/000003.png"]).tolist() == [[0, 65535]]
     with pytest.raises(ExportError, match=r"'instance' has the id 65536.*exr or npz"):
         png.encode(frame(instance=ids + 1))
-    with pytest.raises(ExportError, match=r"'semantic' has the id 70000; PNG files hold ids 0\.\.65535"):
+    with pytest.raises(ExportError, match=r"'semantic' has the id 70000; this format holds ids 0\.\.65535"):
         png.encode(frame(semantic=np.array([[70_000]], np.int32)))
     with pytest.raises(ExportError, match=r"'instance' has the id -1"):
         png.encode(frame(instance=ids - 1))

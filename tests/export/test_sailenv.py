@@ -9,12 +9,12 @@ import pytest
 
 from tests.export.fake_stream import FakeStream
 from tiscene.errors import ArgumentError, ExportError, MissingFile
-from tiscene.export import REQUIRED_BUFFERS, export
+from tiscene.export import FORMATS, export
 from tiscene.export.sailenv_layout import Recording
 
 
 def test_recording_returns_the_exported_frames(tmp_path):
-    stream = FakeStream(REQUIRED_BUFFERS["sailenv"])
+    stream = FakeStream(FORMATS["sailenv"].buffers)
     export(stream, tmp_path, format="sailenv", frames=[0, 1, 99, 100, 101])
     recording = Recording(tmp_path)
     assert (len(recording), recording.fps, recording.categories) == (102, 25.0, {1: "chair", 2: "table"})
@@ -31,7 +31,7 @@ def test_recording_returns_the_exported_frames(tmp_path):
 
 
 def test_layout_of_folders_and_files(tmp_path):
-    stream = FakeStream(REQUIRED_BUFFERS["sailenv"])
+    stream = FakeStream(FORMATS["sailenv"].buffers)
     export(stream, tmp_path, format="sailenv", frames=[0, 99, 100])
     for place in ("00000001/001", "00000001/100", "00000002/001"):
         for name in (
@@ -56,7 +56,7 @@ def test_layout_of_folders_and_files(tmp_path):
 
 
 def test_overwriting_a_recording_deletes_all_of_its_files(tmp_path):
-    export(FakeStream(REQUIRED_BUFFERS["sailenv"]), tmp_path, format="sailenv", frames=[0])
+    export(FakeStream(FORMATS["sailenv"].buffers), tmp_path, format="sailenv", frames=[0])
     export(FakeStream(("rgb",)), tmp_path, format="npz", frames=[0], overwrite=True)
     left = {path.name for path in tmp_path.rglob("*") if path.is_file()}
     assert left == {"000000.npz", "000000.json", "tiscene.json"}
@@ -71,7 +71,7 @@ def test_missing_buffers_and_damaged_files_raise(tmp_path):
     assert stream.rendered == []
     with pytest.raises(MissingFile, match=r"fps\.json"):
         Recording(tmp_path / "nowhere")
-    export(FakeStream(REQUIRED_BUFFERS["sailenv"]), tmp_path, format="sailenv", frames=[0], overwrite=True)
+    export(FakeStream(FORMATS["sailenv"].buffers), tmp_path, format="sailenv", frames=[0], overwrite=True)
     (tmp_path / "motion/00000001/001.bin").write_bytes(b"nothing")
     with pytest.raises(ExportError, match=r"001\.bin"):
         Recording(tmp_path)[0]

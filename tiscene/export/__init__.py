@@ -4,19 +4,37 @@
 ::
 
     exporter        export
+    formats         FORMATS: the registry of formats
     manifest        tiscene.json: provenance, and digests of frames, buffers and files
     manifest_difference  settings that keep an export from being continued
-    png             one file per buffer
-    exr             multi-part OpenEXR
-    npz             NumPy archives
-    cryptomatte     object and material mattes
-    sailenv_layout  the layout of SAILenv's recordings
+    folder_writer   frames of one export into its folder
+    packing         files of many frames from the pieces of each
+    array_files     arrays and archives as bytes
     frame_json      camera, events and objects of a frame
+    png, exr, exr_single, npz, cryptomatte, kitti_flow, blenderproc, sailenv_layout  formats with files for each frame
     contact_sheet   one image of many buffers
     animated_image  WebP, GIF and APNG
+
+Names are imported at first use, so that the command line can list the formats at once.
 """
 
-from tiscene.export.exporter import EXPORTERS, REQUIRED_BUFFERS, SUMMARIES, export, provenance
-from tiscene.export.manifest import Manifest
+from __future__ import annotations
 
-__all__ = ["EXPORTERS", "REQUIRED_BUFFERS", "SUMMARIES", "Manifest", "export", "provenance"]
+import importlib
+from typing import Any
+
+_MODULES = {
+    "FORMATS": "tiscene.export.formats",
+    "Format": "tiscene.export.formats",
+    "Manifest": "tiscene.export.manifest",
+    "export": "tiscene.export.exporter",
+    "provenance": "tiscene.export.exporter",
+    "register_format": "tiscene.export.formats",
+}
+__all__ = sorted(_MODULES)
+
+
+def __getattr__(name: str) -> Any:
+    if name not in _MODULES:
+        raise AttributeError(f"module 'tiscene.export' has no attribute {name!r}")
+    return getattr(importlib.import_module(_MODULES[name]), name)

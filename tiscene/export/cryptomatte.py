@@ -31,7 +31,6 @@ if TYPE_CHECKING:
     from tiscene.frame.frame import Frame
     from tiscene.frame.object_table import ObjectRow
 
-BUFFERS = ("coverage", "material_coverage")  # the buffers that mattes are made of
 HASH, CONVERSION = "MurmurHash3_32", "uint32_to_float32"
 _MASK = 0xFFFFFFFF
 
@@ -59,7 +58,7 @@ class Mattes:
 
 
 def encode(frame: Frame) -> dict[str, bytes]:
-    """Return the file of a frame by its name. Raises BufferNotFound without one of BUFFERS."""
+    """Return the file of a frame by its name. Raises BufferNotFound without one of its buffers."""
     import OpenEXR
 
     objects = {row.id: _object_name(row) for row in frame.objects}

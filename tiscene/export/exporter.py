@@ -1,45 +1,28 @@
 # SPDX-License-Identifier: Apache-2.0
 """Write frames of a stream into a folder, with a manifest by which an interrupted export is continued.
 
-A format is a module of this package with `encode(frame) -> {file name: contents}` and an entry in EXPORTERS. The views
-of several cameras go into one folder per camera. One process at a time may write into a folder.
+The formats are in `tiscene.export.formats`. The views of several cameras go into one folder per camera. One process at
+a time may write into a folder.
 """
 
 from __future__ import annotations
 
-import time
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import tiscene
 from tiscene.errors import ArgumentError, ExportError
-from tiscene.export import cryptomatte, exr, frame_json, npz, png, sailenv_layout
-from tiscene.export.manifest import NAME, Manifest, views_by_folder
+from tiscene.export import frame_json
+from tiscene.export.folder_writer import FolderWriter
+from tiscene.export.formats import find_format
+from tiscene.export.manifest import NAME, Manifest
 from tiscene.export.manifest_difference import cure, differences
-from tiscene.files import FolderLockedError, lock_folder, write_atomically
+from tiscene.files import FolderLockedError, lock_folder
 
 if TYPE_CHECKING:
     from tiscene.frame.frame import Frame
     from tiscene.stream.stream import Stream
-
-EXPORTERS: Mapping[str, Callable[[Frame], dict[str, bytes]]] = {
-    "cryptomatte": cryptomatte.encode,
-    "exr": exr.encode,
-    "npz": npz.encode,
-    "png": png.encode,
-    "sailenv": sailenv_layout.encode,
-}
-# Files that a format writes once for all frames: their names, and the function that makes their contents.
-SUMMARIES: Mapping[str, tuple[Sequence[str], Callable[[Stream, Manifest], dict[str, bytes]]]] = {
-    "sailenv": (sailenv_layout.SUMMARY, sailenv_layout.summary)
-}
-REQUIRED_BUFFERS: Mapping[str, Sequence[str]] = {
-    "cryptomatte": cryptomatte.BUFFERS,
-    "sailenv": sailenv_layout.BUFFERS,
-}
-MIN_SAVE_INTERVAL = 2.0  # s between two writes of the manifest
-MAX_SAVE_SHARE = 0.05  # of the time, spent on writing the manifest
 
 
 def export(
@@ -50,6 +33,7 @@ def export(
     frames: Iterable[int] | None = None,
     objects: str | None = None,
     overwrite: bool = False,
+    pack: bool = True,
     progress: Callable[[int, Frame | None], None] | None = None,
 ) -> Manifest:
     """Write frames of a stream into a folder.
@@ -60,12 +44,14 @@ def export(
     Args:
         stream: The source of the frames.
         folder: The folder to write; created if it does not exist.
-        format: A key of EXPORTERS.
+        format: A name in FORMATS (`tiscene render --help` lists them).
         frames: Frame indices in any order; None for all frames of a finite stream.
         objects: Which rows of `frame.objects` are written to the `labels` file of each frame: "moving" (objects of the
             scenario, and objects of the stage that have a velocity in that frame), "visible" (with at least one pixel
             in the view) or "all"; None writes none.
         overwrite: Delete the frames of an earlier export with other settings instead of refusing.
+        pack: Whether files of many frames, such as tar shards, are written once their frames are there. False keeps the
+            pieces of each frame, for `tiscene.export.merge`.
         progress: Called after each frame with its index and the frame; None in place of a frame that was there already.
 
     Returns:
@@ -73,14 +59,15 @@ def export(
 
     Raises:
         ArgumentError: An argument is invalid, or the format requires a buffer that the stream does not have.
+        MissingExtra: A library of the format is not installed.
         ExportError: The folder holds frames of other settings, is being written by another process, or cannot be
             written.
     """
-    if format not in EXPORTERS:
-        raise ArgumentError(f"format={format!r}: must be one of {', '.join(EXPORTERS)}")
+    form = find_format(format)
+    form.writer()  # before anything is rendered: its libraries may not be installed
     if objects is not None and objects not in frame_json.OBJECT_SELECTIONS:
         raise ArgumentError(f"objects={objects!r}: must be None or one of {', '.join(frame_json.OBJECT_SELECTIONS)}")
-    missing = [name for name in REQUIRED_BUFFERS.get(format, ()) if name not in stream.buffers]
+    missing = [name for name in form.buffers if name not in stream.buffers]
     if missing:
         required = (*stream.buffers, *missing)
         raise ArgumentError(
@@ -97,7 +84,7 @@ def export(
         folder.mkdir(parents=True, exist_ok=True)
         with lock_folder(folder):
             manifest = _open_manifest(folder, provenance(stream, format, objects), overwrite)
-            _write_frames(stream, folder, frames, manifest, progress)
+            _write_frames(stream, FolderWriter(folder, manifest), frames, progress, pack)
     except FolderLockedError as error:
         raise ExportError(
             f"cannot write into {str(folder)!r}: {error}. Wait until it is done, or choose another folder."
@@ -147,7 +134,7 @@ def _remove(folder: Path, manifest: Manifest) -> None:
             path = (folder / name).resolve()
             if path.is_relative_to(root):
                 path.unlink(missing_ok=True)
-    for name in SUMMARIES.get(manifest.provenance["format"], ((), None))[0]:
+    for name in getattr(find_format(manifest.provenance["format"]).writer(), "SUMMARY", ()):
         for camera in manifest.folders:
             (folder / camera / name).unlink(missing_ok=True)
     (folder / NAME).unlink()
@@ -155,40 +142,26 @@ def _remove(folder: Path, manifest: Manifest) -> None:
 
 def _write_frames(
     stream: Stream,
-    folder: Path,
+    writer: FolderWriter,
     indices: Iterable[int],
-    manifest: Manifest,
     progress: Callable[[int, Frame | None], None] | None,
+    pack: bool,
 ) -> None:
     """Render and write the frames that are not in the folder yet, and save the manifest now and then."""
-    encode, objects = EXPORTERS[manifest.provenance["format"]], manifest.provenance["objects"]
-    saved_at, save_duration = time.monotonic(), 0.0
     try:
+        if pack:
+            indices = list(indices)
+            for index in writer.plan(indices):
+                writer.write(stream[index], stream)
+                writer.done(index)
         for index in indices:
             frame = None
-            if not manifest.holds(folder, index):
+            if not writer.holds(index):
                 frame = stream[index]
-                files = {
-                    f"{camera}{name}": data
-                    for camera, view in views_by_folder(frame).items()
-                    for name, data in (encode(view) | frame_json.encode(view, objects)).items()
-                }
-                for name, data in files.items():
-                    write_atomically(folder / name, data)
-                manifest.categories = dict(stream.categories)
-                if "material_coverage" in stream.buffers:
-                    manifest.materials = dict(frame.materials)
-                manifest.record(frame, files)
+                writer.write(frame, stream)
+            writer.done(index)
             if progress is not None:
                 progress(index, frame)
-            if time.monotonic() - saved_at > max(MIN_SAVE_INTERVAL, save_duration / MAX_SAVE_SHARE):
-                began = time.monotonic()
-                manifest.save(folder)
-                saved_at = time.monotonic()
-                save_duration = saved_at - began
+            writer.save_now_and_then()
     finally:
-        manifest.save(folder)
-        if manifest.provenance["format"] in SUMMARIES:
-            for name, data in SUMMARIES[manifest.provenance["format"]][1](stream, manifest).items():
-                for camera in manifest.folders:
-                    write_atomically(folder / camera / name, data)
+        writer.finish()

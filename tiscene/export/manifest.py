@@ -9,6 +9,7 @@ from __future__ import annotations
 import hashlib
 import json
 import re
+from collections.abc import Iterator, MutableMapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -23,6 +24,39 @@ if TYPE_CHECKING:
     from tiscene.frame.frame import Frame
 
 NAME = "tiscene.json"
+
+
+class FrameEntries(MutableMapping[int, dict[str, Any]]):
+    """The entries of frames by index, kept as JSON text: a kilobyte a frame, and the file is written at once."""
+
+    def __init__(self) -> None:
+        self._texts: dict[int, bytes] = {}
+
+    def __getitem__(self, index: int) -> dict[str, Any]:
+        entry: dict[str, Any] = json.loads(self._texts[index])
+        return entry
+
+    def __setitem__(self, index: int, entry: dict[str, Any]) -> None:
+        self._texts[index] = json.dumps(entry, indent=1).replace("\n", "\n  ").encode()
+
+    def __delitem__(self, index: int) -> None:
+        del self._texts[index]
+
+    def __iter__(self) -> Iterator[int]:
+        return iter(sorted(self._texts))
+
+    def __len__(self) -> int:
+        return len(self._texts)
+
+    def __contains__(self, index: object) -> bool:
+        return index in self._texts
+
+    def text(self) -> bytes:
+        """Return all entries as the value of a key in a JSON object."""
+        if not self._texts:
+            return b"{}"
+        entries = (b'\n  "%d": %b' % (index, self._texts[index]) for index in self)
+        return b"{" + b",".join(entries) + b"\n }"
 
 
 @dataclass
@@ -43,7 +77,7 @@ class Manifest:
     provenance: dict[str, Any]
     categories: dict[int, str] = field(default_factory=dict)
     materials: dict[int, str] = field(default_factory=dict)
-    frames: dict[int, dict[str, Any]] = field(default_factory=dict)
+    frames: FrameEntries = field(default_factory=FrameEntries)
 
     @classmethod
     def load(cls, folder: Path) -> Manifest | None:
@@ -55,9 +89,10 @@ class Manifest:
         path = folder / NAME
         try:
             content = json.loads(path.read_text(encoding="utf-8"))
-            frames = {int(index): dict(entry) for index, entry in content.pop("frames").items()}
-            for entry in frames.values():
+            frames = FrameEntries()
+            for index, entry in content.pop("frames").items():
                 entry["files"].items()
+                frames[int(index)] = entry
             categories, materials = (
                 {int(key): str(name) for key, name in names.items()}
                 for names in (content.pop("categories"), content.pop("materials", {}))
@@ -76,9 +111,9 @@ class Manifest:
             **self.provenance,
             "categories": {str(key): self.categories[key] for key in sorted(self.categories)},
             "materials": {str(key): self.materials[key] for key in sorted(self.materials)},
-            "frames": {str(index): self.frames[index] for index in sorted(self.frames)},
         }
-        write_atomically(folder / NAME, (json.dumps(content, indent=1) + "\n").encode())
+        head = json.dumps(content, indent=1).encode().removesuffix(b"\n}")
+        write_atomically(folder / NAME, head + b',\n "frames": ' + self.frames.text() + b"\n}\n")
 
     def record(self, frame: Frame, files: dict[str, bytes]) -> None:
         """Add a frame whose files have been written.
@@ -97,13 +132,9 @@ class Manifest:
     @property
     def folders(self) -> list[str]:
         """The folders of the cameras, each with a "/" at its end; [""] for a single camera."""
-        folders = {"".join(name.rpartition("/")[:2]) for entry in self.frames.values() for name in entry["buffers"]}
-        return sorted(folders) or [""]
-
-    def holds(self, folder: Path, index: int) -> bool:
-        """Return whether every file of a frame is in the folder with the recorded digest."""
-        files = self.frames.get(index, {}).get("files", {})
-        return bool(files) and all(_file_digest(folder / name) == digest for name, digest in files.items())
+        first = next(iter(self.frames), None)  # all frames have the same cameras
+        names = self.frames[first]["buffers"] if first is not None else ()
+        return sorted({"".join(name.rpartition("/")[:2]) for name in names}) or [""]
 
 
 def buffer_digest(buffer: NDArray[Any]) -> str:
@@ -151,7 +182,8 @@ def _digest_of(buffers: dict[str, str]) -> str:
     return hashlib.sha256("".join(lines).encode()).hexdigest()
 
 
-def _file_digest(path: Path) -> str | None:
+def file_digest(path: Path) -> str | None:
+    """Return the SHA-256 of a file; None if it cannot be read."""
     try:
         with path.open("rb") as file:
             return hashlib.file_digest(file, "sha256").hexdigest()

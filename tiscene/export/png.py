@@ -13,16 +13,15 @@ every other buffer (float32)            .npy, unchanged
 
 from __future__ import annotations
 
-import io
 import struct
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
-from PIL import Image
 
 from tiscene.errors import ExportError, export_errors
+from tiscene.export.array_files import npy, png
 from tiscene.files import write_atomically
 
 if TYPE_CHECKING:
@@ -35,55 +34,49 @@ def encode(frame: Frame) -> dict[str, bytes]:
     """Return the files of a frame by name. Raises ExportError for an id beyond unsigned 16 bits."""
     files = {}
     for name, buffer in frame.buffers.items():
-        suffix, data = _encode_buffer(name, buffer)
+        suffix, data = encode_buffer(name, buffer)
         files[f"{name}/{frame.index:06d}{suffix}"] = data
     return files
 
 
-def _encode_buffer(name: str, buffer: NDArray[Any]) -> tuple[str, bytes]:
+def encode_buffer(name: str, buffer: NDArray[Any]) -> tuple[str, bytes]:
     """Return suffix and contents of the file of a buffer."""
     if buffer.dtype == np.uint8:
-        return ".png", _png(buffer)
+        return ".png", png(buffer)
     if buffer.dtype == np.bool_:
-        return ".png", _png(buffer.astype(np.uint8) * np.uint8(255))
+        return ".png", png(buffer.astype(np.uint8) * np.uint8(255))
     if np.issubdtype(buffer.dtype, np.integer):
-        low, high = int(buffer.min(initial=0)), int(buffer.max(initial=0))
-        if low < 0 or high > 65535:
-            id = low if low < 0 else high
-            raise ExportError(f"buffer {name!r} has the id {id}; PNG files hold ids 0..65535: export as exr or npz")
-        return ".png", _png(buffer.astype(np.uint16))
+        return ".png", png(ids16(name, buffer))
     if name in ("depth", "distance"):
-        return ".png", _png(_millimeters(buffer))
+        return ".png", png(millimeters(buffer))
     if name in ("forward_flow", "backward_flow"):
-        return ".flo", _flo(buffer)
-    return ".npy", _npy(buffer)
+        return ".flo", flo(buffer)
+    return ".npy", npy(buffer)
+
+
+def ids16(name: str, buffer: NDArray[Any]) -> NDArray[np.uint16]:
+    """Return ids as unsigned 16 bits. Raises ExportError for an id beyond them."""
+    low, high = int(buffer.min(initial=0)), int(buffer.max(initial=0))
+    if low < 0 or high > 65535:
+        id = low if low < 0 else high
+        raise ExportError(f"buffer {name!r} has the id {id}; this format holds ids 0..65535: export as exr or npz")
+    return buffer.astype(np.uint16)
 
 
 def write_png(path: str | Path, pixels: NDArray[np.uint8]) -> None:
     """Write an image, uint8 [h, w, 3]. Raises ExportError if the file cannot be written."""
     with export_errors(path):
-        write_atomically(Path(path), _png(pixels))
+        write_atomically(Path(path), png(pixels))
 
 
-def _png(pixels: NDArray[Any]) -> bytes:
-    data = io.BytesIO()
-    Image.fromarray(pixels).save(data, "png", compress_level=4)
-    return data.getvalue()
-
-
-def _millimeters(meters: NDArray[np.float32]) -> NDArray[np.uint16]:
+def millimeters(meters: NDArray[np.float32]) -> NDArray[np.uint16]:
     """Round to millimeters. A hit closer than half a millimeter becomes 1, since 0 means no hit."""
     hit = np.isfinite(meters)
-    millimeters = np.clip(np.round(np.where(hit, meters, 0.0).astype(np.float64) * 1000.0), 1.0, 65535.0)
-    return np.where(hit, millimeters, 0.0).astype(np.uint16)
+    rounded = np.clip(np.round(np.where(hit, meters, 0.0).astype(np.float64) * 1000.0), 1.0, 65535.0)
+    return np.where(hit, rounded, 0.0).astype(np.uint16)
 
 
-def _flo(flow: NDArray[np.float32]) -> bytes:
+def flo(flow: NDArray[np.float32]) -> bytes:
+    """Return flow as a Middlebury .flo file."""
     height, width, _ = flow.shape
     return struct.pack("<fii", FLO_TAG, width, height) + flow.astype("<f4").tobytes()
-
-
-def _npy(buffer: NDArray[Any]) -> bytes:
-    data = io.BytesIO()
-    np.lib.format.write_array(data, np.ascontiguousarray(buffer), version=(1, 0), allow_pickle=False)
-    return data.getvalue()

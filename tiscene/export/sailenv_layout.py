@@ -5,12 +5,13 @@
 `frames/00000001/001.png`        frame 0, 8-bit RGB
 `frames/fps.json`                {"fps": ..., "frames_count": ...}
 `motion/00000001/001.bin`        flow from the previous frame, float32 [h, w, 2] with SAILenv's signs: (-dx, +dy) px
-`sup/00000001/001.targets.bin`   int32 [n], categories of the pixels that have one, in row-major order
-`sup/00000001/001.indices.bin`   int32 [n], row-major indices of those pixels
-`sup/map.json`                   {name: category}
+`sup/00000001/001.targets.bin`   int32 [h * w], class of each pixel: 0, 1, ... for categories, then the background
+`sup/00000001/001.indices.bin`   int32 [h * w], row-major indices of the pixels
+`sup/map.json`                   {name: class}, with "background" as the last class
 ===============================  =======================================================================
 
-A `.bin` file is a gzip-compressed `.npy` file. `Recording` reads the layout.
+A `.bin` file is a gzip-compressed `.npy` file. The classes are those of the categories that the stream selects, else of
+all categories of the catalog. `Recording` reads the layout, with pixels that have no class as well.
 """
 
 from __future__ import annotations
@@ -27,38 +28,58 @@ from numpy.typing import NDArray
 from PIL import Image
 
 from tiscene.errors import ExportError, MissingFile
+from tiscene.export.array_files import npy, png
+from tiscene.sailenv.recorded_classes import RecordedClasses
 from tiscene.sailenv.unity_coordinates import flow_of
 
 if TYPE_CHECKING:
-    from tiscene.export.manifest import Manifest
+    from tiscene.export.packing import ExportRun
     from tiscene.frame.frame import Frame
-    from tiscene.stream.stream import Stream
 
-BUFFERS = ("rgb", "semantic", "backward_flow")
 SUMMARY = ("frames/fps.json", "sup/map.json")
 FILES_PER_FOLDER = 100
 
 
 def encode(frame: Frame) -> dict[str, bytes]:
-    """Return the files of a frame by name. Raises BufferNotFound without one of BUFFERS."""
-    image = io.BytesIO()
-    Image.fromarray(frame.rgb).save(image, "png", compress_level=4)
-    semantic = frame.semantic.ravel()
-    (supervised,) = np.nonzero(semantic)
-    name = file_name(frame.index)
+    """Return the files of a frame by name. Raises BufferNotFound without a buffer that the format requires."""
+    classes = RecordedClasses.of_ids(frame.categories).table(frame.categories)[frame.semantic]
+    return frame_files(frame.index, frame.rgb, flow_of(frame.backward_flow), classes)
+
+
+def frame_files(
+    index: int, rgb: NDArray[np.uint8], flow: NDArray[np.float32], classes: NDArray[np.int32]
+) -> dict[str, bytes]:
+    """Return the files of a frame by name.
+
+    Args:
+        index: The index of the frame, from 0.
+        rgb: uint8 [h, w, 3].
+        flow: With SAILenv's signs, float32 [h, w, 2].
+        classes: int32 [h, w].
+    """
+    name = file_name(index)
     return {
-        f"frames/{name}.png": image.getvalue(),
-        f"motion/{name}.bin": _packed(flow_of(frame.backward_flow)),
-        f"sup/{name}.targets.bin": _packed(semantic[supervised]),
-        f"sup/{name}.indices.bin": _packed(supervised.astype(np.int32)),
+        f"frames/{name}.png": png(rgb),
+        f"motion/{name}.bin": _packed(flow),
+        f"sup/{name}.targets.bin": _packed(classes.ravel()),
+        f"sup/{name}.indices.bin": _packed(np.arange(classes.size, dtype=np.int32)),
     }
 
 
-def summary(stream: Stream, manifest: Manifest) -> dict[str, bytes]:
+def summary(run: ExportRun) -> dict[str, bytes]:
     """Return the files about all frames by name."""
-    count = max(manifest.frames, default=-1) + 1
-    categories = {name: number for number, name in manifest.categories.items() if number}
-    contents: tuple[dict[str, Any], ...] = ({"fps": stream.fps, "frames_count": count}, categories)
+    return summary_files(run.fps, max(run.frames, default=-1) + 1, RecordedClasses.of_ids(run.categories))
+
+
+def summary_files(fps: float, count: int, classes: RecordedClasses) -> dict[str, bytes]:
+    """Return the files about all frames by name.
+
+    Args:
+        fps: Frames per second.
+        count: The number of frames.
+        classes: The classes.
+    """
+    contents: tuple[dict[str, Any], ...] = ({"fps": fps, "frames_count": count}, classes.numbers)
     return {name: json.dumps(content).encode() + b"\n" for name, content in zip(SUMMARY, contents, strict=True)}
 
 
@@ -74,7 +95,7 @@ class RecordedFrame:
     Attributes:
         rgb: uint8 [h, w, 3].
         flow: float32 [h, w, 2], px, with SAILenv's signs.
-        category: int32 [h, w]; 0 for no category.
+        category: int32 [h, w], a class for each pixel; -1 where the recording has none.
     """
 
     rgb: NDArray[np.uint8]
@@ -88,7 +109,7 @@ class Recording:
     Attributes:
         folder: The folder of the recording.
         fps: Frames per second.
-        categories: Names of the numbers in `category`.
+        categories: Names of the classes in `category`.
     """
 
     def __init__(self, folder: str | Path) -> None:
@@ -106,7 +127,7 @@ class Recording:
             raise IndexError(f"frame {index} is outside 0..{self._count - 1}")
         name = file_name(index)
         rgb = np.asarray(Image.open(io.BytesIO(self._bytes(f"frames/{name}.png"))))
-        category = np.zeros(rgb.shape[:2], np.int32)
+        category = np.full(rgb.shape[:2], -1, np.int32)
         category.ravel()[self._array(f"sup/{name}.indices.bin")] = self._array(f"sup/{name}.targets.bin")
         return RecordedFrame(rgb, self._array(f"motion/{name}.bin"), category)
 
@@ -133,6 +154,4 @@ class Recording:
 
 def _packed(array: NDArray[Any]) -> bytes:
     """Return an array as a gzip-compressed .npy file without a time stamp."""
-    data = io.BytesIO()
-    np.lib.format.write_array(data, np.ascontiguousarray(array), version=(1, 0), allow_pickle=False)
-    return gzip.compress(data.getvalue(), compresslevel=4, mtime=0)
+    return gzip.compress(npy(array), compresslevel=4, mtime=0)

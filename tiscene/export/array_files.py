@@ -1,0 +1,48 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Arrays and named contents as bytes, without time stamps: equal values give equal bytes."""
+
+from __future__ import annotations
+
+import io
+import zipfile
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from PIL import Image
+
+# The date of all members: the oldest one that a zip file can hold.
+EPOCH = (1980, 1, 1, 0, 0, 0)
+
+
+def npy(array: NDArray[Any]) -> bytes:
+    """Return an array as a .npy file."""
+    data = io.BytesIO()
+    np.lib.format.write_array(data, np.ascontiguousarray(array), version=(1, 0), allow_pickle=False)
+    return data.getvalue()
+
+
+def from_npy(data: bytes) -> NDArray[Any]:
+    """Return the array of a .npy file."""
+    array: NDArray[Any] = np.load(io.BytesIO(data), allow_pickle=False)
+    return array
+
+
+def png(pixels: NDArray[Any]) -> bytes:
+    """Return an image as PNG: uint8 [h, w, 3], uint8 [h, w] or uint16 [h, w]."""
+    data = io.BytesIO()
+    Image.fromarray(pixels).save(data, "png", compress_level=4)
+    return data.getvalue()
+
+
+def archive(members: Mapping[str, bytes], *, compress: bool) -> bytes:
+    """Return a zip file of named contents."""
+    data = io.BytesIO()
+    with zipfile.ZipFile(data, "w") as target:
+        for name, content in members.items():
+            member = zipfile.ZipInfo(name, EPOCH)
+            member.compress_type = zipfile.ZIP_DEFLATED if compress else zipfile.ZIP_STORED
+            member.create_system = 3  # Unix, on every platform
+            target.writestr(member, content, compresslevel=4)
+    return data.getvalue()

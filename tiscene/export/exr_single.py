@@ -1,0 +1,53 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Single-part OpenEXR: one folder per buffer, one file per frame, for readers that know no multi-part files (OpenCV).
+
+================================  ========================================================================
+buffer                            channels
+================================  ========================================================================
+colors, normals, other vectors    R G B (x y z); colors as half, others as float
+flows, `uv`                       R G (x y), and B, which is 0
+ids                               Y, uint
+depth, other scalars              Y, float; masks are half, 1 is True
+`coverage`, `material_coverage`   id0 weight0, id1 weight1 and so on, float
+================================  ========================================================================
+
+Values are those of the multi-part format (`exr`).
+"""
+
+from __future__ import annotations
+
+import io
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tiscene.export.exr import channels
+
+if TYPE_CHECKING:
+    from tiscene.frame.frame import Frame
+
+_NAMES = {"X": "R", "Y": "G", "Z": "B", "U": "R", "V": "G"}
+
+
+def encode(frame: Frame) -> dict[str, bytes]:
+    """Return the files of a frame by name."""
+    import OpenEXR
+
+    files = {}
+    for name, buffer in frame.buffers.items():
+        header = {"compression": OpenEXR.ZIP_COMPRESSION, "type": OpenEXR.scanlineimage}
+        data = io.BytesIO()
+        OpenEXR.File([OpenEXR.Part(header, _renamed(channels(name, buffer)), name=name)]).write(data)
+        files[f"{name}/{frame.index:06d}.exr"] = data.getvalue()
+    return files
+
+
+def _renamed(planes: dict[str, NDArray[Any]]) -> dict[str, NDArray[Any]]:
+    """Return channels by the names that readers of pictures look for."""
+    if len(planes) == 1:
+        return {"Y": next(iter(planes.values()))}
+    if not set(planes) <= set(_NAMES):
+        return planes
+    renamed = {_NAMES[name]: plane for name, plane in planes.items()}
+    return renamed if "B" in renamed else renamed | {"B": np.zeros_like(renamed["R"])}

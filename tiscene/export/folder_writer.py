@@ -1,0 +1,131 @@
+# SPDX-License-Identifier: Apache-2.0
+"""FolderWriter: writes the frames of one export into its folder, in any format."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Iterable
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from tiscene.export import frame_json
+from tiscene.export.formats import find_format
+from tiscene.export.manifest import Manifest, views_by_folder
+from tiscene.export.packing import ExportRun, content_digest, has_pieces, pack_group, pieces_file, remove_leftovers
+from tiscene.files import write_atomically
+
+if TYPE_CHECKING:
+    from tiscene.frame.frame import Frame
+    from tiscene.stream.stream import Stream
+
+MIN_SAVE_INTERVAL = 2.0  # s between two writes of the manifest
+MAX_SAVE_SHARE = 0.05  # of the time, spent on writing the manifest
+MAX_DIGESTS = 64  # files whose digests are kept while frames are checked
+
+
+class FolderWriter:
+    """Writes frames into a folder that this process has locked.
+
+    Args:
+        folder: The folder.
+        manifest: Its manifest, which the writer updates and saves.
+    """
+
+    def __init__(self, folder: Path, manifest: Manifest) -> None:
+        self.folder, self.manifest = folder, manifest
+        self._objects = manifest.provenance["objects"]
+        self._format = find_format(manifest.provenance["format"]).writer()
+        self._packs = hasattr(self._format, "pack")
+        self._digests: dict[str, str | None] = {}  # of files that were checked last
+        self._groups: dict[int, list[int]] = {}  # frames of each file of many frames, ascending
+        self._waiting: dict[int, set[int]] = {}  # those of them that are not in the folder yet
+        self._saved_at, self._save_duration = time.monotonic(), 0.0
+        remove_leftovers(folder, manifest)
+
+    def plan(self, indices: Iterable[int]) -> list[int]:
+        """Prepare to pack frames, and return further ones that must be rendered again.
+
+        A file of many frames cannot be extended: where it gets more frames, all of its frames are needed again.
+
+        Args:
+            indices: The frames that will be written.
+        """
+        if not self._packs:
+            return []
+        requested, again = set(indices), []
+        groups = {self._group(index) for index in requested}
+        for index in requested | {index for index in self.manifest.frames if self._group(index) in groups}:
+            self._waiting.setdefault(self._group(index), set()).add(index)
+        for group, waiting in self._waiting.items():
+            self._groups[group] = sorted(waiting)
+            present = [index for index in self._groups[group] if index in self.manifest.frames]
+            packed = [index for index in present if not has_pieces(self.manifest.frames[index])]
+            if len(packed) < len(waiting) or not all(map(self.holds, packed)):
+                for index in packed:
+                    del self.manifest.frames[index]
+            again += [index for index in present if index not in requested and not self.holds(index)]
+        return again
+
+    def holds(self, index: int) -> bool:
+        """Return whether every file of a frame is in the folder with the recorded digest."""
+        entry = self.manifest.frames.get(index)
+        files = entry["files"] if entry else {}
+        return bool(files) and all(self._digest(name) == digest for name, digest in files.items())
+
+    def write(self, frame: Frame, stream: Stream) -> None:
+        """Write the files of a frame, and record them in the manifest."""
+        files: dict[str, bytes] = {}
+        for camera, view in views_by_folder(frame).items():
+            written = self._format.encode(view) if hasattr(self._format, "encode") else {}
+            if self._packs:
+                labels = frame_json.frame_labels(view, self._objects)
+                written |= pieces_file(view.index, self._format.pieces(view, labels, stream))
+            if not getattr(self._format, "HOLDS_LABELS", False):
+                written |= frame_json.encode(view, self._objects)
+            files |= {f"{camera}{name}": data for name, data in written.items()}
+        for name, data in files.items():
+            write_atomically(self.folder / name, data)
+            self._digests.pop(name, None)
+        self.manifest.categories = dict(stream.categories)
+        if "material_coverage" in stream.buffers:
+            self.manifest.materials = dict(frame.materials)
+        self.manifest.record(frame, files)
+
+    def done(self, index: int) -> None:
+        """Note that a frame is in the folder; pack its group if that was the last one that the group waited for."""
+        group = self._group(index) if self._groups else -1
+        if group not in self._groups:
+            return
+        self._waiting[group].discard(index)
+        if not self._waiting[group] and has_pieces(self.manifest.frames[index]):
+            pack_group(self._format, self.folder, self.manifest, self._groups[group])
+            self._digests.clear()
+
+    def save_now_and_then(self) -> None:
+        """Save the manifest, if some time has passed."""
+        if time.monotonic() - self._saved_at > max(MIN_SAVE_INTERVAL, self._save_duration / MAX_SAVE_SHARE):
+            began = time.monotonic()
+            self.manifest.save(self.folder)
+            self._saved_at = time.monotonic()
+            self._save_duration = self._saved_at - began
+
+    def finish(self) -> None:
+        """Save the manifest, and write the files about all frames."""
+        self.manifest.save(self.folder)
+        remove_leftovers(self.folder, self.manifest)
+        if hasattr(self._format, "summary"):
+            for name, data in self._format.summary(ExportRun.of(self.manifest)).items():
+                for camera in self.manifest.folders:
+                    write_atomically(self.folder / camera / name, data)
+
+    def _group(self, index: int) -> int:
+        size = self._format.FRAMES_PER_FILE
+        return 0 if size is None else index // int(size)
+
+    def _digest(self, name: str) -> str | None:
+        """Return the digest of a file. A file of many frames is read once, not once a frame."""
+        if name not in self._digests:
+            while len(self._digests) >= MAX_DIGESTS:
+                del self._digests[next(iter(self._digests))]
+            self._digests[name] = content_digest(self._format, self.folder / name)
+        return self._digests[name]

@@ -1,0 +1,80 @@
+# SPDX-License-Identifier: Apache-2.0
+"""KITTI's optical flow: pairs of pictures, and flow as 16-bit RGB PNG with a valid channel.
+
+=======================  ==========================================================================================
+`image_2/000012_10.png`  frame 12
+`image_2/000012_11.png`  frame 13, the second picture of the pair; written with frame 13
+`flow_occ/000012_10.png` flow from frame 12 to 13, of all pixels whose point is in frame 13's picture or hidden there
+`flow_noc/000012_10.png` the same without occluded pixels
+`occlusions/000012.png`  8-bit gray, 255 where the point is not visible in frame 13
+=======================  ==========================================================================================
+
+Red is 64 dx + 2^15, green is 64 dy + 2^15, blue is 1 where the flow is valid: -512 px to 511.98 px in steps of 1/64.
+Longer flow is not valid. KITTI's readers pair files by their order: export from frame 0 on, and the last frame has no
+pair (Geiger et al., "Vision meets Robotics", 2013; the development kit of KITTI 2015).
+"""
+
+from __future__ import annotations
+
+import struct
+import zlib
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tiscene.export.array_files import png
+
+if TYPE_CHECKING:
+    from tiscene.frame.frame import Frame
+
+SCALE, OFFSET = 64.0, 32768.0
+
+
+def encode(frame: Frame) -> dict[str, bytes]:
+    """Return the files of a frame by name."""
+    picture, name = png(frame.rgb), f"{frame.index:06d}"
+    files = {
+        f"image_2/{name}_10.png": picture,
+        f"flow_occ/{name}_10.png": png48(kitti(frame.forward_flow)),
+        f"flow_noc/{name}_10.png": png48(kitti(frame.forward_flow, ~frame.forward_occlusion)),
+        f"occlusions/{name}.png": png(frame.forward_occlusion.astype(np.uint8) * np.uint8(255)),
+    }
+    if frame.index > 0:
+        files[f"image_2/{frame.index - 1:06d}_11.png"] = picture
+    return files
+
+
+def kitti(flow: NDArray[np.float32], valid: NDArray[np.bool_] | None = None) -> NDArray[np.uint16]:
+    """Return flow in KITTI's encoding: uint16 [h, w, 3].
+
+    Args:
+        flow: float32 [h, w, 2], px.
+        valid: bool [h, w], pixels to keep; None: all whose flow can be represented.
+    """
+    steps = np.round(flow.astype(np.float64) * SCALE + OFFSET)
+    valid = np.ones(flow.shape[:2], bool) if valid is None else valid
+    valid = valid & np.isfinite(steps).all(axis=2) & (steps >= 0.0).all(axis=2) & (steps <= 65535.0).all(axis=2)
+    encoded = np.zeros((*flow.shape[:2], 3), np.uint16)
+    encoded[valid, :2] = steps[valid].astype(np.uint16)
+    encoded[valid, 2] = 1
+    return encoded
+
+
+def png48(pixels: NDArray[np.uint16]) -> bytes:
+    """Return a picture with 16 bits a channel as PNG, which Pillow cannot write (PNG specification, third edition).
+
+    Args:
+        pixels: uint16 [h, w, 3].
+    """
+    height, width, _ = pixels.shape
+    rows = pixels.astype(">u2").view(np.uint8).reshape(height, width * 6)
+    filtered = np.empty((height, 1 + width * 6), np.uint8)
+    filtered[:, 0] = 2  # "up": each byte minus the one above
+    filtered[0, 1:] = rows[0]
+    filtered[1:, 1:] = rows[1:] - rows[:-1]
+    header = struct.pack(">IIBBBBB", width, height, 16, 2, 0, 0, 0)
+    chunks = (b"IHDR", header), (b"IDAT", zlib.compress(filtered.tobytes(), 4)), (b"IEND", b"")
+    return b"\x89PNG\r\n\x1a\n" + b"".join(
+        struct.pack(">I", len(data)) + kind + data + struct.pack(">I", zlib.crc32(kind + data)) for kind, data in chunks
+    )

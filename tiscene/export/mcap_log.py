@@ -1,0 +1,257 @@
+# SPDX-License-Identifier: Apache-2.0
+"""MCAP: `recording.mcap` with Foxglove's messages as JSON; the time of frame k is k / fps.
+
+=======================  ==============================================================================================
+topic                    message
+=======================  ==============================================================================================
+`/camera/rgb`            foxglove.CompressedImage (PNG)
+`/camera/<buffer>`       foxglove.RawImage: mono16 (ids), mono8 (masks), 32FC1 (depth and other floats)
+`/camera/calibration`    foxglove.CameraCalibration
+`/tf`                    foxglove.FrameTransform: the camera in the world
+`/objects`               foxglove.SceneUpdate: a cube with a name for each object
+`/camera/points`         foxglove.PointCloud of the buffer `position`, with colors if there is `rgb`
+`/labels`                tiscene.Labels: camera, events and objects of the frame
+`/camera/<buffer>.npy`   tiscene.Array: buffers of several channels, as .npy
+=======================  ==============================================================================================
+"""
+
+from __future__ import annotations
+
+import base64
+import json
+from collections.abc import Iterable
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tiscene.export.array_files import npy, png
+from tiscene.export.png import ids16
+
+if TYPE_CHECKING:
+    from tiscene.export.packing import ExportRun, FramePieces
+    from tiscene.frame.frame import Frame
+    from tiscene.stream.stream import Stream
+
+FRAMES_PER_FILE = None
+HOLDS_LABELS = True
+WORLD, CAMERA = "world", "camera"
+
+_NUMBER, _TEXT, _WHOLE = {"type": "number"}, {"type": "string"}, {"type": "integer"}
+_BYTES = {"type": "string", "contentEncoding": "base64"}
+
+
+def _object(**properties: Any) -> dict[str, Any]:
+    return {"type": "object", "properties": properties}
+
+
+def _list(items: Any) -> dict[str, Any]:
+    return {"type": "array", "items": items}
+
+
+_TIME = _object(sec=_WHOLE, nsec=_WHOLE)
+_VECTOR = _object(x=_NUMBER, y=_NUMBER, z=_NUMBER)
+_POSE = _object(position=_VECTOR, orientation=_object(x=_NUMBER, y=_NUMBER, z=_NUMBER, w=_NUMBER))
+_COLOR = _object(r=_NUMBER, g=_NUMBER, b=_NUMBER, a=_NUMBER)
+_STAMP = {"timestamp": _TIME, "frame_id": _TEXT}
+_CUBE = _object(pose=_POSE, size=_VECTOR, color=_COLOR)
+_LABEL = _object(
+    pose=_POSE,
+    billboard={"type": "boolean"},
+    font_size=_NUMBER,
+    scale_invariant={"type": "boolean"},
+    color=_COLOR,
+    text=_TEXT,
+)
+SCHEMAS: dict[str, dict[str, Any]] = {
+    "foxglove.CompressedImage": _object(**_STAMP, data=_BYTES, format=_TEXT),
+    "foxglove.RawImage": _object(**_STAMP, width=_WHOLE, height=_WHOLE, encoding=_TEXT, step=_WHOLE, data=_BYTES),
+    "foxglove.CameraCalibration": _object(
+        **_STAMP,
+        width=_WHOLE,
+        height=_WHOLE,
+        distortion_model=_TEXT,
+        D=_list(_NUMBER),
+        K=_list(_NUMBER),
+        R=_list(_NUMBER),
+        P=_list(_NUMBER),
+    ),
+    "foxglove.FrameTransform": _object(
+        timestamp=_TIME,
+        parent_frame_id=_TEXT,
+        child_frame_id=_TEXT,
+        translation=_VECTOR,
+        rotation=_POSE["properties"]["orientation"],
+    ),
+    "foxglove.SceneUpdate": _object(
+        deletions=_list(_object(timestamp=_TIME, type=_WHOLE, id=_TEXT)),
+        entities=_list(
+            _object(
+                **_STAMP,
+                id=_TEXT,
+                lifetime=_TIME,
+                frame_locked={"type": "boolean"},
+                cubes=_list(_CUBE),
+                texts=_list(_LABEL),
+            )
+        ),
+    ),
+    "foxglove.PointCloud": _object(
+        **_STAMP,
+        pose=_POSE,
+        point_stride=_WHOLE,
+        fields=_list(_object(name=_TEXT, offset=_WHOLE, type=_WHOLE)),
+        data=_BYTES,
+    ),
+    "tiscene.Labels": _object(index=_WHOLE, time=_NUMBER, camera=_object(), events=_list(_object())),
+    "tiscene.Array": _object(timestamp=_TIME, format=_TEXT, data=_BYTES),
+}
+
+
+def pieces(frame: Frame, labels: dict[str, Any], stream: Stream) -> dict[str, bytes]:
+    """Return the messages of a frame; names are "topic schema"."""
+    nanoseconds = round(frame.index * 1_000_000_000 / stream.fps)
+    time = {"sec": nanoseconds // 1_000_000_000, "nsec": nanoseconds % 1_000_000_000}
+    stamp = {"timestamp": time, "frame_id": CAMERA}
+    messages: dict[str, Any] = {
+        "/labels tiscene.Labels": labels,
+        "/tf foxglove.FrameTransform": _transform(frame, time),
+        "/camera/calibration foxglove.CameraCalibration": stamp | _calibration(frame),
+        "/objects foxglove.SceneUpdate": _scene(frame, time),
+    }
+    for name, buffer in frame.buffers.items():
+        if name == "rgb":
+            picture = {"data": _text(png(buffer)), "format": "png"}
+            messages["/camera/rgb foxglove.CompressedImage"] = stamp | picture
+        elif name == "position":
+            messages["/camera/points foxglove.PointCloud"] = {"timestamp": time, "frame_id": WORLD} | _cloud(frame)
+        elif buffer.ndim == 2:
+            messages[f"/camera/{name} foxglove.RawImage"] = stamp | _raw_image(name, buffer)
+        else:
+            array = {"timestamp": time, "format": "npy", "data": _text(npy(buffer))}
+            messages[f"/camera/{name}.npy tiscene.Array"] = array
+    return {name: json.dumps(message, separators=(",", ":")).encode() for name, message in messages.items()}
+
+
+def pack(frames: Iterable[FramePieces], run: ExportRun, folder: Path) -> None:
+    """Write the log, a message at a time."""
+    from mcap.writer import Writer
+
+    channels: dict[str, int] = {}
+    schemas: dict[str, int] = {}
+    with (folder / "recording.mcap").open("wb") as file:
+        writer = Writer(file)
+        writer.start(profile="", library="tiscene")
+        for frame in frames:
+            time = round(frame.index * 1_000_000_000 / run.fps)
+            for name, data in frame.members.items():
+                if name not in channels:
+                    topic, schema = name.split(" ")
+                    if schema not in schemas:
+                        text = json.dumps({"title": schema} | SCHEMAS[schema])
+                        schemas[schema] = writer.register_schema(schema, "jsonschema", text.encode())
+                    channels[name] = writer.register_channel(topic, "json", schemas[schema])
+                writer.add_message(channels[name], time, data, time, frame.index)
+        writer.finish()
+
+
+def _transform(frame: Frame, time: dict[str, int]) -> dict[str, Any]:
+    """Return the pose of the camera with the axes of Foxglove and OpenCV (x right, y down, z forward)."""
+    matrix = frame.camera.world_from_camera
+    return {
+        "timestamp": time,
+        "parent_frame_id": WORLD,
+        "child_frame_id": CAMERA,
+        "translation": _vector(matrix[:3, 3].tolist()),
+        "rotation": _quaternion(_half_turn(frame.camera.rotation)),
+    }
+
+
+def _half_turn(rotation: tuple[float, float, float, float]) -> tuple[float, float, float, float]:
+    """Return a rotation after a half turn about x: from OpenCV's camera axes instead of USD's."""
+    w, x, y, z = rotation
+    return -x, w, z, -y
+
+
+def _calibration(frame: Frame) -> dict[str, Any]:
+    K = frame.camera.K
+    P = np.zeros((3, 4))
+    P[:, :3] = K
+    return {
+        "width": frame.camera.width,
+        "height": frame.camera.height,
+        "distortion_model": "plumb_bob",
+        "D": [0.0] * 5,
+        "K": K.ravel().tolist(),
+        "R": np.eye(3).ravel().tolist(),
+        "P": P.ravel().tolist(),
+    }
+
+
+def _scene(frame: Frame, time: dict[str, int]) -> dict[str, Any]:
+    """Return the boxes of all objects; those of the frame before are deleted."""
+    entities = []
+    for row in frame.objects:
+        box = row.box_3d
+        pose = {"position": _vector(box.center), "orientation": _quaternion(box.rotation)}
+        hue = row.id * 0.618033988749895 % 1.0
+        color = dict(zip("rgba", (*_rgb(hue), 0.4), strict=True))
+        text = {"pose": pose, "billboard": True, "font_size": 12.0, "scale_invariant": True, "text": row.name}
+        entities.append(
+            {
+                "timestamp": time,
+                "frame_id": WORLD,
+                "id": str(row.id),
+                "lifetime": {"sec": 0, "nsec": 0},
+                "frame_locked": False,
+                "cubes": [{"pose": pose, "size": _vector(box.size), "color": color}],
+                "texts": [text | {"color": {"r": 1.0, "g": 1.0, "b": 1.0, "a": 1.0}}],
+            }
+        )
+    return {"deletions": [{"timestamp": time, "type": 1, "id": ""}], "entities": entities}  # type 1: all
+
+
+def _raw_image(name: str, buffer: NDArray[Any]) -> dict[str, Any]:
+    """Return a buffer [h, w] as an image, little endian."""
+    if buffer.dtype == np.bool_:
+        pixels, encoding = buffer.astype(np.uint8) * np.uint8(255), "mono8"
+    elif np.issubdtype(buffer.dtype, np.integer):
+        pixels, encoding = ids16(name, buffer).astype("<u2"), "mono16"
+    else:
+        pixels, encoding = buffer.astype("<f4"), "32FC1"
+    height, width = buffer.shape
+    size = {"width": width, "height": height, "step": width * pixels.itemsize}
+    return size | {"encoding": encoding, "data": _text(pixels.tobytes())}
+
+
+def _cloud(frame: Frame) -> dict[str, Any]:
+    """Return the points that pixels show: x, y, z as float32, and red, green, blue, alpha as uint8."""
+    points = frame.position.reshape(-1, 3)
+    hit = np.isfinite(points).all(axis=1)
+    colors = frame.rgb.reshape(-1, 3) if "rgb" in frame else np.full((len(points), 3), 255, np.uint8)
+    packed = np.zeros(int(hit.sum()), [("point", "<f4", 3), ("color", "u1", 3), ("alpha", "u1")])
+    packed["point"], packed["color"], packed["alpha"] = points[hit], colors[hit], 255
+    floats = [{"name": name, "offset": 4 * place, "type": 7} for place, name in enumerate("xyz")]
+    bytes_ = [
+        {"name": name, "offset": 12 + place, "type": 1} for place, name in enumerate(("red", "green", "blue", "alpha"))
+    ]
+    origin = {"position": _vector((0.0, 0.0, 0.0)), "orientation": _quaternion((1.0, 0.0, 0.0, 0.0))}
+    return {"pose": origin, "point_stride": 16, "fields": floats + bytes_, "data": _text(packed.tobytes())}
+
+
+def _vector(values: Iterable[float]) -> dict[str, float]:
+    return dict(zip("xyz", map(float, values), strict=True))
+
+
+def _quaternion(rotation: tuple[float, float, float, float]) -> dict[str, float]:
+    return dict(zip("wxyz", map(float, rotation), strict=True))
+
+
+def _rgb(hue: float) -> tuple[float, float, float]:
+    red, green, blue = (min(max(abs((hue * 6.0 + shift) % 6.0 - 3.0) - 1.0, 0.0), 1.0) for shift in (0.0, 4.0, 2.0))
+    return red, green, blue
+
+
+def _text(data: bytes) -> str:
+    return base64.b64encode(data).decode()

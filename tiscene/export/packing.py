@@ -1,0 +1,152 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Files of many frames, such as tar shards and videos, written in bounded memory and continued after any interruption.
+
+While frames are rendered, what each adds to such a file is kept in `pieces/000012.zip` (per camera), which the manifest
+lists as the frame's file. When the last frame of a group is there, the group is packed: the format's `pack` reads the
+pieces in the order of frames and writes into a temporary folder, the files are moved to their places, the manifest is
+saved with them, and the pieces are deleted. Packing depends on the pieces alone; so it may be repeated after a kill at
+any moment, and the pieces of several machines may be packed on one.
+"""
+
+from __future__ import annotations
+
+import io
+import os
+import shutil
+import zipfile
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from tiscene.export.array_files import archive
+from tiscene.export.manifest import Manifest, file_digest
+
+PIECES, PACKING = "pieces", ".packing"
+
+
+@dataclass(frozen=True)
+class ExportRun:
+    """What formats know of an export as a whole.
+
+    Attributes:
+        provenance: That of the manifest: version, format, buffers, settings, scenario.
+        categories: Names of the ids in `semantic`.
+        frames: Indices of the frames in the folder, ascending.
+    """
+
+    provenance: Mapping[str, Any]
+    categories: Mapping[int, str]
+    frames: Sequence[int]
+
+    @property
+    def fps(self) -> float:
+        """Frames per second."""
+        return float(self.provenance["settings"]["fps"])
+
+    @property
+    def buffers(self) -> list[str]:
+        """Names of the buffers."""
+        return list(self.provenance["buffers"])
+
+    @classmethod
+    def of(cls, manifest: Manifest) -> ExportRun:
+        """Return the run of a manifest."""
+        return cls(manifest.provenance, manifest.categories, list(manifest.frames))
+
+
+@dataclass(frozen=True)
+class FramePieces:
+    """What a frame adds to files of many frames.
+
+    Attributes:
+        index: Of the frame.
+        members: Contents by name, as the format's `pieces` returned them.
+    """
+
+    index: int
+    members: Mapping[str, bytes]
+
+
+@dataclass(frozen=True)
+class GroupFrames:
+    """The frames of a group; may be read several times, one frame in memory.
+
+    Attributes:
+        paths: The pieces of each frame, by ascending index.
+    """
+
+    paths: Mapping[int, Path]
+
+    def __iter__(self) -> Iterator[FramePieces]:
+        for index, path in self.paths.items():
+            with zipfile.ZipFile(io.BytesIO(path.read_bytes())) as source:
+                yield FramePieces(index, {name: source.read(name) for name in source.namelist()})
+
+
+def pieces_file(index: int, members: Mapping[str, bytes]) -> dict[str, bytes]:
+    """Return the file of a frame's pieces by its name."""
+    return {f"{PIECES}/{index:06d}.zip": archive(members, compress=False)}
+
+
+def is_pieces(name: str) -> bool:
+    """Return whether a file of a frame, relative to the export's folder, holds its pieces."""
+    return Path(name).parent.name == PIECES
+
+
+def has_pieces(entry: Mapping[str, Any]) -> bool:
+    """Return whether a frame of the manifest waits to be packed."""
+    return any(map(is_pieces, entry["files"]))
+
+
+def content_digest(format: Any, path: Path) -> str | None:
+    """Return the digest of a file, by the rule of the module of a format; None if it cannot be read."""
+    special = getattr(format, "content_digest", None)
+    return (special(path) if special is not None and path.is_file() else None) or file_digest(path)
+
+
+def pack_group(format: Any, folder: Path, manifest: Manifest, indices: Sequence[int]) -> None:
+    """Write the files of a group of frames from their pieces, and save the manifest that lists them.
+
+    Args:
+        format: The module of the format.
+        folder: Of the export.
+        manifest: Of the export; every frame of the group has pieces in it.
+        indices: The frames of the group, ascending.
+    """
+    run = ExportRun.of(manifest)
+    used: list[Path] = []
+    packed: dict[str, str] = {}
+    temporary = folder / PACKING
+    shutil.rmtree(temporary, ignore_errors=True)
+    for camera in manifest.folders:
+        paths = {index: folder / f"{camera}{PIECES}/{index:06d}.zip" for index in indices}
+        target = temporary / camera
+        target.mkdir(parents=True, exist_ok=True)
+        format.pack(GroupFrames(paths), run, target)
+        used += paths.values()
+    for path in sorted(path for path in temporary.rglob("*") if path.is_file()):
+        name = path.relative_to(temporary).as_posix()
+        packed[name] = content_digest(format, path) or ""
+        (folder / name).parent.mkdir(parents=True, exist_ok=True)
+        os.replace(path, folder / name)
+    shutil.rmtree(temporary)
+    for index in indices:
+        entry = manifest.frames[index]
+        own = {name: digest for name, digest in entry["files"].items() if not is_pieces(name)}
+        manifest.frames[index] = entry | {"files": own | packed}
+    manifest.save(folder)
+    for path in used:
+        path.unlink(missing_ok=True)
+
+
+def remove_leftovers(folder: Path, manifest: Manifest) -> None:
+    """Delete what a killed process has left: half-packed files, and pieces that the manifest does not list."""
+    shutil.rmtree(folder / PACKING, ignore_errors=True)
+    for camera in manifest.folders:
+        for path in (folder / camera / PIECES).glob("*.zip"):
+            index = int(path.stem) if path.stem.isdecimal() else -1
+            if index not in manifest.frames or not has_pieces(manifest.frames[index]):
+                path.unlink()
+        if (folder / camera / PIECES).is_dir() and not any((folder / camera / PIECES).iterdir()):
+            (folder / camera / PIECES).rmdir()

@@ -1,0 +1,111 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Point tracks with exact visibility, in TAP-Vid's layout: `tracks/000000.npz` has the clip of frames 0 to 23.
+
+=====================  =======================================================================================
+`video`                uint8 [frames, h, w, 3]
+`query_points`         float32 [points, 3]: frame of the clip, y, x, px; pixel centers at halves
+`target_points`        float32 [points, frames, 2]: x, y, px; also where the point is hidden or out of view
+`occluded`             bool [points, frames]: True where the point is not visible
+`instance`             int32 [points]: id of the object that the point is on
+`frames`               int64 [frames]: indices of the frames in the stream
+=====================  =======================================================================================
+
+Points are chosen in the first and in the middle frame of a clip, as many of each visible object, by random numbers that
+depend on seed and clip alone. Each is a point of a surface, which moves and deforms with it. Where it is in another
+frame, and whether it is visible there, is the flow and the occlusion of the label pass from that frame: a ray, and no
+comparison of depths. A clip has those of its 24 frames that are exported.
+Doersch et al., "TAP-Vid: A Benchmark for Tracking Any Point in a Video", 2022.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tiscene.export.array_files import archive, from_npy, npy
+from tiscene.render.view import View
+
+if TYPE_CHECKING:
+    from tiscene.export.packing import ExportRun, FramePieces
+    from tiscene.frame.frame import Frame
+    from tiscene.stream.stream import Stream
+
+FRAMES_PER_FILE = 24
+QUERY_FRAMES = (0, 12)  # of a clip
+POINTS = 128  # per query frame
+
+
+def pieces(frame: Frame, labels: dict[str, Any], stream: Stream) -> dict[str, bytes]:
+    """Return the picture, and where the clip's points are in the frame."""
+    clip = frame.index // FRAMES_PER_FILE
+    names = [step[1].name for step in stream.world.state(frame.index).cameras]
+    row = names.index(frame.camera.camera.name)
+    tracks = [query_tracks(stream, row, frame, clip * FRAMES_PER_FILE + query) for query in QUERY_FRAMES]
+    columns = {name: np.concatenate([track[name] for track in tracks]) for name in tracks[0]}
+    return {"rgb": npy(frame.rgb)} | {name: npy(column) for name, column in columns.items()}
+
+
+def query_tracks(stream: Stream, row: int, frame: Frame, query: int) -> dict[str, NDArray[Any]]:
+    """Return where the points of a query frame are in a frame.
+
+    Args:
+        stream: The stream.
+        row: Of the camera.
+        frame: The frame.
+        query: Index of the query frame.
+
+    Returns:
+        `query` float32 [n, 3]: frame of the clip, y, x; `target` float32 [n, 2]: x, y; `occluded` bool [n]; `instance`
+        int32 [n].
+    """
+    _, now, after = stream.world.state(query).cameras[row]
+    there = stream.world.state(frame.index).cameras[row][1]
+    view = View(there, now, after, width=frame.camera.width, height=frame.camera.height)
+    buffers = ("instance", "backward_flow", "backward_occlusion")
+    seen = stream.render_view(query, view, buffers, since=frame.index)
+    x, y = chosen_pixels(seen.instance, np.random.default_rng([stream.seed, query, row]))
+    target = np.stack([x + 0.5, y + 0.5], axis=1) + seen.backward_flow[y, x]
+    occluded = seen.backward_occlusion[y, x]
+    if query == frame.index:
+        target, occluded = np.stack([x + 0.5, y + 0.5], axis=1), np.zeros(len(x), bool)
+    place = np.full(len(x), query % FRAMES_PER_FILE)
+    return {
+        "query": np.stack([place, y + 0.5, x + 0.5], axis=1).astype(np.float32),
+        "target": target.astype(np.float32),
+        "occluded": occluded,
+        "instance": seen.instance[y, x],
+    }
+
+
+def chosen_pixels(
+    instance: NDArray[np.int32], random: np.random.Generator
+) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """Return the x and y of up to POINTS pixels, as evenly among the objects as their sizes permit; none of 0."""
+    ids = instance.ravel()
+    order = random.permutation(np.flatnonzero(ids))
+    order = order[np.argsort(ids[order], kind="stable")]
+    _, first = np.unique(ids[order], return_index=True)
+    rank = np.arange(len(order)) - np.repeat(first, np.diff(np.append(first, len(order))))
+    chosen = np.sort(order[np.argsort(rank, kind="stable")][:POINTS])
+    return chosen % instance.shape[1], chosen // instance.shape[1]
+
+
+def pack(frames: Iterable[FramePieces], run: ExportRun, folder: Path) -> None:
+    """Write one clip."""
+    clip = [(frame.index, {name: from_npy(data) for name, data in frame.members.items()}) for frame in frames]
+    first = clip[0][1]
+    arrays = {
+        "video": np.stack([each["rgb"] for _, each in clip]),
+        "query_points": first["query"],
+        "target_points": np.stack([each["target"] for _, each in clip], axis=1),
+        "occluded": np.stack([each["occluded"] for _, each in clip], axis=1),
+        "instance": first["instance"],
+        "frames": np.array([index for index, _ in clip], np.int64),
+    }
+    path = folder / f"tracks/{clip[0][0] // FRAMES_PER_FILE:06d}.npz"
+    path.parent.mkdir(parents=True)
+    path.write_bytes(archive({f"{name}.npy": npy(array) for name, array in arrays.items()}, compress=True))

@@ -1,0 +1,168 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Rerun: `recording.rrd` with pictures, depth, labels, boxes and the camera on the timelines `frame` and `time`.
+
+======================================  =======================================================================
+entity                                  archetype
+======================================  =======================================================================
+`world/camera`                          Transform3D and Pinhole: pose and intrinsics of each frame
+`world/camera/rgb`                      EncodedImage (PNG, exact)
+`world/camera/depth`                    DepthImage, m
+`world/camera/semantic` and other ids   SegmentationImage; ids in 16 bits
+`world/camera/<other buffers>`          Tensor, exact
+`world/objects`                         Boxes3D of all objects, with their names
+`world/camera/boxes`                    Boxes2D of the visible objects
+======================================  =======================================================================
+
+Rerun gives rows ids by the clock. Here they are functions of the frame, so that equal frames give equal chunks. Around
+them Rerun writes an id by the clock and an index in random order: the manifest has the digest of the chunks.
+"""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Iterable, Iterator
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tiscene.export.array_files import png
+from tiscene.export.png import ids16
+
+if TYPE_CHECKING:
+    from tiscene.export.packing import ExportRun, FramePieces
+    from tiscene.frame.frame import Frame
+    from tiscene.stream.stream import Stream
+
+FRAMES_PER_FILE = None
+CAMERA = "world/camera"
+
+
+def archetypes(frame: Frame) -> dict[str, list[Any]]:
+    """Return what a frame logs: Rerun's archetypes by entity path."""
+    import rerun as rr
+
+    camera = frame.camera
+    pose, K = camera.world_from_camera, camera.K_at(0.5)
+    logged: dict[str, list[Any]] = {
+        CAMERA: [
+            rr.Transform3D(translation=pose[:3, 3], mat3x3=pose[:3, :3]),
+            rr.Pinhole(
+                image_from_camera=K, resolution=[camera.width, camera.height], camera_xyz=rr.ViewCoordinates.RDF
+            ),
+        ]
+    }
+    for name, buffer in frame.buffers.items():
+        logged[f"{CAMERA}/{name}"] = [_archetype(name, buffer)]
+    rows = list(frame.objects)
+    boxes = [row.box_3d for row in rows]
+    logged["world/objects"] = [
+        rr.Boxes3D(
+            centers=np.array([box.center for box in boxes], np.float32).reshape(-1, 3),
+            half_sizes=0.5 * np.array([box.size for box in boxes], np.float32).reshape(-1, 3),
+            quaternions=np.array([(*box.rotation[1:], box.rotation[0]) for box in boxes], np.float32).reshape(-1, 4),
+            class_ids=[row.category_id for row in rows],
+            labels=[row.name for row in rows],
+        )
+    ]
+    seen = [(row, row.visible_box) for row in rows if row.visible_pixels > 0 and row.visible_box is not None]
+    logged[f"{CAMERA}/boxes"] = [
+        rr.Boxes2D(
+            array=np.array([box for _, box in seen], np.float32).reshape(-1, 4),
+            array_format=rr.Box2DFormat.XYXY,
+            class_ids=[row.category_id for row, _ in seen],
+            labels=[row.name for row, _ in seen],
+        )
+    ]
+    return logged
+
+
+def pieces(frame: Frame, labels: dict[str, Any], stream: Stream) -> dict[str, bytes]:
+    """Return the chunks of a frame as Arrow record batches."""
+    import rerun as rr
+    from rerun.chunk import Chunk
+
+    found = {}
+    indexes = [
+        rr.TimeColumn("frame", sequence=[frame.index]),
+        rr.TimeColumn("time", duration=[np.timedelta64(round(frame.time * 1e9), "ns")]),
+    ]
+    for path, values in archetypes(frame).items():
+        columns = [column for value in values for column in _columns(value)]
+        batch = _with_ids(Chunk.from_columns(path, indexes, columns).to_record_batch(), f"{frame.index} {path}")
+        found[path] = batch.serialize().to_pybytes()
+        found[f"{path}.schema"] = batch.schema.serialize().to_pybytes()
+    return found
+
+
+def pack(frames: Iterable[FramePieces], run: ExportRun, folder: Path) -> None:
+    """Write the recording, a frame at a time."""
+    from rerun.chunk import LazyChunkStream
+
+    identity = hashlib.sha256(repr(sorted(run.provenance["settings"].items())).encode()).hexdigest()[:32]
+    stream = LazyChunkStream.from_iter(_chunks(frames))
+    stream.write_rrd(folder / "recording.rrd", application_id="tiscene", recording_id=identity)
+
+
+def content_digest(path: Path) -> str | None:
+    """Return the digest of the chunks of a recording; None for another file, or one that is damaged."""
+    if path.suffix != ".rrd":
+        return None
+    from rerun.chunk import RrdReader
+
+    digest = hashlib.sha256()
+    try:
+        for chunk in RrdReader(path).stream():
+            batch = chunk.to_record_batch()
+            digest.update(f"{batch.schema.metadata[b'rerun:id'].decode()} {batch.num_rows}\n".encode())
+            for column in batch.columns:
+                for data in column.buffers():
+                    digest.update(b"-" if data is None else memoryview(data))
+    except (OSError, ValueError, RuntimeError):
+        return None
+    return digest.hexdigest()
+
+
+def _chunks(frames: Iterable[FramePieces]) -> Iterator[Any]:
+    import pyarrow as pa
+    from rerun.chunk import Chunk
+
+    for frame in frames:
+        for name, data in frame.members.items():
+            if not name.endswith(".schema"):
+                schema = pa.ipc.read_schema(pa.py_buffer(frame.members[f"{name}.schema"]))
+                yield from Chunk.from_record_batch(pa.ipc.read_record_batch(pa.py_buffer(data), schema))
+
+
+def _archetype(name: str, buffer: NDArray[Any]) -> Any:
+    """Return a buffer as an archetype."""
+    import rerun as rr
+
+    if name == "rgb":
+        return rr.EncodedImage(contents=png(buffer), media_type="image/png")
+    if name in ("depth", "distance"):
+        return rr.DepthImage(buffer, meter=1.0)
+    if buffer.dtype == np.bool_:
+        return rr.SegmentationImage(buffer.astype(np.uint8))
+    if np.issubdtype(buffer.dtype, np.integer):
+        return rr.SegmentationImage(ids16(name, buffer))
+    return rr.Tensor(buffer, dim_names=("height", "width", "channel", "value")[: buffer.ndim])
+
+
+def _columns(value: Any) -> list[Any]:
+    """Return the components of an archetype as columns of one row."""
+    batches = value.as_component_batches()
+    return [column for batch in batches for column in [batch.partition([len(batch.as_arrow_array())])]]
+
+
+def _with_ids(batch: Any, key: str) -> Any:
+    """Return a chunk with ids that depend on a key alone."""
+    import pyarrow as pa
+
+    chunk, row = (hashlib.sha256(f"{kind} {key}".encode()).hexdigest()[:32].upper() for kind in ("chunk", "row"))
+    metadata = dict(batch.schema.metadata)
+    metadata[b"rerun:id"] = f"chunk_{chunk}".encode()
+    column = batch.schema.get_field_index("rerun.controls.RowId")
+    ids = pa.array([bytes.fromhex(row)], batch.schema.field(column).type)
+    return batch.set_column(column, batch.schema.field(column), ids).replace_schema_metadata(metadata)
