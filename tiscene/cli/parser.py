@@ -287,6 +287,12 @@ def _add_reading(command: argparse.ArgumentParser) -> None:
     )
     command.add_argument("--root", metavar="DIR", help="refuse layers and textures outside this folder")
     command.add_argument("--strict", action="store_true", help="refuse a stage with a broken part or a missing file")
+    command.add_argument(
+        "--subdivision",
+        metavar="TRIANGLES",
+        type=int,
+        help="triangles that all subdivision surfaces are refined to at most (default: 3000000; 0: not refined)",
+    )
     command.add_argument("--untrusted", action="store_true", help="read the stage in a separate process with limits")
 
 

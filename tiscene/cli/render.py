@@ -47,6 +47,7 @@ def run(args: argparse.Namespace) -> None:
                 root=args.root,
                 untrusted=args.untrusted,
                 strict=args.strict,
+                subdivision=args.subdivision,
                 arch=args.arch,
                 progress=lambda task, fraction: step(0, task=f"{task}: {fraction:.0%}"),
             )

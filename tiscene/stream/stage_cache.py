@@ -7,7 +7,7 @@ import hashlib
 import os
 from collections.abc import Sequence
 from dataclasses import replace
-from typing import Any
+from typing import Any, cast
 
 from tiscene import catalog
 from tiscene.frame.buffers import rendered_buffers
@@ -34,6 +34,7 @@ class StageCache:
         time_code: show stages as they are then, without motion; None: they play.
         root: folder that all files must be in.
         strict: refuse stages with a broken part.
+        subdivision: triangles that subdivision surfaces are refined to at most; None: the default.
         limits: bounds of time and memory of reading; None: the defaults for untrusted stages, else none.
     """
 
@@ -48,6 +49,7 @@ class StageCache:
         time_code: float | None,
         root: str | os.PathLike[str] | None,
         strict: bool = False,
+        subdivision: int | None = None,
         limits: Limits | None = None,
     ) -> None:
         self.arch = arch
@@ -57,8 +59,14 @@ class StageCache:
             "untrusted": untrusted,
             "limits": limits,
         }
-        self._options: dict[str, Any] = {"taxonomy": taxonomy, "time_code": time_code, "root": root, "strict": strict}
+        self._options: dict[str, Any] = {"taxonomy": taxonomy, "time_code": time_code, "root": root}
+        self._options |= {"strict": strict, "subdivision": subdivision}
         self._stages: dict[tuple[Any, ...], SceneDescription] = {}
+
+    @property
+    def subdivision(self) -> int | None:
+        """Triangles that subdivision surfaces are refined to at most; None: the default."""
+        return cast(int | None, self._options["subdivision"])
 
     def stage(self, scenario: Scenario) -> SceneDescription:
         """Return the stage of a scenario, with its variants selected and the prims that it moves extracted.

@@ -92,6 +92,8 @@ class Stream(LoaderMethods, StreamOutput, SavedState, Iterator[Frame]):
         untrusted: read the stage in a process with limits, for files that may be damaged or hostile. Reads no motion.
         strict: refuse a stage with a broken part, such as a missing file or a mesh that contradicts itself. False: the
             part is left out and named in a StageWarning.
+        subdivision: triangles that all subdivision surfaces of the stage together are refined to at most; 0: none is
+            refined; None: 3,000,000.
         limits: time and memory that reading a stage may take, `ts.Limits(seconds=, memory=)`; None: unlimited, unless
             it is untrusted.
         arch: "cpu" or "cuda"; None for "cpu".
@@ -132,6 +134,7 @@ class Stream(LoaderMethods, StreamOutput, SavedState, Iterator[Frame]):
         root: str | os.PathLike[str] | None = None,
         untrusted: bool = False,
         strict: bool = False,
+        subdivision: int | None = None,
         limits: Limits | None = None,
         arch: str | None = None,
         cache_bytes: int = CACHE_BYTES,
@@ -171,6 +174,7 @@ class Stream(LoaderMethods, StreamOutput, SavedState, Iterator[Frame]):
             time_code=self.time_code,
             root=root,
             strict=strict,
+            subdivision=None if subdivision is None else integer("subdivision", subdivision, 0, sys.maxsize),
             limits=limits,
         )
         if not isinstance(source, Scenario):
@@ -376,6 +380,7 @@ class Stream(LoaderMethods, StreamOutput, SavedState, Iterator[Frame]):
             "shutter": None if self.shutter is None else list(self.shutter),
             "time_code": self.time_code,
             "taxonomy": self.taxonomy,
+            "subdivision": self.stages.subdivision,
             "categories": None if self._selected_categories is None else list(self._selected_categories),
         }
 

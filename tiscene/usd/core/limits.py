@@ -12,6 +12,7 @@ import os
 import time
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Any
 
 from pxr import Usd
 
@@ -68,6 +69,8 @@ class ReadingBudget:
         limits: the bounds.
         prims: prims visited so far.
         triangles: triangles read so far.
+        levels: the most levels that subdivision surfaces are refined to, by path (in their prototypes).
+        refined: refined surfaces by the content of their control meshes, so that copies are refined once.
         start: start of reading, seconds of the monotonic clock.
     """
 
@@ -75,6 +78,8 @@ class ReadingBudget:
     limits: Limits
     prims: int = 0
     triangles: int = 0
+    levels: dict[Any, int] = field(default_factory=dict)
+    refined: dict[bytes, Any] = field(default_factory=dict)
     start: float = field(default_factory=time.monotonic)
 
     def add_prim(self) -> None:

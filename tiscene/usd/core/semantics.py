@@ -14,6 +14,7 @@ from tiscene.errors import UnknownName
 from tiscene.usd.core.package import split_package
 
 PREFERRED_TAXONOMIES = ("class", "category")
+ROOM = "room"  # taxonomy of volumes of rooms, which are no objects
 
 
 def direct_label(prim: Usd.Prim, time: Usd.TimeCode, taxonomy: str | None = None) -> str:
@@ -28,7 +29,7 @@ def direct_label(prim: Usd.Prim, time: Usd.TimeCode, taxonomy: str | None = None
     applied = UsdSemantics.LabelsAPI.GetDirectTaxonomies(prim)
     if not applied:
         return ""
-    taxonomies = sorted(str(name) for name in applied)
+    taxonomies = sorted(str(name) for name in applied if name != ROOM)
     if taxonomy is not None:
         taxonomies = [name for name in taxonomies if name == taxonomy]
     taxonomies.sort(key=lambda name: PREFERRED_TAXONOMIES.index(name) if name in PREFERRED_TAXONOMIES else 9)
@@ -50,13 +51,13 @@ def inherited_label(prim: Usd.Prim, time: Usd.TimeCode, taxonomy: str | None = N
 
 
 def taxonomies_of(stage: Usd.Stage) -> set[str]:
-    """Return the taxonomies of all labels on a stage, those of prototypes and of templates included."""
+    """Return the taxonomies of all labels on a stage, those of prototypes and templates included, without `ROOM`."""
     found: set[str] = set()
     roots = [stage.GetPseudoRoot(), *stage.GetPrototypes()]
     for prim in (prim for root in roots for prim in Usd.PrimRange(root, Usd.PrimAllPrimsPredicate)):
         if prim.HasAPI(UsdSemantics.LabelsAPI):
             found.update(str(name) for name in UsdSemantics.LabelsAPI.GetDirectTaxonomies(prim))
-    return found
+    return found - {ROOM}
 
 
 def check_taxonomy(stage: Usd.Stage, taxonomy: str | None) -> None:

@@ -6,6 +6,7 @@
     mesh           UsdGeomMesh: topology, holes, orientation
     primvar        primvars and normals, validated
     triangulate    polygons to triangles
+    subdivision_budget  levels of refinement within a triangle budget
     subdivision    subdivision surfaces
     catmull_clark  control cages, refinement and limit rules
     vertex_weld    welded meshes: one normal and uv per vertex

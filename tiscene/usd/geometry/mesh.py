@@ -7,8 +7,10 @@ and reverses left-handed faces. A mesh that contradicts itself is reported as a 
 
 from __future__ import annotations
 
+import hashlib
 from collections.abc import Sequence
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,7 +20,7 @@ from tiscene.usd.core.report import StageReport
 from tiscene.usd.geometry.catmull_clark import Creases
 from tiscene.usd.geometry.deforming import read_point_samples
 from tiscene.usd.geometry.primvar import PrimvarNames, Topology, array_of, read_normals, read_vertex_values
-from tiscene.usd.geometry.subdivision import subdivide
+from tiscene.usd.geometry.subdivision import MAX_LEVELS, subdivide
 from tiscene.usd.geometry.triangulate import triangulate
 from tiscene.usd.geometry.vertex_weld import Attribute, WeldedMesh, weld, with_position_samples
 
@@ -70,16 +72,22 @@ def read_mesh(
         creases = _read_creases(mesh, topology, time, report)
         boundary = mesh.GetInterpolateBoundaryAttr().Get(time) or "edgeAndCorner"
         uv_rule = mesh.GetFaceVaryingLinearInterpolationAttr().Get(time) or "cornersPlus1"
-        surface = subdivide(
-            points,
-            topology,
-            creases,
-            visible,
-            uv,
-            boundary=boundary,
-            uv_rule=uv_rule,
-            position_samples=position_samples,
-        )
+        source = (prim.GetPrimInPrototype() if prim.IsInstanceProxy() else prim).GetPath()
+        levels = report.budget.levels.get(source, MAX_LEVELS)
+        key = _content(points, topology, creases, visible, uv, boundary, uv_rule, position_samples, levels)
+        if key not in report.budget.refined:
+            report.budget.refined[key] = subdivide(
+                points,
+                topology,
+                creases,
+                visible,
+                uv,
+                boundary=boundary,
+                uv_rule=uv_rule,
+                position_samples=position_samples,
+                levels=levels,
+            )
+        surface = report.budget.refined[key]
     else:
         corners, face = triangulate(points, topology.counts, topology.indices)
         kept = visible[face]
@@ -98,6 +106,25 @@ def read_mesh(
     if mesh.GetOrientationAttr().Get(time) == UsdGeom.Tokens.leftHanded:
         surface = _reverse_winding(surface, flip_normals=smooth)
     return replace(surface, times=times if position_samples is not None else ())
+
+
+def _content(
+    points: NDArray[np.float32],
+    topology: Topology,
+    creases: Creases,
+    visible: NDArray[np.bool_],
+    uv: Attribute | None,
+    *others: Any,
+) -> bytes:
+    """Return a digest of everything that decides how a control mesh is refined."""
+    digest = hashlib.blake2b(digest_size=16)
+    arrays = [points, topology.counts, topology.indices, visible, *vars(creases).values()]
+    arrays += [] if uv is None else [uv.values, np.array(uv.per_corner)]
+    for each in (*arrays, *others):
+        value = np.ascontiguousarray(each).data if isinstance(each, np.ndarray) else repr(each).encode()
+        digest.update(value)
+        digest.update(b"|")
+    return digest.digest()
 
 
 def _normals_over_time(

@@ -7,6 +7,8 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -36,10 +38,11 @@ def subdivide(
     boundary: str = "edgeAndCorner",
     uv_rule: str = "cornersPlus1",
     position_samples: NDArray[np.float32] | None = None,
+    levels: int = MAX_LEVELS,
 ) -> WeldedMesh:
     """Return the limit surface as triangles with smooth normals, split along edges that stay sharp.
 
-    Refines until neighboring faces are nearly flat, at most MAX_LEVELS times. A mesh that would become more than
+    Refines until neighboring faces are nearly flat, at most `levels` times. A mesh that would become more than
     MAX_QUADS faces in the first level is not refined; it gets smooth normals.
 
     Args:
@@ -51,6 +54,8 @@ def subdivide(
         boundary: UsdGeomMesh's interpolateBoundary: "none", "edgeOnly" or "edgeAndCorner".
         uv_rule: UsdGeomMesh's faceVaryingLinearInterpolation, for values of corners.
         position_samples: float32 [s, n, 3], the control points at other times; None for a constant shape.
+        levels: how often to refine at most. 0: the faces stay those of the cage, with their points moved to the limit
+            surface.
     """
     cage, source = _control_cage(topology, creases)
     visible = visible[source]
@@ -64,15 +69,17 @@ def subdivide(
     values = points.astype(np.float64)
     uv_cage = uv_values = None
     if uv is not None and uv.per_corner:
-        kept = (topology.counts >= 3)[topology.face_of_corner]
-        uv_cage, uv_values = _uv_cage(cage, uv.values[kept], uv_rule)
+        uv = Attribute(uv.values[(topology.counts >= 3)[topology.face_of_corner]], per_corner=True)
+        uv_cage, uv_values = _uv_cage(cage, uv.values, uv_rule)
     elif uv is not None:
         values = np.concatenate([values, uv.values], axis=1)
     width = values.shape[1]
     if position_samples is not None:  # all times share the rules, so they are refined side by side
         values = np.concatenate([values, *position_samples.astype(np.float64)], axis=1)
     dense = len(cage.indices) > MAX_QUADS
-    for level in range(MAX_LEVELS):
+    if not levels and not dense:
+        return _triangulate_cage(cage, *_on_limit(cage, values, uv, width), visible, source)
+    for level in range(levels):
         if len(cage.indices) > MAX_QUADS:
             break
         if level > 1 and _is_flat(cage, values[:, :3]):
@@ -82,13 +89,38 @@ def subdivide(
             uv_cage, uv_values = refine(uv_cage, uv_values)
         cage, values = refine(cage, values)
     if dense:  # the cage is already as fine as a refined surface
-        return _triangulate_cage(cage, values[:, :3], visible, source, uv, values[:, width:])
+        return _triangulate_cage(cage, values[:, :3], uv, values[:, width:], visible, source)
     values = limit(cage, values)
     if uv_cage is not None and uv_values is not None:
         uv = Attribute(limit(uv_cage, uv_values)[uv_cage.indices].astype(np.float32), per_corner=True)
     elif uv is not None:
         uv = Attribute(values[:, 3:width].astype(np.float32), per_corner=False)
-    return _triangulate_cage(cage, values[:, :3], visible, source, uv, values[:, width:])
+    return _triangulate_cage(cage, values[:, :3], uv, values[:, width:], visible, source)
+
+
+def _on_limit(cage: Cage, values: Floats, uv: Attribute | None, width: int) -> tuple[Floats, Attribute | None, Floats]:
+    """Return the limit positions of a cage's own points, their texture coordinates, and their samples over time.
+
+    A cage may have faces of any size. The limits of its points are found after one refinement, which keeps them first.
+    """
+    moved = limit(*refine(cage, values))[: cage.points]
+    if uv is not None and not uv.per_corner:
+        uv = Attribute(moved[:, 3:width].astype(np.float32), per_corner=False)
+    return moved[:, :3], uv, moved[:, width:]
+
+
+def smooth_levels(points: NDArray[np.float32], topology: Topology) -> int:
+    """Return about how often a mesh without creases is refined until neighboring faces are nearly flat.
+
+    Each level halves the angles between neighboring faces.
+    """
+    cage, _ = _control_cage(topology, Creases.none())
+    if len(cage.indices) > MAX_QUADS:
+        return 0
+    cosine = _cosines(cage, points.astype(np.float64))
+    angle = float(np.arccos(np.clip(np.quantile(cosine, 0.1), -1.0, 1.0))) if len(cosine) else 0.0
+    most = 1 + math.floor(math.log(MAX_QUADS / len(cage.indices), 4.0))  # refining stops there, as in `subdivide`
+    return min(max(2, math.ceil(math.log2(max(angle / MAX_FLAT_ANGLE, 1.0)))), MAX_LEVELS, most)
 
 
 def _control_cage(topology: Topology, creases: Creases) -> tuple[Cage, Ints]:
@@ -157,27 +189,30 @@ def _face_normals(cage: Cage, positions: Floats) -> Floats:
 
 def _is_flat(cage: Cage, positions: Floats) -> bool:
     """Return whether 90 % of the pairs of neighboring faces meet at less than MAX_FLAT_ANGLE."""
+    cosine = _cosines(cage, positions)
+    return len(cosine) == 0 or bool(np.quantile(cosine, 0.1) > np.cos(MAX_FLAT_ANGLE))
+
+
+def _cosines(cage: Cage, positions: Floats) -> Floats:
+    """Return the cosine of the angle between the faces at each smooth edge [k]."""
     normal = _face_normals(cage, positions)
     normal /= np.maximum(np.linalg.norm(normal, axis=1), 1e-300)[:, None]
     c, d = cage.smooth_pairs
-    if len(c) == 0:
-        return True
-    cosine = np.einsum("ij,ij->i", normal[cage.face[c]], normal[cage.face[d]])
-    return bool(np.quantile(cosine, 0.1) > np.cos(MAX_FLAT_ANGLE))
+    return np.asarray(np.einsum("ij,ij->i", normal[cage.face[c]], normal[cage.face[d]]))
 
 
 def _triangulate_cage(
-    cage: Cage, positions: Floats, visible: NDArray[np.bool_], source: Ints, uv: Attribute | None, samples: Floats
+    cage: Cage, positions: Floats, uv: Attribute | None, samples: Floats, visible: NDArray[np.bool_], source: Ints
 ) -> WeldedMesh:
     """Triangulate a refined cage and weld its corners.
 
     Args:
         cage: the control mesh.
         positions: float64 [points, 3].
-        visible: [faces], False for holes.
-        source: [faces], the authored face of each.
         uv: texture coordinates and other values, or None.
         samples: float64 [points, 3 s], the positions at other times side by side; s may be 0.
+        visible: [faces], False for holes.
+        source: [faces], the authored face of each.
     """
     group = _smoothing_groups(cage)
 

@@ -10,6 +10,7 @@
     point_instancer    points of UsdGeomPointInstancer
     stage_camera       UsdGeomCamera
     stage_render_settings  camera, resolution and conform policy of RenderSettings
+    room_volumes       volumes of rooms
     extracted_prims    prims that a scenario moves, as templates
     template           templates from files and from /Templates
     inspection         metadata and statistics of a file

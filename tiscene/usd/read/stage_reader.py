@@ -15,6 +15,7 @@ from tiscene.usd.core.report import StageReport
 from tiscene.usd.core.semantics import check_taxonomy
 from tiscene.usd.core.stage import Variants, changes_over_time, open_stage, quiet, readable, reading_time
 from tiscene.usd.geometry.skinning import bake_skinning
+from tiscene.usd.geometry.subdivision_budget import DEFAULT_TRIANGLES, limit_subdivision
 from tiscene.usd.read.extracted_prims import RemainderReader, extracted_templates
 from tiscene.usd.read.subprocess_reader import read_in_subprocess
 from tiscene.usd.read.template import stage_templates
@@ -33,6 +34,7 @@ def read_stage(
     limits: Limits | None = None,
     isolate: bool | None = None,
     strict: bool = False,
+    subdivision: int | None = None,
 ) -> SceneDescription:
     """Read a USD stage (.usd, .usda, .usdc, .usdz) at one time code.
 
@@ -57,6 +59,8 @@ def read_stage(
             exceeded, and whose crash is a StageError. None: if `limits` is given or the file is untrusted.
         strict: whether to refuse a stage with a broken part: a missing file, or a prim that contradicts itself. False:
             the part is left out, and the stage is refused only if nothing else is drawn.
+        subdivision: triangles that all subdivision surfaces together are refined to at most, with smaller triangles for
+            surfaces near the stage's cameras; 0: none is refined. None: 3,000,000.
 
     Raises:
         MissingFile: there is no such file.
@@ -78,6 +82,7 @@ def read_stage(
             "extract": tuple(extract),
             "taxonomy": taxonomy,
             "strict": strict,
+            "subdivision": subdivision,
         }
         options |= {"root": None if root is None else Path(root), "limits": limits, "isolate": False}
         return read_in_subprocess(read_stage, path, options, limits)
@@ -91,6 +96,7 @@ def read_stage(
         check_taxonomy(stage, taxonomy)
         time = reading_time(stage, time_code)
         bake_skinning(stage, time, report)
+        limit_subdivision(stage, time, DEFAULT_TRIANGLES if subdivision is None else subdivision, report)
         reader = RemainderReader(stage, time, report, extract, taxonomy)
         reader.walk(stage.GetPseudoRoot(), TraversalContext())
         templates = (
