@@ -3,6 +3,8 @@
 
 from __future__ import annotations
 
+import json
+
 import pytest
 
 from tests.usd.helpers import STAGES, write
@@ -136,3 +138,65 @@ def Xform "Mill" (
 }
 """
     assert "1 deforming mesh; 1 animated mesh within objects" in inspected(capsys, write(tmp_path, body))
+
+
+GOOD = """def Xform "Room"
+{
+    def Mesh "Floor"
+    {
+        int[] faceVertexCounts = [4]
+        int[] faceVertexIndices = [0, 1, 2, 3]
+        point3f[] points = [(-1, 0, 1), (1, 0, 1), (1, 0, -1), (-1, 0, -1)]
+    }
+    def Camera "C"
+    {
+        double3 xformOp:translate = (0, 1, 4)
+        uniform token[] xformOpOrder = ["xformOp:translate"]
+    }
+    def DistantLight "L"
+    {
+        float inputs:intensity = 1
+    }
+}
+"""
+MISSING = 'def "A" (references = @./missing.usda@)\n{\n}\n'
+VOLUME = 'def Volume "Smoke"\n{\n}\n'
+
+
+@pytest.mark.parametrize(
+    ("body", "verdict"),
+    [
+        (GOOD, "Verdict: rendered as authored."),
+        (GOOD + MISSING, "Verdict: rendered, with 1 broken part left out."),
+        (GOOD + VOLUME, "Verdict: rendered, with 1 kind of content approximated or not drawn."),
+        ('def Cube "A"\n{\n}\n', "Verdict: rendered, with 2 things to check."),
+        ("", "Verdict: nothing to see; the stage has no geometry that is drawn."),
+    ],
+)
+def test_report_ends_with_a_verdict(tmp_path, capsys, body, verdict):
+    assert inspected(capsys, write(tmp_path, body)).splitlines()[-1] == verdict
+
+
+def test_refused_stage_has_a_verdict_and_an_error(tmp_path, capsys):
+    path = write(tmp_path, GOOD + MISSING)
+    assert cli.main(["inspect", "--strict", str(path)]) == 2
+    captured = capsys.readouterr()
+    assert captured.out.splitlines()[-1] == "Verdict: refused, for 1 problem."
+    assert "missing.usda" in captured.err
+
+
+def test_report_as_json(tmp_path, capsys):
+    report = json.loads(inspected(capsys, "--json", write(tmp_path, GOOD + MISSING + VOLUME)))
+    assert report["verdict"].startswith("Verdict: rendered, with 1 broken part left out, 1 kind")
+    assert report["refused"] is False
+    assert report["facts"]["unauthored_schemes"] == 1
+    assert any("missing.usda" in line for line in report["left_out"])
+    assert cli.main(["inspect", "--json", str(write(tmp_path, MISSING))]) == 2
+    report = json.loads(capsys.readouterr().out)
+    assert report["refused"] is True
+    assert "missing.usda" in report["problems"][0]
+
+
+def test_report_names_meshes_that_are_smooth_by_default(tmp_path, capsys):
+    out = inspected(capsys, write(tmp_path, GOOD))
+    assert "1 mesh without an authored subdivisionScheme: smooth surfaces, by USD's default" in out

@@ -4,16 +4,19 @@
 from __future__ import annotations
 
 import argparse
+import dataclasses
+import json
 import time
 import warnings
 from collections import Counter
 from collections.abc import Iterable
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 from tiscene.cli.show import stage_file
-from tiscene.errors import StageWarning
+from tiscene.errors import StageError, StageWarning
 from tiscene.scene.description import DistantLight, DomeLight, SceneDescription
 from tiscene.usd.read.inspection import StageFacts, stage_facts
 from tiscene.usd.read.stage_reader import read_stage
@@ -25,49 +28,87 @@ _BVH_BYTES = 100  # per triangle, of BVH and packed vertices, approximately
 
 
 def run(args: argparse.Namespace) -> None:
-    """Print the report."""
+    """Print the report, as text or as JSON. It ends with a verdict, also where the stage is refused."""
     path = stage_file(args.file)
     options = {"variants": dict(args.variant), "root": args.root}
-    if not args.untrusted:
-        _print_facts(path, stage_facts(path, **options))
-    began = time.perf_counter()
-    with warnings.catch_warnings(record=True) as caught:
-        warnings.simplefilter("always")
-        stage = read_stage(path, untrusted=args.untrusted, taxonomy=args.taxonomy, **options)
-    seconds = time.perf_counter() - began
-    print(f"\nRendered (read in {seconds:.2f} s):")
-    for line in _rendered(stage):
-        print(f"  {line}")
+    report: dict[str, Any] = {"file": str(path)}
+    say = (lambda text: None) if args.json else print
+    try:
+        facts = None if args.untrusted else stage_facts(path, **options)
+        if facts:
+            report["facts"] = dataclasses.asdict(facts)
+            for line in _facts(path, facts):
+                say(line)
+        began = time.perf_counter()
+        reading = {"taxonomy": args.taxonomy, "strict": args.strict, "subdivision": args.subdivision}
+        with warnings.catch_warnings(record=True) as caught:
+            warnings.simplefilter("always")
+            stage = read_stage(path, untrusted=args.untrusted, **reading, **options)
+        report["seconds"] = round(time.perf_counter() - began, 3)
+    except StageError as error:
+        report |= {"verdict": _refusal(error), "refused": True, "problems": list(error.problems)}
+        print(json.dumps(report, indent=1, ensure_ascii=False) if args.json else f"\n{report['verdict']}")
+        raise
     warned = [str(each.message) for each in caught if isinstance(each.message, StageWarning)]
-    print("\nNot rendered, or not quite as authored:" if warned else "\nNothing is left out.")
-    for text in warned:
-        print("\n".join(text.split("\n")[1:]))
-    suspicious = _suspicious(stage, None if args.untrusted else stage_facts(path, **options))
+    left_out = [line.strip() for text in warned for line in text.split("\n")[1:]]
+    suspicious = _suspicious(stage, facts)
+    report |= {"rendered": list(_rendered(stage)), "left_out": left_out, "suspicious": suspicious, "refused": False}
+    report["verdict"] = _verdict(stage, left_out, suspicious)
+    if args.json:
+        print(json.dumps(report, indent=1, ensure_ascii=False))
+        return
+    print(f"\nRendered (read in {report['seconds']:.2f} s):")
+    for line in report["rendered"]:
+        print(f"  {line}")
+    print("\nNot rendered, or not quite as authored:" if left_out else "\nNothing is left out.")
+    for line in left_out:
+        print(f"  {line}")
     if suspicious:
         print("\nProbably not intended:")
     for line in suspicious:
         print(f"  {line}")
+    print(f"\n{report['verdict']}")
 
 
-def _print_facts(path: Path, facts: StageFacts) -> None:
+def _refusal(error: StageError) -> str:
+    return f"Verdict: refused, for {_count(len(error.problems), 'problem')}."
+
+
+def _verdict(stage: SceneDescription, left_out: list[str], suspicious: list[str]) -> str:
+    """Return in one line whether a stream of the stage shows what its author meant."""
+    if not stage.instances:
+        return "Verdict: nothing to see; the stage has no geometry that is drawn."
+    broken = sum(line.endswith("; left out") for line in left_out)
+    others = len(left_out) - broken
+    notes = [f"{_count(broken, 'broken part')} left out"] if broken else []
+    notes += [f"{_count(others, 'kind')} of content approximated or not drawn"] if others else []
+    notes += [f"{_count(len(suspicious), 'thing')} to check"] if suspicious else []
+    return f"Verdict: rendered, with {', '.join(notes)}." if notes else "Verdict: rendered as authored."
+
+
+def _facts(path: Path, facts: StageFacts) -> Iterable[str]:
+    """Yield the lines about the file itself."""
     unit = f"{facts.meters_per_unit:g} m per unit" + ("" if facts.unit_is_authored else " (unauthored)")
-    print(f"{path}\n  {_bytes(path.stat().st_size)}, {_count(len(facts.layers), 'layer')}, {unit}, {facts.up_axis} up")
+    yield (f"{path}\n  {_bytes(path.stat().st_size)}, {_count(len(facts.layers), 'layer')}, {unit}, {facts.up_axis} up")
     if facts.time_codes:
         first, last = facts.time_codes
-        print(
+        yield (
             f"  time codes {first:g} to {last:g}, {facts.time_codes_per_second:g} per second; "
             f"{_count(facts.animated, 'prim')} with motion"
         )
     prims = _count(sum(facts.types.values()), "prim")
-    print(f"  {prims}, {facts.instances:,} of them instances{_listing(facts.types)}")
+    yield (f"  {prims}, {facts.instances:,} of them instances{_listing(facts.types)}")
     for place, (selected, names) in list(facts.variants.items())[:_MAX_LISTED]:
-        print(f"  variants {place}: {', '.join(f'[{name}]' if name == selected else name for name in names)}")
+        yield (f"  variants {place}: {', '.join(f'[{name}]' if name == selected else name for name in names)}")
     if len(facts.variants) > _MAX_LISTED:
-        print(f"  ... and {len(facts.variants) - _MAX_LISTED} more variant sets")
-    print(f"  labels: {', '.join(facts.taxonomies) or 'none; names of prims are used instead'}")
+        yield (f"  ... and {len(facts.variants) - _MAX_LISTED} more variant sets")
+    yield (f"  labels: {', '.join(facts.taxonomies) or 'none; names of prims are used instead'}")
+    if facts.unauthored_schemes:
+        meshes = _count(facts.unauthored_schemes, "mesh", "es")
+        yield f"  {meshes} without an authored subdivisionScheme: smooth surfaces, by USD's default catmullClark"
     for key, text in facts.license.items():
         line, *more = text.strip().splitlines() or [""]
-        print(f"  {key}: {line}{' ...' if more else ''}")
+        yield (f"  {key}: {line}{' ...' if more else ''}")
 
 
 def _rendered(stage: SceneDescription) -> Iterable[str]:

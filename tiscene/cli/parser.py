@@ -23,7 +23,7 @@ def parser() -> argparse.ArgumentParser:
     )
     top.add_argument("--version", action="version", version=f"tiscene {tiscene.__version__}")
     commands = top.add_subparsers(title="commands", dest="command", metavar="COMMAND")
-    for add in (_demo, _render, _list, _show, _inspect, _import, _bench, _serve):
+    for add in (_demo, _render, _list, _show, _inspect, _import, _bench, _serve, _sailenv):
         add(commands)
     return top
 
@@ -51,6 +51,11 @@ def _render(commands: Commands) -> None:
     )
     render.add_argument(
         "source", metavar="SCENE_OR_SCENARIO", help="the name of a scene, a USD file, or a scenario (.json)"
+    )
+    render.add_argument(
+        "--sailenv",
+        action="store_true",
+        help="the source is a script for SAILenv (.py), which is run once without rendering, or its scenario (.json)",
     )
     render.add_argument("-o", "--output", metavar="DIR", required=True, help="folder to write")
     render.add_argument(
@@ -153,6 +158,7 @@ def _inspect(commands: Commands) -> None:
         "inspect", help="report the contents of a USD file, which of them are rendered, and which are not and why"
     )
     inspect.add_argument("file", metavar="FILE", help="a USD file, the name of a scene, or a scenario (.json)")
+    inspect.add_argument("--json", action="store_true", help="print the report as JSON")
     _add_reading(inspect)
 
 
@@ -238,6 +244,46 @@ def _serve(commands: Commands) -> None:
     )
     _add_arch(serve)
     serve.add_argument("-v", "--verbose", action="count", default=0, help="log each event; -vv: each frame too")
+
+
+def _sailenv(commands: Commands) -> None:
+    sailenv = commands.add_parser("sailenv", help="record what SAILenv scripts and scenarios show")
+    actions = sailenv.add_subparsers(title="actions", dest="action", metavar="ACTION", required=True)
+    record = actions.add_parser(
+        "record",
+        help="run a script or play a scenario, and record the frames in the layout of SAILenv's recordings",
+        description="Run a script, or play a scenario (.json), and record each frame that its first agent receives: "
+        "color, flow, a class for each pixel, and a focus of attention (see docs/sailenv.md).",
+    )
+    record.add_argument("source", metavar="SCRIPT_OR_SCENARIO", help="a Python file that imports sailenv, or JSON")
+    record.add_argument("-o", "--output", metavar="DIR", required=True, help="folder to write")
+    record.add_argument("--frames", metavar="N", type=int, help="end after N frames (default: when the script ends)")
+    record.add_argument(
+        "--classes",
+        metavar="NAME,...",
+        type=_names,
+        help="categories that become the classes 0, 1, ...; everything else is the last class, the background "
+        "(default: all categories)",
+    )
+    record.add_argument(
+        "--focus", action=argparse.BooleanOptionalAction, default=True, help="write focus.foa (default: yes)"
+    )
+    record.add_argument("--overwrite", action="store_true", help="delete an earlier recording in the folder")
+    record.add_argument("--windows", action="store_true", help="let the script open windows and wait for keys")
+    record.add_argument("--scene", metavar="SCENE", help="first scene (default: SAILenv's)")
+    record.add_argument("--fps", metavar="N", type=float, default=25.0, help="frames per second (default: %(default)g)")
+    record.add_argument("--width", metavar="PX", type=int, help="image width for a scenario (default: 256)")
+    record.add_argument("--height", metavar="PX", type=int, help="image height for a scenario (default: 192)")
+    _add_quality(record, "preview")
+    _add_spp(record)
+    record.add_argument(
+        "--incremental",
+        action=argparse.BooleanOptionalAction,
+        help="frames of a camera that stands still do not flicker (default: by --quality)",
+    )
+    _add_seed(record)
+    _add_arch(record)
+    record.add_argument("arguments", nargs="*", metavar="ARGUMENT", help="arguments of the script, after --")
 
 
 def _add_size(command: argparse.ArgumentParser, width: int | None, height: int | None) -> None:

@@ -30,6 +30,7 @@ class StageFacts:
         time_codes_per_second: rate of time codes.
         animated: number of prims with time samples.
         instances: number of native instances.
+        unauthored_schemes: number of meshes without an authored subdivisionScheme, which are smooth surfaces.
         license: license texts that `tiscene import` has kept, by file name.
     """
 
@@ -44,6 +45,7 @@ class StageFacts:
     time_codes_per_second: float
     animated: int
     instances: int
+    unauthored_schemes: int
     license: dict[str, str]
 
 
@@ -82,5 +84,9 @@ def stage_facts(path: str | Path, variants: Variants | None = None, root: str | 
             time_codes_per_second=stage.GetTimeCodesPerSecond(),
             animated=sum(any(a.GetNumTimeSamples() > 1 for a in prim.GetAuthoredAttributes()) for prim in prims),
             instances=sum(bool(prim.IsInstance()) for prim in prims),
+            unauthored_schemes=sum(
+                prim.IsA(UsdGeom.Mesh) and not UsdGeom.Mesh(prim).GetSubdivisionSchemeAttr().HasAuthoredValue()
+                for prim in prims
+            ),
             license={str(key): str(value) for key, value in kept.items()} if isinstance(kept, dict) else {},
         )
