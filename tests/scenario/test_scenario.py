@@ -15,6 +15,7 @@ from dynamics import Composite, Dynamic, Keyframes, LookAt, Orbit, Timing
 from tiscene.errors import ArgumentError, ExportError, MissingFile, ScenarioError
 from tiscene.scenario import serialization
 from tiscene.scenario.objects import Frustum, Object
+from tiscene.scenario.overrides import CameraOverride, LightOverride, MaterialOverride, ObjectOverride
 from tiscene.scenario.scenario import FIELDS, Scenario
 
 HERE = ts.Waypoint((0.1, 1 / 3, -2e-7), (10, 20, 30))
@@ -42,6 +43,15 @@ def everything() -> Scenario:
         timings=ts.DictTimings({"smooth": 2.5, 0: 0.1}, repeat=False),
         frustum=Frustum(10),
         camera=ts.Camera.look_at((1, 2, 3), (0.3, 0.2, 0.1), dynamic=LookAt((0, 0, 0), ENDLESS), name="é", exposure=1),
+        overrides=(
+            LightOverride("/Lights/Sun", 1 / 3, (1, 0.9, 0.8), pitch=-3, yaw=1e-9),
+            MaterialOverride("Oak", like="/Looks/Walnut", color=(0.1, 0.2, 1 / 3), roughness=0, metallic=1),
+            MaterialOverride("Chair 01/Looks/Oak", tint=(2, 0, 1)),
+            ObjectOverride("/Room/Sofa", (1, 0, 1 / 3), (0, 90, 0), visible=False),
+            CameraOverride("Main", (1, 2, 3), (1, 0, 0, 0), vertical_fov=1, lens_radius=0.01, focus_distance=2),
+            CameraOverride(),
+        ),
+        exposure_compensation=-1 / 3,
     )
 
 
@@ -327,3 +337,26 @@ def test_every_dynamic_and_timing_of_the_package_can_be_written():
     own = ours(subclasses(Dynamic) | subclasses(Timing))
     bases = {kind for kind in own if getattr(kind, "__abstractmethods__", None)}
     assert own - bases == ours({*FIELDS["dynamic"].values(), *FIELDS["timings"].values()})
+
+
+@pytest.mark.parametrize(
+    ("make", "message"),
+    [
+        (lambda: LightOverride("Sun", intensity=-1), "intensity=-1"),
+        (lambda: LightOverride("", 1), "prim"),
+        (lambda: LightOverride("Sun", yaw="left"), "yaw='left'"),
+        (lambda: MaterialOverride("Oak", color=(0, 0, 1.1)), r"color=.*must lie within 0\.\.1"),
+        (lambda: MaterialOverride("Oak", tint=(0, -1, 0)), "tint=.*must be 0 or more"),
+        (lambda: MaterialOverride("Oak", roughness=2), "roughness=.*within"),
+        (lambda: ObjectOverride("/Sofa", (1, 2)), "position"),
+        (lambda: ObjectOverride("/Sofa", visible=1), "visible=1"),
+        (lambda: CameraOverride("Main", vertical_fov=4), "vertical_fov"),
+        (lambda: CameraOverride("Main", focus_distance=0), "focus_distance"),
+        (lambda: Scenario("room", overrides=[Object("a", "Cube")]), r"overrides\[0\]="),
+        (lambda: Scenario("room", overrides=[LightOverride("Sun")] * 2), r"overrides\[1\].prim='Sun'"),
+        (lambda: Scenario("room", exposure_compensation=math.inf), "exposure_compensation"),
+    ],
+)
+def test_invalid_overrides_raise(make, message):
+    with pytest.raises(ScenarioError, match=message):
+        make()

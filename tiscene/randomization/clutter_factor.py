@@ -61,9 +61,6 @@ def with_clutter(scenario: Scenario, value: Any, draws: Callable[[str], Draws]) 
     if not names:
         taken = {category_of(each.template) for each in objects if not catalog.is_prim_path(each.template)}
         names = [name for name, entry in catalog.templates().items() if entry.category not in taken]
-        low, high = ranges.size
-        sizes = [template_extent(catalog.find_template(name), "Y").diameter * ranges.scale[1] for name in names]
-        names = [name for name, size in zip(names, sizes, strict=True) if low <= size <= high]
     for name in names:
         catalog.find_template(name)
     placer = _DistractorPlacer(bare, ranges)
@@ -90,18 +87,28 @@ class _DistractorPlacer:
     def place(self, id: str, names: Sequence[str], own: Draws) -> Object:
         """Return a distractor; raises ScenarioError where no template fits."""
         order = np.argsort(own.uniform("template", 0, len(names)), kind="stable")
-        tried = [names[row] for row in order[:MAX_TEMPLATES].tolist()]
         scale = round(own.between("scale", 0, *self.ranges.scale), DECIMALS)
-        for name in tried:
+        tried = 0
+        for name in (names[row] for row in order.tolist()):
+            if tried == MAX_TEMPLATES or not self._is_of_size(name, scale):
+                continue
+            tried += 1
             found = self._pose(template_of(name, self.up_axis), scale, own)
             if found is not None:
                 (x, y, z), yaw = found
                 rotation = (0.0, yaw, 0.0) if self.up_axis == "Y" else (0.0, 0.0, yaw)
                 return Object(id, name, (x, y, z), rotation, frustum_limited=False, collide=False, scale=scale)
         raise ScenarioError(
-            f"clutter: {id!r} rests nowhere in view, in up to {PLACES} places for each of {len(tried)} templates: "
+            f"clutter: {id!r} rests nowhere in view, in up to {PLACES} places for each of {tried} templates: "
             "lower count or scale, widen depth, or draw from smaller templates"
         )
+
+    def _is_of_size(self, name: str, scale: float) -> bool:
+        """Return whether a template is of the size that is drawn from the catalog; any is that the user names."""
+        if self.ranges.templates is not None:
+            return True
+        low, high = self.ranges.size
+        return low <= template_extent(catalog.find_template(name), self.up_axis).diameter * scale <= high
 
     def _pose(
         self, template: SceneDescription, scale: float, own: Draws
@@ -117,7 +124,8 @@ class _DistractorPlacer:
             ]
         )
         up = self.collisions.up
-        lowest = float((edges * scale @ up).min())
+        heights = edges * scale @ up
+        lowest, height = float(heights.min()), float(np.ptp(heights))
         numbers = own.uniform("place", 0, 3 * CANDIDATES).reshape(-1, 3)
         near, far = self.ranges.depth
         points = self.space.points(numbers[:, 0], numbers[:, 1], np.cbrt(near**3 + numbers[:, 2] * (far**3 - near**3)))
@@ -126,7 +134,10 @@ class _DistractorPlacer:
         below = np.zeros(len(points))
         if not self.is_empty:
             below[rows] = self.collisions.drop(points[rows], 2.0 * far)
-        for row in rows[np.isfinite(below[rows])][:PLACES].tolist():
+            rows = rows[np.isfinite(below[rows])]
+            resting = points[rows] - (below[rows] - 0.5 * height)[:, None] * up
+            rows = rows[self.space.in_view(resting) & ~self.space.hidden(resting)]
+        for row in rows[:PLACES].tolist():
             place = np.round(points[row] - (below[row] + lowest * (not self.is_empty)) * up, DECIMALS)
             yaw = round(own.between("yaw", row, -180.0, 180.0), DECIMALS)
             there = transformed(edges * scale, about(np.zeros(3), up, math.radians(yaw), place))
