@@ -234,9 +234,7 @@ def test_overwrite_deletes_only_files_of_the_manifest(tmp_path):
 
 
 def test_invalid_arguments_and_folders_raise(tmp_path):
-    with pytest.raises(
-        ArgumentError, match="format='jpg': must be one of png, exr, exr-single, npz"
-    ):
+    with pytest.raises(ArgumentError, match="format='jpg': must be one of png, exr, exr-single, npz"):
         export(FakeStream(), tmp_path, format="jpg", frames=range(1))
     with pytest.raises(ArgumentError, match=r"the stream is endless; pass the frames"):
         export(FakeStream(), tmp_path)

@@ -13,16 +13,25 @@ from tiscene.export import FORMATS, export
 from tiscene.export.sailenv_layout import Recording
 
 
+def classes_of(semantic):
+    """Return 0 and 1 for ids 1 and 2, "chair" and "table", and 2 for the background."""
+    return np.where((semantic == 0) | (semantic > 2), 2, semantic - 1)
+
+
 def test_recording_returns_the_exported_frames(tmp_path):
     stream = FakeStream(FORMATS["sailenv"].buffers)
     export(stream, tmp_path, format="sailenv", frames=[0, 1, 99, 100, 101])
     recording = Recording(tmp_path)
-    assert (len(recording), recording.fps, recording.categories) == (102, 25.0, {1: "chair", 2: "table"})
+    assert (len(recording), recording.fps, recording.categories) == (
+        102,
+        25.0,
+        {0: "chair", 1: "table", 2: "background"},
+    )
     for index in (0, 1, 99, 100, 101):
         frame, back = stream[index], recording[index]
         np.testing.assert_array_equal(back.rgb, frame.rgb)
         np.testing.assert_array_equal(back.flow, frame.backward_flow * (1, -1))
-        np.testing.assert_array_equal(back.category, frame.semantic)
+        np.testing.assert_array_equal(back.category, classes_of(frame.semantic))
         assert (back.rgb.dtype, back.flow.dtype, back.category.dtype) == (np.uint8, np.float32, np.int32)
     with pytest.raises(IndexError, match=r"0\.\.101"):
         recording[102]
@@ -42,15 +51,15 @@ def test_layout_of_folders_and_files(tmp_path):
         ):
             assert (tmp_path / name).is_file()
     assert json.loads((tmp_path / "frames/fps.json").read_text()) == {"fps": 25.0, "frames_count": 101}
-    assert json.loads((tmp_path / "sup/map.json").read_text()) == {"chair": 1, "table": 2}
+    assert json.loads((tmp_path / "sup/map.json").read_text()) == {"chair": 0, "table": 1, "background": 2}
     with gzip.open(tmp_path / "sup/00000002/001.targets.bin") as file:
         targets = np.load(file)
     with gzip.open(tmp_path / "sup/00000002/001.indices.bin") as file:
         indices = np.load(file)
     semantic = stream[100].semantic.ravel()
     assert targets.dtype == indices.dtype == np.int32
-    np.testing.assert_array_equal(indices, np.flatnonzero(semantic))
-    np.testing.assert_array_equal(targets, semantic[indices])
+    np.testing.assert_array_equal(indices, np.arange(semantic.size))
+    np.testing.assert_array_equal(targets, classes_of(semantic))
     with gzip.open(tmp_path / "motion/00000001/001.bin") as file:
         assert np.load(file).shape == (8, 12, 2)
 

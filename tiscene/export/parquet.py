@@ -96,15 +96,17 @@ def _schema(run: ExportRun, arrays: dict[str, NDArray[Any]]) -> Any:
             features[name] = {"_type": "Image"}
             continue
         array = arrays[name]
+        dtype, kind = "bool" if array.dtype == np.bool_ else str(array.dtype), f"Array{array.ndim}D"
         type_ = pa.from_numpy_dtype(array.dtype)
         for _ in array.shape:
             type_ = pa.list_(type_)
-        fields.append(pa.field(name, type_))
-        features[name] = {
-            "shape": list(array.shape),
-            "dtype": "bool" if array.dtype == np.bool_ else str(array.dtype),
-            "_type": f"Array{array.ndim}D",
+        # The name of the Arrow type by which `datasets` recognizes its arrays; other readers see lists.
+        extension = {
+            "ARROW:extension:name": f"datasets.features.features.{kind}ExtensionType",
+            "ARROW:extension:metadata": json.dumps((array.shape, dtype)),
         }
+        fields.append(pa.field(name, type_, metadata=extension))
+        features[name] = {"shape": list(array.shape), "dtype": dtype, "_type": kind}
     return pa.schema(fields, metadata={"huggingface": json.dumps({"info": {"features": features}})})
 
 

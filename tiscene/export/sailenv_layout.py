@@ -42,8 +42,8 @@ FILES_PER_FOLDER = 100
 
 def encode(frame: Frame) -> dict[str, bytes]:
     """Return the files of a frame by name. Raises BufferNotFound without a buffer that the format requires."""
-    classes = RecordedClasses.of_ids(frame.categories).table(frame.categories)[frame.semantic]
-    return frame_files(frame.index, frame.rgb, flow_of(frame.backward_flow), classes)
+    table = RecordedClasses.of_ids(frame.categories).table(frame.categories, int(frame.semantic.max(initial=0)) + 1)
+    return frame_files(frame.index, frame.rgb, flow_of(frame.backward_flow), table[frame.semantic])
 
 
 def frame_files(

@@ -1,0 +1,332 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Every format is read back by the library that owns it, and has the arrays of the frames."""
+
+import base64
+import json
+import os
+import warnings
+
+import numpy as np
+import pytest
+
+from tests.export.fake_stream import FakeStream, fake_stream_for, skip_without_extra
+from tiscene.errors import ExportError, MissingExtra
+from tiscene.export import FORMATS, Format, export, register_format
+from tiscene.export.coco import rle, runs_of_objects
+from tiscene.export.kitti_flow import kitti
+from tiscene.export.png import millimeters
+
+FRAMES = 4
+
+
+@pytest.fixture
+def exported(tmp_path):
+    """Export a fake stream in a format; return the folder and the frames."""
+
+    def run(format, buffers=None, **arguments):
+        skip_without_extra(format)
+        stream = FakeStream(buffers, **arguments) if buffers else fake_stream_for(format, **arguments)
+        export(stream, tmp_path, format=format, frames=range(FRAMES), objects="all")
+        return tmp_path, [stream[index] for index in range(FRAMES)]
+
+    return run
+
+
+@pytest.fixture
+def cv2(monkeypatch):
+    monkeypatch.setitem(os.environ, "OPENCV_IO_ENABLE_OPENEXR", "1")
+    return pytest.importorskip("cv2")
+
+
+def test_opencv_reads_single_part_exr(exported, cv2):
+    folder, frames = exported("exr-single")
+    for frame in frames:
+        for name in ("depth", "position", "instance", "forward_flow", "forward_occlusion"):
+            pixels = cv2.imread(str(folder / name / f"{frame.index:06d}.exr"), cv2.IMREAD_UNCHANGED)
+            assert pixels is not None
+            buffer = frame[name]
+            if buffer.ndim == 2:
+                np.testing.assert_array_equal(pixels.astype(buffer.dtype), buffer)
+            else:
+                np.testing.assert_array_equal(pixels[..., ::-1][..., : buffer.shape[2]], buffer)
+
+
+def test_opencv_reads_kitti_flow(exported, cv2):
+    folder, frames = exported("kitti-flow")
+    for frame in frames:
+        name = f"{frame.index:06d}_10.png"
+        flow = cv2.imread(str(folder / "flow_occ" / name), cv2.IMREAD_UNCHANGED)[..., ::-1]
+        assert flow.dtype == np.uint16
+        assert (flow[..., 2] == 1).all()
+        decoded = (flow[..., :2].astype(np.float64) - 2**15) / 64.0
+        assert np.abs(decoded - frame.forward_flow).max() <= 0.5 / 64.0
+        visible = cv2.imread(str(folder / "flow_noc" / name), cv2.IMREAD_UNCHANGED)[..., ::-1]
+        np.testing.assert_array_equal(visible[..., 2] == 1, ~frame.forward_occlusion)
+        np.testing.assert_array_equal(cv2.imread(str(folder / "image_2" / name))[..., ::-1], frame.rgb)
+    for frame in frames[1:]:
+        second = cv2.imread(str(folder / "image_2" / f"{frame.index - 1:06d}_11.png"))
+        np.testing.assert_array_equal(second[..., ::-1], frame.rgb)
+
+
+def test_flow_beyond_kittis_range_is_not_valid():
+    flow = np.array([[[511.98, 0.0], [512.0, 0.0], [-512.0, 3.0], [-513.0, 0.0], [np.inf, 0.0]]], np.float32)
+    np.testing.assert_array_equal(kitti(flow)[0, :, 2], [1, 0, 1, 0, 0])
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_runs_of_masks_are_those_of_pycocotools(seed):
+    mask = pytest.importorskip("pycocotools.mask")
+    random = np.random.default_rng(seed)
+    instance = np.kron(random.integers(0, 4, (5, 7)), np.ones((4, 6), int)).astype(np.int32)
+    found = runs_of_objects(instance)
+    assert set(found) == set(np.unique(instance)) - {0}
+    for id, (counts, box) in found.items():
+        expected = mask.encode(np.asfortranarray(instance == id, dtype=np.uint8))
+        assert rle(counts) == expected["counts"].decode()
+        assert list(box) == mask.toBbox(expected).tolist()
+
+
+@pytest.mark.filterwarnings("ignore:__array__ implementation:DeprecationWarning")  # of pycocotools with NumPy 2
+def test_pycocotools_reads_masks_and_tracks(exported):
+    coco = pytest.importorskip("pycocotools.coco")
+    folder, frames = exported("coco")
+    read = coco.COCO(str(folder / "annotations" / "instances.json"))
+    assert [each["file_name"] for each in read.loadImgs(read.getImgIds())] == [
+        f"images/{frame.index:06d}.png" for frame in frames
+    ]
+    assert min(read.anns) == 1
+    assert {category["name"] for category in read.cats.values()} == {"chair", "table"}
+    for frame in frames:
+        (annotation,) = read.loadAnns(read.getAnnIds(imgIds=[frame.index + 1]))
+        np.testing.assert_array_equal(read.annToMask(annotation), frame.instance == 3)
+        assert (annotation["track_id"], annotation["category_id"], annotation["iscrowd"]) == (3, 1, 0)
+        assert annotation["area"] == (frame.instance == 3).sum()
+        y, x = np.nonzero(frame.instance == 3)
+        assert annotation["bbox"] == [x.min(), y.min(), np.ptp(x) + 1, np.ptp(y) + 1]
+    tracks = json.loads((folder / "annotations" / "instances.json").read_text())
+    assert tracks["tracks"] == [{"id": 3, "category_id": 1, "video_id": 1}]
+    assert tracks["videos"][0]["length"] == FRAMES
+
+
+def test_panoptic_pictures_have_the_ids_of_their_segments(exported):
+    from PIL import Image
+
+    folder, frames = exported("coco")
+    panoptic = json.loads((folder / "annotations" / "panoptic.json").read_text())
+    for frame, annotation in zip(frames, panoptic["annotations"], strict=True):
+        picture = np.asarray(Image.open(folder / "panoptic" / annotation["file_name"])).astype(int)
+        np.testing.assert_array_equal(picture @ [1, 256, 65536], frame.instance)
+        assert [segment["id"] for segment in annotation["segments_info"]] == [3]
+
+
+@pytest.mark.filterwarnings("ignore::pytest.PytestUnraisableExceptionWarning")  # webdataset does not close its files
+def test_webdataset_reads_samples(exported):
+    webdataset = pytest.importorskip("webdataset")
+    folder, frames = exported("webdataset")
+    samples = list(webdataset.WebDataset(str(folder / "shard-000000.tar"), shardshuffle=False).decode("rgb8"))
+    assert [sample["__key__"] for sample in samples] == [f"{frame.index:09d}" for frame in frames]
+    for frame, sample in zip(frames, samples, strict=True):
+        np.testing.assert_array_equal(sample["rgb.png"], frame.rgb)
+        for name in set(frame) - {"rgb"}:
+            assert sample[f"{name}.npy"].dtype == frame[name].dtype
+            np.testing.assert_array_equal(sample[f"{name}.npy"], frame[name])
+        assert sample["json"]["index"] == frame.index
+        assert sample["json"]["objects"][0]["name"] == "chair"
+
+
+def test_hugging_face_reads_the_folder_with_its_types(exported, tmp_path_factory, monkeypatch):
+    datasets = pytest.importorskip("datasets")
+    buffers = ("rgb", "instance", "depth", "forward_flow", "forward_occlusion", "coverage")
+    folder, frames = exported("parquet", buffers)
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        cache = str(tmp_path_factory.mktemp("cache"))
+        table = datasets.load_dataset(str(folder), cache_dir=cache)["train"]
+    assert type(table.features["rgb"]).__name__ == "Image"
+    assert table.features["forward_occlusion"] == datasets.Array2D((8, 12), "bool")
+    assert table.features["coverage"] == datasets.Array4D((8, 12, 6, 2), "float32")
+    assert table.features["instance"] == datasets.Array2D((8, 12), "int32")
+    rows = table.with_format("numpy")
+    for frame, row in zip(frames, rows, strict=True):
+        assert (row["index"], row["time"]) == (frame.index, frame.time)
+        np.testing.assert_array_equal(row["rgb"], frame.rgb)
+        for name in buffers[1:]:
+            np.testing.assert_array_equal(row[name], frame[name])
+        assert json.loads(row["labels"])["objects"][0]["id"] == 3
+
+
+def test_h5py_reads_blenderprocs_keys(exported):
+    h5py = pytest.importorskip("h5py")
+    folder, frames = exported("blenderproc")
+    for frame in frames:
+        with h5py.File(folder / f"{frame.index}.hdf5") as file:
+            for key, name in {"colors": "rgb", "depth": "depth", "instance_segmaps": "instance"}.items():
+                np.testing.assert_array_equal(file[key][()], frame[name])
+                assert file[key].dtype == frame[name].dtype
+            np.testing.assert_array_equal(file["class_segmaps"][()], frame.semantic)
+            np.testing.assert_array_equal(file["forward_flow"][()], frame.forward_flow)
+            expected = 0.5 + 0.5 * frame.normal_camera * (1.0, -1.0, -1.0)
+            np.testing.assert_allclose(file["normals"][()], expected, atol=1e-6)
+            (chair,) = json.loads(file["instance_attribute_maps"][()])
+            assert (chair["idx"], chair["category_id"], chair["name"]) == (3, 1, "chair")
+
+
+def decoded(path, layout):
+    import av
+
+    with av.open(str(path)) as container:
+        return [frame.to_ndarray(format=layout) for frame in container.decode(video=0)], container.streams.video[0]
+
+
+def test_decoded_ffv1_equals_the_buffers(exported):
+    pytest.importorskip("av")
+    folder, frames = exported("video")
+    expected = {
+        "rgb": ("rgb24", lambda frame: frame.rgb),
+        "instance": ("gray16le", lambda frame: frame.instance),
+        "semantic": ("gray16le", lambda frame: frame.semantic),
+        "forward_occlusion": ("gray", lambda frame: frame.forward_occlusion * 255),
+        "depth": ("gray16le", lambda frame: millimeters(frame.depth)),
+        "forward_flow": ("rgb48le", lambda frame: kitti(frame.forward_flow)),
+    }
+    for name, (layout, pixels) in expected.items():
+        found, stream = decoded(folder / f"{name}.mkv", layout)
+        assert len(found) == FRAMES
+        assert stream.average_rate == 25
+        for frame, picture in zip(frames, found, strict=True):
+            np.testing.assert_array_equal(picture, pixels(frame))
+    preview, _ = decoded(folder / "preview.mp4", "rgb24")
+    assert len(preview) == FRAMES
+
+
+def test_video_holds_ids_of_16_bits_and_refuses_larger_ones(tmp_path):
+    pytest.importorskip("av")
+
+    class ManyIds(FakeStream):
+        id = 40_000
+
+        def __getitem__(self, index):
+            frame = super().__getitem__(index)
+            frame["instance"][2, 3] = self.id
+            return frame
+
+    stream = ManyIds(("instance",), width=13, height=7)
+    export(stream, tmp_path / "fits", format="video", frames=range(2))
+    pictures, _ = decoded(tmp_path / "fits" / "instance.mkv", "gray16le")
+    assert pictures[1][2, 3] == 40_000
+    stream.id = 70_000
+    with pytest.raises(ExportError, match="the id 70000; this format holds ids 0"):
+        export(stream, tmp_path / "large", format="video", frames=range(2))
+    with pytest.raises(ExportError, match="'normal' has no form as video"):
+        export(FakeStream(("normal",)), tmp_path / "normal", format="video", frames=range(2))
+
+
+def test_mcap_reads_messages_at_the_times_of_frames(exported):
+    reader = pytest.importorskip("mcap.reader")
+    folder, frames = exported("mcap")
+    messages = {}
+    with (folder / "recording.mcap").open("rb") as file:
+        for schema, channel, message in reader.make_reader(file).iter_messages():
+            content = json.loads(message.data)
+            messages[channel.topic, message.log_time] = schema.name, content
+            assert set(content) <= {*json.loads(schema.data)["properties"], "objects", "spp", "time"}
+    for frame in frames:
+        time = frame.index * 40_000_000
+        name, image = messages["/camera/instance", time]
+        assert (name, image["encoding"], image["step"]) == ("foxglove.RawImage", "mono16", 24)
+        pixels = np.frombuffer(base64.b64decode(image["data"]), "<u2").reshape(8, 12)
+        np.testing.assert_array_equal(pixels, frame.instance)
+        depth = np.frombuffer(base64.b64decode(messages["/camera/depth", time][1]["data"]), "<f4").reshape(8, 12)
+        np.testing.assert_array_equal(depth, frame.depth)
+        assert messages["/camera/calibration", time][1]["K"] == frame.camera.K.ravel().tolist()
+        assert messages["/objects", time][1]["entities"][0]["id"] == "3"
+        cloud = messages["/camera/points", time][1]
+        points = np.frombuffer(base64.b64decode(cloud["data"]), np.uint8).reshape(-1, cloud["point_stride"])
+        hit = np.isfinite(frame.position).all(axis=2)
+        np.testing.assert_array_equal(points[:, :12].copy().view("<f4"), frame.position[hit])
+        np.testing.assert_array_equal(points[:, 12:15], frame.rgb[hit])
+        assert messages["/labels", time][1]["index"] == frame.index
+
+
+def test_transform_of_mcap_is_the_pose_of_the_camera():
+    from scipy.spatial.transform import Rotation
+
+    from tiscene.export.mcap_log import _transform
+    from tiscene.frame.frame import Frame, FrameCamera
+    from tiscene.scene.camera import Camera
+
+    camera = FrameCamera(Camera.look_at((1.0, 2.0, 3.0), (-2.0, 0.5, 1.0)), 8, 6)
+    turn = _transform(Frame(0, 0.0, camera, {}), {})["rotation"]
+    matrix = Rotation.from_quat([turn[axis] for axis in "xyzw"]).as_matrix()
+    np.testing.assert_allclose(matrix, camera.world_from_camera[:3, :3], atol=1e-12)
+
+
+def test_lerobot_layout_has_rows_video_and_statistics(exported):
+    pq = pytest.importorskip("pyarrow.parquet")
+    pytest.importorskip("av")
+    folder, frames = exported("lerobot", ("rgb",))
+    info = json.loads((folder / "meta" / "info.json").read_text())
+    assert (info["codebase_version"], info["total_frames"], info["fps"]) == ("v3.0", FRAMES, 25)
+    place = {"chunk_index": 0, "file_index": 0}
+    rows = pq.read_table(folder / info["data_path"].format(**place)).to_pydict()
+    assert set(rows) == set(info["features"]) - {"observation.images.rgb"}
+    assert rows["frame_index"] == list(range(FRAMES))
+    np.testing.assert_allclose(rows["timestamp"], [frame.time for frame in frames], rtol=1e-6)
+    np.testing.assert_array_equal(rows["observation.state"][1:], rows["action"][:-1])
+    video = folder / info["video_path"].format(video_key="observation.images.rgb", **place)
+    assert len(decoded(video, "rgb24")[0]) == FRAMES
+    (episode,) = pq.read_table(folder / "meta/episodes/chunk-000/file-000.parquet").to_pylist()
+    assert (episode["length"], episode["dataset_to_index"], episode["tasks"]) == (FRAMES, FRAMES, ["observe the scene"])
+    stats = json.loads((folder / "meta" / "stats.json").read_text())["observation.images.rgb"]
+    colors = np.stack([frame.rgb for frame in frames]).reshape(-1, 3) / 255.0
+    np.testing.assert_allclose(np.ravel(stats["mean"]), colors.mean(0))
+    np.testing.assert_allclose(np.ravel(stats["std"]), colors.std(0))
+    np.testing.assert_allclose(np.ravel(stats["min"]), colors.min(0))
+    assert pq.read_table(folder / "meta" / "tasks.parquet").to_pandas().loc["observe the scene", "task_index"] == 0
+
+
+def test_rerun_reads_ids_depth_and_boxes(exported):
+    pytest.importorskip("rerun")
+    from rerun.chunk import RrdReader
+
+    buffers = ("rgb", "instance", "depth", "forward_flow")
+    folder, frames = exported("rerun", buffers)
+    batches = {}
+    for chunk in RrdReader(folder / "recording.rrd").stream():
+        batch = chunk.to_record_batch()
+        if "frame" in batch.schema.names:
+            batches[chunk.entity_path, batch.column("frame")[0].as_py()] = batch
+    for frame in frames:
+        image = batches["/world/camera/instance", frame.index]
+        form = image.column("SegmentationImage:format")[0].as_py()[0]
+        assert (form["width"], form["height"]) == (12, 8)
+        data = np.array(image.column("SegmentationImage:buffer")[0].as_py()[0], np.uint8)
+        np.testing.assert_array_equal(data.view("<u2").reshape(8, 12), frame.instance)
+        depth = batches["/world/camera/depth", frame.index].column("DepthImage:buffer")[0].as_py()[0]
+        np.testing.assert_array_equal(np.array(depth, np.uint8).view("<f4").reshape(8, 12), frame.depth)
+        boxes = batches["/world/objects", frame.index]
+        assert boxes.column("Boxes3D:labels")[0].as_py() == ["chair"]
+        assert boxes.column("Boxes3D:half_sizes")[0].as_py() == [[0.5, 0.5, 0.5]]
+
+
+def test_missing_library_is_named_before_anything_is_rendered(tmp_path):
+    absent = Format("absent", "tiscene.export.npz", "nothing", "nobody", extra="absent", libraries=("no_such_library",))
+    register_format(absent)
+    try:
+        stream = FakeStream(("rgb",))
+        with pytest.raises(MissingExtra, match=r"no_such_library is not installed: pip install 'tiscene\[absent\]'"):
+            export(stream, tmp_path / "out", format="absent", frames=range(2))
+        assert not stream.rendered
+        assert not (tmp_path / "out").exists()
+    finally:
+        del FORMATS["absent"]
+
+
+def test_listing_formats_imports_none_of_their_libraries():
+    import subprocess
+    import sys
+
+    program = "import sys, tiscene.cli.parser as p; p.parser(); print(*sys.modules)"
+    printed = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True).stdout.split()
+    libraries = {library for format in FORMATS.values() for library in format.libraries}
+    assert not {*libraries, "taichi", "pxr"} & set(printed)
