@@ -25,6 +25,7 @@ ROWS = {
     "server": "server_attacks",
     "big": "extreme_scenes",
     "threads": "concurrent_streams",
+    "interrupts": "interrupted_commands",
 }
 
 

@@ -9,13 +9,13 @@ from collections.abc import Callable, Iterator
 from typing import Any
 
 import tiscene as ts
-from tests.stress.child_process import ChildFailed, call
+from tests.stress.child_process import ROOT, ChildFailed, call
 from tests.stress.outcomes import Outcome, count
 from tests.stress.process_resources import resources
 
 SIZE = {"width": 32, "height": 24}
 SCENES = ("object_view", "solid_benchmark", "room_02")
-SMALL_SCENES = ("object_view", "solid_benchmark")
+SMALL_SCENES = ("object_view", "solid_benchmark", str(ROOT / "tests/usd/stages/materials.usda"))
 LABELS = ("semantic", "instance", "depth", "forward_flow")
 GROWTH = 0.05  # allowed growth of memory after the warm-up
 RESTART_GROWTH = 0.10

@@ -1,0 +1,179 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Row "interrupts": Ctrl-C at random moments of every command, as a terminal sends it: to all processes of the command.
+
+After each, the command ends within 2 s, says so in one line, and leaves no torn file. Commands that write are then run
+to their end: the bytes are those of an undisturbed run.
+"""
+
+from __future__ import annotations
+
+import os
+import random
+import signal
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+from typing import NamedTuple
+
+from tests.stress.child_process import ROOT
+from tests.stress.killed_processes import KILLS_PER_FOLDER, cold_caches, contents, torn_files, write_model
+from tests.stress.outcomes import Outcome, count
+
+ALLOWED = 2.0  # s until a command has ended
+HANGS = 30.0  # s after which it is killed
+ENDED = {0, 130, -signal.SIGINT}  # it was done, it stopped, or the interpreter itself was interrupted at its start
+SIZE = ("--width", "32", "--height", "24")
+
+
+class Interrupted(NamedTuple):
+    """How a command ended after Ctrl-C.
+
+    Attributes:
+        seconds: Time that it took to end; None if it was killed after HANGS.
+        status: Exit status.
+        errors: What it wrote to stderr.
+        hit: Whether it was still running.
+    """
+
+    seconds: float | None
+    status: int
+    errors: str
+    hit: bool
+
+
+def launch(arguments: Sequence[str], env: dict[str, str]) -> subprocess.Popen[str]:
+    """Start a command of tiscene in a process group of its own."""
+    pipes = {"stdout": subprocess.DEVNULL, "stderr": subprocess.PIPE, "text": True, "errors": "replace"}
+    command = [sys.executable, "-W", "ignore", "-m", "tiscene", *arguments]
+    environment = {**os.environ, "PYTHONPATH": str(ROOT), **env}
+    return subprocess.Popen(command, env=environment, cwd=ROOT, start_new_session=True, **pipes)
+
+
+def run(arguments: Sequence[str], env: dict[str, str]) -> float:
+    """Run a command to its end and return how long it took, s.
+
+    Raises:
+        RuntimeError: It failed.
+    """
+    began = time.monotonic()
+    with launch(arguments, env) as process:
+        _, errors = process.communicate(timeout=600)
+    if process.returncode:
+        raise RuntimeError(f"tiscene {arguments[0]}: exit status {process.returncode}: {errors.strip()[-300:]}")
+    return time.monotonic() - began
+
+
+def interrupt(arguments: Sequence[str], env: dict[str, str], delay: float) -> Interrupted:
+    """Start a command and press Ctrl-C after a delay, s."""
+    with launch(arguments, env) as process:
+        try:
+            process.communicate(timeout=delay)
+            return Interrupted(0.0, process.returncode, "", hit=False)
+        except subprocess.TimeoutExpired:
+            os.killpg(process.pid, signal.SIGINT)
+        began = time.monotonic()
+        try:
+            _, errors = process.communicate(timeout=HANGS)
+        except subprocess.TimeoutExpired:
+            os.killpg(process.pid, signal.SIGKILL)
+            return Interrupted(None, 0, process.communicate()[1], hit=True)
+        return Interrupted(time.monotonic() - began, process.returncode, errors, hit=True)
+
+
+def faults(found: Interrupted, delay: float) -> list[str]:
+    """Return what is wrong with how a command ended."""
+    when = f"at {delay:.2f} s"
+    if found.seconds is None:
+        return [f"{when}: it did not end in {HANGS:.0f} s"]
+    wrong = []
+    if found.seconds > ALLOWED:
+        wrong.append(f"{when}: it took {found.seconds:.1f} s")
+    if found.status not in ENDED:
+        wrong.append(f"{when}: exit status {found.status}")
+    # The first tenths of a second belong to the interpreter, which prints a traceback of its own.
+    if found.status == 130 and "Traceback" in found.errors:
+        wrong.append(f"{when}: {found.errors.strip().splitlines()[-1]}")
+    return wrong
+
+
+def interrupt_often(
+    use: str, arguments: Sequence[str], number: int, folder: Path, *, output: bool, cold: bool = False, seed: int = 0
+) -> Outcome:
+    """Interrupt a command at random moments, from its start to its end.
+
+    Args:
+        use: Name of the use.
+        arguments: Of the command, without -o.
+        number: How often.
+        folder: An empty folder.
+        output: Whether the command writes into a folder; it is resumed there after each interrupt.
+        cold: Whether each folder has caches of its own, empty at first.
+        seed: Of the moments.
+    """
+    rng, times, wrong, torn, different, hit = random.Random(seed), [], [], [], 0, 0
+
+    def into(name: str) -> tuple[str, ...]:
+        return (*arguments, "-o", str(folder / name)) if output else tuple(arguments)
+
+    env = cold_caches(folder / "caches") if cold else {}
+    longest = run(into("whole"), env)
+    if not cold:
+        longest = run(into("again"), env)  # the first run may have compiled kernels
+    whole = contents(folder / "whole") if output else {}
+    groups = -(-number // KILLS_PER_FOLDER)
+    for group in range(groups):
+        name = f"interrupted_{group}"
+        env = cold_caches(folder / f"caches_{group}") if cold else {}
+        for _ in range(min(KILLS_PER_FOLDER, number - group * KILLS_PER_FOLDER)):
+            delay = rng.uniform(0.0, longest)
+            found = interrupt(into(name), env, delay)
+            hit += found.hit
+            times.append(found.seconds or 0.0)
+            wrong += faults(found, delay)
+            if (folder / name).exists():
+                torn += torn_files(contents(folder / name), whole)
+        if output:
+            run(into(name), env)
+            different += contents(folder / name) != whole
+            different += any(path.name.endswith(".part") for path in (folder / name).rglob("*"))
+    figures = f"{hit} hit it at work, the slowest ended after {max(times):.2f} s"
+    if output:
+        figures += f"; {len(torn)} torn files {torn[:2] or ''}; {different} of {groups} resumed folders differ"
+    if wrong:
+        figures += f"; {len(wrong)} wrong: {'; '.join(wrong[:3])}"
+    return Outcome(f"Ctrl-C at {number} random moments of {use}", figures, hit > 0 and not (wrong or torn or different))
+
+
+def rows(scale: float) -> Iterator[Outcome]:
+    """Run the row; scale 1 is the full count."""
+    with tempfile.TemporaryDirectory(prefix="tiscene-stress-") as name:
+        folder = Path(name)
+        from tests.stress.steady_state import scenario
+
+        scenario().save(folder / "scenario.json")
+        model = str(write_model(folder / "model"))
+        colors = ("render", str(folder / "scenario.json"), *SIZE, "--quality", "fast")
+        uses: tuple[tuple[str, tuple[str, ...], int, bool, bool], ...] = (
+            ("`tiscene render`", (*colors, "--frames", "0:24"), 50, True, False),
+            ("`tiscene render` with cold caches", (*colors, "--frames", "0:2"), 20, True, True),
+            ("`tiscene render --format npz`", (*colors, "--frames", "0:24", "--format", "npz"), 20, True, False),
+            (
+                "`tiscene demo`",
+                ("demo", "--frames", "2", "--width", "64", "--height", "48", "--quality", "fast"),
+                10,
+                True,
+                False,
+            ),
+            ("`tiscene import`", ("import", model, "--name", "Grid"), 20, True, False),
+            ("`tiscene inspect`", ("inspect", "room_02"), 10, False, False),
+            ("`tiscene show`", ("show", "room_02"), 10, False, False),
+            ("`tiscene list`", ("list",), 10, False, False),
+            ("`tiscene bench`", ("bench", "object_view", "--seconds", "0.01"), 10, False, False),
+        )
+        for number, (use, arguments, full, output, cold) in enumerate(uses):
+            own = folder / str(number)
+            own.mkdir()
+            yield interrupt_often(use, arguments, count(full, scale, 2), own, output=output, cold=cold, seed=number)
