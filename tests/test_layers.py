@@ -21,7 +21,16 @@ PACKAGES = ("tiscene", "dynamics", "usd_scenes", "docs")
 MAY_IMPORT = {
     "dynamics": set(),
     "usd_scenes": set(),
-    "docs": {"tiscene", "tiscene.catalog", "tiscene.cli", "tiscene.export", "tiscene.usd", "usd_scenes"},
+    "usd_scenes.author": {"tiscene.usd", "usd_scenes"},
+    "docs": {
+        "tiscene",
+        "tiscene.catalog",
+        "tiscene.cli",
+        "tiscene.export",
+        "tiscene.usd",
+        "usd_scenes",
+        "usd_scenes.author",
+    },
     "tiscene": set(),  # the front door; its names are imported at first use
     "tiscene.errors": {"dynamics"},
     "tiscene.files": set(),
@@ -57,8 +66,17 @@ MAY_IMPORT = {
         "tiscene.sailenv",  # the coordinates of SAILenv's layout
     },
     "tiscene.learning": {
-        *("dynamics", "tiscene", "tiscene.catalog", "tiscene.errors", "tiscene.files", "tiscene.frame", "tiscene.render"),
+        *(
+            "dynamics",
+            "tiscene",
+            "tiscene.catalog",
+            "tiscene.errors",
+            "tiscene.files",
+            "tiscene.frame",
+            "tiscene.render",
+        ),
         *("tiscene.scenario", "tiscene.scene", "tiscene.stream", "tiscene.validation", "tiscene.world"),
+        "tiscene.randomization",
     },
     "tiscene.cli": {
         *("dynamics", "tiscene", "tiscene.catalog", "tiscene.errors", "tiscene.export", "tiscene.frame"),
@@ -124,7 +142,7 @@ def module_name(path: Path) -> str:
 def room_of(module: str) -> str:
     """The top-level package, or the child of `tiscene`, that a module lies in."""
     parts = module.split(".")
-    return ".".join(parts[:2]) if parts[0] == "tiscene" else parts[0]
+    return ".".join(parts[:2]) if parts[0] == "tiscene" or parts[:2] == ["usd_scenes", "author"] else parts[0]
 
 
 def imported_modules(path: Path) -> set[str]:

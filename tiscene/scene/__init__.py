@@ -8,6 +8,7 @@
     light_description     one class for each kind of light
     animation             deforming meshes and moving instances
     assembly              objects of several meshes; bounding boxes
+    room_volume           volumes of rooms, and which room a point is in
     camera                Camera: pose, lens, exposure
     color                 sRGB transfer function
     placement             transforms of all instances around one frame

@@ -41,6 +41,7 @@ from tiscene.scene.material_description import (
     Texture,
     TextureLookup,
 )
+from tiscene.scene.room_volume import RoomVolume
 
 __all__ = [
     "VERTEX_COLORS",
@@ -171,6 +172,7 @@ class SceneDescription:
         templates: Templates that are defined on the stage.
         colliders: Meshes for collisions alone.
         tracks: Instances that move, appear and disappear by the stage's own time samples.
+        rooms: Volumes of rooms.
         resolution: Width and height of the image that the stage's RenderSettings ask for, px. None: none.
     """
 
@@ -186,6 +188,7 @@ class SceneDescription:
     templates: tuple[Template, ...] = field(default=())
     colliders: tuple[Collider, ...] = ()
     tracks: tuple[InstanceTrack, ...] = ()
+    rooms: tuple[RoomVolume, ...] = ()
     resolution: tuple[int, int] | None = None
 
     @property

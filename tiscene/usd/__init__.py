@@ -8,6 +8,25 @@
     geometry   meshes, subdivision, gprims, curves, skinning
     materials  materials, shader networks, textures, images
     lights     UsdLux
+    joining    join: stages of several rooms
     scenario   scenarios and motion on a stage, both ways
     importers  glTF, OBJ and others to templates
 """
+
+from __future__ import annotations
+
+import importlib
+from typing import Any
+
+_MODULES = {
+    "Opening": "tiscene.usd.joining.floor_plan",
+    "RoomPlacement": "tiscene.usd.joining.floor_plan",
+    "join": "tiscene.usd.joining.room_join",
+}
+__all__ = sorted(_MODULES)
+
+
+def __getattr__(name: str) -> Any:
+    if name not in _MODULES:
+        raise AttributeError(f"module 'tiscene.usd' has no attribute {name!r}")
+    return getattr(importlib.import_module(_MODULES[name]), name)

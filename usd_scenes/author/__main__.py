@@ -14,6 +14,7 @@ from pathlib import Path
 
 from usd_scenes.author import (
     category_registry,
+    home_01,
     object_view,
     room_01,
     room_02,
@@ -33,6 +34,7 @@ SCENES = {
     "room_03": room_03.build,
     "room_04": room_04.build,
     "room_05": room_05.build,
+    "home_01": home_01.build,
     "solid_benchmark": solid_benchmark.build,
 }
 

@@ -312,7 +312,6 @@ PRESETS: dict[str, MaterialPreset] = {
     "CoatWool": MaterialPreset((0.30, 0.215, 0.125), 0.95, normal="weave_normal.png", tile=(0.20, 0.20)),
     "Felt": MaterialPreset((0.105, 0.090, 0.075), 0.95, normal="plush_normal.png", tile=(0.10, 0.10)),
     "Runner": _textured("rug", (2.4, 0.9), roughness=0.95),
-    "SheerLinen": MaterialPreset((0.74, 0.72, 0.67), 0.95, normal="fine_weave_normal.png", tile=(0.24, 0.24)),
     # Matte primitives
     "MatteBlue": MaterialPreset((0.09, 0.20, 0.38), 0.55),
     "MatteRed": MaterialPreset((0.50, 0.085, 0.055), 0.55),

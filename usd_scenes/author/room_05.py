@@ -77,14 +77,12 @@ def _furniture(room: Room) -> None:
     room.put_template("Furniture", "UmbrellaStand", "umbrella_stand_01", (RIGHT - 0.17, 0.0, 2.66), (0.0, 60.0, 0.0))
     for index, z in enumerate((BENCH - 0.34, BENCH, BENCH + 0.34)):
         room.put("Furnishings", bathroom.hook(f"Hook{index + 1}"), (LEFT, 1.70, z), TOWARDS_RIGHT)
-    for index, (material, z, size) in enumerate(
-        (("SprigRound", -1.30, 0.42), ("Arches", -1.95, 0.42), ("AbstractCool", -2.60, 0.42))
-    ):
+    for index, (material, z, size) in enumerate((("SprigRound", -1.95, 0.42), ("Arches", -2.60, 0.42))):
         art = small.picture(f"Print{index + 1}", material, size, size * 4 / 3, "Oak", 0.05)
         room.put("Pictures", art, (RIGHT - 0.001, 1.55, z), TOWARDS_LEFT)
     landscape = small.picture("Landscape", "Meadow", 0.60, 0.40, "Walnut")
     room.put("Pictures", landscape, (RIGHT - 0.001, 1.55, 0.76), TOWARDS_LEFT)
-    room.put_template("Plants", "RubberPlant", "plant_02", (LEFT + 0.30, 0.0, -2.66))
+    room.put_template("Plants", "RubberPlant", "plant_02", (LEFT + 0.28, 0.0, -2.52))
 
 
 def _belongings(room: Room) -> None:
@@ -96,7 +94,7 @@ def _belongings(room: Room) -> None:
     room.put("Furnishings", hall.scarf("Scarf", "Mustard"), (LEFT + 0.045, 1.705, BENCH), ORIGIN)
     room.put_template("Furnishings", "Shoes", "shoes_01", (LEFT + 0.26, 0.0, BENCH - 0.18), (0.0, 84.0, 0.0))
     room.put_template("Furnishings", "Shoes2", "shoes_01", (LEFT + 0.25, 0.0, BENCH + 0.20), (0.0, 97.0, 0.0), "navy")
-    room.put_template("Furnishings", "Boots", "boots_01", (RIGHT - 0.20, 0.0, 2.34), (0.0, -82.0, 0.0))
+    room.put_template("Furnishings", "Boots", "boots_01", (RIGHT - 0.20, 0.0, 2.40), (0.0, -82.0, 0.0))
     room.put_template("Furnishings", "Suitcase", "suitcase_01", (RIGHT - 0.16, 0.0, 0.74), (0.0, -90.0, 0.0))
     room.put_template("Furnishings", "Hat", "hat_01", (LEFT + 0.20, 0.458, BENCH - 0.20), (0.0, 65.0, 0.0))
     top, x = 0.80, LEFT + 0.18

@@ -3,10 +3,13 @@
 
 from __future__ import annotations
 
+import functools
 import math
+from collections.abc import Sequence
+from dataclasses import replace
 from typing import Any
 
-from pxr import Usd, UsdGeom
+from pxr import Sdf, Usd, UsdGeom
 
 from tiscene.errors import ArgumentError
 from tiscene.scene.camera import Camera, quaternion_from_matrix
@@ -125,3 +128,23 @@ def exposure_scale(exposure: float, iso: float, time: float, f_stop: float, resp
         return responsivity * time * iso / 100.0 * math.exp2(exposure) / (f_stop * f_stop)
     except (OverflowError, ZeroDivisionError):
         return math.nan
+
+
+def with_unique_names(cameras: Sequence[tuple[Sdf.Path, Camera]]) -> list[Camera]:
+    """Return cameras of different names.
+
+    Of several with the same name, the one nearest to the stage's root keeps it. The others are named by their paths,
+    from the first prim in which the paths of all of them differ: "kitchen/Cameras/Main".
+
+    Args:
+        cameras: cameras with their paths.
+    """
+    groups: dict[str, list[Sdf.Path]] = {}
+    for path, camera in cameras:
+        groups.setdefault(camera.name, []).append(path)
+    names: dict[Sdf.Path, str] = {}
+    for name, paths in groups.items():
+        shared = functools.reduce(lambda a, b: a.GetCommonPrefix(b), paths)
+        keeper = min(paths, key=lambda path: path.pathElementCount)
+        names |= {path: name if path == keeper else str(path.MakeRelativePath(shared)) for path in paths}
+    return [replace(camera, name=names[path]) for path, camera in cameras]

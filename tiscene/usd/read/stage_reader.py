@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Collection
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -17,6 +18,7 @@ from tiscene.usd.core.stage import Variants, changes_over_time, open_stage, quie
 from tiscene.usd.geometry.skinning import bake_skinning
 from tiscene.usd.geometry.subdivision_budget import DEFAULT_TRIANGLES, limit_subdivision
 from tiscene.usd.read.extracted_prims import RemainderReader, extracted_templates
+from tiscene.usd.read.room_volumes import read_room_volumes
 from tiscene.usd.read.subprocess_reader import read_in_subprocess
 from tiscene.usd.read.template import stage_templates
 from tiscene.usd.read.traversal import TraversalContext
@@ -105,7 +107,7 @@ def read_stage(
         )
         file = Path(path)
         name = file.resolve().parent.name if file.stem == "scene" else file.stem
-        description = reader.description(name, templates)
+        description = replace(reader.description(name, templates), rooms=read_room_volumes(stage, time))
         report.raise_problems(anything_left=bool(description.instances or templates))
     report.warn()
     return description

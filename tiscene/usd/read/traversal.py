@@ -42,7 +42,7 @@ from tiscene.usd.read.point_instancer import (
     instancer_times,
     point_instances,
 )
-from tiscene.usd.read.stage_camera import read_camera
+from tiscene.usd.read.stage_camera import read_camera, with_unique_names
 from tiscene.usd.read.stage_render_settings import read_render_settings
 
 _DRAWN_PURPOSES = (UsdGeom.Tokens.default_, UsdGeom.Tokens.render)
@@ -122,7 +122,7 @@ class StageReader:
             instances=self._objects.instances(),
             objects=self._objects.objects(self.by_name),
             lights=tuple(self._lights.lights),
-            cameras=tuple(camera for _, camera in self._settings.main_first(self._cameras, lambda each: each[0])),
+            cameras=tuple(with_unique_names(self._settings.main_first(self._cameras, lambda each: each[0]))),
             colliders=self._objects.colliders(),
             tracks=self._objects.tracks(),
             up_axis=self.up_axis,

@@ -1,0 +1,10 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Stages of several rooms: `tiscene.usd.join`.
+
+::
+
+    room_join   join: write a stage that references rooms
+    floor_plan  RoomPlacement, Opening
+    stage_cut   cut openings into the gprims of a stage
+    box_cut     cut polygons by a box
+"""

@@ -1,0 +1,316 @@
+# SPDX-License-Identifier: Apache-2.0
+"""join: write one stage out of several rooms, with openings between them."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+from pxr import Gf, Kind, Sdf, Tf, Usd, UsdGeom, UsdLux, UsdSemantics, UsdShade, Vt
+
+from tiscene.errors import ArgumentError, StageError
+from tiscene.files import write_atomically
+from tiscene.usd.core.stage import open_stage, quiet, readable
+from tiscene.usd.joining.floor_plan import Opening, RoomPlacement
+from tiscene.usd.joining.stage_cut import GprimCut, cuts, release_instances
+from tiscene.usd.read.room_volumes import define_volume, has_volume, interior
+
+LINING = 0.020  # m, thickness of jambs, head and threshold
+_PAINT, _WOOD = (0.72, 0.71, 0.68), (0.30, 0.185, 0.095)  # albedos
+_SKY = (UsdLux.DomeLight, UsdLux.DistantLight)
+
+
+def join(
+    rooms: Sequence[RoomPlacement | tuple[str | os.PathLike[str], tuple[float, float, float]]],
+    path: str | os.PathLike[str],
+    *,
+    openings: Sequence[Opening] = (),
+    name: str | None = None,
+    sky: str | None = None,
+) -> Path:
+    """Write a stage that references rooms, placed beside one another, with openings between them.
+
+    - Walls and closed doors are cut at the openings by overrides; the files of the rooms are not changed.
+    - Variant sets of the rooms are variant sets of the new root, which select the same variant in all rooms.
+    - Domes and distant lights light all rooms, so those of one room are kept; the dome gets the portals of all rooms.
+    - Cameras are kept under the names `ROOM CAMERA`, such as "kitchen Main".
+    - Each room has a volume (`frame.room`): its own, or a box over its floor up to its ceiling.
+
+    Args:
+        rooms: the rooms; their stages have one up axis and one unit of length.
+        path: the file to write, .usda, .usdc or .usd. References are relative to it.
+        openings: passages between the rooms.
+        name: name of the root prim; None: from the file's name.
+        sky: name of the room whose domes and distant lights are kept; None: the first room that has any.
+
+    Returns:
+        The path of the file.
+
+    Raises:
+        ArgumentError: no rooms, two rooms of one name, rooms of different units or axes, or an unknown `sky`.
+        MissingFile: there is no file of a room.
+        StageError: a room cannot be read, or an opening meets a shape that cannot be cut.
+    """
+    target = Path(path)
+    placements = [RoomPlacement(*each) for each in rooms]
+    names = _identifiers(placements)
+    if sky is not None and sky not in [each.label for each in placements]:
+        raise ArgumentError(f"join(sky={sky!r}): the rooms are {', '.join(each.label for each in placements)}")
+    with quiet(), readable(target):
+        first = _common_stage(placements)
+        stage = Usd.Stage.CreateInMemory(f"{target.stem}.usda")
+        up_axis, meters = str(UsdGeom.GetStageUpAxis(first)), float(UsdGeom.GetStageMetersPerUnit(first))
+        UsdGeom.SetStageUpAxis(stage, up_axis)
+        UsdGeom.SetStageMetersPerUnit(stage, meters)
+        folder = target.resolve().parent
+        stem = folder.name if target.stem == "scene" else target.stem
+        root = UsdGeom.Xform.Define(
+            stage, f"/{name or Tf.MakeValidIdentifier(stem.title().replace('_', ''))}"
+        ).GetPrim()
+        Usd.ModelAPI(root).SetKind(Kind.Tokens.assembly)
+        stage.SetDefaultPrim(root)
+        _copy_render_settings(first, stage)
+        prims = [
+            _place(stage, f"{root.GetPath()}/{each}", placement, up_axis, meters)
+            for each, placement in zip(names, placements, strict=True)
+        ]
+        _report(stage, target)
+        choices = _forward_variants(stage, root, prims)
+        for prim, placement in zip(prims, placements, strict=True):
+            if not has_volume(prim):
+                define_volume(stage, prim.GetPath().AppendChild("RoomVolume"), *interior(prim), placement.label)
+        _keep_one_sky(prims, [each.label for each in placements], sky)
+        boxes = [_in_units(opening.box(up_axis), meters) for opening in openings]
+        release_instances(stage, boxes)
+        _cut(stage, root, boxes, choices)
+        _line(stage, root, openings, up_axis, meters)
+        _export(stage, target, dict(zip([prim.GetPath() for prim in prims], placements, strict=True)))
+    return target
+
+
+def _identifiers(placements: Sequence[RoomPlacement]) -> list[str]:
+    """Return the prim names of the rooms."""
+    names = [Tf.MakeValidIdentifier(each.label) for each in placements]
+    if not names:
+        raise ArgumentError("join(rooms=[]): expected at least one room, such as ('kitchen.usda', (0, 0, 0))")
+    twice = sorted({each for each in names if names.count(each) > 1})
+    if twice:
+        raise ArgumentError(
+            f"join: several rooms are called {', '.join(twice)}; give them names: RoomPlacement(name=...)"
+        )
+    return names
+
+
+def _common_stage(placements: Sequence[RoomPlacement]) -> Usd.Stage:
+    """Open all rooms and return the stage of the first; they must agree in axes and units."""
+    stages = [open_stage(Path(each.file)) for each in placements]
+    for stage, placement in zip(stages, placements, strict=True):
+        if not stage.GetDefaultPrim():
+            raise StageError(str(placement.file), ["has no default prim, which a reference needs"])
+        mine, other = [(str(UsdGeom.GetStageUpAxis(s)), UsdGeom.GetStageMetersPerUnit(s)) for s in (stage, stages[0])]
+        if mine != other:
+            raise ArgumentError(
+                f"join: {placement.file} has the up axis {mine[0]} and {mine[1]:g} m per unit, "
+                f"but {placements[0].file} has {other[0]} and {other[1]:g}: convert one of them"
+            )
+    return stages[0]
+
+
+def _copy_render_settings(source: Usd.Stage, stage: Usd.Stage) -> None:
+    """Copy the render settings of a stage, which references do not bring along."""
+    path = source.GetMetadata("renderSettingsPrimPath")
+    top = Sdf.Path(str(path)).GetPrefixes()[0] if path else None
+    if top is not None and source.GetRootLayer().GetPrimAtPath(top):
+        Sdf.CopySpec(source.GetRootLayer(), top, stage.GetRootLayer(), top)
+        stage.SetMetadata("renderSettingsPrimPath", str(path))
+
+
+def _place(stage: Usd.Stage, path: str, placement: RoomPlacement, up_axis: str, meters: float) -> Usd.Prim:
+    """Reference a room below a new prim that places it."""
+    xform = UsdGeom.Xform.Define(stage, path)
+    xform.GetPrim().GetReferences().AddReference(str(Path(placement.file).resolve()))
+    Usd.ModelAPI(xform.GetPrim()).SetKind(Kind.Tokens.assembly)
+    own = xform.GetXformOpOrderAttr().Get() or []
+    ops = [xform.AddTranslateOp(opSuffix="room")]
+    ops[0].Set(Gf.Vec3d(*(round(value / meters, 9) for value in placement.position)))
+    if placement.yaw:
+        turn = xform.AddRotateYOp if up_axis == "Y" else xform.AddRotateZOp
+        ops.append(turn(opSuffix="room"))
+        ops[1].Set(float(placement.yaw))
+    xform.GetXformOpOrderAttr().Set([*(op.GetOpName() for op in ops), *own])
+    return xform.GetPrim()
+
+
+def _report(stage: Usd.Stage, target: Path) -> None:
+    """Raise StageError for what does not compose."""
+    errors = [str(each) for each in stage.GetCompositionErrors()]
+    if errors:
+        raise StageError(str(target), errors)
+
+
+def _forward_variants(stage: Usd.Stage, root: Usd.Prim, rooms: Sequence[Usd.Prim]) -> dict[str, list[str]]:
+    """Give the root the variant sets of its rooms and return their variants by name."""
+    choices: dict[str, list[str]] = {}
+    own = {prim.GetPath(): {n: prim.GetVariantSet(n) for n in prim.GetVariantSets().GetNames()} for prim in rooms}
+    selected: dict[str, str] = {}
+    for sets in own.values():
+        for name, each in sets.items():
+            known = choices.setdefault(name, [])
+            known += [variant for variant in each.GetVariantNames() if variant not in known]
+            selected.setdefault(name, each.GetVariantSelection())
+    names = {path: {name: set(each.GetVariantNames()) for name, each in sets.items()} for path, sets in own.items()}
+    for name, variants in choices.items():
+        forwarded = root.GetVariantSets().AddVariantSet(name)
+        for variant in variants:
+            forwarded.AddVariant(variant)
+            forwarded.SetVariantSelection(variant)
+            with forwarded.GetVariantEditContext():
+                for path, sets in names.items():
+                    if variant in sets.get(name, ()):
+                        stage.GetPrimAtPath(path).GetVariantSets().SetSelection(name, variant)
+        forwarded.SetVariantSelection(selected[name] or variants[0])
+    return choices
+
+
+def _keep_one_sky(rooms: Sequence[Usd.Prim], labels: Sequence[str], chosen: str | None) -> None:
+    """Deactivate the domes and distant lights of all rooms but one, and give its domes the portals of all."""
+    found = {
+        label: [prim for prim in Usd.PrimRange(room) if any(prim.IsA(kind) for kind in _SKY)]
+        for label, room in zip(labels, rooms, strict=True)
+    }
+    keeper = chosen if chosen is not None else next((label for label, prims in found.items() if prims), None)
+    portals: list[Sdf.Path] = []
+    for prims in found.values():
+        for prim in prims:
+            if prim.IsA(UsdLux.DomeLight):
+                portals += UsdLux.DomeLight(prim).GetPortalsRel().GetForwardedTargets()
+    for label, prims in found.items():
+        for prim in prims:
+            if label != keeper:
+                prim.SetActive(False)
+            elif prim.IsA(UsdLux.DomeLight) and portals:
+                UsdLux.DomeLight(prim).CreatePortalsRel().SetTargets(portals)
+
+
+def _in_units(matrix: NDArray[np.float64], meters: float) -> NDArray[np.float64]:
+    """Return a matrix to world positions in meters as one to stage units."""
+    return np.diag([1.0 / meters] * 3 + [1.0]) @ matrix
+
+
+def _cut(
+    stage: Usd.Stage, root: Usd.Prim, boxes: Sequence[NDArray[np.float64]], choices: Mapping[str, Sequence[str]]
+) -> None:
+    """Author the cuts; where a variant set changes what is cut, in its variants."""
+    if not boxes:
+        return
+    plain = cuts(stage, boxes)
+    shaping: dict[str, dict[str, dict[Sdf.Path, GprimCut]]] = {}
+    for name, variants in choices.items():
+        variant_set = root.GetVariantSet(name)
+        selected = variant_set.GetVariantSelection()
+        found = {}
+        for variant in variants:
+            variant_set.SetVariantSelection(variant)
+            found[variant] = cuts(stage, boxes)
+        variant_set.SetVariantSelection(selected)
+        if any(not _same(each, plain) for each in found.values()):
+            shaping[name] = found
+    if len(shaping) > 1:
+        raise StageError(
+            stage.GetRootLayer().GetDisplayName(),
+            [f"the variant sets {', '.join(sorted(shaping))} all change the walls at the openings; at most one may"],
+        )
+    if not shaping:
+        for each in plain.values():
+            each.author(stage)
+    for name, found in shaping.items():
+        variant_set = root.GetVariantSet(name)
+        selected = variant_set.GetVariantSelection()
+        for variant, changed in found.items():
+            variant_set.SetVariantSelection(variant)
+            with variant_set.GetVariantEditContext():
+                for each in changed.values():
+                    each.author(stage)
+        variant_set.SetVariantSelection(selected)
+
+
+def _same(first: Mapping[Sdf.Path, GprimCut], second: Mapping[Sdf.Path, GprimCut]) -> bool:
+    return first.keys() == second.keys() and all(each.same_as(second[path]) for path, each in first.items())
+
+
+def _line(stage: Usd.Stage, root: Usd.Prim, openings: Sequence[Opening], up_axis: str, meters: float) -> None:
+    """Define jambs, head and threshold of the openings, as objects with the label "door frame"."""
+    lined = [each for each in openings if each.lined]
+    if not lined:
+        return
+    scope = root.GetPath().AppendChild("Openings")
+    Usd.ModelAPI(UsdGeom.Xform.Define(stage, scope).GetPrim()).SetKind(Kind.Tokens.group)
+    UsdGeom.Scope.Define(stage, scope.AppendChild("Looks"))
+    paint = _material(stage, scope.AppendPath("Looks/Paint"), _PAINT, 0.32)
+    wood = _material(stage, scope.AppendPath("Looks/Wood"), _WOOD, 0.5)
+    for number, opening in enumerate(lined, 1):
+        frame = UsdGeom.Xform.Define(stage, scope.AppendChild(f"Opening{number}"))
+        Usd.ModelAPI(frame.GetPrim()).SetKind(Kind.Tokens.component)
+        UsdSemantics.LabelsAPI.Apply(frame.GetPrim(), "class").CreateLabelsAttr(["door frame"])
+        world = _in_units(opening.world_from_passage(up_axis), meters)
+        frame.AddTransformOp().Set(Gf.Matrix4d(np.round(world, 9).T.tolist()))
+        w, h, depth = opening.width / 2.0, opening.height, opening.depth / 2.0 - 0.0005
+        jambs = [(side * (w + LINING / 2.0), h / 2.0, LINING / 2.0, h / 2.0) for side in (-1.0, 1.0)]
+        head = (0.0, h + LINING / 2.0, w + LINING, LINING / 2.0)
+        for part, boards, material, along in (
+            ("Frame", [*jambs, head], paint, depth),
+            ("Threshold", [(0.0, 0.003 - LINING / 2.0, w, LINING / 2.0)], wood, depth + 0.012),
+        ):
+            mesh = _boards(stage, frame.GetPath().AppendChild(part), boards, along)
+            UsdShade.MaterialBindingAPI.Apply(mesh.GetPrim()).Bind(material)
+
+
+def _boards(
+    stage: Usd.Stage, path: Sdf.Path, boards: Sequence[tuple[float, float, float, float]], depth: float
+) -> UsdGeom.Mesh:
+    """Define boxes along z from -depth to depth; each is (x, y, half width, half height), m."""
+    signs = np.array([[1 if i >> axis & 1 else -1 for axis in range(3)] for i in range(8)], float)
+    faces = np.array([[0, 4, 6, 2], [1, 3, 7, 5], [0, 1, 5, 4], [2, 6, 7, 3], [0, 2, 3, 1], [4, 5, 7, 6]])
+    points = [signs * (w, h, depth) + (x, y, 0.0) for x, y, w, h in boards]
+    corners = np.concatenate([box[faces].reshape(-1, 3) for box in points]).round(6)
+    mesh = UsdGeom.Mesh.Define(stage, path)
+    mesh.CreatePointsAttr(Vt.Vec3fArray.FromNumpy(corners.astype(np.float32)))
+    mesh.CreateFaceVertexCountsAttr([4] * (len(corners) // 4))
+    mesh.CreateFaceVertexIndicesAttr(list(range(len(corners))))
+    mesh.CreateSubdivisionSchemeAttr(UsdGeom.Tokens.none)
+    mesh.CreateExtentAttr([Gf.Vec3f(*map(float, corners.min(axis=0))), Gf.Vec3f(*map(float, corners.max(axis=0)))])
+    return mesh
+
+
+def _material(
+    stage: Usd.Stage, path: Sdf.Path, color: tuple[float, float, float], roughness: float
+) -> UsdShade.Material:
+    material = UsdShade.Material.Define(stage, path)
+    shader = UsdShade.Shader.Define(stage, path.AppendChild("Surface"))
+    shader.CreateIdAttr("UsdPreviewSurface")
+    shader.CreateInput("diffuseColor", Sdf.ValueTypeNames.Color3f).Set(Gf.Vec3f(*color))
+    shader.CreateInput("roughness", Sdf.ValueTypeNames.Float).Set(roughness)
+    shader.CreateOutput("surface", Sdf.ValueTypeNames.Token)
+    material.CreateSurfaceOutput().ConnectToSource(shader.ConnectableAPI(), "surface")
+    return material
+
+
+def _export(stage: Usd.Stage, target: Path, rooms: Mapping[Sdf.Path, RoomPlacement]) -> None:
+    """Write the root layer with references relative to it."""
+    layer = Sdf.Layer.CreateAnonymous(target.suffix or ".usda")
+    layer.TransferContent(stage.GetRootLayer())
+    for path, placement in rooms.items():
+        relative = Path(os.path.relpath(Path(placement.file).resolve(), target.resolve().parent)).as_posix()
+        asset = relative if relative.startswith(".") else f"./{relative}"
+        layer.GetPrimAtPath(path).referenceList.prependedItems = [Sdf.Reference(asset)]
+    target.parent.mkdir(parents=True, exist_ok=True)
+    part = target.with_name(f".{target.stem}.{os.getpid()}{target.suffix}")
+    try:
+        if not layer.Export(str(part)):
+            raise OSError(f"{target}: USD could not write this file")
+        write_atomically(target, part.read_bytes())
+    finally:
+        part.unlink(missing_ok=True)

@@ -1,0 +1,90 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Volumes of rooms on a stage: prims with a label of the taxonomy `room`, such as a Cube of purpose guide."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+from pxr import Gf, Sdf, Usd, UsdGeom, UsdSemantics
+
+from tiscene.scene.room_volume import RoomVolume
+from tiscene.usd.core.semantics import ROOM
+from tiscene.usd.core.transform import to_matrix
+
+_FLOOR, _CEILING = "floor", "ceiling"
+
+
+def read_room_volumes(stage: Usd.Stage, time: Usd.TimeCode) -> tuple[RoomVolume, ...]:
+    """Return the volumes of a stage: the bounding box of each labeled prim in its own axes."""
+    meters = float(UsdGeom.GetStageMetersPerUnit(stage))
+    volumes = []
+    for prim in stage.Traverse(Usd.TraverseInstanceProxies()):
+        name = _room_of(prim, time)
+        if name and prim.IsA(UsdGeom.Boundable):
+            extent = UsdGeom.Boundable(prim).ComputeExtent(time)
+            if extent:
+                low, high = np.array(extent[0], float) * meters, np.array(extent[1], float) * meters
+                world = to_matrix(UsdGeom.Xformable(prim).ComputeLocalToWorldTransform(time), meters)
+                half = np.diag([*(high - low) / 2.0, 1.0])
+                half[:3, 3] = (low + high) / 2.0
+                volumes.append(RoomVolume(name, world @ half))
+    return tuple(volumes)
+
+
+def _room_of(prim: Usd.Prim, time: Usd.TimeCode) -> str:
+    if not prim.HasAPI(UsdSemantics.LabelsAPI, ROOM):
+        return ""
+    labels = UsdSemantics.LabelsAPI(prim, ROOM).GetLabelsAttr().Get(time)
+    return str(labels[0]) if labels else ""
+
+
+def has_volume(root: Usd.Prim) -> bool:
+    """Return whether a prim below `root` is the volume of a room."""
+    return any(_room_of(prim, Usd.TimeCode.EarliestTime()) for prim in Usd.PrimRange(root))
+
+
+def interior(room: Usd.Prim) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Return the lower and upper corner of a room's interior, in the room's own axes and in stage units.
+
+    It is the box over all prims labeled "floor", up to the lowest prim labeled "ceiling"; without them, around
+    everything.
+    """
+    purposes = [UsdGeom.Tokens.default_, UsdGeom.Tokens.render]
+    cache = UsdGeom.BBoxCache(Usd.TimeCode.EarliestTime(), purposes, useExtentsHint=False)
+    up = 1 if UsdGeom.GetStageUpAxis(room.GetStage()) == UsdGeom.Tokens.y else 2
+    inverse = UsdGeom.Xformable(room).GetLocalTransformation().GetInverse()
+    boxes: dict[str, list[NDArray[np.float64]]] = {_FLOOR: [], _CEILING: []}
+    for prim in Usd.PrimRange(room, Usd.TraverseInstanceProxies()):
+        if prim.HasAPI(UsdSemantics.LabelsAPI, "class"):
+            labels = UsdSemantics.LabelsAPI(prim, "class").GetLabelsAttr().Get() or [""]
+            if labels[0] in boxes:
+                boxes[labels[0]].append(_box(cache.ComputeWorldBound(prim), inverse))
+    low, high = _box(cache.ComputeWorldBound(room), inverse)
+    if boxes[_FLOOR]:
+        floors = np.array(boxes[_FLOOR])
+        level = floors[:, 1, up].max()
+        top = min((box[0, up] for box in boxes[_CEILING] if box[0, up] > level), default=high[up])
+        low, high = floors[:, 0].min(axis=0), floors[:, 1].max(axis=0)
+        low[up], high[up] = level, top
+    return low, high
+
+
+def _box(bound: Gf.BBox3d, inverse: Gf.Matrix4d) -> NDArray[np.float64]:
+    """Return the aligned box [2, 3] of a bound in the axes that `inverse` leads to."""
+    moved = Gf.BBox3d(bound)
+    moved.Transform(inverse)
+    aligned = moved.ComputeAlignedRange()
+    return np.array([aligned.GetMin(), aligned.GetMax()])
+
+
+def define_volume(
+    stage: Usd.Stage, path: Sdf.Path, low: NDArray[np.float64], high: NDArray[np.float64], name: str
+) -> None:
+    """Define the volume of a room: a Cube of purpose guide with its name as label."""
+    cube = UsdGeom.Cube.Define(stage, path)
+    cube.CreatePurposeAttr(UsdGeom.Tokens.guide)
+    cube.CreateSizeAttr(1.0)
+    cube.CreateExtentAttr([Gf.Vec3f(-0.5), Gf.Vec3f(0.5)])
+    cube.AddTranslateOp().Set(Gf.Vec3d(*np.round((low + high) / 2.0, 6).tolist()))
+    cube.AddScaleOp().Set(Gf.Vec3f(*np.round(high - low, 6).tolist()))
+    UsdSemantics.LabelsAPI.Apply(cube.GetPrim(), ROOM).CreateLabelsAttr([name])
