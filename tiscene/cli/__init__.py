@@ -8,5 +8,5 @@ A command is a module with `run(args)`; its arguments are in `parser`.
     main      entry point, errors, interrupts
     parser    arguments of all commands
     terminal  progress bars and notes on stderr
-    demo, render, list, show, inspect, import, bench, serve  the commands
+    demo, render, list, show, inspect, import, bench, serve, sailenv  the commands
 """

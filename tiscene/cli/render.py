@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import argparse
+from pathlib import Path
 
 from tiscene.cli.terminal import note, progress
 from tiscene.errors import ArgumentError
@@ -11,6 +12,7 @@ from tiscene.export.exporter import export
 from tiscene.export.formats import find_format
 from tiscene.frame.buffers import BUFFERS
 from tiscene.frame.frame import Frame
+from tiscene.sailenv.captured_scenario import capture_scenario
 from tiscene.stream.stream import DEFAULT_BUFFERS, Stream
 
 
@@ -20,6 +22,10 @@ def run(args: argparse.Namespace) -> None:
     required = find_format(args.format).buffers
     default = tuple(dict.fromkeys(("rgb", *required))) if required else DEFAULT_BUFFERS
     buffers = tuple(BUFFERS) if args.buffers == ("all",) else args.buffers or default
+    if args.sailenv:
+        args.source, (width, height), received = capture_scenario(Path(args.source), frames[-1] + 1, fps=args.fps)
+        args.width, args.height = args.width or width, args.height or height
+        frames = frames[: sum(index < received for index in frames)]
     done = 0
     try:
         with progress(f"reading {args.source}", len(frames)) as step:

@@ -12,6 +12,8 @@
     array_files     arrays and archives as bytes
     frame_json      camera, events and objects of a frame
     png, exr, exr_single, npz, cryptomatte, kitti_flow, blenderproc, sailenv_layout  formats with files for each frame
+    sailenv_recorder  recordings of SAILenv agents while a script runs
+    focus_of_attention  a path of the focus of attention over frames
     contact_sheet   one image of many buffers
     animated_image  WebP, GIF and APNG
 

@@ -16,6 +16,8 @@
     utilities           draw_flow_map
     downloader          download_executable, download_source: nothing to download
     module_aliases      `import sailenv`
+    script_runner       run scripts and scenarios in this process
+    captured_scenario   scripts as scenarios of tiscene
     server, connection  TCP server
     wire_format         bytes of the protocol
     environment, environment_edits  the world and the frame clock that agents share
@@ -26,6 +28,7 @@
     frame_views         views of a frame in SAILenv's types
     scene_profile       start pose and camera track
     pixel_queries       answers about single pixels within a budget, an extension
+    recorded_classes    classes of recordings
     category_numbers    numbers in category views
     light_controls      lights by SAILenv's names
     uploaded_models     models sent by agents

@@ -8,31 +8,11 @@ nothing.
 from __future__ import annotations
 
 import argparse
-import builtins
-import importlib
-import os
-import runpy
-import sys
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from tiscene.sailenv.agent import Agent
-from tiscene.sailenv.module_aliases import install
-
-OPENCV_WINDOW_FUNCTIONS = (
-    "imshow",
-    "namedWindow",
-    "destroyWindow",
-    "destroyAllWindows",
-    "moveWindow",
-    "resizeWindow",
-    "startWindowThread",
-)
-
-
-class FrameLimitReached(SystemExit):
-    """The script has received the number of frames given by --frames."""
+from tiscene.sailenv.script_runner import ScriptAgent, agent_class, run_script
 
 
 def main(arguments: Sequence[str] | None = None) -> None:
@@ -48,56 +28,14 @@ def main(arguments: Sequence[str] | None = None) -> None:
     script = Path(args.script)
     if not script.is_file():
         _parser().error(f"no file {args.script!r}")
-    if args.headless:
-        make_headless()
-    install(_agent_class(args))
-    sys.argv = [args.script, *args.arguments]
-    sys.path.insert(0, str(script.resolve().parent))
-    try:
-        runpy.run_path(args.script, run_name="__main__")
-    except FrameLimitReached:
-        print(f"{script.name}: stopped after {args.frames} frames")
-    except ModuleNotFoundError as error:
-        if error.name == "cv2":
-            raise SystemExit(f"{script.name} needs OpenCV: pip install opencv-python-headless") from error
-        raise
-
-
-def make_headless() -> None:
-    """Disable windows and waiting for keys: of OpenCV, Matplotlib and `input`."""
-    os.environ["MPLBACKEND"] = "Agg"
-    builtins.input = lambda prompt="": print(prompt) or ""
-    try:
-        cv2: Any = importlib.import_module("cv2")
-    except ModuleNotFoundError:
-        return  # the script gets the error when it imports cv2
-    for name in OPENCV_WINDOW_FUNCTIONS:
-        setattr(cv2, name, lambda *_, **__: None)
-    for name in ("waitKey", "waitKeyEx", "pollKey"):
-        setattr(cv2, name, lambda *_, **__: -1)
-
-
-def _agent_class(args: argparse.Namespace) -> type[Agent]:
-    """Return Agent with the settings of the command line, and with a limit of frames for all agents together."""
     names = ("quality", "spp", "seed", "incremental")
-    settings = {name: value for name in names if (value := getattr(args, name)) is not None}
+    settings: dict[str, Any] = {name: value for name in names if (value := getattr(args, name)) is not None}
     if args.strict:
         settings["strict"] = True
-
-    class ScriptAgent(Agent):
-        frame_count = 0
-
-        def __init__(self, *positional: Any, **named: Any) -> None:
-            super().__init__(*positional, **{**settings, **named})
-
-        def get_frame(self) -> dict[str, Any]:
-            if args.frames is not None and ScriptAgent.frame_count >= args.frames:
-                raise FrameLimitReached(0)
-            ScriptAgent.frame_count += 1
-            return super().get_frame()
-
-    ScriptAgent.__name__ = ScriptAgent.__qualname__ = "Agent"
-    return ScriptAgent
+    agent = agent_class(ScriptAgent, settings=settings, limit=args.frames)
+    run_script(script, args.arguments, agent, headless=args.headless)
+    if args.frames is not None and agent.frame_count >= args.frames:
+        print(f"{script.name}: stopped after {args.frames} frames")
 
 
 def _parser() -> argparse.ArgumentParser:

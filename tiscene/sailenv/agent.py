@@ -10,7 +10,7 @@ from __future__ import annotations
 import random
 import threading
 import weakref
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from enum import IntFlag
 from typing import Any
@@ -167,7 +167,7 @@ class Agent(AgentObjects):
         """
         active = [name for name, is_active in self.active_frames.items() if is_active]
         with self._locked() as (environment, camera):
-            views, seconds = environment.frame(camera, active)
+            views, seconds = self._render(environment, camera, active)
         frame: dict[str, Any] = {"sizes": dict.fromkeys(VIEWS, 0), **dict.fromkeys(VIEWS)}
         for name, array in views.items():
             frame["sizes"][name] = array.nbytes
@@ -245,6 +245,12 @@ class Agent(AgentObjects):
     def set_ambient_light_color(self, r: int, g: int, b: int) -> None:
         """Set the color of the ambient light, which reaches every surface equally, 8-bit sRGB."""
         self._try("Error setting ambient light color: {}", lambda world, camera: world.set_ambient(camera, (r, g, b)))
+
+    def _render(
+        self, environment: Environment, camera: AgentCamera, views: Sequence[str]
+    ) -> tuple[dict[str, NDArray[Any]], float]:
+        """Render views of the next frame; agents of scripts that are recorded do more."""
+        return environment.frame(camera, views)
 
     def _update_names(self) -> None:
         """Update the names of categories, templates and lights for a new scene."""
