@@ -139,7 +139,7 @@ FORMATS: dict[str, Format] = {
             "tiscene.export.point_tracks",
             "exact point tracks with visibility, as in TAP-Vid",
             "NumPy, TAP-Vid's evaluation",
-            ("rgb", "instance"),
+            ("instance",),
         ),
         Format(
             "mcap",

@@ -2,7 +2,7 @@
 """Point tracks with exact visibility, in TAP-Vid's layout: `tracks/000000.npz` has the clip of frames 0 to 23.
 
 =====================  =======================================================================================
-`video`                uint8 [frames, h, w, 3]
+`video`                uint8 [frames, h, w, 3], if the stream has `rgb`
 `query_points`         float32 [points, 3]: frame of the clip, y, x, px; pixel centers at halves
 `target_points`        float32 [points, frames, 2]: x, y, px; also where the point is hidden or out of view
 `occluded`             bool [points, frames]: True where the point is not visible
@@ -46,7 +46,8 @@ def pieces(frame: Frame, labels: dict[str, Any], stream: Stream) -> dict[str, by
     row = names.index(frame.camera.camera.name)
     tracks = [query_tracks(stream, row, frame, clip * FRAMES_PER_FILE + query) for query in QUERY_FRAMES]
     columns = {name: np.concatenate([track[name] for track in tracks]) for name in tracks[0]}
-    return {"rgb": npy(frame.rgb)} | {name: npy(column) for name, column in columns.items()}
+    video = {"rgb": npy(frame.rgb)} if "rgb" in frame else {}
+    return video | {name: npy(column) for name, column in columns.items()}
 
 
 def query_tracks(stream: Stream, row: int, frame: Frame, query: int) -> dict[str, NDArray[Any]]:
@@ -99,13 +100,14 @@ def pack(frames: Iterable[FramePieces], run: ExportRun, folder: Path) -> None:
     clip = [(frame.index, {name: from_npy(data) for name, data in frame.members.items()}) for frame in frames]
     first = clip[0][1]
     arrays = {
-        "video": np.stack([each["rgb"] for _, each in clip]),
         "query_points": first["query"],
         "target_points": np.stack([each["target"] for _, each in clip], axis=1),
         "occluded": np.stack([each["occluded"] for _, each in clip], axis=1),
         "instance": first["instance"],
         "frames": np.array([index for index, _ in clip], np.int64),
     }
+    if "rgb" in first:
+        arrays["video"] = np.stack([each["rgb"] for _, each in clip])
     path = folder / f"tracks/{clip[0][0] // FRAMES_PER_FILE:06d}.npz"
     path.parent.mkdir(parents=True)
     path.write_bytes(archive({f"{name}.npy": npy(array) for name, array in arrays.items()}, compress=True))

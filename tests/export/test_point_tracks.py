@@ -1,0 +1,94 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Point tracks: points stay on their surfaces, and are visible where a ray from the camera reaches them."""
+
+import numpy as np
+import pytest
+
+import tiscene as ts
+from tiscene.export import export
+from tiscene.export.point_tracks import POINTS, chosen_pixels
+from tiscene.render.view import View
+
+BUFFERS = ("instance", "position", "depth", "forward_flow", "forward_occlusion")
+FRAMES = 5
+
+
+@pytest.fixture(scope="module")
+def stream():
+    path = [ts.Waypoint((-0.6, 0.0, 0.4)), ts.Waypoint((0.6, 0.1, 0.4), (0, 90, 0))]
+    objects = [
+        ts.Object("cube", "Cube", (-0.6, 0.0, 0.4), dynamic=ts.LinearWaypoints(path, total_time=0.4)),
+        ts.Object("ball", "Sphere", (0.3, 0.0, -0.5)),
+    ]
+    camera = ts.Camera.look_at((0.0, 0.3, 2.5), (0.0, 0.0, 0.0))
+    scenario = ts.Scenario("object_view", objects, camera=camera)
+    return ts.Stream(scenario, width=48, height=36, buffers=BUFFERS)
+
+
+@pytest.fixture(scope="module")
+def tracks(stream, tmp_path_factory):
+    folder = tmp_path_factory.mktemp("tracks")
+    export(stream, folder, format="tracks", frames=range(FRAMES))
+    with np.load(folder / "tracks" / "000000.npz") as clip:
+        return dict(clip)
+
+
+def test_clip_has_the_arrays_of_tap_vid(stream, tracks):
+    count = len(tracks["query_points"])
+    assert tracks["target_points"].shape == (count, FRAMES, 2)
+    assert tracks["occluded"].shape == (count, FRAMES)
+    np.testing.assert_array_equal(tracks["frames"], np.arange(FRAMES))
+    assert "video" not in tracks  # the stream has no rgb
+    assert set(np.unique(tracks["instance"])) == {row.id for row in stream[0].objects if row.visible_pixels}
+
+
+def first(tracks):
+    """The rows of the points that were chosen in frame 0, and their pixels."""
+    rows = np.flatnonzero(tracks["query_points"][:, 0] == 0)
+    y, x = (tracks["query_points"][rows, 1:] - 0.5).astype(int).T
+    return rows, x, y
+
+
+def test_points_move_by_the_flow_to_the_next_frame(stream, tracks):
+    frame = stream[0]
+    rows, x, y = first(tracks)
+    target = tracks["target_points"][rows]
+    np.testing.assert_array_equal(target[:, 0], np.stack([x, y], axis=1) + 0.5)
+    moved = target[:, 1] - target[:, 0]
+    np.testing.assert_allclose(moved, frame.forward_flow[y, x], atol=1e-3)
+    np.testing.assert_array_equal(tracks["occluded"][rows, 1], frame.forward_occlusion[y, x])
+    assert not tracks["occluded"][rows, 0].any()
+
+
+def test_points_stay_on_their_objects(stream, tracks):
+    start, end = stream[0], stream[FRAMES - 1]
+    rows, x, y = first(tracks)
+    on_cube = tracks["instance"][rows] == start.objects.by_name("cube").id
+    rows, x, y = rows[on_cube], x[on_cube], y[on_cube]
+    assert len(rows) > 10
+    before = start.objects.by_name("cube").world_from_object
+    after = end.objects.by_name("cube").world_from_object
+    points = np.column_stack([start.position[y, x], np.ones(len(rows))])
+    moved = points @ np.linalg.inv(before).T @ after.T @ end.camera.camera_from_world.T
+    pixels = moved[:, :3] @ end.camera.K_at(0.5).T
+    np.testing.assert_allclose(tracks["target_points"][rows, -1], pixels[:, :2] / pixels[:, 2:], atol=1e-3)
+    # In a picture twenty times as large, the surface at a visible point is the point's own; a hidden one has another.
+    cameras = stream.world.state(FRAMES - 1).cameras[0]
+    large = stream.render_view(FRAMES - 1, View(*cameras, width=20 * 48, height=20 * 36), ("depth",))
+    column, row = (20 * tracks["target_points"][rows, -1]).astype(int).T
+    behind = moved[:, 2] - large.depth[row, column]
+    hidden = tracks["occluded"][rows, -1]
+    assert hidden.any()
+    assert (np.abs(behind[~hidden]) < 0.04).mean() > 0.9
+    assert (behind[hidden] > 0.04).mean() > 0.9
+
+
+def test_points_are_chosen_evenly_among_objects_and_never_in_the_background():
+    instance = np.zeros((40, 40), np.int32)
+    instance[:, 10:], instance[0, :5] = 7, 3
+    x, y = chosen_pixels(instance, np.random.default_rng(0))
+    ids = instance[y, x]
+    assert len(ids) == POINTS
+    assert (ids == 3).sum() == 5
+    assert (ids == 7).sum() == POINTS - 5
+    assert len(set(zip(x.tolist(), y.tolist(), strict=True))) == POINTS
