@@ -17,7 +17,7 @@ import numpy as np
 import pytest
 
 from tiscene.cli import main as command_line
-from tiscene.export import EXPORTERS
+from tiscene.export.formats import FORMATS, format_table
 from tiscene.frame.buffers import BUFFERS
 from tiscene.frame.object_table import ObjectRow
 from tiscene.scenario.objects import Object
@@ -29,6 +29,7 @@ DOCS = ROOT / "docs"
 PAGES = sorted([*ROOT.glob("*.md"), *DOCS.rglob("*.md")])
 BLOCK = re.compile(r"```python\n(.*?)```", re.DOTALL)
 TABLE = re.compile(r"(?<=<!-- buffers -->\n).*?(?=<!-- /buffers -->)", re.DOTALL)
+FORMAT_TABLE = re.compile(r"(?<=<!-- formats -->\n).*?(?=<!-- /formats -->)", re.DOTALL)
 FENCED = re.compile(r"```.*?```", re.DOTALL)
 # Pages whose Python needs a set-up of its own, and the test that runs it. All other pages run as they stand.
 RUN_ELSEWHERE = {
@@ -73,6 +74,11 @@ def anchors(page: Path) -> set[str]:
 def test_table_of_buffers_matches_code(page):
     (table,) = TABLE.findall(read(page))
     assert table == buffer_table(), "run `python -m tests.docs.test_docs`"
+
+
+def test_table_of_formats_matches_code():
+    (table,) = FORMAT_TABLE.findall(read("docs/export.md"))
+    assert table == format_table(), "run `python -m tests.docs.test_docs`"
 
 
 @each_page
@@ -178,13 +184,14 @@ def test_export_pages_run(tmp_path, monkeypatch):
         assert name in pages
         pages = pages.replace(name, other)
     commands = re.findall(r"^    tiscene (render .*)", pages, re.MULTILINE)
-    assert len(commands) == len(EXPORTERS)
+    assert len(commands) == len(FORMATS)
     for command in commands:
         short = re.sub(r"--frames \d+:\d+", "--frames 0:2", command)
         assert command_line.main([*short.split(), "--width", "32", "--height", "24", "--spp", "1"]) == 0
     names = {"learn": lambda *_: None}
     for block in BLOCK.findall(pages):
         exec(block.replace('_benchmark", ', '_benchmark", width=32, height=24, spp=1, '), names)
+    del FORMATS["listing"]  # the page's own
     assert names["depth"].shape == names["sofa"].shape == names["chairs"].shape == (24, 32)
     coco = json.loads(Path("out/coco.json").read_text())
     assert len(coco["images"]) == 2
@@ -206,10 +213,12 @@ def test_every_column_of_the_object_table_is_documented():
 
 
 def test_every_export_format_has_a_section():
-    sections = re.findall(r"^## (\w+):", read("docs/export.md"), re.MULTILINE)
-    assert {section.lower() for section in sections} >= set(EXPORTERS)
+    sections = re.findall(r"^## ([\w-]+):", read("docs/export.md"), re.MULTILINE)
+    assert {section.lower() for section in sections} >= set(FORMATS)
 
 
 if __name__ == "__main__":
     for page in ("README.md", "docs/buffers.md"):
         (ROOT / page).write_text(TABLE.sub(lambda _: buffer_table(), read(page)), encoding="utf-8")
+    page = ROOT / "docs/export.md"
+    page.write_text(FORMAT_TABLE.sub(lambda _: format_table(), page.read_text(encoding="utf-8")), encoding="utf-8")
