@@ -57,6 +57,7 @@ MAY_IMPORT = {
         "tiscene.loaders",
         *("tiscene.scene", "tiscene.usd", "tiscene.validation", "tiscene.world"),
     },
+    "tiscene.preview": {"tiscene.errors", "tiscene.files", "tiscene.frame", "tiscene.stream"},
     "tiscene.sailenv": {
         *("dynamics", "tiscene.catalog", "tiscene.device", "tiscene.errors", "tiscene.frame", "tiscene.render"),
         *("tiscene.scenario", "tiscene.scene", "tiscene.stream", "tiscene.usd", "tiscene.validation", "tiscene.world"),
@@ -82,6 +83,7 @@ MAY_IMPORT = {
         *("dynamics", "tiscene", "tiscene.catalog", "tiscene.errors", "tiscene.export", "tiscene.frame"),
         *("tiscene.sailenv", "tiscene.scenario", "tiscene.scene", "tiscene.stream", "tiscene.usd"),
         "tiscene.learning",
+        "tiscene.preview",
     },
     "tiscene.__main__": {"tiscene.cli"},
 }

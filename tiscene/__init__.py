@@ -8,6 +8,7 @@ Packages, from the user's side down::
 
     cli            command line
     export         frames to files
+    preview        a page to look at frames
     sailenv        SAILenv's API and wire protocol
     learning       continual learning: supervision, courses, drift, evaluation
     stream         streams of frames: iteration, random access, state

@@ -7,6 +7,8 @@ A command is a module with `run(args)`; its arguments are in `parser`.
 
     main      entry point, errors, interrupts
     parser    arguments of all commands
+    argument_types  types of arguments
     terminal  progress bars and notes on stderr
-    demo, render, list, show, inspect, import, bench, serve, sailenv  the commands
+    stream_arguments  the stream of the commands that show frames
+    demo, render, preview, view, list, show, inspect, import, bench, serve, sailenv  the commands
 """

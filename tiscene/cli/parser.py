@@ -10,6 +10,7 @@ import argparse
 from typing import TypeAlias
 
 import tiscene
+from tiscene.cli.argument_types import frame_slice, name_list, number_list, variant_choice
 from tiscene.export.formats import FORMATS
 
 Commands: TypeAlias = "argparse._SubParsersAction[argparse.ArgumentParser]"
@@ -23,7 +24,7 @@ def parser() -> argparse.ArgumentParser:
     )
     top.add_argument("--version", action="version", version=f"tiscene {tiscene.__version__}")
     commands = top.add_subparsers(title="commands", dest="command", metavar="COMMAND")
-    for add in (_demo, _render, _list, _show, _inspect, _import, _bench, _serve, _sailenv):
+    for add in (_demo, _render, _preview, _view, _list, _show, _inspect, _import, _bench, _serve, _sailenv):
         add(commands)
     return top
 
@@ -61,7 +62,7 @@ def _render(commands: Commands) -> None:
     render.add_argument(
         "--frames",
         metavar="A:B[:STEP]",
-        type=_frames,
+        type=frame_slice,
         help="frames as a Python slice: 3:10 is 3 to 9, :10 is 0 to 9, 0:10:2 is every second one; 5: is from 5 on and "
         "needs --count; 7 is frame 7 alone (default: 0; with --count 0:)",
     )
@@ -71,7 +72,7 @@ def _render(commands: Commands) -> None:
     render.add_argument(
         "--buffers",
         metavar="NAME,...",
-        type=_names,
+        type=name_list,
         help="buffers to write, or 'all' (default: those that the format requires, else "
         "rgb,semantic,instance,depth,forward_flow)",
     )
@@ -113,7 +114,7 @@ def _render(commands: Commands) -> None:
     render.add_argument(
         "--shutter",
         metavar="OPEN,CLOSE",
-        type=_times,
+        type=number_list,
         help="motion blur of color: when the shutter opens and closes, in frames from each frame, such as 0,0.5 "
         "(default: the camera's)",
     )
@@ -121,7 +122,7 @@ def _render(commands: Commands) -> None:
     render.add_argument(
         "--camera",
         metavar="NAME,...",
-        type=_names,
+        type=name_list,
         help="one or more cameras of the scene (default: its first); each of several writes into its own folder",
     )
     render.add_argument(
@@ -135,12 +136,60 @@ def _render(commands: Commands) -> None:
     render.add_argument(
         "--categories",
         metavar="NAME,...",
-        type=_names,
+        type=name_list,
         help="categories with the ids 1, 2, ... in semantic; everything else is 0 (default: all, with the ids that "
         "`tiscene list --json` prints)",
     )
     _add_reading(render)
     _add_arch(render)
+
+
+def _preview(commands: Commands) -> None:
+    preview = commands.add_parser(
+        "preview",
+        help="write frames as one HTML page that plays them, with the values under the cursor",
+        description="Write one page that any browser opens from disk: a player with all buffers, the values under the "
+        "cursor, a table of objects, and trajectories seen from above.",
+    )
+    preview.add_argument("-o", "--output", metavar="FILE", required=True, help="page to write, such as preview.html")
+    _add_shown_stream(preview)
+
+
+def _view(commands: Commands) -> None:
+    view = commands.add_parser(
+        "view", help="show frames in Rerun while they are rendered (needs pip install 'tiscene[rerun]')"
+    )
+    view.add_argument("--save", metavar="FILE", help="write a file for Rerun instead, such as run.rrd")
+    view.add_argument("--connect", metavar="URL", help="send frames to a viewer that runs already")
+    _add_shown_stream(view)
+
+
+def _add_shown_stream(command: argparse.ArgumentParser) -> None:
+    """Add the arguments of `stream_arguments.stream_of`."""
+    command.add_argument(
+        "source", metavar="SCENE_OR_SCENARIO", help="the name of a scene, a USD file, or a scenario (.json)"
+    )
+    command.add_argument(
+        "--frames", metavar="A:B[:STEP]", type=frame_slice, help="frames as a Python slice (default: 0:100)"
+    )
+    command.add_argument(
+        "--buffers",
+        metavar="NAME,...",
+        type=name_list,
+        help="buffers to show, or 'all' (default: rgb,semantic,instance,depth,forward_flow,normal)",
+    )
+    _add_size(command, width=None, height=None)
+    command.add_argument(
+        "--fps", metavar="N", type=float, default=25.0, help="frame k shows time k / fps (default: %(default)g)"
+    )
+    _add_quality(command, "fast")
+    _add_spp(command)
+    _add_seed(command)
+    command.add_argument(
+        "--camera", metavar="NAME,...", type=name_list, help="cameras of the scene (default: its first)"
+    )
+    _add_reading(command)
+    _add_arch(command)
 
 
 def _list(commands: Commands) -> None:
@@ -261,7 +310,7 @@ def _sailenv(commands: Commands) -> None:
     record.add_argument(
         "--classes",
         metavar="NAME,...",
-        type=_names,
+        type=name_list,
         help="categories that become the classes 0, 1, ...; everything else is the last class, the background "
         "(default: all categories)",
     )
@@ -323,7 +372,7 @@ def _add_reading(command: argparse.ArgumentParser) -> None:
     command.add_argument(
         "--variant",
         metavar="PRIM{SET}=NAME",
-        type=_variant,
+        type=variant_choice,
         action="append",
         default=[],
         help="select a variant of the stage, such as '/Room{lighting}=evening'; may be repeated",
@@ -340,43 +389,3 @@ def _add_reading(command: argparse.ArgumentParser) -> None:
         help="triangles that all subdivision surfaces are refined to at most (default: 3000000; 0: not refined)",
     )
     command.add_argument("--untrusted", action="store_true", help="read the stage in a separate process with limits")
-
-
-def _frames(text: str) -> slice:
-    """Return the slice of "A:B", "A:B:STEP", "A:" or "K"; frame indices are 0 or more."""
-    mistake = argparse.ArgumentTypeError(
-        f"{text!r} is neither A:B with 0 <= A < B, such as 0:100, nor A: with --count, nor one frame K"
-    )
-    try:
-        numbers = [int(part) if part else None for part in text.split(":")]
-        if len(numbers) == 1:
-            numbers = [int(text), int(text) + 1]
-        frames = slice(*numbers)
-        start, stop, step = frames.start or 0, frames.stop, frames.step if frames.step is not None else 1
-    except (ValueError, TypeError):
-        raise mistake from None
-    if start < 0 or step == 0 or (step < 0 if stop is None else len(range(start, stop, step)) == 0 or stop < 0):
-        raise mistake
-    return slice(start, stop, step)
-
-
-def _names(text: str) -> tuple[str, ...]:
-    names = tuple(name.strip() for name in text.split(",") if name.strip())
-    if not names:
-        raise argparse.ArgumentTypeError(f"{text!r} has no names; expected names separated by commas")
-    return names
-
-
-def _times(text: str) -> tuple[float, ...]:
-    try:
-        return tuple(float(word) for word in text.split(","))
-    except ValueError:
-        raise argparse.ArgumentTypeError(f"{text!r} is not OPEN,CLOSE in frames, such as 0,0.5") from None
-
-
-def _variant(text: str) -> tuple[str, str]:
-    """Split "/Room{lighting}=evening" into ("/Room{lighting}", "evening")."""
-    place, _, variant = text.partition("=")
-    if not (place.startswith("/") and "{" in place and place.endswith("}") and variant):
-        raise argparse.ArgumentTypeError(f"{text!r} is not PRIM{{SET}}=NAME, such as /Room{{lighting}}=evening")
-    return place, variant
