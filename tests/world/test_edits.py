@@ -197,7 +197,7 @@ def test_what_cannot_be_done_changes_nothing(edit, error, match):
         ([Despawn(3, "x")], r"edits\[0\]: no object 'x' exists before this edit"),
         ([Despawn(3, "a"), Move(3, "a", (0, 0, 0))], r"edits\[1\]: the object 'a' is not alive at frame 3"),
         ([Spawn(2, ts.Object("a", "Cube", first_frame=2))], "not reused"),
-        (["spawn"], "must be a Spawn, a Despawn, a Move or an SetFrustumWalls"),
+        (["spawn"], "must be a Spawn, Despawn, Move, PlaceCamera or SetFrustumWalls"),
         (3, "edits=3"),
     ],
 )

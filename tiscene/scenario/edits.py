@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Edits of a running stream: spawn, despawn, move, new frustum walls; and the log that replays them."""
+"""Edits of a running stream: spawn, despawn, move, place a camera, new frustum walls; and the log that replays them."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from dynamics import Still, argument_checks
 from tiscene.errors import ScenarioError, scenario_errors
 from tiscene.scenario.lifespan_index import LifespanIndex
 from tiscene.scenario.objects import Frustum, Object
-from tiscene.scene.camera import Camera, Vector3
+from tiscene.scene.camera import Camera, Quaternion, Vector3
 
 
 @dataclass(frozen=True)
@@ -116,7 +116,37 @@ class SetFrustumWalls:
             object.__setattr__(self, "aspect", argument_checks.positive(self.aspect, "aspect"))
 
 
-Edit = Spawn | Despawn | Move | SetFrustumWalls
+@dataclass(frozen=True)
+class PlaceCamera:
+    """Place a camera at a frame. It leaves its trajectory, if it has one, and stays until it is placed again.
+
+    Attributes:
+        frame: the first frame at the new pose.
+        camera: name of the camera.
+        position: m.
+        rotation: unit quaternion.
+
+    Raises:
+        ScenarioError: a value is invalid.
+    """
+
+    frame: int
+    camera: str
+    position: Vector3
+    rotation: Quaternion
+
+    def __post_init__(self) -> None:
+        with scenario_errors():
+            object.__setattr__(self, "frame", _frame(self.frame))
+            argument_checks.text(self.camera, "camera")
+            object.__setattr__(self, "position", argument_checks.vector(self.position, "position"))
+            rotation = argument_checks.rotation(self.rotation, "rotation")
+            if len(rotation) != 4:
+                raise ScenarioError(f"rotation={self.rotation!r}: must be a quaternion (w, x, y, z)")
+            object.__setattr__(self, "rotation", rotation)
+
+
+Edit = Spawn | Despawn | Move | SetFrustumWalls | PlaceCamera
 
 
 @dataclass(eq=False)
@@ -205,6 +235,7 @@ class EditLog:
         lives: histories of all objects, spawned ones last.
         stage: histories of edited objects of the stage, by prim path.
         enclosures: effective replacements of the walls, by frame.
+        cameras: placements of cameras by name, by frame.
 
     Raises:
         ScenarioError: an edit is impossible.
@@ -215,6 +246,7 @@ class EditLog:
         self.lives = [ObjectHistory(each) for each in objects]
         self.stage: dict[str, StageObjectHistory] = {}
         self.enclosures: list[SetFrustumWalls] = []
+        self.cameras: dict[str, list[PlaceCamera]] = {}
         self._rows = {each.id: row for row, each in enumerate(objects)}
         self._unspawned = range(len(objects))
         self._spawned = LifespanIndex()
@@ -233,6 +265,12 @@ class EditLog:
         """
         return *self._unspawned, *self._spawned.at(frame)
 
+    def camera(self, name: str, frame: int) -> PlaceCamera | None:
+        """Return the last placement of a camera up to a frame; None: there is none."""
+        placements = self.cameras.get(name, [])
+        done = bisect.bisect_right(placements, frame, key=lambda placement: placement.frame)
+        return placements[done - 1] if done else None
+
     def add(self, edit: Edit) -> None:
         """Add an edit.
 
@@ -245,6 +283,8 @@ class EditLog:
             while self.enclosures and self.enclosures[-1].frame >= edit.frame:
                 self.enclosures.pop()
             self.enclosures.append(edit)
+        elif isinstance(edit, PlaceCamera):
+            bisect.insort(self.cameras.setdefault(edit.camera, []), edit, key=lambda placement: placement.frame)
         elif isinstance(edit, Spawn):
             if edit.object.id in self._rows:
                 raise ScenarioError(f"{where}: the id {edit.object.id!r} is taken; ids are not reused")

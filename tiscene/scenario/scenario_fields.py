@@ -11,7 +11,7 @@ from typing import Any
 import dynamics
 from dynamics import Dynamic
 from tiscene.errors import ScenarioError
-from tiscene.scenario.edits import Despawn, Edit, Move, SetFrustumWalls, Spawn
+from tiscene.scenario.edits import Despawn, Edit, Move, PlaceCamera, SetFrustumWalls, Spawn
 from tiscene.scenario.light_motion import LightMotion
 from tiscene.scenario.objects import Frustum, Object, check_dynamic
 from tiscene.scenario.overrides import CameraOverride, LightOverride, MaterialOverride, ObjectOverride, Override
@@ -60,7 +60,7 @@ _DYNAMICS = _Dynamics()
 FIELDS: dict[str, Mapping[str, type]] = {
     "camera": classes(Camera),
     "dynamic": _DYNAMICS,
-    "edits": classes(Despawn, SetFrustumWalls, Move, Spawn),
+    "edits": classes(Despawn, SetFrustumWalls, Move, PlaceCamera, Spawn),
     "frustum": classes(Frustum),
     "lights": classes(LightMotion),
     "motion": _DYNAMICS,
@@ -91,10 +91,12 @@ def check_objects(value: Any) -> tuple[Object, ...]:
 def check_edits(value: Any) -> tuple[Edit, ...]:
     """Return edits as a tuple."""
     if not isinstance(value, Sequence) or isinstance(value, str):
-        raise ScenarioError(f"edits={value!r}: must be a sequence of Spawn, Despawn, Move and SetFrustumWalls")
+        raise ScenarioError(f"edits={value!r}: must be a sequence of Spawn, Despawn, Move, ...")
     for row, each in enumerate(value):
         if not isinstance(each, Edit):
-            raise ScenarioError(f"edits[{row}]={each!r}: must be a Spawn, a Despawn, a Move or an SetFrustumWalls")
+            raise ScenarioError(
+                f"edits[{row}]={each!r}: must be a Spawn, Despawn, Move, PlaceCamera or SetFrustumWalls"
+            )
         if isinstance(each, SetFrustumWalls) and not isinstance(each.frustum, Frustum | None):
             raise ScenarioError(f"edits[{row}].frustum={each.frustum!r}: must be a Frustum or None")
         if isinstance(each, Spawn) and not isinstance(each.object, Object):

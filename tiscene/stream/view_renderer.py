@@ -107,7 +107,8 @@ class ViewRenderer:
         if self._exposure is None:
             state = self.world.state(0)
             self._upload_descriptions()
-            view = View(*state.cameras[0], width=width, height=height)
+            # Without edits: those made at frame 0 come after the metering, or before it in a replay.
+            view = View(*self.world.planned_camera(0), width=width, height=height)
             self._exposure = self._renderer(view).auto_exposure(view, state.placement, seed=self._seed)
         return self._exposure + self.world.scenario.exposure_compensation
 
@@ -156,6 +157,7 @@ class ViewRenderer:
             materials=self._scene.materials.labels,
             spp=pixels.spp,
             events=state.events(step, view.width / view.height),
+            room=state.room_of(view.current),
         )
 
     def _pixels(

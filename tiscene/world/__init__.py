@@ -4,6 +4,8 @@
 ::
 
     world             World
+    camera_edits      placing and turning cameras
+    world_cameras     poses of the cameras at each frame
     world_state       WorldState: everything about one frame
     frame_evaluator   placements, live objects, lights and movers at one frame
     object_registry   ids, labels, meshes and boxes of all objects
@@ -19,5 +21,6 @@
     event_detector    events between two frames
     overlap_detector  what an object is placed inside of
     place_finder      where a spawned object may be put: the request for a free place
+    room_finder      rooms of objects
     frustum_test      which boxes a camera has in view
 """

@@ -13,7 +13,7 @@ from collections.abc import Callable
 from dynamics import Still, UniformMovementRandomBounce
 from dynamics.collision_free import PathBounds
 from dynamics.obstacles import Obstacles
-from tiscene.scenario.edits import Edit, EditLog, Move, SetFrustumWalls, Spawn
+from tiscene.scenario.edits import Edit, EditLog, Move, PlaceCamera, SetFrustumWalls, Spawn
 from tiscene.world.object_movers import UNUSED, ObjectMovers
 
 
@@ -31,7 +31,7 @@ class CollisionOnset:
         self._log = log
         self._movers = movers
         self._obstacles = obstacles
-        self._edits = sorted(log.edits, key=_frame)
+        self._edits: list[Edit] = sorted(log.edits, key=_frame)
         self._considered = 0  # number of those that are
         self._frame: int | None = None
         self._objects_considered = False
@@ -72,6 +72,8 @@ class CollisionOnset:
             row = self._log.row(edit.object.id)
             if row is not None:
                 self._add(row, edit.frame)
+        elif isinstance(edit, PlaceCamera):
+            return  # cameras collide with nothing
         elif self._log.row(edit.id) is None:
             self._is_stage_edited = True
         elif isinstance(edit, Move):

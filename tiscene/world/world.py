@@ -19,7 +19,7 @@ import numpy as np
 
 from dynamics import Dynamic
 from tiscene.errors import ArgumentError, ObjectNotFound, ScenarioError
-from tiscene.scenario.edits import Despawn, Edit, Move, SetFrustumWalls, Spawn
+from tiscene.scenario.edits import Despawn, Edit, Move, PlaceCamera, SetFrustumWalls, Spawn
 from tiscene.scenario.objects import Frustum, Object
 from tiscene.scenario.scenario import Scenario
 from tiscene.scene.bvh.obstacle_tree import MeshTrees
@@ -27,6 +27,7 @@ from tiscene.scene.camera import Camera
 from tiscene.scene.description import Light, SceneDescription, Template
 from tiscene.scene.placement import Placement
 from tiscene.validation import positive
+from tiscene.world.camera_edits import CameraEdits
 from tiscene.world.category_ids import CategoryIds
 from tiscene.world.frame_evaluator import FrameEvaluator
 from tiscene.world.lights import WorldLights
@@ -34,19 +35,21 @@ from tiscene.world.object_registry import ObjectRegistry, WorldObject
 from tiscene.world.overlap_detector import OverlapDetector
 from tiscene.world.overridden_stage import check_materials, overridden, with_materials
 from tiscene.world.place_finder import PlaceFinder
+from tiscene.world.room_finder import RoomFinder
 from tiscene.world.stage_objects import StageObjects
 from tiscene.world.trajectories import Trajectories, TrajectoryContext
+from tiscene.world.world_cameras import WorldCameras
 from tiscene.world.world_state import CameraStep, ObjectBounds, WorldState
 
 
-class World:
+class World(CameraEdits):
     """The objects of a stage and of a scenario, on the clock of a stream.
 
     Instance ids: objects of the stage have 1 to n in the stage's order, objects of the scenario the following ones in
     theirs. Category ids: see CategoryIds.
 
-    A running stream can be edited: `spawn`, `despawn` and `move` take effect at its next frame and are kept in
-    `scenario.edits`, so that a world of that scenario has the same states.
+    A running stream can be edited: `spawn`, `despawn`, `move`, `move_camera` and `turn_camera` take effect at its next
+    frame and are kept in `scenario.edits`, so that a world of that scenario has the same states.
 
     Args:
         scenario: the scenario.
@@ -116,10 +119,18 @@ class World:
             instances=self._stage_objects.instances,
         )
         self.trajectories = Trajectories(scenario, self._log, setting)
+        self._cameras = WorldCameras(self.cameras, self._log, self.trajectories)
         eye, placed = self.cameras[0].position, self._stage_objects.instances
         overlaps = OverlapDetector(self._log, stage, registry.surface, placed, self.trajectories, eye)
         self._evaluator = FrameEvaluator(
-            self._log, registry, self._stage_objects, self._lights, self.trajectories, overlaps, self.fps
+            self._log,
+            registry,
+            self._stage_objects,
+            self._lights,
+            self.trajectories,
+            overlaps,
+            self.fps,
+            RoomFinder(stage.rooms),
         )
         self._place_finder = PlaceFinder(stage, registry, self._stage_objects, self._evaluator, aspect, seed)
 
@@ -191,7 +202,7 @@ class World:
         return WorldState(
             frame=frame,
             aspect=self._aspect,
-            cameras=tuple(self._camera_step(frame, row) for row in range(len(self.cameras))),
+            cameras=tuple(self._cameras.step(frame, row) for row in range(len(self.cameras))),
             placement=placement,
             objects=objects,
             lights=self.stage.lights if lights is None else tuple(light for _, light in lights),
@@ -199,6 +210,7 @@ class World:
             has_dynamic_lights=self._evaluator.has_dynamic_lights(frame),
             starting_lights=lights is None or self._evaluator.are_starting_lights(placement.light_groups),
             changes=self._evaluator.changes(frame),
+            volumes=self.stage.rooms,
             previous_bounds=previous,
         )
 
@@ -213,21 +225,11 @@ class World:
             The placement, whose current time is `frame + shift`, and one camera per camera of the world.
         """
         frame = _frame_number(frame)
-        cameras = list(self.cameras)
-        if any(camera.dynamic is not None for camera in cameras):
-            poses = self.trajectories.camera_poses(frame + shift).tolist()
-            for row, camera in enumerate(cameras):
-                if camera.dynamic is not None:
-                    x, y, z, *rotation = poses[row]
-                    cameras[row] = camera.with_pose((x, y, z), tuple(rotation))
-        return self._evaluator.place(frame, shift), tuple(cameras)
+        return self._evaluator.place(frame, shift), self._cameras.between(frame, shift)
 
-    def _camera_step(self, frame: int, row: int) -> CameraStep:
-        camera = self.cameras[row]
-        if camera.dynamic is None:
-            return CameraStep(camera, camera, camera)
-        poses = [self.trajectories.camera_poses(frame + step)[row].tolist() for step in (-1, 0, 1)]
-        return CameraStep(*(camera.with_pose((x, y, z), tuple(rotation)) for x, y, z, *rotation in poses))
+    def planned_camera(self, frame: int) -> CameraStep:
+        """Return the main camera at frames k - 1, k and k + 1 as if no edit had placed it."""
+        return self._cameras.planned(frame, 0)
 
     def set_light(self, row: int, light: Light) -> None:
         """Replace a light of the stage; see `Stream.set_light`. Not part of the scenario."""
@@ -279,7 +281,7 @@ class World:
         if free:
             if position is not None:
                 raise ArgumentError("free=True finds a position; leave position out")
-            new = self._place_finder.placed(new, self._camera_step(self.next_frame, 0).current, region, depth)
+            new = self._place_finder.placed(new, self.camera_at(self.next_frame), region, depth)
         self._edit(Spawn(self.next_frame, new))
         return self._registry.id_of(len(self._log.lives) - 1)
 
@@ -340,7 +342,7 @@ class World:
             raise ScenarioError(f"frustum={frustum!r}: must be a Frustum or None")
         if not isinstance(camera, Camera | None):
             raise ScenarioError(f"camera={camera!r}: must be a Camera or None")
-        camera = replace(camera or self._camera_step(self.next_frame, 0).current, dynamic=None)
+        camera = replace(camera or self.camera_at(self.next_frame), dynamic=None)
         self._edit(SetFrustumWalls(self.next_frame, frustum, camera, self._aspect if aspect is None else aspect))
 
     def _live_name(self, object: int | str) -> str:
@@ -375,7 +377,8 @@ class World:
         elif isinstance(edit, Move | Despawn) and self._log.row(edit.id) is None:
             self._stage_objects.settle(self._log.stage)
         self._last_state = None
-        self.trajectories.amend(edit)
+        if not isinstance(edit, PlaceCamera):
+            self.trajectories.amend(edit)
         if edit.frame == 0:
             self._evaluator.forget_starting_lights()
 

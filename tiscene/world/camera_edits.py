@@ -1,0 +1,90 @@
+# SPDX-License-Identifier: Apache-2.0
+"""CameraEdits: the edits of a world that place its cameras, for active vision."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Sequence
+
+from dynamics import argument_checks
+from tiscene.errors import scenario_errors
+from tiscene.scenario.edits import Edit
+from tiscene.scene.camera import Camera
+from tiscene.scene.description import SceneDescription
+from tiscene.world.world_cameras import WorldCameras
+
+
+class CameraEdits(ABC):
+    """Base class of a world with cameras that can be placed.
+
+    Attributes:
+        stage: the stage.
+        next_frame: the frame at which edits take effect.
+    """
+
+    stage: SceneDescription
+    next_frame: int
+    _cameras: WorldCameras
+
+    @abstractmethod
+    def _edit(self, edit: Edit) -> None:
+        """Add an edit to the log."""
+
+    def camera_at(self, frame: int, camera: str | None = None) -> Camera:
+        """Return a camera at a frame, with the edits up to it.
+
+        Args:
+            frame: 0 or more.
+            camera: its name; None: the main camera.
+
+        Raises:
+            CameraNotFound: there is no such camera.
+        """
+        return self._cameras.at(frame, self._cameras.row(camera), frame)
+
+    def move_camera(
+        self,
+        position: Sequence[float],
+        rotation: Sequence[float] | None = None,
+        *,
+        relative: bool = False,
+        camera: str | None = None,
+    ) -> None:
+        """Move a camera at the next frame. It leaves its trajectory, if it has one, and stays.
+
+        The walls of the scenario's frustum stay as planned; `set_frustum_walls` places them anew. Objects do not hold
+        the camera back.
+
+        Args:
+            position: m, in the world.
+            rotation: Euler angles in degrees, or a quaternion; None: unchanged.
+            relative: `position` is an offset along the camera's own axes: x right, y up, -z forward.
+            camera: its name; None: the main camera.
+
+        Raises:
+            CameraNotFound: there is no such camera.
+            ScenarioError: the pose is invalid.
+        """
+        frame, cameras = self.next_frame, self._cameras
+        with scenario_errors():
+            place = argument_checks.vector(position, "position")
+            rotation = None if rotation is None else argument_checks.rotation(rotation, "rotation")
+        place = cameras.offset(frame, camera, place) if relative else place
+        self._edit(cameras.moved(frame, camera, place, rotation))
+
+    def turn_camera(self, yaw: float = 0.0, pitch: float = 0.0, *, camera: str | None = None) -> None:
+        """Turn a camera at the next frame, from where it looks then. It leaves its trajectory, if it has one.
+
+        Args:
+            yaw: turn about the vertical, degrees; positive: to the left.
+            pitch: turn about the camera's own x axis, degrees; positive: up.
+            camera: its name; None: the main camera.
+
+        Raises:
+            CameraNotFound: there is no such camera.
+            ScenarioError: an angle is not a number.
+        """
+        with scenario_errors():
+            yaw, pitch = argument_checks.number(yaw, "yaw"), argument_checks.number(pitch, "pitch")
+        rotation = self._cameras.turned(self.next_frame, camera, yaw, pitch, self.stage.up)
+        self._edit(self._cameras.moved(self.next_frame, camera, None, rotation))

@@ -1,0 +1,106 @@
+# SPDX-License-Identifier: Apache-2.0
+"""WorldCameras: poses of the cameras at each frame, by their trajectories and by edits that place them.
+
+A camera that an edit has placed has left its trajectory: it stays until the next edit. Edits are not anticipated.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from fractions import Fraction
+
+import numpy as np
+
+from dynamics.rotation import multiply, quaternion
+from tiscene.errors import CameraNotFound
+from tiscene.scenario.edits import EditLog, PlaceCamera
+from tiscene.scene.camera import Camera, Vector3
+from tiscene.world.trajectories import Trajectories
+from tiscene.world.world_state import CameraStep
+
+AS_PLANNED = -1  # a frame before all edits
+
+
+@dataclass(frozen=True, eq=False)
+class WorldCameras:
+    """The cameras of a world.
+
+    Attributes:
+        cameras: the cameras at their start.
+        log: the edit log, which may grow.
+        trajectories: poses along trajectories.
+
+    Raises:
+        CameraNotFound: an edit places a camera that the scenario does not have.
+    """
+
+    cameras: Sequence[Camera]
+    log: EditLog
+    trajectories: Trajectories
+
+    def __post_init__(self) -> None:
+        for name in self.log.cameras:
+            self.row(name)
+
+    def row(self, name: str | None) -> int:
+        """Return the row of a camera; None: the main camera's. Raises CameraNotFound."""
+        names = [camera.name for camera in self.cameras]
+        if name is not None and name not in names:
+            raise CameraNotFound("camera", name, names, " among those of the scenario")
+        return 0 if name is None else names.index(name)
+
+    def at(self, time: Fraction | int, row: int, as_of: int) -> Camera:
+        """Return a camera at a time in frames, as planned when frame `as_of` was made."""
+        camera = self.cameras[row]
+        edit = self.log.camera(camera.name, min(math.floor(time), as_of))
+        if edit is not None:
+            return camera.with_pose(edit.position, edit.rotation)
+        if camera.dynamic is None:
+            return camera
+        x, y, z, *rotation = self.trajectories.camera_poses(time)[row].tolist()
+        return camera.with_pose((x, y, z), tuple(rotation))
+
+    def step(self, frame: int, row: int) -> CameraStep:
+        """Return a camera at frames k - 1, k and k + 1; the last one as planned at k."""
+        return CameraStep(*(self.at(frame + step, row, frame) for step in (-1, 0, 1)))
+
+    def planned(self, frame: int, row: int) -> CameraStep:
+        """Return the same without edits."""
+        return CameraStep(*(self.at(frame + step, row, AS_PLANNED) for step in (-1, 0, 1)))
+
+    def between(self, frame: int, shift: Fraction) -> tuple[Camera, ...]:
+        """Return all cameras at a time within the shutter interval of a frame.
+
+        An edit places a camera at once: while the shutter of its first frame is open, the camera stands still.
+        """
+        result = []
+        for row, camera in enumerate(self.cameras):
+            edit = self.log.camera(camera.name, frame)
+            placed = None if edit is None else camera.with_pose(edit.position, edit.rotation)
+            result.append(placed or self.at(frame + shift, row, frame))
+        return tuple(result)
+
+    def moved(
+        self, frame: int, name: str | None, position: Sequence[float] | None, rotation: Sequence[float] | None
+    ) -> PlaceCamera:
+        """Return the edit that places a camera; what is None stays as it is at the frame."""
+        now = self.at(frame, self.row(name), frame)
+        turned = now.rotation if rotation is None else tuple(quaternion(rotation).tolist())
+        return PlaceCamera(frame, now.name, now.position if position is None else position, turned)  # type: ignore[arg-type]
+
+    def offset(self, frame: int, name: str | None, by: Vector3) -> Vector3:
+        """Return a camera's position, moved along its own axes (x right, y up, -z forward)."""
+        now = self.at(frame, self.row(name), frame)
+        x, y, z = (np.asarray(now.position) + now.axes() @ np.asarray(by, np.float64)).tolist()
+        return (x, y, z)
+
+    def turned(self, frame: int, name: str | None, yaw: float, pitch: float, up: Vector3) -> tuple[float, ...]:
+        """Return a camera's rotation after a turn about the vertical, and one about its own x axis, degrees."""
+        now = self.at(frame, self.row(name), frame)
+        half, tilt = 0.5 * math.radians(yaw), 0.5 * math.radians(pitch)
+        around = np.array([math.cos(half), *(math.sin(half) * np.asarray(up))])
+        upward = np.array([math.cos(tilt), math.sin(tilt), 0.0, 0.0])
+        rotation = multiply(multiply(around, now.rotation), upward)
+        return tuple((rotation / np.linalg.norm(rotation)).tolist())
