@@ -130,6 +130,43 @@ def test_scene_without_exposure_is_metered_from_its_start_camera(make_agent, tmp
     assert exposures[0] == exposures[1]
 
 
+@pytest.mark.parametrize("keep", [False, True])
+def test_clock_restarts_at_a_change_of_the_scene_or_goes_on(make_agent, small_scenes, keep):
+    agent, other = (make_agent(at=None, width=16, height=12, max_depth=2, keep_clock=keep) for _ in range(2))
+    for _ in range(3):
+        agent.get_frame(), other.get_frame()
+    agent.change_scene(small_scenes[1])
+    there = [agent.get_frame(), other.get_frame()]
+    first = 3 if keep else 0
+    assert [agent.frame_index, other.frame_index] == [first, first]
+    assert there[0]["depth"].tobytes() == there[1]["depth"].tobytes()
+    assert not there[0]["flow"].any()
+    assert [each["deltaTime"] for each in there] == pytest.approx([0.04, 0.04])
+    agent.spawn_object("Cube", (0, 1, 3))
+    seen = agent.get_frame()
+    assert agent.frame_index == first + 1
+    assert seen["object"].tobytes() != there[0]["object"].tobytes()
+    agent.load_scenario(Scenario(small_scenes[0], []))
+    agent.get_frame()
+    assert agent.frame_index == 0
+
+
+@pytest.mark.slow
+def test_memory_is_flat_over_200_changes_of_scenes(make_agent, small_scenes):
+    agent = make_agent(width=32, height=24, max_depth=2)
+    used, seconds = [], []
+    for number in range(200):
+        began = time.perf_counter()
+        agent.change_scene(small_scenes[number % 3])
+        agent.spawn_object(("Cube", "Chair 01", "Sphere")[number % 3], (0, 1, 3))
+        agent.get_frame()
+        seconds.append(time.perf_counter() - began)
+        used.append(resident())
+    print(f"{used[20] >> 20} MB after 20 changes, {used[-1] >> 20} MB after 200; {np.median(seconds[20:]):.3f} s each")
+    assert used[-1] < 1.05 * max(used[:30]), used
+    assert np.median(seconds[20:]) < 1.0
+
+
 @pytest.mark.slow
 def test_memory_is_flat_over_changes_between_rooms():
     environment = Environment("room_02/scene", quality="fast", spp=1)

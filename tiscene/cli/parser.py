@@ -24,7 +24,7 @@ def parser() -> argparse.ArgumentParser:
     )
     top.add_argument("--version", action="version", version=f"tiscene {tiscene.__version__}")
     commands = top.add_subparsers(title="commands", dest="command", metavar="COMMAND")
-    for add in (_demo, _render, _preview, _view, _list, _show, _inspect, _import, _bench, _serve, _sailenv):
+    for add in (_demo, _render, _preview, _view, _list, _show, _inspect, _import, _bench, _evaluate, _serve, _sailenv):
         add(commands)
     return top
 
@@ -247,6 +247,42 @@ def _bench(commands: Commands) -> None:
     _add_arch(bench)
 
 
+def _evaluate(commands: Commands) -> None:
+    evaluate = commands.add_parser(
+        "evaluate",
+        help="evaluate continual learners on a course of phases",
+        description="Evaluate learners on a benchmark suite or on a course of your own, and write scores (JSON) and a "
+        "page (index.html) into a folder. See docs/learning.md.",
+    )
+    evaluate.add_argument(
+        "course",
+        metavar="COURSE",
+        help="a suite (solids, room; solids-hard for another grade), a course (.json), or with --verify a score",
+    )
+    evaluate.add_argument(
+        "--learner",
+        metavar="NAME",
+        action="append",
+        help="naive, replay, ewc, si, lwf, shuffled, ncm, flow, blind, all, or module:Class; may be repeated "
+        "(default: naive)",
+    )
+    evaluate.add_argument(
+        "--seeds", metavar="N", type=int, default=1, help="evaluate each learner with seeds 0 to N - 1 (default: 1)"
+    )
+    evaluate.add_argument("-o", "--output", metavar="DIR", help="folder to write (default: tiscene-evaluation-COURSE)")
+    evaluate.add_argument(
+        "--cost",
+        metavar="FRAMES",
+        type=float,
+        default=0.0,
+        help="frames that pass while a learner learns from one; it misses them (default: 0, the stream waits)",
+    )
+    evaluate.add_argument(
+        "--checkpoint", action="store_true", help="save the state from time to time; the same command continues from it"
+    )
+    evaluate.add_argument("--verify", action="store_true", help="COURSE is a saved score: compute it again and compare")
+
+
 def _serve(commands: Commands) -> None:
     serve = commands.add_parser(
         "serve",
@@ -277,6 +313,11 @@ def _serve(commands: Commands) -> None:
         "--consecutive-flow",
         action="store_true",
         help="flow is always that from the frame before (default: from the client's last frame)",
+    )
+    serve.add_argument(
+        "--keep-clock",
+        action="store_true",
+        help="the frame clock goes on when a client changes the scene (default: it starts again, as in SAILenv)",
     )
     serve.add_argument(
         "--query-budget",

@@ -31,6 +31,7 @@ def run(args: argparse.Namespace) -> None:
         seed=args.seed,
         consecutive_flow=args.consecutive_flow,
         query_budget=args.query_budget,
+        keep_clock=args.keep_clock,
         arch=args.arch,
     )
     server = Server(environment, args.host, args.port, wait=args.wait)

@@ -61,6 +61,7 @@ class Environment(EnvironmentEdits):
         seed: int = 0,
         consecutive_flow: bool = False,
         query_budget: int | None = None,
+        keep_clock: bool = False,
         arch: str | None = None,
     ) -> None:
         """Check the arguments; the scene is read when it is first needed.
@@ -77,6 +78,8 @@ class Environment(EnvironmentEdits):
             seed: Seed of the rendering.
             consecutive_flow: Whether flow is always measured from the frame before. False: from the agent's last frame.
             query_budget: How many pixels each agent may ask about (see `ask_pixel`); None for any number.
+            keep_clock: Whether the frame clock goes on when an agent changes the scene: the new scene is then shown as
+                it is at that time. False: it starts at frame 0, as in SAILenv. A scenario always starts at frame 0.
             arch: "cpu" or "cuda"; None for "cpu".
 
         Raises:
@@ -88,7 +91,7 @@ class Environment(EnvironmentEdits):
         integer("seed", seed, 0, 2**32 - 1)
         self._queries = PixelQueries(query_budget)
         runtime.start(arch)
-        self.consecutive_flow = bool(consecutive_flow)
+        self.consecutive_flow, self._keep_clock = bool(consecutive_flow), bool(keep_clock)
         self.clock = -1
         self.agents: dict[int, AgentCamera] = {}
         self.uploads = UploadedModels()
@@ -142,14 +145,7 @@ class Environment(EnvironmentEdits):
         """
         stream = self.stream
         if agent.needs_new_frame(self.clock):
-            self.clock += 1
-            for each in self.agents.values():
-                each.begin_frame(self._profile, self.clock)
-            self._session.apply_light_edits()
-            if self._walls is not None:
-                self._walls.follow(stream, self._profile, self.clock)
-            stream.seek(self.clock + 1)
-            self._renderer.start_frame(self._ambient)
+            self._advance_clock()
         steps = self.clock - agent.last_frame if agent.last_frame >= 0 else 1
         step = agent.flow_step(self._profile, self.clock, self.consecutive_flow)
         background = agent.background or self._profile.background
@@ -219,9 +215,14 @@ class Environment(EnvironmentEdits):
 
     def change_scene(self, name: str) -> None:
         """Start a scene, with all agents at its start pose. Raises SceneNotFound, StageError."""
+        last = self.clock
         self._start_scene(asset_names.catalog_scene(name))
         for agent in self.agents.values():
             agent.reset(self._profile)
+        if self._keep_clock and last >= 0:
+            self.clock = last
+            self.stream.seek(last + 1)
+            self._advance_clock()
 
     def load_scenario(self, agent: AgentCamera, content: Mapping[str, Any]) -> tuple[list[str], list[str]]:
         """Start a scenario. Agents that have moved keep their poses.
@@ -260,6 +261,17 @@ class Environment(EnvironmentEdits):
     @property
     def _profile(self) -> SceneProfile:
         return self._session.profile
+
+    def _advance_clock(self) -> None:
+        """Make the next frame the current one."""
+        self.clock += 1
+        for each in self.agents.values():
+            each.begin_frame(self._profile, self.clock)
+        self._session.apply_light_edits()
+        if self._walls is not None:
+            self._walls.follow(self.stream, self._profile, self.clock)
+        self.stream.seek(self.clock + 1)
+        self._renderer.start_frame(self._ambient)
 
     def _start_scene(
         self, scene: str, scenario: native.Scenario | None = None, agent: AgentCamera | None = None
