@@ -23,6 +23,7 @@ MAY_IMPORT = {
     "usd_scenes": set(),
     "usd_scenes.author": {"tiscene.usd", "usd_scenes"},
     "docs": {
+        "tiscene.learning",
         "tiscene",
         "tiscene.catalog",
         "tiscene.cli",
@@ -117,6 +118,7 @@ ONLY_IN = {
         "usd_scenes/author/",
         "docs/tools/template_sheet.py",
         "docs/tools/gallery.py",
+        "tiscene/learning/results_page.py",
     ),
     "rich": ("tiscene/cli/",),
     "trimesh": ("tiscene/usd/", "usd_scenes/author/"),

@@ -21,5 +21,10 @@
     task_matrix        counts of tests after each phase
     pixel_counts       confusion matrices of pixels
     resource_usage     time and memory
+    counterfactuals    held-out tests, and tests with one factor changed
+    baselines          learners to compare with
+    results_page       results as an HTML page
+    svg_chart          line charts of the page
+    suite_names        benchmark suites by name
     score              Score: results, and how to compute them again
 """

@@ -135,7 +135,7 @@ class Course(Iterator[CourseFrame]):
         if where not in self._keys:
             scenario = phase.scenario_at(where[1])
             self._keys[where] = _digest(scenario.to_json()), scenario
-        return self._pool.stream(*self._keys[where]), phase.start + k
+        return self._pool.stream(*self._keys[where]), phase.start + phase.step * k
 
     def rules(self, index: int) -> tuple[int, SupervisionRules | None, int, int | None]:
         """Return the number of a frame's phase, its teacher's rules, the frame's number in it, and its length."""

@@ -114,6 +114,7 @@ def _drift(drift: Drift, key: Callable[[Scenario], str], path: str) -> dict[str,
         "factor": drift.factor,
         "values": serialization.encode(values, FIELDS, {}, f"{path}.values"),
         "schedule": schedule,
+        "seed": drift.seed,
     }
 
 
@@ -147,7 +148,7 @@ def decode(content: Mapping[str, Any]) -> dict[str, Any]:
             if drift.get("factor") == SCENARIO:
                 values = [scenario(name, f"{path}.drift[{row}].values") for name in drift["values"]]
                 schedule = serialization.decode(drift["schedule"], FIELDS, FIELDS["schedule"], f"{path}.drift[{row}]")
-                drifts.append(Drift(SCENARIO, values, schedule))
+                drifts.append(Drift(SCENARIO, values, schedule, drift.get("seed", 0)))
             else:
                 drifts.append(serialization.decode(drift, FIELDS, FIELDS["drift"], f"{path}.drift[{row}]"))
         for name, value in members.items():

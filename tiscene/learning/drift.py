@@ -160,6 +160,7 @@ class Drift:
             scenarios.
         values: two or more values, in the order of the schedule. Values that are numbers are interpolated by `Ramp`.
         schedule: Step, Ramp, Mix or Cycle, or a schedule of your own.
+        seed: of the factor's draws, where a value is a range.
 
     Raises:
         ArgumentError: a value is out of range.
@@ -168,6 +169,7 @@ class Drift:
     factor: str
     values: Sequence[Any]
     schedule: Schedule
+    seed: int = 0
 
     def __post_init__(self) -> None:
         argument_checks.text(self.factor, "factor")
@@ -196,7 +198,7 @@ class Drift:
     def applied(self, scenario: Scenario, position: float) -> Scenario:
         """Return a scenario with the factor's value at a position of the schedule."""
         value = self.at(position)
-        return value if self.factor == SCENARIO else scenario.with_factor(self.factor, value)
+        return value if self.factor == SCENARIO else scenario.with_factor(self.factor, value, seed=self.seed)
 
 
 def _is_number(value: Any) -> bool:

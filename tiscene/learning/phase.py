@@ -29,7 +29,8 @@ class Phase:
         laps: number of laps of what moves in the scenario; None: by `frames`.
         supervision: rules of the teacher, or its policy alone; None: it is silent.
         evaluate: whether the learner only predicts here, and never learns.
-        start: frame of the scenario that the phase begins with; the same scenario and start show the same frames again.
+        start: frame of the scenario that the phase begins with; the same scenario and start show equal frames again.
+        step: frames of the scenario from one frame of the phase to the next; flow stays that of the scenario.
         drift: factors that change during the phase.
         lap_of: id of the object whose loop is a lap, or "camera"; None: all motion together.
 
@@ -44,6 +45,7 @@ class Phase:
     supervision: SupervisionRules | Policy | None = None
     evaluate: bool = False
     start: int = 0
+    step: int = 1
     drift: Sequence[Drift] = ()
     lap_of: str | None = None
 
@@ -56,7 +58,7 @@ class Phase:
             raise ArgumentError(f"{where}: scenario={self.scenario!r}: must be a Scenario, a scene's name or a file")
         if (self.frames is None) == (self.laps is None):
             raise ArgumentError(f"{where}: give either frames= or laps=")
-        for name, low in (("frames", 1), ("laps", 1), ("start", 0)):
+        for name, low in (("frames", 1), ("laps", 1), ("start", 0), ("step", 1)):
             value = getattr(self, name)
             if value is not None and argument_checks.whole(value, name) < low:
                 raise ArgumentError(f"{where}: {name}={value!r}: must be at least {low}")
@@ -78,7 +80,8 @@ class Phase:
         """
         if self.frames is not None:
             return self.frames
-        return max(lap_times(self._scenario(), self.lap_of).frames(self.laps or 1, fps) - self.start, 1)
+        end = lap_times(self._scenario(), self.lap_of).frames(self.laps or 1, fps)
+        return max(len(range(self.start, end, self.step)), 1)
 
     def laps_of_motion(self) -> LapTimes | None:
         """Return when the laps of its scenario begin; None: its motion never repeats, or nothing moves."""

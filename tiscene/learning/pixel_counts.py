@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from tiscene.errors import ArgumentError
 from tiscene.learning.phase import CourseFrame
+from tiscene.randomization.object_factors import DISTRACTOR
 
 PIXELS = ("frame", "objects", "moving")
 
@@ -20,13 +21,18 @@ def selected_pixels(frame: CourseFrame, pixels: str) -> NDArray[np.bool_]:
 
     Args:
         frame: a frame with the buffer `instance`.
-        pixels: "frame": all; "objects": those of the scenario's objects; "moving": those of objects that move.
+        pixels: "frame": all; "objects": those of the scenario's objects without distractors; "moving": those of objects
+            that move.
     """
     if pixels == "frame":
         return np.ones(frame.instance.shape, np.bool_)
-    chosen = frame.moving if pixels == "moving" else {row.id for row in frame.objects if row.template}
+    chosen = frame.moving if pixels == "moving" else _objects(frame)
     selected: NDArray[np.bool_] = np.isin(frame.instance, list(chosen))
     return selected
+
+
+def _objects(frame: CourseFrame) -> set[int]:
+    return {row.id for row in frame.objects if row.template and not row.name.startswith(DISTRACTOR)}
 
 
 def check_pixels(value: str) -> str:

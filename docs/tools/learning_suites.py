@@ -1,0 +1,161 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Write the courses of the benchmark suites, tiscene/learning/suites/*.json.
+
+    python -m docs.tools.learning_suites            # all
+    python -m docs.tools.learning_suites solids     # those of one suite
+
+Each suite has the grades easy, medium and hard, which differ in the number, size and speed of objects and in drift.
+"""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import tiscene as ts
+from tiscene.learning.counterfactuals import counterfactuals
+from tiscene.learning.course import Course
+from tiscene.learning.drift import Cycle, Drift, Ramp
+from tiscene.learning.phase import Phase
+from tiscene.learning.supervision import SupervisionRules
+from tiscene.learning.teaching_policies import Combined, OnePixelPerMovingObject, RandomPixels
+from tiscene.scenario.objects import Object
+from tiscene.scenario.scenario import Scenario
+
+FOLDER = Path(ts.__file__).parent / "learning" / "suites"
+TAUGHT = SupervisionRules(Combined([OnePixelPerMovingObject(), RandomPixels(2)]))
+TESTED = {"frames": 16, "step": 20}
+
+
+@dataclass(frozen=True)
+class Grade:
+    """How hard a suite is.
+
+    Attributes:
+        name: its name.
+        objects: moving objects of a phase.
+        size: least size of an object, as a fraction of the image's height.
+        depth: distances from the camera, m.
+        speed: m/s.
+        spin: rad/s.
+        frames: of a phase.
+    """
+
+    name: str
+    objects: int
+    size: float
+    depth: tuple[float, float]
+    speed: tuple[float, float]
+    spin: tuple[float, float]
+    frames: int = 250
+
+
+GRADES = (
+    Grade("easy", 1, 0.25, (1.0, 2.5), (0.2, 0.4), (0.1, 0.5)),
+    Grade("medium", 2, 0.15, (1.2, 3.2), (0.3, 0.8), (0.3, 1.2)),
+    Grade("hard", 2, 0.08, (1.2, 4.5), (0.6, 1.6), (1.0, 3.0)),
+)
+
+
+def moving(scene: str, templates: Sequence[str], grade: Grade, seed: int) -> Scenario:
+    """Return a scenario in which one object of each template moves on a random loop."""
+    objects: list[Object] = []
+    for row, template in enumerate(templates[: grade.objects]):
+        drawn = Scenario.sample(
+            scene,
+            seed=100 * seed + row,
+            objects=1,
+            templates=[template],
+            depth=grade.depth,
+            min_size=grade.size,
+            speed=grade.speed,
+            angular_speed=grade.spin,
+        )
+        objects.append(replace(drawn.objects[0], id=template.lower().replace(" ", "_"), collide=False))
+    return Scenario(scene, objects)
+
+
+def course(phases: Sequence[Phase], tests: Sequence[Phase], categories: Sequence[str]) -> Course:
+    """Return a course with the settings of all suites."""
+    return Course(
+        phases,
+        tests=tests,
+        observed=("rgb", "forward_flow"),
+        buffers=("rgb", "semantic", "instance", "part", "depth", "forward_flow"),
+        categories=tuple(categories),
+        width=64,
+        height=48,
+        quality="fast",
+    )
+
+
+def solids(grade: Grade) -> Course:
+    """Return a course of primitives, two new ones in each phase; the first ones come back, in fading light."""
+    scene = "solid_benchmark" if grade.name == "hard" else "object_view"
+    groups = [("Cone", "Capsule"), ("Torus", "Plant 01"), ("Pillow 01", "Ball 01")]
+    if grade.name != "hard":  # there, spheres, cubes and cylinders stand in the scene
+        groups = [("Sphere", "Cube"), ("Cone", "Cylinder"), ("Torus", "Capsule")]
+    return _classes_in_turn(scene, groups, grade, dim=Drift("illumination", (0.0, -2.0), Ramp(60, 180, steps=3)))
+
+
+def room(grade: Grade) -> Course:
+    """Return a course in one room: two groups of objects in turn, day and night, other instances, clutter."""
+    scene = "room_02"
+    first, second = ("Chair 01", "Teddy Bear 01"), ("Ball 01", "Suitcase 01")
+    a, b = (moving(scene, group, grade, seed) for seed, group in enumerate((first, second), 1))
+    other = replace(a, objects=[replace(a.objects[0], template="Chair 02"), *a.objects[1:]])
+    n = grade.frames
+    night = Drift("illumination", ("day", "night"), Cycle(n // 2))
+    phases = [
+        Phase(_title(a), a, frames=n, supervision=TAUGHT),
+        Phase(_title(b), b, frames=n, supervision=TAUGHT),
+        Phase("day and night", b, frames=n, supervision=TAUGHT, drift=night, start=n),
+        Phase("other chair", other, frames=n, supervision=TAUGHT),
+        Phase("clutter", b.with_factor("clutter", 6, seed=1), frames=n, supervision=TAUGHT, start=2 * n),
+    ]
+    if grade.name == "easy":
+        phases = phases[:4]
+    tests = [
+        Phase(_title(scenario), moving(scene, group, grade, seed), **TESTED)
+        for scenario, group, seed in ((a, first, 11), (b, second, 12))
+    ]
+    tests += counterfactuals(tests, {"illumination": ["night"]}, **TESTED)
+    names = ["chair", "teddy bear", "ball", "suitcase"]
+    return course(phases, tests, names)
+
+
+def _classes_in_turn(scene: str, groups: Sequence[Sequence[str]], grade: Grade, dim: Drift) -> Course:
+    scenarios = [moving(scene, group, grade, seed) for seed, group in enumerate(groups, 1)]
+    phases = [Phase(_title(each), each, frames=grade.frames, supervision=TAUGHT) for each in scenarios]
+    again = replace(moving(scene, groups[0], grade, 21))
+    phases.append(Phase("again, dimmed", again, frames=grade.frames, supervision=TAUGHT, drift=[dim]))
+    tests = [
+        Phase(_title(each), moving(scene, group, grade, seed), **TESTED)
+        for seed, (each, group) in enumerate(zip(scenarios, groups, strict=True), 11)
+    ]
+    tests += counterfactuals(tests[:1], {"illumination": [-2.0]}, **TESTED)
+    categories = [ts.templates()[each.template].category for scenario in scenarios for each in scenario.objects]
+    return course(phases, tests, categories)
+
+
+def _title(scenario: Scenario) -> str:
+    return ", ".join(ts.templates()[each.template].category for each in scenario.objects)
+
+
+SUITES: dict[str, Callable[[Grade], Course]] = {"solids": solids, "room": room}
+
+
+def main(names: Sequence[str]) -> None:
+    FOLDER.mkdir(exist_ok=True)
+    for name in names or SUITES:
+        for grade in GRADES:
+            path = FOLDER / f"{name}-{grade.name}.json"
+            made = SUITES[name](grade)
+            made.save(path)
+            print(path.name, len(made), "frames")
+
+
+if __name__ == "__main__":
+    main(sys.argv[1:])

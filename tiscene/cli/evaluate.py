@@ -1,0 +1,94 @@
+# SPDX-License-Identifier: Apache-2.0
+"""`tiscene evaluate`: evaluate learners on a course, or verify a saved score."""
+
+from __future__ import annotations
+
+import argparse
+import re
+from collections.abc import Sequence
+from dataclasses import replace
+from pathlib import Path
+
+from tiscene.cli.terminal import note, progress
+from tiscene.errors import ArgumentError, ExportError
+from tiscene.learning.clock import Clock
+from tiscene.learning.course import Course
+from tiscene.learning.evaluation import evaluate_all
+from tiscene.learning.learner import BASELINES, Learner, make_learner
+from tiscene.learning.results_page import write_page
+from tiscene.learning.score import Score, differences, read_score
+from tiscene.learning.suite_names import load_course
+
+
+def run(args: argparse.Namespace) -> None:
+    """Evaluate, write a score per run and a page, and print the page. With --verify, compare with a saved score."""
+    if args.verify:
+        verify(args.course)
+        return
+    names = list(BASELINES) if args.learner == ["all"] else args.learner or ["naive"]
+    seeds = range(args.seeds)
+    if not seeds:
+        raise ArgumentError(f"--seeds {args.seeds}: must be at least 1")
+    course = load_course(args.course)
+    folder = Path(args.output or f"tiscene-evaluation-{Path(args.course).stem}")
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise ExportError(f"cannot write into {str(folder)!r}: {error}") from error
+    checkpoint = folder / "checkpoint.pickle" if args.checkpoint else None
+    scores = evaluated(course, names, list(seeds), args.cost, checkpoint)
+    for score in scores:
+        score.save(folder / f"{_file_name(score.name)}-seed{score.learner['seed']}.json")
+    page = folder / "index.html"
+    write_page(page, f"{', '.join(names)} on {args.course}", scores)
+    print(page)
+
+
+def evaluated(
+    course: Course, names: Sequence[str], seeds: Sequence[int], cost: float = 0.0, checkpoint: Path | None = None
+) -> list[Score]:
+    """Evaluate learners with several seeds on one course, all at once."""
+    learners: dict[str, Learner] = {}
+    described: dict[str, dict[str, object]] = {}
+    for name in dict.fromkeys(names):
+        for seed in seeds:
+            key = f"{name}, seed {seed}"
+            learners[key] = make_learner(name, course.categories, seed)
+            described[key] = {"learner": name, "seed": seed, "options": {}}
+    with progress("reading scenes", len(course)) as step:
+        last = 0
+
+        def report(text: str, done: int, total: int) -> None:
+            nonlocal last
+            step(done - last, task=text)
+            last = done
+
+        scores = evaluate_all(
+            learners, course, clock=Clock(cost), checkpoint=checkpoint, progress=report, described=described
+        )
+    return [replace(score, name=str(score.learner["learner"])) for score in scores]
+
+
+def verify(path: str) -> None:
+    """Compute a saved score again, and print in what it differs.
+
+    Raises:
+        ArgumentError: it differs.
+    """
+    saved = read_score(path)
+    course = Course.from_json(saved["course"])
+    learner = saved["learner"]
+    if "seed" not in learner:
+        raise ArgumentError(
+            f"{path}: does not say how its learner is made; only scores of this command can be verified"
+        )
+    (score,) = evaluated(course, [learner["learner"]], [learner["seed"]], saved["clock"]["cost"])
+    if found := differences(saved, score.to_json()):
+        shown = "\n".join(f"  {line}" for line in found[:20])
+        raise ArgumentError(f"{path}: {len(found)} differences between the file and this run:\n{shown}")
+    note(f"{len(score.digests)} frames, all labels and all scores are equal.")
+    print(path)
+
+
+def _file_name(name: str) -> str:
+    return re.sub(r"[^\w.-]+", "_", name)

@@ -1,0 +1,50 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Learning without forgetting (Li and Hoiem, "Learning without Forgetting", 2016): distillation from the network as it
+was at the last consolidation, on the pictures of the present.
+"""
+
+from __future__ import annotations
+
+import copy
+from collections.abc import Mapping
+
+import torch
+from torch import nn
+
+from tiscene.learning.baselines.consolidation import ConsolidatingLearner
+from tiscene.learning.baselines.pixel_network import PixelNetwork
+
+TEMPERATURE = 2.0
+
+
+class LearningWithoutForgetting(ConsolidatingLearner):
+    """LwF. Every pixel of the pictures of a step is distilled, labeled or not.
+
+    Args:
+        categories: names by category id.
+        seed: of all draws.
+        rate: learning rate.
+        strength: weight of distillation.
+        every: steps between consolidations where boundaries are hidden.
+    """
+
+    def __init__(
+        self, categories: Mapping[int, str], seed: int = 0, rate: float = 2e-3, strength: float = 1.0, every: int = 200
+    ) -> None:
+        super().__init__(categories, seed, rate, strength, every)
+        self.old: PixelNetwork | None = None
+
+    def penalty(self, inputs: torch.Tensor) -> torch.Tensor | float:
+        if self.old is None:
+            return 0.0
+        with torch.no_grad():
+            wanted = nn.functional.softmax(self.old(inputs) / TEMPERATURE, dim=1)
+        # The second pass through the network keeps `step` as it is; it costs a quarter of the step.
+        found = nn.functional.log_softmax(self.network(inputs) / TEMPERATURE, dim=1)
+        return -self.strength * TEMPERATURE**2 * (wanted * found).sum(dim=1).mean()
+
+    def consolidate(self) -> None:
+        self.old = copy.deepcopy(self.network)
+
+    def stored_bytes(self) -> int:
+        return 0 if self.old is None else sum(w.nbytes for w in self.old.parameters())

@@ -1,0 +1,162 @@
+# SPDX-License-Identifier: Apache-2.0
+"""PixelLearner: a small convolutional network trained on labeled pixels, the base of the baselines."""
+
+from __future__ import annotations
+
+import copy
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tiscene.errors import requires_extra
+from tiscene.learning.phase import CourseFrame
+from tiscene.learning.supervision import Answer
+
+with requires_extra("torch"):
+    import torch
+    from torch import nn
+
+RECENT = 128  # frames that are kept for labels that arrive late
+
+
+class PixelNetwork(nn.Module):  # type: ignore[misc]  # torch is not read
+    """Category scores of each pixel from its surroundings of 29 x 29 px.
+
+    Args:
+        categories: number of category ids, the background included.
+        width: channels.
+    """
+
+    def __init__(self, categories: int, width: int = 16) -> None:
+        super().__init__()
+        layers: list[nn.Module] = []
+        for channels, dilation in ((3, 1), (width, 2), (width, 4), (width, 7)):
+            layers += [nn.Conv2d(channels, width, 3, padding=dilation, dilation=dilation), nn.GroupNorm(4, width)]
+            layers.append(nn.ReLU())
+        self.features = nn.Sequential(*layers)
+        self.head = nn.Conv2d(width, categories, 1)
+
+    def forward(self, pictures: torch.Tensor) -> torch.Tensor:
+        """Return scores [n, categories, h, w] of pictures [n, 3, h, w]."""
+        return self.head(self.features(pictures))
+
+
+@dataclass(frozen=True, eq=False)
+class LabeledPicture:
+    """A picture with the labels of some of its pixels.
+
+    Attributes:
+        rgb: uint8 [h, w, 3].
+        labels: int64 [n, 3], rows (y, x, category id).
+    """
+
+    rgb: NDArray[np.uint8]
+    labels: NDArray[np.int64]
+
+
+class PixelLearner:
+    """A network that takes one gradient step for each frame with labels.
+
+    Subclasses change what is in a step (`examples`), what is added to the loss (`penalty`), and what happens around it.
+
+    Args:
+        categories: names by category id.
+        seed: of the initial weights and of all draws.
+        rate: learning rate.
+    """
+
+    def __init__(self, categories: Mapping[int, str], seed: int = 0, rate: float = 2e-3) -> None:
+        self.seed, self.rate, self.count = seed, rate, max(categories) + 1
+        self.rng = np.random.default_rng((0xBA5E, seed))
+        self.recent: dict[int, NDArray[np.uint8]] = {}
+        self.reset()
+
+    def reset(self) -> None:
+        """Set the network to its initial weights."""
+        with torch.random.fork_rng(devices=[]):
+            torch.manual_seed(self.seed)
+            self.network = PixelNetwork(self.count)
+        self.optimizer = torch.optim.Adam(self.network.parameters(), lr=self.rate)
+
+    def predict(self, frame: CourseFrame) -> NDArray[np.int64]:
+        """Return the category with the highest score at each pixel."""
+        with torch.no_grad():
+            scores = self.network(pictures([frame.rgb]))
+        result: NDArray[np.int64] = scores[0].argmax(dim=0).numpy()
+        return result
+
+    def learn(self, frame: CourseFrame, answers: Sequence[Answer]) -> None:
+        """Take a step on the labels that have arrived, if there are any."""
+        self.recent[frame.index] = frame.rgb
+        while len(self.recent) > RECENT:
+            del self.recent[next(iter(self.recent))]
+        arrived = self._arrived(answers)
+        if arrived:
+            self.step(self.examples(arrived))
+            self.keep(arrived)
+
+    def _arrived(self, answers: Sequence[Answer]) -> list[LabeledPicture]:
+        rows: dict[int, list[tuple[int, int, int]]] = {}
+        for each in answers:
+            if each.frame in self.recent:
+                rows.setdefault(each.frame, []).append((*each.pixel, each.category_id))
+        return [LabeledPicture(self.recent[frame], np.array(labels)) for frame, labels in rows.items()]
+
+    def examples(self, arrived: list[LabeledPicture]) -> list[LabeledPicture]:
+        """Return what a step trains on."""
+        return arrived
+
+    def keep(self, arrived: list[LabeledPicture]) -> None:
+        """Store what has been trained on."""
+
+    def step(self, batch: list[LabeledPicture]) -> None:
+        """Take a gradient step on labeled pictures."""
+        self.optimizer.zero_grad()
+        inputs = pictures([each.rgb for each in batch])
+        loss = self.loss(self.network(inputs), batch) + self.penalty(inputs)
+        loss.backward()
+        self.optimizer.step()
+
+    def loss(self, scores: torch.Tensor, batch: list[LabeledPicture]) -> torch.Tensor:
+        """Return the mean cross-entropy of the labeled pixels."""
+        rows = [np.full(len(each.labels), row) for row, each in enumerate(batch)]
+        number, labels = (
+            torch.from_numpy(np.concatenate(rows)),
+            torch.from_numpy(np.concatenate([e.labels for e in batch])),
+        )
+        return nn.functional.cross_entropy(scores[number, :, labels[:, 0], labels[:, 1]], labels[:, 2])
+
+    def penalty(self, inputs: torch.Tensor) -> torch.Tensor | float:
+        """Return what is added to the loss of a step."""
+        return 0.0
+
+    def stored_bytes(self) -> int:
+        """Return the memory kept beside the network and its optimizer."""
+        return 0
+
+    def state_dict(self) -> dict[str, Any]:
+        """Return the whole state, for checkpoints."""
+        networks = {name: each.state_dict() for name, each in vars(self).items() if isinstance(each, nn.Module)}
+        others = {name: each for name, each in vars(self).items() if name not in ("network", "optimizer", *networks)}
+        return copy.deepcopy({"networks": networks, "optimizer": self.optimizer.state_dict(), "others": others})
+
+    def load_state_dict(self, state: Mapping[str, Any]) -> None:
+        """Continue where `state_dict` was taken."""
+        state = copy.deepcopy(dict(state))
+        vars(self).update(state["others"])
+        self.network.load_state_dict(state["networks"]["network"])
+        self.optimizer.load_state_dict(state["optimizer"])
+        for name, weights in state["networks"].items():
+            if name != "network":
+                network = PixelNetwork(self.count)
+                network.load_state_dict(weights)
+                setattr(self, name, network)
+
+
+def pictures(rgb: Sequence[NDArray[np.uint8]]) -> torch.Tensor:
+    """Return pictures as float32 [n, 3, h, w], -1..1."""
+    stacked = torch.from_numpy(np.stack(rgb)).permute(0, 3, 1, 2)
+    return stacked.float() / 127.5 - 1.0

@@ -1,0 +1,71 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Tests on frames that were never shown: held-out frames of a phase, and the same frames with one factor changed."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from typing import Any
+
+from tiscene.errors import ArgumentError
+from tiscene.learning.phase import Phase
+from tiscene.scenario.scenario import Scenario
+
+
+def held_out(phases: Sequence[Phase], frames: int, start: int = 100_000, step: int = 1) -> tuple[Phase, ...]:
+    """Return tests on later frames of the scenarios of phases, one for each phase that learns.
+
+    The motion of a scenario goes on for ever, so frames far behind the phase cost no more than others.
+
+    Args:
+        phases: of a course.
+        frames: of each test.
+        start: first frame of the tests in their scenarios.
+        step: frames of the scenario from one frame of a test to the next.
+    """
+    return tuple(
+        replace(phase, frames=frames, laps=None, start=start, step=step, supervision=None, drift=())
+        for phase in phases
+        if not phase.evaluate
+    )
+
+
+def counterfactuals(
+    phases: Sequence[Phase],
+    factors: Mapping[str, Sequence[Any]],
+    frames: int,
+    *,
+    start: int = 0,
+    step: int = 1,
+    seed: int = 0,
+) -> tuple[Phase, ...]:
+    """Return tests on the frames of phases with one factor changed, and everything else as it is.
+
+    Args:
+        phases: of a course.
+        factors: values by name of a factor of `Scenario.with_factor`, such as {"illumination": ["night"]}.
+        frames: of each test.
+        start: first frame of the tests in their scenarios.
+        step: frames of the scenario from one frame of a test to the next.
+        seed: of the factors' draws.
+
+    Returns:
+        A test for each phase that learns and each value, named "phase | factor value". They belong to no phase, so they
+        count as held out.
+
+    Raises:
+        UnknownName, ArgumentError, ScenarioError: a scenario cannot have a factor.
+    """
+    if not factors:
+        raise ArgumentError("factors={}: name one factor or more")
+    tests = []
+    for phase in phases:
+        if phase.evaluate:
+            continue
+        assert isinstance(phase.scenario, Scenario)  # since Phase.__post_init__
+        for name, values in factors.items():
+            for value in values:
+                scenario = phase.scenario.with_factor(name, value, seed=seed)
+                title = f"{phase.name} | {name}" + ("" if value is None else f" {value}")
+                tests.append(Phase(title, scenario, frames=frames, start=start, step=step, evaluate=True))
+    return tuple(tests)

@@ -1,0 +1,296 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Results of an evaluation as one HTML page: tables, curves, accuracy matrices, frames. It refers to no other file."""
+
+from __future__ import annotations
+
+import base64
+import io
+from collections.abc import Mapping, Sequence
+from html import escape
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from PIL import Image
+
+from tiscene.errors import export_errors
+from tiscene.files import write_atomically
+from tiscene.frame.visualize import id_picture
+from tiscene.learning.course import Course
+from tiscene.learning.score import Score
+from tiscene.learning.svg_chart import line_chart, line_styles
+from tiscene.learning.task_matrix import Example
+
+STYLE = """
+body { font: 15px/1.5 system-ui, sans-serif; margin: 2rem auto; max-width: 60rem; padding: 0 1rem; color: #1b1f24; }
+h1 { font-size: 1.6rem; } h2 { font-size: 1.2rem; margin-top: 2.2rem; } h3 { font-size: 1rem; margin-bottom: .3rem; }
+table { border-collapse: collapse; margin: .6rem 0; } th, td { padding: .2rem .6rem; text-align: right; }
+th:first-child, td:first-child { text-align: left; }
+thead th { border-bottom: 1px solid #8a939c; vertical-align: bottom; }
+svg { width: 100%; height: auto; } svg text { font-size: 11px; fill: #444c56; }
+svg polyline { fill: none; stroke-width: 1.8; }
+.grid { stroke: #e3e6e9; } .mark { stroke: #8a939c; stroke-dasharray: 3 3; }
+.legend span { display: inline-block; margin-right: 1.1rem; } .legend svg { width: 26px; height: 8px; }
+.scroll { overflow-x: auto; } figure { display: inline-block; margin: 0 .4rem .6rem 0; }
+img { image-rendering: pixelated; width: 192px; display: block; } figcaption { font-size: 12px; color: #444c56; }
+.note { color: #444c56; max-width: 48rem; }
+"""
+
+COLUMNS: tuple[tuple[str, str, tuple[str, ...]], ...] = (
+    ("online", "accuracy of each frame before it is learned, pixels of objects", ("online", "accuracy")),
+    ("near future", "the same, a gap of frames ahead", ("near_future", "accuracy")),
+    ("focus", "online, at the focus of attention", ("focus", "accuracy")),
+    ("ACC", "mean over the learned tests, after the last phase", ("tests", "class_accuracy", "ACC")),
+    ("BWT", "backward transfer; negative: forgetting", ("tests", "class_accuracy", "BWT")),
+    ("forgetting", "loss against the best so far", ("tests", "class_accuracy", "forgetting")),
+    ("FWT", "forward transfer", ("tests", "class_accuracy", "FWT")),
+    ("held out", "mean over tests of no phase", ("tests", "class_accuracy", "held_out")),
+)
+
+
+def write_page(path: Path, title: str, scores: Sequence[Score]) -> None:
+    """Write the page.
+
+    Args:
+        path: of the HTML file.
+        title: its heading.
+        scores: of one course, of one or more learners; several scores of one name are runs of different seeds.
+
+    Raises:
+        ExportError: the file cannot be written.
+    """
+    course = scores[0].course
+    by_name: dict[str, list[Score]] = {}
+    for each in scores:
+        by_name.setdefault(each.name, []).append(each)
+    styles = line_styles(list(by_name))
+    body = [
+        f"<h1>{escape(title)}</h1>",
+        _course(course),
+        "<h2>Scores</h2>",
+        _summary(by_name),
+        "<h2>Accuracy over the course</h2>",
+        *_curves(by_name, course, styles),
+        "<h2>Accuracy matrices</h2>",
+        _note("Rows: after a phase; columns: tests. Mean class accuracy in percent, mean over seeds."),
+        *(_matrix(name, runs) for name, runs in by_name.items()),
+        "<h2>After each change</h2>",
+        _adaptation(by_name),
+        "<h2>Examples after the last phase</h2>",
+        _examples(by_name),
+        "<h2>Costs</h2>",
+        _note("These figures depend on the machine. All others do not."),
+        _costs(by_name),
+    ]
+    head = (
+        f'<!doctype html>\n<html lang="en"><meta charset="utf-8"><title>{escape(title)}</title><style>{STYLE}</style>'
+    )
+    with export_errors(path):
+        write_atomically(path, f"{head}\n<body>\n{chr(10).join(body)}\n</body></html>\n".encode())
+
+
+def mean_and_deviation(values: Sequence[float | None]) -> tuple[float, float | None] | None:
+    """Return mean and sample standard deviation; the deviation of one value is None. None: a value is missing."""
+    if not values or any(value is None for value in values):
+        return None
+    numbers = np.array(values, np.float64)
+    return float(numbers.mean()), float(numbers.std(ddof=1)) if len(numbers) > 1 else None
+
+
+def value_of(scores: Mapping[str, Any], keys: Sequence[str]) -> float | None:
+    """Return a value of nested mappings; None: it is missing."""
+    found: Any = scores
+    for key in keys:
+        found = found.get(key) if isinstance(found, Mapping) else None
+    return None if found is None else float(found)
+
+
+def percent(values: Sequence[float | None]) -> str:
+    """Return fractions as mean ± standard deviation in percent; "–" where a value is missing."""
+    found = mean_and_deviation(values)
+    if found is None:
+        return "–"
+    mean, deviation = found
+    return f"{100 * mean:.1f}" + ("" if deviation is None else f" ± {100 * deviation:.1f}")
+
+
+def _course(course: Course) -> str:
+    rows = [
+        [phase.name, end - start, _teaching(phase), ", ".join(_drift(each) for each in phase.drift) or "–"]
+        for phase, start, end in zip(course.phases, course.starts, course.starts[1:], strict=False)
+    ]
+    tests = ", ".join(phase.name for phase in course.test_phases) or "none"
+    size = f"{course.width} × {course.height} px, {course.fps:g} frames per second, {len(course)} frames"
+    categories = ", ".join(name for name in course.categories.values() if name)
+    return _note(f"{size}. Categories: {categories}. Tests: {tests}.") + _table(
+        ["Phase", "Frames", "Supervision", "Drift"], rows
+    )
+
+
+def _teaching(phase: Any) -> str:
+    if phase.evaluate:
+        return "none: test only"
+    if phase.supervision is None:
+        return "none"
+    rules = phase.supervision
+    default = type(rules)()
+    fields = [name for name in rules.__dataclass_fields__ if name not in ("policy", "seed")]
+    others = [f"{name} {getattr(rules, name)}" for name in fields if getattr(rules, name) != getattr(default, name)]
+    return ", ".join([_policy(rules.policy), *others])
+
+
+def _policy(policy: Any) -> str:
+    parts = getattr(policy, "parts", None)
+    if parts:
+        return " + ".join(map(_policy, parts))
+    inner = getattr(policy, "policy", None)
+    count = getattr(policy, "count", None)
+    inside = [str(count)] if count is not None else []
+    return f"{type(policy).__name__}({', '.join([*inside, *([_policy(inner)] if inner else [])])})"
+
+
+def _drift(drift: Any) -> str:
+    return f"{drift.factor}: {drift.schedule}"
+
+
+def _summary(by_name: Mapping[str, Sequence[Score]]) -> str:
+    rows = [
+        [
+            name,
+            *(percent([value_of(run.scores, keys) for run in runs]) for _, _, keys in COLUMNS),
+            runs[0].labels["given"],
+        ]
+        for name, runs in by_name.items()
+    ]
+    meanings = "; ".join(f"{name}: {meaning}" for name, meaning, _ in COLUMNS)
+    seeds = max(map(len, by_name.values()))
+    spread = f" Mean ± standard deviation of {seeds} seeds." if seeds > 1 else ""
+    table = _table(["Learner", *(name for name, _, _ in COLUMNS), "labels"], rows)
+    return _note(f"Percent.{spread} {meanings}; the last five are mean class accuracies.") + table
+
+
+def _curves(by_name: Mapping[str, Sequence[Score]], course: Course, styles: Mapping[str, tuple[str, str]]) -> list[str]:
+    legend = "".join(
+        f'<span><svg viewBox="0 0 26 8"><line x1="0" x2="26" y1="4" y2="4" stroke="{color}" stroke-width="3" '
+        f'stroke-dasharray="{dash}"/></svg> {escape(name)}</span>'
+        for name, (color, dash) in styles.items()
+    )
+    marks = {0: course.phases[0].name} | {index: text.removeprefix("phase ") for index, text in course.events().items()}
+    parts = [f'<p class="legend">{legend}</p>']
+    for key, title in (("online", "Online"), ("near_future", "Near future"), ("online_frame", "Online, whole frame")):
+        measured = {name: runs for name, runs in by_name.items() if key in runs[0].scores}
+        lines = {name: _mean_curve([run.scores[key]["curve"] for run in runs]) for name, runs in measured.items()}
+        if lines:
+            parts.append(f"<h3>{title}</h3>")
+            parts.append(line_chart(lines, end=len(course), marks=marks, colors=styles, label=f"{title} accuracy"))
+    return parts
+
+
+def _mean_curve(curves: Sequence[Sequence[tuple[int, float]]]) -> list[tuple[float, float]]:
+    values: dict[int, list[float]] = {}
+    for curve in curves:
+        for frame, value in curve:
+            values.setdefault(frame, []).append(value)
+    return [(frame, float(np.mean(values[frame]))) for frame in sorted(values)]
+
+
+def _matrix(name: str, runs: Sequence[Score]) -> str:
+    tests = runs[0].scores.get("tests")
+    if tests is None:
+        return ""
+    R = np.nanmean(np.array([run.scores["tests"]["class_accuracy"]["R"] for run in runs], np.float64), axis=0)
+    cells = ["".join(map(_cell, row)) for row in R.tolist()]
+    head = "".join(f"<th>{escape(each)}</th>" for each in ("after", *tests["tests"]))
+    rows = "".join(f"<tr><td>{escape(row)}</td>{line}</tr>" for row, line in zip(tests["rows"], cells, strict=True))
+    return f'<h3>{escape(name)}</h3><div class="scroll"><table><thead><tr>{head}</tr></thead>{rows}</table></div>'
+
+
+def _cell(value: float) -> str:
+    """Return a cell of a matrix, from white (0) to blue (1); "–" for nan."""
+    if value != value:
+        return "<td>–</td>"
+    red, green, blue = (round(255 + (end - 255) * value) for end in (0, 114, 178))
+    color = "#fff" if value > 0.6 else "#1b1f24"
+    return f'<td style="background: rgb({red} {green} {blue}); color: {color}">{100 * value:.0f}</td>'
+
+
+def _adaptation(by_name: Mapping[str, Sequence[Score]]) -> str:
+    rows = []
+    for name, runs in by_name.items():
+        if "adaptation" not in runs[0].scores:
+            continue
+        for row in range(len(runs[0].scores["adaptation"]["events"])):
+            events = [run.scores["adaptation"]["events"][row] for run in runs]
+            before, drop = (percent([each[key] for each in events]) for key in ("before", "drop"))
+            times = [_frames([each[key] for each in events]) for key in ("recovery", "adaptation")]
+            rows.append([name, f"{events[0]['frame']}: {events[0]['change']}", before, drop, *times])
+    note = (
+        "Before and drop in percent; frames until the accuracy is back at 90 % of that before (recovery), and at 90 % "
+    )
+    note += "of that at the end (adaptation). –: not before the next change."
+    return _note(note) + _table(["Learner", "Change", "before", "drop", "recovery", "adaptation"], rows)
+
+
+def _frames(values: Sequence[int | None]) -> str:
+    found = mean_and_deviation(values)
+    return "–" if found is None else f"{found[0]:.0f}"
+
+
+def _examples(by_name: Mapping[str, Sequence[Score]]) -> str:
+    first = next(iter(by_name.values()))[0].examples
+    rows = []
+    for number, example in enumerate(first):
+        figures = [] if example.rgb is None else [_figure(example.rgb, example.test)]
+        figures.append(_figure(_labels(example, example.truth), "true"))
+        for name, runs in by_name.items():
+            each = runs[0].examples[number]
+            right = (each.prediction == each.truth)[each.counted]
+            share = f"{100 * right.mean():.0f} % of objects" if right.size else "no object in view"
+            figures.append(_figure(_labels(each, each.prediction), f"{name}: {share}"))
+        rows.append(f"<div>{''.join(figures)}</div>")
+    return "".join(rows)
+
+
+def _labels(example: Example, ids: NDArray[Any]) -> NDArray[np.uint8]:
+    picture: NDArray[np.uint8] = id_picture(ids)
+    return picture
+
+
+def _figure(picture: NDArray[np.uint8], caption: str) -> str:
+    file = io.BytesIO()
+    Image.fromarray(picture).save(file, "PNG")
+    data = base64.b64encode(file.getvalue()).decode()
+    text = escape(caption)
+    return f'<figure><img src="data:image/png;base64,{data}" alt="{text}"><figcaption>{text}</figcaption></figure>'
+
+
+def _costs(by_name: Mapping[str, Sequence[Score]]) -> str:
+    rows = []
+    for name, runs in by_name.items():
+        used = runs[0].resources
+        learn, predict = (used["wall_seconds"].get(key, 0.0) for key in ("learn", "predict"))
+        calls = used["calls"].get("predict", 0) or 1
+        stored = used["stored_bytes"]
+        rows.append(
+            [
+                name,
+                f"{learn:.1f}",
+                f"{1000 * predict / calls:.1f}",
+                f"{sum(used['cpu_seconds'].values()):.1f}",
+                "–" if stored is None else f"{stored / 1024:,.0f}",
+                runs[0].clock["skipped"],
+            ]
+        )
+    head = ["Learner", "learning, s", "a prediction, ms", "processor, s", "stored, KiB", "missed frames"]
+    return _table(head, rows)
+
+
+def _table(head: Sequence[str], rows: Sequence[Sequence[Any]]) -> str:
+    top = "".join(f"<th>{escape(each)}</th>" for each in head)
+    lines = "".join("<tr>" + "".join(f"<td>{escape(str(cell))}</td>" for cell in row) + "</tr>" for row in rows)
+    return f'<div class="scroll"><table><thead><tr>{top}</tr></thead>{lines}</table></div>'
+
+
+def _note(text: str) -> str:
+    return f'<p class="note">{escape(text)}</p>'
