@@ -39,6 +39,8 @@ def stream_of(args: argparse.Namespace, step: Callable[..., None]) -> Stream:
         variants=dict(args.variant),
         taxonomy=args.taxonomy,
         root=args.root,
+        strict=args.strict,
+        subdivision=args.subdivision,
         untrusted=args.untrusted,
         arch=args.arch,
         progress=lambda task, fraction: step(0, task=f"{task}: {fraction:.0%}"),
