@@ -28,6 +28,7 @@ CHAIR = SimpleNamespace(
     first_frame=0,
     last_frame=None,
     blocked=False,
+    room="",
     parts=("Seat", "Back"),
     asset="Chair 01",
 )

@@ -12,7 +12,7 @@ def test_columns_are_1d_and_of_equal_length_as_data_frames_need() -> None:
         columns = table.columns()
         assert {column.shape for column in columns.values()} == {(rows,)}
         assert all(column.flags.c_contiguous for column in columns.values())
-        assert len(columns) == 49
+        assert len(columns) == 50
 
 
 def test_columns_of_vectors_are_named_by_component() -> None:

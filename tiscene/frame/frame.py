@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import functools
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from typing import Any
@@ -12,6 +13,7 @@ from numpy.typing import NDArray
 
 from tiscene.errors import BufferNotFound
 from tiscene.frame.buffers import BUFFERS
+from tiscene.frame.difficulty import Difficulty, ViewNovelty, difficulty_of
 from tiscene.frame.events import Event
 from tiscene.frame.frame_display import FrameDisplay
 from tiscene.frame.object_table import ObjectTable
@@ -89,6 +91,7 @@ class Frame(FrameDisplay, Mapping[str, NDArray[Any]]):
         events: spawns, despawns, contacts, overlaps, and objects that entered or left the view, since the frame before.
         spp: samples per pixel of the color buffers (their mean, if adaptive); 0 without color.
         materials: prim paths of the ids in `material_coverage`.
+        room: name of the room that the camera is in; "" for none.
     """
 
     index: int
@@ -100,7 +103,9 @@ class Frame(FrameDisplay, Mapping[str, NDArray[Any]]):
     events: tuple[Event, ...] = ()
     spp: float = 0.0
     materials: Mapping[int, str] = field(default_factory=dict)
+    room: str = ""
     _other_views: tuple[Frame, ...] = ()
+    _novelty: ViewNovelty | None = None
 
     # Frames are compared by identity: arrays have no single truth value.
     __eq__ = object.__eq__
@@ -110,6 +115,14 @@ class Frame(FrameDisplay, Mapping[str, NDArray[Any]]):
     def views(self) -> dict[str, Frame]:
         """The frames of all of the stream's cameras at this moment, by camera name; this frame comes first."""
         return {each.camera.camera.name: each for each in (self, *self._other_views)}
+
+    @functools.cached_property
+    def difficulty(self) -> Difficulty:
+        """Measures of how hard the frame is: visible instances, their size, motion, contrast and others.
+
+        Computed at first access, from `objects`, a buffer of flow and `rgb`, as far as the frame has them.
+        """
+        return difficulty_of(self, self._novelty)
 
     def __getitem__(self, name: str) -> NDArray[Any]:
         """Return a buffer.

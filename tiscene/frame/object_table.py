@@ -54,6 +54,8 @@ class ObjectState(Protocol):
     def parts(self) -> tuple[str, ...]: ...
     @property
     def asset(self) -> str: ...
+    @property
+    def room(self) -> str: ...
 
 
 @dataclass(frozen=True)
@@ -161,6 +163,7 @@ class ObjectRow:
         blocked: whether an obstacle has kept it from its trajectory since the frame before.
         parts: names of the values 1, 2, ... in the `part` buffer; () for an object of one part.
         asset: what it is a copy of: USD's assetInfo, the file referred to, or its template; "" if unknown.
+        room: name of the room that its middle is in; "" for none.
     """
 
     id: int
@@ -177,6 +180,7 @@ class ObjectRow:
     blocked: bool
     parts: tuple[str, ...]
     asset: str
+    room: str
     _measures: ObjectMeasurements = field(repr=False, compare=False)
     _row: int = field(repr=False, compare=False)
 
@@ -340,6 +344,7 @@ class ObjectTable(Sequence[ObjectRow]):
             "category_id": np.array([state.category_id for state in states], np.int32),
             "prim_path": np.array([state.prim_path for state in states], np.str_),
             "asset": np.array([state.asset for state in states], np.str_),
+            "room": np.array([state.room for state in states], np.str_),
             "position": _floats([state.position for state in states], 3),
             "rotation": _floats([state.rotation for state in states], 4),
             "velocity": _floats([state.velocity for state in states], 3),

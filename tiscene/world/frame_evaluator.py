@@ -24,6 +24,7 @@ from tiscene.world.event_detector import detect_changes
 from tiscene.world.lights import WorldLights, same_lights
 from tiscene.world.object_registry import ObjectRegistry, ObjectSelection, WorldObject
 from tiscene.world.overlap_detector import OverlapDetector
+from tiscene.world.room_finder import RoomFinder
 from tiscene.world.stage_objects import StageObjects, matrix
 from tiscene.world.trajectories import Trajectories
 
@@ -42,6 +43,7 @@ class FrameEvaluator:
         trajectories: poses of objects, cameras and lights.
         overlaps: finds what objects are placed inside of.
         fps: frames per second.
+        rooms: finds the rooms of objects.
     """
 
     log: EditLog
@@ -51,6 +53,7 @@ class FrameEvaluator:
     trajectories: Trajectories
     overlaps: OverlapDetector
     fps: float
+    rooms: RoomFinder
     _starting_lights: tuple[LightGroups, ...] | None = None
 
     def place(self, frame: int, shift: Fraction = NOW) -> Placement:
@@ -118,7 +121,7 @@ class FrameEvaluator:
                     objects.append(
                         replace(each, position=position, rotation=turned, velocity=moving, blocked=is_blocked)
                     )
-        return objects
+        return self.rooms.assign(objects)
 
     def _selection(self, frame: int) -> ObjectSelection:
         """Return the objects of the scenario that have rows in the placement of a frame."""

@@ -45,6 +45,7 @@ class WorldObject:
         blocked: whether an obstacle kept it from its trajectory since the frame before.
         parts: names of the values 1, 2, ... in the `part` buffer; () for an object of one part.
         asset: name of the asset that it is a copy of; "" for none.
+        room: name of the room that it is in; "" for none.
     """
 
     id: int
@@ -62,6 +63,7 @@ class WorldObject:
     blocked: bool = False
     parts: tuple[str, ...] = ()
     asset: str = ""
+    room: str = ""
 
 
 @dataclass(frozen=True, eq=False)

@@ -20,6 +20,7 @@ from tiscene.frame.events import Event
 from tiscene.scene.camera import Camera
 from tiscene.scene.description import Light
 from tiscene.scene.placement import Placement
+from tiscene.scene.room_volume import RoomVolume, rooms_at
 from tiscene.world.frustum_test import in_view
 from tiscene.world.object_registry import WorldObject
 
@@ -77,6 +78,11 @@ class ObjectBounds:
             self.poses[self._changed, :, :3] = matrix_from_quaternion(poses[:, 3:])
             self.poses[self._changed, :, 3] = poses[:, :3]
 
+    @property
+    def rooms(self) -> dict[int, str]:
+        """Names of the rooms that the objects are in, by id."""
+        return {each.id: each.room for each in self._objects}
+
     def visible(self, camera: Camera, aspect: float) -> set[int]:
         """Return the ids of the objects whose box intersects a camera's view.
 
@@ -111,6 +117,7 @@ class WorldState:
         has_dynamic_lights: whether any light is known at frame k to move, appear, vanish or change at some frame.
         starting_lights: whether the lights are those of frames 0 and 1, except for their intensity.
         changes: spawns, despawns and contacts since frame k - 1.
+        volumes: volumes of rooms on the stage.
         previous_bounds: bounds of the objects that were live at frame k - 1; at frame 0 those of the stage's objects.
     """
 
@@ -124,12 +131,17 @@ class WorldState:
     has_dynamic_lights: bool
     starting_lights: bool
     changes: tuple[Event, ...]
+    volumes: tuple[RoomVolume, ...]
     previous_bounds: ObjectBounds
 
     @cached_property
     def bounds(self) -> ObjectBounds:
         """Bounds of the live objects."""
         return ObjectBounds(self.objects, self.previous_bounds)
+
+    def room_of(self, camera: Camera) -> str:
+        """Return the name of the room that a camera is in, "" for none."""
+        return rooms_at(self.volumes, [camera.position])[0]
 
     def events(self, camera: CameraStep | None = None, aspect: float | None = None) -> tuple[Event, ...]:
         """Return all events since frame k - 1, as one camera sees them.
@@ -143,11 +155,24 @@ class WorldState:
             aspect: width / height of its image; None for the world's.
 
         Returns:
-            `changes`, then "enter" events, then "leave" events, each by ascending object id.
+            `changes`, then "enter" events, then "leave" events, each by ascending object id, then changes of rooms.
         """
         camera, aspect = camera or self.cameras[0], aspect or self.aspect
         seen = self.bounds.visible(camera.current, aspect)
         before = self.previous_bounds.visible(camera.previous if self.frame else camera.current, aspect)
         entered = [Event("enter", id) for id in sorted(seen - before)]
         left = [Event("leave", id) for id in sorted(before - seen)] if self.frame else []
-        return (*self.changes, *entered, *left)
+        return (*self.changes, *entered, *left, *self._room_changes(camera))
+
+    def _room_changes(self, camera: CameraStep) -> tuple[Event, ...]:
+        """Return "leave_room" and "enter_room" events of the camera (object 0) and of objects, by ascending id."""
+        if not self.volumes or self.frame == 0:
+            return ()
+        before = {0: self.room_of(camera.previous), **self.previous_bounds.rooms}
+        events = []
+        for id, room in {0: self.room_of(camera.current), **self.bounds.rooms}.items():
+            last = before.get(id, room)  # what was just spawned has not come from anywhere
+            if last != room:
+                events += [Event("leave_room", id, room=last)] * bool(last)
+                events += [Event("enter_room", id, room=room)] * bool(room)
+        return tuple(events)

@@ -46,6 +46,7 @@ _SCENE_MODULES = (
     "tiscene.scene.description",
     "tiscene.scene.light_description",
     "tiscene.scene.material_description",
+    "tiscene.scene.room_volume",
 )
 _NUMPY_NAMES = {
     ("numpy", "ndarray"),
