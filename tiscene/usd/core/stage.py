@@ -16,6 +16,7 @@ from tiscene.errors import ArgumentError, MissingFile, StageError, UnknownName
 from tiscene.usd.core import schema
 from tiscene.usd.core.package import split_package
 from tiscene.usd.core.report import StageReport, error_lines, one_line
+from tiscene.usd.materials.materialx_document import is_substituted, substitute_documents
 
 schema.register()
 
@@ -76,8 +77,11 @@ def open_stage(path: str | Path, variants: Variants | None = None, report: Stage
     with readable(path):
         stage = Usd.Stage.Open(str(path), Usd.Stage.LoadAll)
         for layer in stage.GetUsedLayers():  # USD shares layers in a process: the files may have changed since
-            if not layer.anonymous and not layer.dirty:
-                layer.Reload()
+            if not layer.anonymous and (not layer.dirty or is_substituted(layer)):
+                layer.Reload(force=layer.dirty)
+        report = report or StageReport(str(path))
+        for file, fault in substitute_documents(stage, report.root.contains):
+            report.problem("/", "MaterialX", f"@{file}@ cannot be read: {fault}")
     try:
         select_variants(stage, variants or {})
     except UnknownName:
@@ -86,7 +90,6 @@ def open_stage(path: str | Path, variants: Variants | None = None, report: Stage
             _report_composition(stage, missing)
             missing.raise_problems()
         raise
-    report = report or StageReport(str(path))
     _report_composition(stage, report)
     _correct_unit(stage, report)
     _refuse_time_codes(stage, report)

@@ -87,7 +87,7 @@ def read_mesh(
                 position_samples=position_samples,
                 levels=levels,
             )
-        surface = report.budget.refined[key]
+        surface: WeldedMesh = report.budget.refined[key]
     else:
         corners, face = triangulate(points, topology.counts, topology.indices)
         kept = visible[face]

@@ -4,7 +4,12 @@
 ::
 
     material         the material table: bound materials and displayColor
-    preview_surface  UsdPreviewSurface networks
+    preview_surface  shader networks, UsdPreviewSurface
+    materialx_document    .mtlx files as USD layers
+    materialx_surface     standard_surface, open_pbr_surface, gltf_pbr as materials
+    materialx_network     networks of MaterialX nodes
+    materialx_operations  MaterialX's operations on values
+    materialx_signal      values of a network: constants, texture lookups, computed images
     texture          the texture table: image files, UDIM tiles, color spaces
     texture_borders  check for textures without wrap mode
     image            decoding of image files

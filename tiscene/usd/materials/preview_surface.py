@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""UsdPreviewSurface networks as `Material`s, after the UsdPreviewSurface specification.
+"""Shader networks as `Material`s: UsdPreviewSurface after its specification, MaterialX by `materialx_surface`.
 
 Every input becomes a constant, a texture lookup (UsdUVTexture with UsdTransform2d) or a vertex color (primvar readers).
 Inputs and nodes that are not supported are reported, with what is used instead.
@@ -19,6 +19,9 @@ from tiscene.usd.core.report import StageReport
 from tiscene.usd.core.shader_network import ShaderConnection, Source, connections_of, shader_id
 from tiscene.usd.geometry.display_color import constant_primvar, varies_over_surface
 from tiscene.usd.geometry.primvar import NO_PRIMVARS, PrimvarNames
+from tiscene.usd.materials.materialx_network import MaterialXNetwork, vertex_colors
+from tiscene.usd.materials.materialx_signal import Signal, number
+from tiscene.usd.materials.materialx_surface import MODELS, MaterialXSurface
 from tiscene.usd.materials.texture import Affine, TextureTable
 from tiscene.usd.materials.texture_borders import UnwrappedTexture
 
@@ -51,12 +54,15 @@ class NetworkReader:
         self._report = report
 
     def read(self, material: UsdShade.Material) -> Material | None:
-        """Return the material; None, with the reason reported, if it has no UsdPreviewSurface."""
+        """Return the material; None, with the reason reported, if it has no surface shader that is supported."""
         surface = self._surface(material)
         if surface is None:
             return None
         self._path = surface.GetPath()
         inputs = connections_of(surface, self._time)
+        name = shader_id(surface)
+        if name != "UsdPreviewSurface" or any(_is_materialx(each) for each in inputs.values()):
+            return self._read_materialx(material, surface, name, inputs)
         default = _DEFAULT
         displacement = inputs.get("displacement")
         if displacement is not None and (displacement.source or displacement.value):
@@ -84,9 +90,33 @@ class NetworkReader:
             prim_path=str(material.GetPath()),
         )
 
+    def _read_materialx(
+        self, material: UsdShade.Material, surface: UsdShade.Shader, name: str, inputs: dict[str, ShaderConnection]
+    ) -> Material:
+        """Return the material of a MaterialX surface shader."""
+        for output in material.GetDisplacementOutputs():
+            if output.HasConnectedSource():
+                self._report.omission(material.GetPath(), "displacement is not applied")
+        for each in inputs.values():
+            if each.source is None and each.attribute.ValueMightBeTimeVarying():
+                self._report.frozen(self._path, f"{each.attribute.GetBaseName()} of a material")
+        network = MaterialXNetwork(self._textures, self._time, self._report, self._vertex_signal)
+        mapped = MaterialXSurface(surface, MODELS[name], inputs, network, self._report, self._uv_set)
+        return mapped.material(str(material.GetPrim().GetName()), str(material.GetPath()))
+
+    def _vertex_signal(self, name: str, width: int) -> Signal | None:
+        """Return a primvar of a MaterialX network: the vertices' values where it varies, else its constant value."""
+        found = self._primvar_value(name, width)
+        if isinstance(found, TextureLookup):
+            return vertex_colors(width)
+        return None if found is None else number(*found)
+
     def _surface(self, material: UsdShade.Material) -> UsdShade.Shader | None:
-        """Find the UsdPreviewSurface of a material: in any of its surface outputs, else anywhere below its prim."""
+        """Find the surface shader of a material: a UsdPreviewSurface in any of its surface outputs, else one of
+        MaterialX, else a UsdPreviewSurface anywhere below its prim.
+        """
         unknown: list[str] = []
+        materialx: UsdShade.Shader | None = None
         for output in material.GetSurfaceOutputs():
             for attribute in UsdShade.Utils.GetValueProducingAttributes(output):
                 shader = UsdShade.Shader(attribute.GetPrim())
@@ -95,7 +125,12 @@ class NetworkReader:
                     if unknown:
                         self._unsupported(material, unknown[0], "its UsdPreviewSurface is used")
                     return shader
-                unknown.append(name or str(attribute.GetPrim().GetTypeName()))
+                if name in MODELS:
+                    materialx = materialx or shader
+                else:
+                    unknown.append(name or str(attribute.GetPrim().GetTypeName()))
+        if materialx is not None:
+            return materialx
         siblings = [UsdShade.Shader(p) for p in Usd.PrimRange(material.GetPrim(), Usd.PrimAllPrimsPredicate)]
         for shader in siblings:
             if shader and shader_id(shader) == "UsdPreviewSurface":
@@ -186,20 +221,23 @@ class NetworkReader:
     def _primvar(self, source: Source) -> tuple[float, ...] | TextureLookup | None:
         """Return the value of a primvar reader: numbers, or the vertices' color or opacity where the primvar varies."""
         inputs = connections_of(source.shader, self._time)
-        name = self._token(inputs, "varname", "")
         fallback = inputs.get("fallback")
-        if name not in self.constants:
-            self.constants.append(name)
         width = {"UsdPrimvarReader_float": 1, "UsdPrimvarReader_float2": 2, "UsdPrimvarReader_float4": 4}.get(
             source.id, 3
         )
+        value = self._primvar_value(self._token(inputs, "varname", ""), width)
+        return value if value is not None else self._numbers(fallback.value if fallback else None, "fallback")
+
+    def _primvar_value(self, name: str, width: int) -> tuple[float, ...] | TextureLookup | None:
+        """Return a primvar's value, or the vertices' color or opacity where it varies; None if the gprim lacks it."""
+        if name not in self.constants:
+            self.constants.append(name)
         if width != 2 and varies_over_surface(self._gprim, name, self._time):
             field = "opacity" if width == 1 else "color"  # one of each per material; another one becomes its mean
             if getattr(self.primvars, field) in ("", name):
                 self.primvars = replace(self.primvars, **{field: name})
                 return TextureLookup(VERTEX_COLORS, "a" if width == 1 else "rgb")
-        value = constant_primvar(self._gprim, name, width, self._time, self._report)
-        return value if value is not None else self._numbers(fallback.value if fallback else None, "fallback")
+        return constant_primvar(self._gprim, name, width, self._time, self._report)
 
     def _texture(self, source: Source) -> TextureLookup | tuple[float, ...] | None:
         """Return the lookup of a UsdUVTexture, or its fallback if the image cannot be read."""
@@ -286,6 +324,11 @@ class NetworkReader:
             return np.eye(3)
         c, s = math.cos(angle), math.sin(angle)
         return np.array([[c * scale[0], -s * scale[1], move[0]], [s * scale[0], c * scale[1], move[1]], [0, 0, 1]])
+
+
+def _is_materialx(connection: ShaderConnection) -> bool:
+    """Return whether an input comes from a node of MaterialX's own library."""
+    return connection.source is not None and connection.source.id.startswith("ND_")
 
 
 def _rows(matrix: np.ndarray[Any, Any]) -> Affine:

@@ -125,6 +125,10 @@ class TextureTable:
         """Add a generated image [h, w, 4], once for each key; return its row."""
         return self._row(key, ImageData(pixels, srgb=False), "raw", ("repeat", "clamp"), name)
 
+    def add_image(self, key: str, name: str, pixels: NDArray[Any], encoding: str, wraps: tuple[Wrap, Wrap]) -> int:
+        """Add a computed image [h, w, 4] with an encoding, "srgb" or "raw", once for each key; return its row."""
+        return self._row(key, ImageData(pixels, srgb=False), cast(Encoding, encoding), wraps, name)
+
     def _encoding(self, color_space: str, picture: ImageData, prim_path: Any) -> Encoding:
         """Return how pixels are encoded, from sourceColorSpace and, for "auto", from the file."""
         if color_space not in ("auto", "sRGB", "raw"):

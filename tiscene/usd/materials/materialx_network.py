@@ -1,0 +1,353 @@
+# SPDX-License-Identifier: Apache-2.0
+"""MaterialX node networks (shaders with ids such as ND_multiply_color3) as signals.
+
+Nodes that only depend on texture coordinates, image files and constants are computed (`materialx_operations`). A node
+that is not supported, such as three-dimensional noise, is replaced by its mean, which is reported.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+from pxr import Sdf, Usd
+
+from tiscene.scene.description import VERTEX_COLORS
+from tiscene.usd.core.report import StageReport
+from tiscene.usd.core.shader_network import ShaderConnection, Source, connections_of
+from tiscene.usd.materials.materialx_operations import OPERATIONS
+from tiscene.usd.materials.materialx_signal import Baker, Coordinates, Signal, number
+from tiscene.usd.materials.texture import TextureTable
+
+_COMPONENTS = {"x": 0, "y": 1, "z": 2, "w": 3, "r": 0, "g": 1, "b": 2, "a": 3}
+_WIDTHS = {"float": 1, "integer": 1, "boolean": 1, "color3": 3, "vector3": 3, "color4": 4, "vector4": 4, "vector2": 2}
+_WRAPS = {"periodic": "repeat", "clamp": "clamp", "mirror": "mirror", "constant": "black"}
+_THROUGH = ("convert", "dot", "blur", "constant", "normalmap")  # nodes that pass one input on
+_MEANS = {"cellnoise2d": 0.5, "cellnoise3d": 0.5, "worleynoise2d": 0.5, "worleynoise3d": 0.5, "unifiednoise3d": 0.5}
+_NOISES = ("noise2d", "noise3d", "fractal2d", "fractal3d", *_MEANS)
+_IMAGES = ("image", "tiledimage", "gltf_image", "gltf_colorimage", "gltf_normalmap", "UsdUVTexture")
+_SPECIAL = (
+    *(*_THROUGH, *_NOISES, *_IMAGES, "texcoord", "geompropvalue", "geompropvalueuniform", "geomcolor", "place2d"),
+    *("rotate2d", "extract", "swizzle", "separate2", "separate3", "separate4", "combine2", "combine3", "combine4"),
+    *("switch", "UsdPrimvarReader", "UsdTransform2d"),
+)
+_CATEGORIES = sorted({*OPERATIONS, *_SPECIAL}, key=len, reverse=True)
+_MAX_DEPTH = 64
+
+
+def category_of(shader: str) -> str:
+    """Return the category of a node from its id: "multiply" of "ND_multiply_color3FA"; "" for none that is known."""
+    name = shader.removeprefix("ND_")
+    return next((each for each in _CATEGORIES if name == each or name.startswith(f"{each}_")), "")
+
+
+class MaterialXNetwork:
+    """Evaluates the inputs of MaterialX nodes.
+
+    Args:
+        textures: table for image files and computed images.
+        time: when to evaluate attributes.
+        report: collects nodes that are not supported.
+        vertex_color: returns whether the gprim's primvar of a name varies, and its constant value otherwise.
+    """
+
+    def __init__(
+        self,
+        textures: TextureTable,
+        time: Usd.TimeCode,
+        report: StageReport,
+        vertex_color: Callable[[str, int], Signal | None],
+    ) -> None:
+        self.baker = Baker(textures)
+        self._textures = textures
+        self._time = time
+        self._report = report
+        self._vertex_color = vertex_color
+        self._known: dict[tuple[Sdf.Path, str], Signal] = {}
+        self._open: list[tuple[Sdf.Path, str]] = []
+
+    def value(self, connection: ShaderConnection | None, default: Any) -> Signal | None:
+        """Return an input's value.
+
+        Args:
+            connection: the input; None: not authored.
+            default: number or numbers; None: texture coordinates; "": None is returned for an input that is not
+                authored.
+        """
+        if connection is not None and connection.source is not None:
+            return self.output(connection.source)
+        value = None if connection is None else connection.value
+        if value is not None and not isinstance(value, str | Sdf.AssetPath):
+            numbers = [float(each) for each in value] if hasattr(value, "__len__") else [float(value)]
+            if numbers and all(math.isfinite(each) for each in numbers):
+                return number(*numbers)
+        if default == "":
+            return None
+        if default is None:
+            return Signal(uv=Coordinates())
+        return number(*default) if isinstance(default, tuple) else number(default)
+
+    def output(self, source: Source) -> Signal:
+        """Return an output of a node."""
+        key = (source.shader.GetPath(), source.output)
+        if key not in self._known:
+            if key in self._open or len(self._open) > _MAX_DEPTH:
+                self._report.omission(key[0], "a MaterialX node that is connected to itself counts as 0")
+                return number(0.0)
+            self._open.append(key)
+            self._known[key] = self._evaluate(source)
+            self._open.pop()
+        return self._known[key]
+
+    def _evaluate(self, source: Source) -> Signal:
+        inputs = connections_of(source.shader, self._time)
+        category = category_of(source.id)
+        result = self._special(category, source, inputs)
+        if result is None and category in OPERATIONS:
+            result = self._operation(category, inputs)
+        if result is None:
+            name = source.id or str(source.shader.GetPath().name)
+            self._report.omission(
+                source.shader.GetPath(), f"MaterialX node {name!r} is not supported; it counts as 0.5"
+            )
+            result = number(0.5)
+        width = _output_width(source, category)
+        return result.of_width(width) if width else result
+
+    def _operation(self, category: str, inputs: dict[str, ShaderConnection]) -> Signal:
+        names, function = OPERATIONS[category]
+        operands = [self._required(inputs.get(name), default) for name, default in names]
+        return _affine(category, operands) or self.baker.apply(function, *_widened(operands))
+
+    def _required(self, connection: ShaderConnection | None, default: Any) -> Signal:
+        found = self.value(connection, default)
+        assert found is not None
+        return found
+
+    def _special(self, category: str, source: Source, inputs: dict[str, ShaderConnection]) -> Signal | None:
+        """Return the output of a node that is not a function of values alone; None for other nodes."""
+        if category in _IMAGES:
+            return self._image(category, source, inputs)
+        if category in ("texcoord", "geompropvalue", "geompropvalueuniform", "UsdPrimvarReader", "geomcolor"):
+            return self._primvar(category, source, inputs)
+        if category in _THROUGH:
+            return self._required(inputs.get("value" if category == "constant" else "in"), 0.0)
+        if category in _NOISES:
+            return self._noise_mean(category, source, inputs)
+        if category in ("place2d", "rotate2d", "UsdTransform2d"):
+            return self._placed(category, inputs)
+        if category in ("extract", "swizzle", *(f"separate{count}" for count in (2, 3, 4))):
+            components = self._components(category, source, inputs)
+            return self._required(inputs.get("in"), 0.0).select(components)
+        if category.startswith("combine"):
+            parts = [self._required(inputs.get(f"in{row + 1}"), 0.0) for row in range(int(category[-1]))]
+            return self.baker.apply(lambda *values: _joined(values), *parts)
+        if category == "switch":
+            which = self._required(inputs.get("which"), 0.0)
+            row = int(self.baker.mean(which)[0])
+            return self._required(inputs.get(f"in{row + 1}"), 0.0)
+        return None
+
+    def _components(self, category: str, source: Source, inputs: dict[str, ShaderConnection]) -> list[int]:
+        if category == "extract":
+            return [int(self.baker.mean(self._required(inputs.get("index"), 0.0))[0])]
+        if category == "swizzle":
+            channels = inputs.get("channels")
+            return [_COMPONENTS.get(each, 0) for each in str(channels.value if channels else "")] or [0]
+        return [_COMPONENTS.get(source.output[-1:], 0)]
+
+    def _noise_mean(self, category: str, source: Source, inputs: dict[str, ShaderConnection]) -> Signal:
+        text = f"MaterialX node {category!r} is not computed; its mean is used"
+        self._report.omission(source.shader.GetPath(), text)
+        mean = _MEANS.get(category)
+        pivot = self._required(inputs.get("pivot"), 0.0)
+        return pivot if mean is None else number(mean)
+
+    def _primvar(self, category: str, source: Source, inputs: dict[str, ShaderConnection]) -> Signal | None:
+        """Return texture coordinates, or another primvar: a constant or the vertices' colors."""
+        if category == "texcoord":
+            index = int(self.baker.mean(self._required(inputs.get("index"), 0.0))[0])
+            return Signal(uv=Coordinates(primvar="" if index == 0 else f"st{index}"))
+        named = inputs.get("varname" if category == "UsdPrimvarReader" else "geomprop")
+        name = "displayColor" if category == "geomcolor" else str(named.value if named and named.value else "")
+        if "vector2" in source.id or "float2" in source.id:
+            return Signal(uv=Coordinates(primvar=name))
+        width = _output_width(source, category) or 3
+        found = self._vertex_color(name, width)
+        if found is None:
+            default = inputs.get("fallback" if category == "UsdPrimvarReader" else "default")
+            return self._required(default, 1.0 if category == "geomcolor" else 0.0)
+        return found
+
+    def _placed(self, category: str, inputs: dict[str, ShaderConnection]) -> Signal | None:
+        """Return texture coordinates after place2d, rotate2d (clockwise, degrees) or UsdTransform2d."""
+        at = self._required(inputs.get("texcoord" if category == "place2d" else "in"), None)
+        if at.uv is None:
+            return at
+
+        def numbers(name: str, default: tuple[float, ...]) -> Any:
+            return self.baker.mean(self._required(inputs.get(name), default).of_width(len(default)))
+
+        if category == "rotate2d":
+            return Signal(uv=at.uv.mapped(_rotation(-numbers("amount", (0.0,))[0])))
+        if category == "UsdTransform2d":
+            move, scale = numbers("translation", (0.0, 0.0)), numbers("scale", (1.0, 1.0))
+            matrix = _shift(*move) @ _rotation(numbers("rotation", (0.0,))[0]) @ np.diag([*scale, 1.0])
+            return Signal(uv=at.uv.mapped(matrix))
+        pivot, offset = numbers("pivot", (0.0, 0.0)), numbers("offset", (0.0, 0.0))
+        scale = np.where((found := numbers("scale", (1.0, 1.0))) == 0.0, 1.0, found)
+        turn, size, move = _rotation(-numbers("rotate", (0.0,))[0]), np.diag([*(1.0 / scale), 1.0]), _shift(*-offset)
+        translate_first = numbers("operationorder", (0.0,))[0] == 1.0
+        middle = size @ turn @ move if translate_first else move @ turn @ size
+        return Signal(uv=at.uv.mapped(_shift(*pivot) @ middle @ _shift(*-pivot)))
+
+    def _image(self, category: str, source: Source, inputs: dict[str, ShaderConnection]) -> Signal:
+        """Return the lookup of an image node; its default where it has no image that can be read."""
+        width = 4 if category == "UsdUVTexture" else _output_width(source, category) or 3
+        default = inputs.get("fallback" if category == "UsdUVTexture" else "default")
+        fallback = self._required(default, 0.0).of_width(width)
+        file, at = (
+            inputs.get("file"),
+            self._required(inputs.get("st" if category == "UsdUVTexture" else "texcoord"), None),
+        )
+        if file is None or not isinstance(file.value, Sdf.AssetPath) or not file.value.path:
+            self._report.omission(source.shader.GetPath(), "an image node without a file; its default is used")
+            return fallback
+        coordinates = at.uv or Coordinates()
+        if at.uv is None:
+            text = "texture coordinates that are computed are not supported; the mesh's own are used"
+            self._report.omission(source.shader.GetPath(), text)
+        coordinates = self._tiled(category, coordinates, inputs)
+        wrap_u, wrap_v = (self._wrap(inputs, axis) for axis in "uv")
+        space = _color_space(file, width)
+        if "<UDIM>" in file.value.path:
+            found = self._textures.add_udim(file.attribute, file.value, space, (0.0, 0.0, 0.0, 1.0))
+            row, window = found or (None, None)
+            if window is not None:
+                coordinates = coordinates.mapped(np.array([window[:3], window[3:], (0.0, 0.0, 1.0)]))
+        else:
+            row = self._textures.add(file.attribute, file.value, space, wrap_u, wrap_v, "its default is used")
+        if row is None:
+            return fallback
+        channels = tuple(range(width)) if width > 1 else (0,)
+        if category == "UsdUVTexture":
+            channels = (_COMPONENTS[source.output],) if source.output in _COMPONENTS else (0, 1, 2)
+        texture = self._textures.textures[row]
+        lookup = Signal(
+            row=row,
+            channels=channels,
+            scale=np.ones(len(channels)),
+            bias=np.zeros(len(channels)),
+            coordinates=coordinates,
+            wraps=(texture.wrap_s, texture.wrap_t),
+        )
+        factor, summand = self.value(inputs.get("factor" if category.startswith("gltf") else "scale"), ""), None
+        if category == "UsdUVTexture":
+            summand = self.value(inputs.get("bias"), "")
+        if factor is None and summand is None:
+            return lookup
+        numbers = [
+            self.baker.mean(each) if each is not None else np.array([start])
+            for each, start in ((factor, 1.0), (summand, 0.0))
+        ]
+        return lookup.affine(*(each[list(channels)] if len(each) == 4 else each for each in numbers)) or lookup
+
+    def _tiled(self, category: str, coordinates: Coordinates, inputs: dict[str, ShaderConnection]) -> Coordinates:
+        """Return the coordinates of a tiledimage: times its tiling, minus its offset."""
+        if category != "tiledimage":
+            return coordinates
+        tiling, offset, world, tile = (
+            self.baker.mean(self._required(inputs.get(name), default).of_width(2))
+            for name, default in (
+                ("uvtiling", (1.0, 1.0)),
+                ("uvoffset", (0.0, 0.0)),
+                ("realworldimagesize", (1.0, 1.0)),
+                ("realworldtilesize", (1.0, 1.0)),
+            )
+        )
+        scale = tile / np.where(world == 0.0, 1.0, world)
+        return coordinates.mapped(np.diag([*scale, 1.0]) @ _shift(*-offset) @ np.diag([*tiling, 1.0]))
+
+    def _wrap(self, inputs: dict[str, ShaderConnection], axis: str) -> str:
+        for name in (f"{axis}addressmode", {"u": "wrapS", "v": "wrapT"}[axis]):
+            mode = inputs.get(name)
+            if mode is not None and mode.value is not None:
+                return _WRAPS.get(str(mode.value), str(mode.value))
+        return "repeat"
+
+
+def _affine(category: str, operands: list[Signal]) -> Signal | None:
+    """Return the result of an operation that keeps a lookup affine; None for all others."""
+    if category not in ("multiply", "add", "subtract", "invert", "divide", "mix", "contrast"):
+        return None
+    one, zero = np.ones(1), np.zeros(1)
+    first, second = operands[0], operands[1]
+    if category == "mix" and operands[2].constant is not None:
+        weight = operands[2].constant
+        if first.constant is not None:
+            return second.affine(weight, first.constant * (1.0 - weight))
+        return first.affine(1.0 - weight, second.constant * weight) if second.constant is not None else None
+    if category == "contrast" and second.constant is not None and operands[2].constant is not None:
+        return first.affine(second.constant, operands[2].constant * (1.0 - second.constant))
+    if category in ("mix", "contrast"):
+        return None
+    if category == "invert":
+        return first.affine(-one, second.constant) if second.constant is not None else None
+    if second.constant is not None:
+        if category == "divide":
+            return first.affine(1.0 / np.where(second.constant == 0.0, 1.0, second.constant), zero)
+        return {
+            "multiply": lambda: first.affine(second.constant, zero),
+            "add": lambda: first.affine(one, second.constant),
+            "subtract": lambda: first.affine(one, -second.constant),
+        }[category]()
+    if first.constant is None or category == "divide":
+        return None
+    if category == "multiply":
+        return second.affine(first.constant, zero)
+    return second.affine(one if category == "add" else -one, first.constant)
+
+
+def _widened(operands: list[Signal]) -> list[Signal]:
+    """Return operands with equal numbers of components, except for single numbers."""
+    width = max((each.width for each in operands), default=1)
+    return [each if each.width in (1, width) or each.uv is not None else each.of_width(width) for each in operands]
+
+
+def _joined(values: Any) -> Any:
+    shape = np.broadcast_shapes(*(each.shape[:-1] for each in values))
+    return np.concatenate([np.broadcast_to(each, (*shape, each.shape[-1])) for each in values], axis=-1)
+
+
+def _output_width(source: Source, category: str) -> int:
+    """Return the components of a node's output, by the type in its id; 0 if that says nothing."""
+    if category.startswith("separate") or category in ("extract", "UsdUVTexture", "dotproduct", "magnitude"):
+        return 1 if category != "UsdUVTexture" else 0
+    kinds = source.id.removeprefix("ND_").removeprefix(category).strip("_").split("_")
+    named = [_WIDTHS[each.removesuffix("FA")] for each in kinds if each.removesuffix("FA") in _WIDTHS]
+    return named[-1] if named else 0
+
+
+def _color_space(file: ShaderConnection, width: int) -> str:
+    """Return UsdUVTexture's name of the color space of an image node's file."""
+    authored = file.attribute.GetColorSpace().lower() if file.attribute.HasColorSpace() else ""
+    if "srgb" in authored and "lin" not in authored:
+        return "sRGB"
+    return "raw" if authored or width < 3 else "auto"
+
+
+def _rotation(degrees: float) -> Any:
+    c, s = math.cos(math.radians(degrees)), math.sin(math.radians(degrees))
+    return np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
+
+
+def _shift(u: float, v: float) -> Any:
+    return np.array([[1.0, 0.0, u], [0.0, 1.0, v], [0.0, 0.0, 1.0]])
+
+
+def vertex_colors(width: int) -> Signal:
+    """Return the vertices' colors (three components) or opacity (one) as a signal."""
+    channels = (3,) if width == 1 else (0, 1, 2)
+    return Signal(row=VERTEX_COLORS, channels=channels, scale=np.ones(len(channels)), bias=np.zeros(len(channels)))
