@@ -4,6 +4,7 @@
 ::
 
     frame         Frame and FrameCamera
+    difficulty    measures of how hard a frame is
     buffers       registry of per-pixel buffers: name, type, unit, background
     object_table  one row per live object, with boxes and visibility
     events        spawn, despawn, contact, overlap, enter, leave

@@ -158,6 +158,7 @@ class ViewRenderer:
             spp=pixels.spp,
             events=state.events(step, view.width / view.height),
             room=state.room_of(view.current),
+            _novelty=self.world.view_history.of_frame(state.frame, camera_row or 0, view.current),
         )
 
     def _pixels(

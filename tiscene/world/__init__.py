@@ -22,5 +22,6 @@
     overlap_detector  what an object is placed inside of
     place_finder      where a spawned object may be put: the request for a free place
     room_finder      rooms of objects
+    view_history      views of objects shown before
     frustum_test      which boxes a camera has in view
 """

@@ -38,6 +38,7 @@ from tiscene.world.place_finder import PlaceFinder
 from tiscene.world.room_finder import RoomFinder
 from tiscene.world.stage_objects import StageObjects
 from tiscene.world.trajectories import Trajectories, TrajectoryContext
+from tiscene.world.view_history import ViewHistory
 from tiscene.world.world_cameras import WorldCameras
 from tiscene.world.world_state import CameraStep, ObjectBounds, WorldState
 
@@ -68,6 +69,7 @@ class World(CameraEdits):
         cameras: the scenario's cameras, else the stage's first, else one that frames the whole stage.
         next_frame: the frame at which edits take effect.
         trajectories: poses of objects, cameras and lights.
+        view_history: from where objects were seen before.
 
     Raises:
         ScenarioError, CameraNotFound, LightNotFound, ArgumentError: the scenario does not fit the stage.
@@ -120,6 +122,8 @@ class World(CameraEdits):
         )
         self.trajectories = Trajectories(scenario, self._log, setting)
         self._cameras = WorldCameras(self.cameras, self._log, self.trajectories)
+        first = registry.id_of(0)
+        self.view_history = ViewHistory(self._log, self.trajectories, self._cameras, first, self.fps, aspect)
         eye, placed = self.cameras[0].position, self._stage_objects.instances
         overlaps = OverlapDetector(self._log, stage, registry.surface, placed, self.trajectories, eye)
         self._evaluator = FrameEvaluator(
@@ -377,6 +381,7 @@ class World(CameraEdits):
         elif isinstance(edit, Move | Despawn) and self._log.row(edit.id) is None:
             self._stage_objects.settle(self._log.stage)
         self._last_state = None
+        self.view_history.forget(edit.frame)
         if not isinstance(edit, PlaceCamera):
             self.trajectories.amend(edit)
         if edit.frame == 0:

@@ -1,0 +1,130 @@
+# SPDX-License-Identifier: Apache-2.0
+"""ViewHistory: from where the objects of a scenario were seen before, and how new a view of them is.
+
+A view of an object is the direction from it to the camera, in its own axes. Views count as shown while the object's
+center lies in the image, whatever is in front of it. They are evaluated twice a second, at fixed frames, over the last
+64 s: a pure function of the frame, whatever was rendered.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dynamics.rotation import matrix_from_quaternion
+from tiscene.frame.difficulty import NEVER_SHOWN
+from tiscene.scenario.edits import EditLog
+from tiscene.scene.camera import Camera
+from tiscene.world.trajectories import Trajectories
+from tiscene.world.world_cameras import WorldCameras
+
+Array = NDArray[np.float64]
+RATE = 2.0  # views per second
+LATEST = 1.0  # s before the frame: views after that are not "shown before"
+WINDOW = 128  # views
+KEPT = 4 * WINDOW
+
+
+@dataclass(frozen=True, eq=False)
+class FrameNovelty:
+    """The novelty of the views of one frame, computed when it is asked for. A pickle holds the angles."""
+
+    history: ViewHistory
+    frame: int
+    row: int
+    camera: Camera
+
+    def angles(self) -> Mapping[int, float]:
+        """Return the angle to the nearest view shown before of each object of the scenario, by id, degrees."""
+        return self.history.angles(self.frame, self.row, self.camera)
+
+    def __reduce__(self) -> tuple[type[KnownNovelty], tuple[dict[int, float]]]:
+        return KnownNovelty, (dict(self.angles()),)
+
+
+@dataclass(frozen=True)
+class KnownNovelty:
+    """Angles by id, as a pickle holds them."""
+
+    known: dict[int, float]
+
+    def angles(self) -> Mapping[int, float]:
+        """Return the angles."""
+        return self.known
+
+
+class ViewHistory:
+    """Views of the objects of a scenario over time.
+
+    Args:
+        log: the edit log, which may grow.
+        trajectories: poses of the objects.
+        cameras: the cameras.
+        first_id: instance id of the object in row 0 of the log.
+        fps: frames per second.
+        aspect: width / height of the image.
+    """
+
+    def __init__(
+        self, log: EditLog, trajectories: Trajectories, cameras: WorldCameras, first_id: int, fps: float, aspect: float
+    ) -> None:
+        self._log = log
+        self._trajectories = trajectories
+        self._cameras = cameras
+        self._first_id = first_id
+        self._step = max(1, round(fps / RATE))
+        self._lag = max(1, round(fps * LATEST))
+        self._aspect = aspect
+        self._views: dict[tuple[int, int], dict[int, Array]] = {}
+
+    def forget(self, frame: int) -> None:
+        """Drop the views from a frame on, which an edit may have changed."""
+        self._views = {key: views for key, views in self._views.items() if key[0] < frame}
+
+    def of_frame(self, frame: int, row: int, camera: Camera) -> FrameNovelty:
+        """Return the novelty of a frame that a camera took, against the views of the camera in a row."""
+        return FrameNovelty(self, frame, row, camera)
+
+    def angles(self, frame: int, row: int, camera: Camera) -> Mapping[int, float]:
+        """Return the angle to the nearest earlier view of each live object, by id, degrees."""
+        last = (frame - self._lag) // self._step
+        earlier = [self._seen(number * self._step, row) for number in range(max(last - WINDOW + 1, 0), last + 1)]
+        result = {}
+        for number, direction in self._directions(frame, camera).items():
+            shown = [views[number] for views in earlier if number in views]
+            angle = NEVER_SHOWN
+            if shown:
+                differences = np.linalg.norm(np.array(shown) - direction, axis=1)
+                angle = float(np.degrees(2.0 * np.arcsin(np.clip(0.5 * differences.min(), 0.0, 1.0))))
+            result[self._first_id + number] = angle
+        return result
+
+    def _seen(self, frame: int, row: int) -> dict[int, Array]:
+        """Return the directions to the camera of the objects in view at a frame, by row."""
+        key = frame, row
+        if key not in self._views:
+            while len(self._views) >= KEPT:
+                del self._views[next(iter(self._views))]
+            camera = self._cameras.at(frame, row, frame)
+            self._views[key] = self._directions(frame, camera, in_view=True)
+        return self._views[key]
+
+    def _directions(self, frame: int, camera: Camera, *, in_view: bool = False) -> dict[int, Array]:
+        rows = [row for row in self._log.around(frame) if self._log.lives[row].alive(frame, as_of=frame)]
+        if not rows:
+            return {}
+        poses = self._trajectories.poses(frame, rows)
+        towards = np.asarray(camera.position) - poses[:, :3]
+        if camera.orthographic_height is not None:
+            towards = np.broadcast_to(camera.axes()[:, 2], towards.shape)
+        unit = towards / np.maximum(np.linalg.norm(towards, axis=1, keepdims=True), 1e-12)
+        directions = np.einsum("nij,ni->nj", matrix_from_quaternion(poses[:, 3:]), unit)
+        kept = np.ones(len(rows), np.bool_)
+        if in_view:
+            local = (poses[:, :3] - camera.position) @ camera.axes()
+            half = np.array([camera.half_height(max(depth, 0.0)) for depth in (-local[:, 2]).tolist()])
+            kept = (-local[:, 2] > 0.0) & (np.abs(local[:, 1]) <= half) & (np.abs(local[:, 0]) <= half * self._aspect)
+        return {row: direction for row, direction, shown in zip(rows, directions, kept, strict=True) if shown}
