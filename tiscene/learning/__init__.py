@@ -22,6 +22,7 @@
     pixel_counts       confusion matrices of pixels
     resource_usage     time and memory
     counterfactuals    held-out tests, and tests with one factor changed
+    adapters           courses for Avalanche, river and Gymnasium
     baselines          learners to compare with
     results_page       results as an HTML page
     svg_chart          line charts of the page

@@ -35,6 +35,8 @@ class FlowCoherence(PixelLearner):
         temperature: of the contrastive loss.
     """
 
+    HEAD_RATE = 5.0  # the last layer learns that much faster than the features
+
     def __init__(
         self,
         categories: Mapping[int, str],
@@ -46,6 +48,14 @@ class FlowCoherence(PixelLearner):
         super().__init__(categories, seed, rate)
         self.points, self.temperature = points, temperature
         self.previous: tuple[int, NDArray[np.uint8], NDArray[np.float32]] | None = None
+
+    def reset(self) -> None:
+        super().reset()
+        groups = [
+            {"params": self.network.features.parameters()},
+            {"params": self.network.head.parameters(), "lr": self.HEAD_RATE * self.rate},
+        ]
+        self.optimizer = torch.optim.Adam(groups, lr=self.rate)
 
     def learn(self, frame: CourseFrame, answers: Sequence[Answer]) -> None:
         if "forward_flow" not in frame:

@@ -1,0 +1,219 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Courses in other libraries: Avalanche, river, Gymnasium. Each test uses the library itself."""
+
+import numpy as np
+import pytest
+
+from dynamics import CatmullWaypoints, Waypoint
+from tiscene.errors import ArgumentError
+from tiscene.learning.adapters.labeled_patches import labeled_patches, patch_around, patches_of_tests
+from tiscene.learning.adapters.river_pairs import color_features, river_pairs
+from tiscene.learning.course import Course
+from tiscene.learning.phase import Phase
+from tiscene.learning.supervision import SupervisionRules
+from tiscene.learning.teaching_policies import Combined, OnePixelPerMovingObject, RandomPixels
+from tiscene.scenario.objects import Object
+from tiscene.scenario.scenario import Scenario
+
+TAUGHT = SupervisionRules(Combined([OnePixelPerMovingObject(), RandomPixels(1)]))
+
+
+def scenario(template):
+    path = [Waypoint((-0.5, 0.9, -2)), Waypoint((0.5, 1.2, -2)), Waypoint((0, 0.8, -2.4))]
+    return Scenario("object_view", [Object("mover", template, dynamic=CatmullWaypoints(path, total_time=1.0))])
+
+
+def make_course(rules=TAUGHT):
+    scenarios = {"ball": scenario("Ball 01"), "cube": scenario("Cube")}
+    phases = [Phase(name, each, frames=6, supervision=rules) for name, each in scenarios.items()]
+    tests = [Phase(name, each, frames=3, start=7) for name, each in scenarios.items()]
+    return Course(phases, tests=tests, width=32, height=24, spp=1, categories=("ball", "cube"))
+
+
+@pytest.fixture(scope="module")
+def course():
+    return make_course()
+
+
+@pytest.fixture(scope="module")
+def patches(course):
+    return list(labeled_patches(course, size=9))
+
+
+def test_patches_are_the_labeled_pixels_in_order(course, patches):
+    assert len(patches) == 2 * 6 * 2
+    assert [each.frame for each in patches] == [k for k in range(12) for _ in range(2)]
+    assert {each.category for each in patches} == {"", "ball", "cube"}
+    for each in patches[::5]:
+        frame = course[each.frame]
+        assert (each.patch[4, 4] == frame.rgb[each.pixel]).all()
+        assert each.category_id == frame.semantic[each.pixel]
+        assert each.phase == course.phase_at(each.frame)[0]
+
+
+def test_patch_is_black_beyond_the_edges():
+    picture = np.full((5, 6, 3), 9, np.uint8)
+    patch = patch_around(picture, (0, 5), 3)
+    assert patch[..., 0].tolist() == [[0, 0, 0], [9, 9, 0], [9, 9, 0]]
+    assert (color_features(np.full((5, 5, 3), 51, np.uint8))["red_5"]) == pytest.approx(0.2)
+
+
+def test_delayed_labels_come_with_the_patches_of_their_frames(course, patches):
+    late = list(labeled_patches(make_course(SupervisionRules(TAUGHT.policy, delay=2)), size=9))
+    assert [each.arrives - each.frame for each in late] == [2] * len(late)
+    by_pixel = {(each.frame, each.pixel): each for each in patches}
+    for each in late:
+        assert (each.patch == by_pixel[each.frame, each.pixel].patch).all()
+    assert 0 < len(late) < len(patches)  # labels of the last frames never arrive
+
+
+def test_patches_need_odd_sizes_colors_and_tests(course):
+    with pytest.raises(ArgumentError, match="size=8: must be an odd number"):
+        next(labeled_patches(course, size=8))
+    blind = Course([Phase("a", scenario("Cube"), frames=1)], buffers=("instance",), observed=("instance",))
+    with pytest.raises(ArgumentError, match="need the buffer rgb"):
+        next(labeled_patches(blind))
+    without = Course(course.phases, width=32, height=24)
+    with pytest.raises(ArgumentError, match="has no tests"):
+        next(patches_of_tests(without))
+
+
+def test_river_scores_a_course_as_its_own_loop_does(course, patches):
+    river = pytest.importorskip("river")
+    from river import evaluate, metrics, neighbors
+
+    assert river.__version__
+    model = neighbors.KNNClassifier(n_neighbors=1)
+    found = evaluate.progressive_val_score(river_pairs(course, size=9), model, metrics.Accuracy())
+    expected, again = metrics.Accuracy(), neighbors.KNNClassifier(n_neighbors=1)
+    for each in patches:
+        features, name = color_features(each.patch), each.category or "background"
+        predicted = again.predict_one(features)
+        if predicted is not None:
+            expected.update(name, predicted)
+        again.learn_one(features, name)
+    assert found.get() == pytest.approx(expected.get(), abs=0.05)
+    assert found.get() > 0.5
+
+
+def test_river_delays_labels_by_frames(course):
+    pytest.importorskip("river")
+    from river import base, evaluate, metrics
+
+    class Recorder(base.Classifier):
+        def __init__(self):
+            self.order = []
+
+        def predict_one(self, x):
+            self.order.append(("predict", x["frame"]))
+
+        def learn_one(self, x, y):
+            self.order.append(("learn", x["frame"]))
+
+    model = Recorder()
+    pairs = river_pairs(course, size=9, frame=True)
+    evaluate.progressive_val_score(pairs, model, metrics.Accuracy(), moment="frame", delay=2)
+    first = model.order.index(("learn", 0))
+    assert ("predict", 2) in model.order[: first + 3]
+    assert ("predict", 3) not in model.order[:first]
+
+
+@pytest.mark.filterwarnings("ignore")
+def test_avalanche_trains_and_evaluates_on_a_course(course):
+    pytest.importorskip("avalanche")
+    import torch
+    from avalanche.models import SimpleMLP
+    from avalanche.training.supervised import Naive
+
+    from tiscene.learning.adapters.avalanche_benchmark import avalanche_benchmark
+
+    benchmark = avalanche_benchmark(course, size=9)
+    assert [len(each.dataset) for each in benchmark.train_stream] == [12, 12]
+    assert [sorted(set(each.dataset.targets)) for each in benchmark.train_stream] == [[0, 1], [0, 2]]
+    assert len(benchmark.test_stream) == 2
+    picture, target, *_ = benchmark.train_stream[0].dataset[0]
+    first = next(labeled_patches(course, 9))
+    assert np.allclose(picture.numpy().transpose(1, 2, 0), first.patch / 255.0)
+    assert target == first.category_id
+    torch.manual_seed(0)
+    model = SimpleMLP(num_classes=3, input_size=3 * 9 * 9)
+    strategy = Naive(
+        model=model, optimizer=torch.optim.SGD(model.parameters(), lr=0.1), train_mb_size=4, train_epochs=5
+    )
+    strategy.train(benchmark.train_stream[0], shuffle=False)
+    results = strategy.eval(benchmark.test_stream)
+    accuracy = [value for name, value in results.items() if name.startswith("Top1_Acc_Exp")]
+    assert accuracy[0] > accuracy[1]  # it has learned the ball, not the cube
+
+
+@pytest.fixture(scope="module")
+def environment():
+    gymnasium = pytest.importorskip("gymnasium")
+    env = gymnasium.make(
+        "tiscene.learning.adapters.look_around:LookAround-v0",
+        scenario=scenario("Ball 01"),
+        width=32,
+        height=24,
+        spp=1,
+        length=9,
+        budget=2,
+    )
+    yield env
+    env.close()
+
+
+@pytest.mark.filterwarnings("ignore:.*The environment .* is different from the unwrapped:UserWarning")
+def test_environment_passes_gymnasiums_checker(environment):
+    checker = pytest.importorskip("gymnasium.utils.env_checker")
+    checker.check_env(environment.unwrapped, skip_render_check=True)
+
+
+def test_episodes_of_equal_actions_are_equal(environment):
+    def episode():
+        observation, info = environment.reset(seed=1)
+        seen = [observation["rgb"].tobytes()]
+        for action in (2, 2, 1, 4, 6, 3, 0, 5):
+            observation, reward, ended, truncated, info = environment.step(action)
+            seen.append((observation["rgb"].tobytes(), reward, ended, truncated, info["position"]))
+        return seen
+
+    assert episode() == episode()
+
+
+def test_turns_cancel_out_and_steps_move_level(environment):
+    _, info = environment.reset()
+    start = info["position"], info["rotation"]
+    for action in (2, 3, 4, 5):
+        info = environment.step(action)[4]
+    assert np.allclose(info["rotation"], start[1], atol=1e-9)
+    assert info["position"] == start[0]
+    environment.step(4)
+    moved = environment.step(1)[4]["position"]
+    assert np.linalg.norm(np.subtract(moved, start[0])) == pytest.approx(0.2)
+    assert moved[1] == pytest.approx(start[0][1])
+
+
+def test_questions_are_paid_and_first_answers_rewarded(environment):
+    """The camera looks at the center of the ball's path, so that a question names the ball at some frame."""
+    observation, info = environment.reset()
+    rewards, labels = [], []
+    for _ in range(9):
+        observation, reward, ended, truncated, info = environment.step(6)
+        rewards.append(round(reward, 6))
+        labels.append(int(observation["label"]))
+    assert info["asked"] == 2
+    assert rewards[2:] == [0.0] * 7
+    first = 0.9 if labels[0] else -0.1
+    assert rewards[0] == first
+    assert truncated
+    assert not ended
+
+
+def test_environment_needs_a_scenario():
+    pytest.importorskip("gymnasium")
+    from tiscene.learning.adapters.look_around import LookAround
+
+    with pytest.raises(ArgumentError, match="pass a Scenario"):
+        LookAround()
+    with pytest.raises(ArgumentError, match="length=0"):
+        LookAround("object_view", length=0)

@@ -1,0 +1,176 @@
+# SPDX-License-Identifier: Apache-2.0
+"""LookAround-v0: a Gymnasium environment in which an agent turns and moves the camera, and asks for labels.
+
+Importing this module registers it::
+
+    env = gymnasium.make("tiscene.learning.adapters.look_around:LookAround-v0", scenario="my_scenario.json")
+
+The scenario goes on by one frame with each action. The agent is rewarded for each category that it is told for the
+first time in an episode, and pays for each question. `reset` starts at frame 0 again, so episodes with equal actions
+are equal to the byte.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+
+from tiscene.errors import ArgumentError, requires_extra
+from tiscene.render.view import View
+from tiscene.scenario.scenario import Scenario
+from tiscene.scene.camera import Camera, matrix_from_quaternion, quaternion_from_matrix
+from tiscene.stream.stream import Stream
+
+with requires_extra("gymnasium"):
+    import gymnasium
+
+ACTIONS = ("stay", "forward", "left", "right", "up", "down", "ask")
+BUFFERS = ("rgb", "semantic", "instance", "depth")
+MAX_PITCH = math.radians(80.0)
+
+
+class LookAround(gymnasium.Env):  # type: ignore[misc]  # gymnasium is not read
+    """Look around in a running scenario.
+
+    Observation: "rgb", uint8 [height, width, 3]; "label", the category id of the last answer, 0 before the first one
+    and for the background.
+
+    Actions: 0 stay, 1 forward, 2 to 5 turn left, right, up, down, 6 ask for the category at the image's center.
+
+    Args:
+        scenario: a Scenario, a scene's name or a file.
+        width: image width, px.
+        height: image height, px.
+        length: frames of an episode, after which it is truncated.
+        turn: degrees of a turn.
+        stride: m of a step forward. A step that would end nearer than `clearance` to what is ahead is not made.
+        clearance: m.
+        question_cost: subtracted from the reward for each question.
+        budget: questions of an episode; the environment does not answer more. None: unlimited.
+        render_mode: None or "rgb_array".
+        **settings: further arguments of `Stream`, such as quality="preview".
+    """
+
+    metadata = {"render_modes": ["rgb_array"], "render_fps": 25}  # noqa: RUF012  # Gymnasium's interface
+
+    def __init__(
+        self,
+        scenario: Scenario | str = "",
+        *,
+        width: int = 64,
+        height: int = 48,
+        length: int = 500,
+        turn: float = 15.0,
+        stride: float = 0.2,
+        clearance: float = 0.3,
+        question_cost: float = 0.1,
+        budget: int | None = None,
+        render_mode: str | None = None,
+        **settings: Any,
+    ) -> None:
+        if not scenario:
+            raise ArgumentError("scenario: pass a Scenario, a scene's name or a file")
+        if render_mode not in (None, "rgb_array"):
+            raise ArgumentError(f"render_mode={render_mode!r}: must be None or 'rgb_array'")
+        for name, value in (("length", length), ("turn", turn), ("stride", stride)):
+            if value <= 0:
+                raise ArgumentError(f"{name}={value!r}: must be greater than 0")
+        self.render_mode = render_mode
+        self.stream = Stream(scenario, width=width, height=height, buffers=BUFFERS, **({"quality": "fast"} | settings))
+        self.length, self.turn, self.stride, self.clearance = length, math.radians(turn), stride, clearance
+        self.question_cost, self.budget = question_cost, budget
+        numbers = len(self.stream.categories) and max(self.stream.categories) + 1
+        self.observation_space = gymnasium.spaces.Dict(
+            {
+                "rgb": gymnasium.spaces.Box(0, 255, (height, width, 3), np.uint8),
+                "label": gymnasium.spaces.Discrete(numbers),
+            }
+        )
+        self.action_space = gymnasium.spaces.Discrete(len(ACTIONS))
+        self._start = self.stream.world.state(0).cameras[0].current
+
+    def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> tuple[Any, dict[str, Any]]:
+        """Begin an episode at frame 0, with the scenario's camera. Nothing is drawn, so `seed` changes nothing."""
+        super().reset(seed=seed)
+        self._index, self._label, self._asked = 0, 0, 0
+        self._known: set[int] = set()
+        self._camera = self._start
+        self._render_frame(self._camera)
+        return self._observation(), self._info()
+
+    def step(self, action: int) -> tuple[Any, float, bool, bool, dict[str, Any]]:
+        """Make an action and show the next frame. Returns observation, reward, False, truncated and info."""
+        name = ACTIONS[int(action)]
+        reward, before = 0.0, self._camera
+        if name == "ask" and (self.budget is None or self._asked < self.budget):
+            self._asked += 1
+            height, width = self._frame.semantic.shape
+            self._label = int(self._frame.semantic[height // 2, width // 2])
+            reward = float(self._label != 0 and self._label not in self._known) - self.question_cost
+            self._known.add(self._label)
+        elif name != "ask":
+            self._camera = self._moved(name)
+        self._index += 1
+        self._render_frame(before)
+        return self._observation(), reward, False, self._index >= self.length, self._info()
+
+    def render(self) -> Any:
+        """Return the picture, uint8 [height, width, 3], with render_mode="rgb_array"."""
+        return self._frame.rgb.copy() if self.render_mode == "rgb_array" else None
+
+    def close(self) -> None:
+        """Free the memory of the device."""
+        self.stream.close()
+
+    def _moved(self, name: str) -> Camera:
+        camera = self._camera
+        axes = matrix_from_quaternion(camera.rotation)
+        if name == "forward":
+            height, width = self._frame.depth.shape
+            ahead = self._frame.depth[height // 4 : -(height // 4), width // 4 : -(width // 4)].min()
+            if ahead < self.stride + self.clearance:
+                return camera
+            direction = -axes[:, 2] * np.array([1.0, 0.0, 1.0])  # level, whatever the pitch
+            length = np.linalg.norm(direction)
+            step = direction / length * self.stride if length > 1e-6 else np.zeros(3)
+            x, y, z = (np.array(camera.position) + step).tolist()
+            return replace(camera, position=(x, y, z))
+        if name in ("left", "right"):
+            axes = _turn((0.0, 1.0, 0.0), self.turn if name == "left" else -self.turn) @ axes
+        elif name in ("up", "down"):
+            pitch = math.asin(float(np.clip(-axes[1, 2], -1.0, 1.0)))
+            wanted = np.clip(pitch + (self.turn if name == "up" else -self.turn), -MAX_PITCH, MAX_PITCH)
+            axes = _turn(tuple(axes[:, 0]), float(wanted) - pitch) @ axes
+        return replace(camera, rotation=quaternion_from_matrix(axes))
+
+    def _render_frame(self, before: Camera) -> None:
+        view = View(before, self._camera, self._camera, self.stream.width, self.stream.height)
+        self._frame = self.stream.render_view(self._index, view, BUFFERS)
+
+    def _observation(self) -> dict[str, Any]:
+        return {"rgb": self._frame.rgb, "label": np.int64(self._label)}
+
+    def _info(self) -> dict[str, Any]:
+        names = self.stream.categories
+        return {
+            "frame": self._index,
+            "asked": self._asked,
+            "category": names.get(self._label, ""),
+            "known": sorted(names[each] for each in self._known if each),
+            "position": self._camera.position,
+            "rotation": self._camera.rotation,
+        }
+
+
+def _turn(axis: tuple[float, ...], angle: float) -> Any:
+    """Return the rotation about a unit axis, 3x3."""
+    half = 0.5 * angle
+    x, y, z = (math.sin(half) * each for each in axis)
+    return matrix_from_quaternion((math.cos(half), float(x), float(y), float(z)))
+
+
+if "LookAround-v0" not in gymnasium.registry:
+    gymnasium.register("LookAround-v0", entry_point=f"{__name__}:LookAround")
