@@ -1,0 +1,266 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Rooms joined to one stage: openings, volumes, variants, sky, cameras, and what is refused."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from pxr import Gf, Kind, Usd, UsdGeom, UsdLux, UsdSemantics, Vt
+
+import tiscene as ts
+from tiscene.errors import ArgumentError, MissingFile, StageError
+from tiscene.usd import Opening, RoomPlacement, join
+from tiscene.usd.read.stage_reader import read_stage
+
+THICK = 0.2  # m, of each wall
+
+
+def write_room(folder: Path, name: str, *, shape: str = "Mesh", scheme: str = "none", meters: float = 1.0) -> Path:
+    """Write a room of 4 x 3 x 4 m about its origin, with a closed door's leaf on its +x wall, and two variants."""
+    stage = Usd.Stage.CreateInMemory()
+    UsdGeom.SetStageUpAxis(stage, UsdGeom.Tokens.y)
+    UsdGeom.SetStageMetersPerUnit(stage, meters)
+    root = UsdGeom.Xform.Define(stage, "/Room").GetPrim()
+    Usd.ModelAPI(root).SetKind(Kind.Tokens.assembly)
+    stage.SetDefaultPrim(root)
+
+    def box(path: str, label: str, low: tuple[float, ...], high: tuple[float, ...]) -> None:
+        UsdGeom.Xform.Define(stage, path)
+        prim = stage.GetPrimAtPath(path)
+        Usd.ModelAPI(prim).SetKind(Kind.Tokens.component)
+        UsdSemantics.LabelsAPI.Apply(prim, "class").CreateLabelsAttr([label])
+        a, b = np.array(low) / meters, np.array(high) / meters
+        if shape == "Cube":
+            cube = UsdGeom.Cube.Define(stage, f"{path}/Shape")
+            cube.CreateSizeAttr(1.0)
+            cube.AddTranslateOp().Set(Gf.Vec3d(*((a + b) / 2.0).tolist()))
+            cube.AddScaleOp().Set(Gf.Vec3f(*(b - a).tolist()))
+            return
+        corners = np.array([[(a, b)[i >> axis & 1][axis] for axis in range(3)] for i in range(8)])
+        faces = np.array([[0, 4, 6, 2], [1, 3, 7, 5], [0, 1, 5, 4], [2, 6, 7, 3], [0, 2, 3, 1], [4, 5, 7, 6]])
+        mesh = UsdGeom.Mesh.Define(stage, f"{path}/Shape")
+        mesh.CreatePointsAttr(Vt.Vec3fArray.FromNumpy(corners.astype(np.float32)))
+        mesh.CreateFaceVertexCountsAttr([4] * 6)
+        mesh.CreateFaceVertexIndicesAttr(faces.reshape(-1).tolist())
+        mesh.CreateSubdivisionSchemeAttr(scheme)
+        mesh.CreateExtentAttr([Gf.Vec3f(*a.tolist()), Gf.Vec3f(*b.tolist())])
+
+    t = THICK
+    box("/Room/Floor", "floor", (-2, -0.1, -2), (2, 0, 2))
+    box("/Room/Ceiling", "ceiling", (-2 - t, 3, -2 - t), (2 + t, 3.1, 2 + t))
+    box("/Room/WallRight", "wall", (2, 0, -2), (2 + t, 3, 2))
+    box("/Room/WallLeft", "wall", (-2 - t, 0, -2), (-2, 3, 2))
+    box("/Room/WallFar", "wall", (-2 - t, 0, -2 - t), (2 + t, 3, -2))
+    box("/Room/WallNear", "wall", (-2 - t, 0, 2), (2 + t, 3, 2 + t))
+    box("/Room/Door", "door", (1.97, 0.001, -0.445), (1.999, 2.0, 0.445))
+    dome = UsdLux.DomeLight.Define(stage, "/Room/Sky")
+    portal = UsdLux.PortalLight.Define(stage, "/Room/Portal")
+    dome.CreatePortalsRel().AddTarget(portal.GetPath())
+    camera = UsdGeom.Camera.Define(stage, "/Room/Main")
+    camera.AddTranslateOp().Set(Gf.Vec3d(0.0, 1.2 / meters, 0.0))
+    camera.AddRotateYOp().Set(-90.0)
+    sets = root.GetVariantSets().AddVariantSet("lighting")
+    for variant, intensity in (("day", 1.0), ("night", 0.1)):
+        sets.AddVariant(variant)
+        sets.SetVariantSelection(variant)
+        with sets.GetVariantEditContext():
+            dome.CreateIntensityAttr(intensity)
+    sets.SetVariantSelection("day")
+    path = folder / f"{name}.usda"
+    stage.GetRootLayer().Export(str(path))
+    return path
+
+
+OPENING = Opening((2.2, 0.0, 0.0), depth=2 * THICK, yaw=90.0)
+
+
+def two_rooms(folder: Path, **options: str) -> list[RoomPlacement]:
+    """Return a room and its mirror image, which share the wall at x = 2.2."""
+    file = write_room(folder, "room", **options)
+    return [RoomPlacement(file, name="west"), RoomPlacement(file, (4.4, 0.0, 0.0), 180.0, "east")]
+
+
+@pytest.fixture(scope="module")
+def joined(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("joined")
+    return join(two_rooms(folder), folder / "flat.usda", openings=[OPENING])
+
+
+@pytest.fixture(scope="module")
+def walk(joined: Path) -> ts.Stream:
+    """Return a stream of a camera that goes from the west room to the east room in 20 frames."""
+    camera = ts.Camera((0.0, 1.2, 0.0), (0.7071068, 0.0, -0.7071068, 0.0))
+    poses = [ts.Waypoint((x, 1.2, 0.0), (0.0, -90.0, 0.0)) for x in (0.0, 4.0)]
+    dynamic = ts.LinearWaypoints(poses, total_time=4.0)
+    still = ts.Object("box", "Cube", (5.6, 0.25, 0.9))
+    moving = ts.Object("ball", "Sphere", (0.0, 1.0, 0.0), dynamic=ts.LinearWaypoints(poses, total_time=4.0))
+    scenario = ts.Scenario(str(joined), [still, moving], camera=replace(camera, dynamic=dynamic))
+    return ts.Stream(scenario, width=32, height=24, fps=10, buffers=("instance", "semantic", "depth"))
+
+
+def view(path: Path, **options: object) -> ts.Frame:
+    return ts.Stream(str(path), width=32, height=24, buffers=("instance", "semantic", "depth"), **options)[0]
+
+
+@pytest.mark.parametrize("shape", ["Mesh", "Cube"])
+def test_opening_lets_the_camera_see_the_other_room(tmp_path: Path, shape: str) -> None:
+    rooms = two_rooms(tmp_path, shape=shape)
+    closed, opened = join(rooms, tmp_path / "closed.usda"), join(rooms, tmp_path / "open.usda", openings=[OPENING])
+    middle = (12, 16)
+    assert view(closed).depth[middle] == pytest.approx(1.97, abs=1e-4)  # the door's leaf
+    frame = view(opened)
+    assert frame.depth[middle] == pytest.approx(6.4, abs=1e-4)  # the far wall of the other room
+    assert frame.objects.by_id(int(frame.instance[middle])).room == "east"
+    assert "door" not in {frame.categories[k] for k in np.unique(frame.semantic)}
+
+
+def test_walls_beside_and_above_the_opening_are_left_as_they_are(tmp_path: Path) -> None:
+    rooms = two_rooms(tmp_path)
+    paths = join(rooms, tmp_path / "closed.usda"), join(rooms, tmp_path / "open.usda", openings=[OPENING])
+    camera = ts.Camera((0.0, 1.2, 0.0), (0.7071068, 0.0, -0.7071068, 0.0), vertical_fov=1.6)
+    scenarios = [ts.Scenario(str(path), camera=camera) for path in paths]
+    before, after = (ts.Stream(each, width=32, height=24, buffers=("position", "semantic"))[0] for each in scenarios)
+    x, y, z = np.moveaxis(before.position, -1, 0)
+    outside = (np.abs(z) > 0.46) | (y > 2.06) | (y < 0.0) | (x < 1.9)
+    assert 0.5 < outside.mean() < 1.0
+    np.testing.assert_allclose(after.position[outside], before.position[outside], atol=1e-5)
+    np.testing.assert_array_equal(after.semantic[outside], before.semantic[outside])
+    assert (after.position[~outside, 0] > x[~outside] + 0.02).all()
+
+
+def test_jambs_cover_the_inside_of_the_wall(joined: Path) -> None:
+    """From the middle of the passage, rays across and up meet the lining, not the hollow of the walls."""
+    frames = [ts.LinearWaypoints([ts.Waypoint((2.2, 1.2, 0.0), turn)] * 2) for turn in ((0.0, 0.0, 0.0), (90.0, 0, 0))]
+    for dynamic, distance in zip(frames, (0.45, 2.05 - 1.2), strict=True):
+        scenario = ts.Scenario(str(joined), camera=ts.Camera((2.2, 1.2, 0.0), dynamic=dynamic))
+        frame = ts.Stream(scenario, width=32, height=24, buffers=("semantic", "instance", "depth"))[0]
+        assert frame.depth[12, 16] == pytest.approx(distance, abs=1e-3)
+        assert frame.categories[int(frame.semantic[12, 16])] == "door frame"
+
+
+def test_camera_and_objects_know_their_rooms(walk: ts.Stream) -> None:
+    rooms = [walk[k].room for k in (0, 10, 12, 20)]
+    assert rooms == ["west", "west", "east", "east"]
+    for k in (0, 20):
+        objects = walk[k].objects
+        assert objects.by_name("box").room == "east"
+        assert objects.by_name("ball").room == rooms[0 if k == 0 else -1]
+        assert {row.room for row in objects if row.prim_path} == {"west", "east"}
+    assert set(walk[0].objects.arrays()["room"]) == {"west", "east"}
+
+
+def test_changes_of_rooms_are_events_once(walk: ts.Stream) -> None:
+    happened = [(k, e.kind, e.object, e.room) for k in range(21) for e in walk[k].events if e.kind.endswith("_room")]
+    ball = walk[0].objects.by_name("ball").id
+    (k,) = {k for k, *_ in happened}
+    assert happened == [
+        (k, kind, id, room) for id in (0, ball) for kind, room in (("leave_room", "west"), ("enter_room", "east"))
+    ]
+    assert walk[k - 1].room == "west"
+    assert walk[k].room == "east"
+
+
+def test_rooms_have_volumes_over_their_floors(joined: Path) -> None:
+    west, east = read_stage(joined).rooms
+    assert (west.name, east.name) == ("west", "east")
+    np.testing.assert_allclose(west.world_from_box, [[2, 0, 0, 0], [0, 1.5, 0, 1.5], [0, 0, 2, 0], [0, 0, 0, 1]])
+    np.testing.assert_allclose(east.distances(np.array([[4.4, 1.0, 0.0], [7.4, 1.0, 0.0]])), [0.0, 1.0])
+
+
+def test_authored_volumes_are_kept(tmp_path: Path) -> None:
+    file = write_room(tmp_path, "room")
+    text = file.read_text()
+    volume = (
+        'def Cube "Alcove" (\n prepend apiSchemas = ["SemanticsLabelsAPI:room"]\n)\n{\n'
+        ' uniform token purpose = "guide"\n token[] semantics:labels:room = ["alcove"]\n}\n'
+    )
+    file.write_text(text.replace('def Xform "Floor"', volume + 'def Xform "Floor"', 1))
+    path = join([(file, (0.0, 0.0, 0.0))], tmp_path / "one.usda")
+    assert [each.name for each in read_stage(path).rooms] == ["alcove"]
+    assert "alcove" not in {each.category for each in read_stage(path).objects}
+
+
+def test_one_sky_lights_all_rooms_through_all_portals(joined: Path) -> None:
+    stage = Usd.Stage.Open(str(joined))
+    domes = [prim for prim in stage.Traverse() if prim.IsA(UsdLux.DomeLight)]
+    assert [str(prim.GetPath()) for prim in domes] == ["/Flat/west/Sky"]
+    targets = UsdLux.DomeLight(domes[0]).GetPortalsRel().GetForwardedTargets()
+    assert [str(path) for path in targets] == ["/Flat/west/Portal", "/Flat/east/Portal"]
+
+
+def test_sky_of_a_chosen_room_is_kept(tmp_path: Path) -> None:
+    stage = Usd.Stage.Open(str(join(two_rooms(tmp_path), tmp_path / "flat.usda", sky="east")))
+    assert [str(p.GetPath()) for p in stage.Traverse() if p.IsA(UsdLux.DomeLight)] == ["/Flat/east/Sky"]
+
+
+def test_variants_of_the_root_select_those_of_all_rooms(joined: Path) -> None:
+    stage = Usd.Stage.Open(str(joined))
+    root = stage.GetDefaultPrim()
+    assert root.GetVariantSet("lighting").GetVariantNames() == ["day", "night"]
+    for variant, intensity in (("night", 0.1), ("day", 1.0)):
+        root.GetVariantSet("lighting").SetVariantSelection(variant)
+        assert stage.GetPrimAtPath("/Flat/east").GetVariantSet("lighting").GetVariantSelection() == variant
+        sky = UsdLux.DomeLight(stage.GetPrimAtPath("/Flat/west/Sky"))
+        assert sky.GetIntensityAttr().Get() == pytest.approx(intensity)
+
+
+def test_cameras_of_one_name_are_told_apart_by_their_rooms(joined: Path) -> None:
+    cameras = read_stage(joined).cameras
+    assert [each.name for each in cameras] == ["Main", "east/Main"]
+    np.testing.assert_allclose(cameras[1].position, (4.4, 1.2, 0.0), atol=1e-6)
+
+
+def test_same_rooms_write_same_bytes_with_relative_references(tmp_path: Path) -> None:
+    rooms = two_rooms(tmp_path)
+    first = join(rooms, tmp_path / "a" / "flat.usda", openings=[OPENING]).read_bytes()
+    assert join(rooms, tmp_path / "b" / "flat.usda", openings=[OPENING]).read_bytes() == first
+    assert b"@../room.usda@" in first
+    assert str(tmp_path).encode() not in first
+
+
+def test_rooms_in_centimeters_are_joined_in_meters(tmp_path: Path) -> None:
+    path = join(two_rooms(tmp_path, meters=0.01), tmp_path / "flat.usdc", openings=[OPENING])
+    frame = view(path)
+    assert frame.depth[12, 16] == pytest.approx(6.4, abs=1e-4)
+    assert frame.room == "west"
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        ({"rooms": []}, "at least one room"),
+        ({"twice": True}, "several rooms are called room"),
+        ({"sky": "cellar"}, "the rooms are west, east"),
+        ({"units": True}, "convert one of them"),
+    ],
+)
+def test_contradictory_arguments_are_refused(tmp_path: Path, arguments: dict, message: str) -> None:
+    rooms: list = arguments.get("rooms", two_rooms(tmp_path))
+    if arguments.get("twice"):
+        rooms = [(rooms[0].file, (0.0, 0.0, 0.0))] * 2
+    if arguments.get("units"):
+        rooms = [rooms[0], (write_room(tmp_path, "inches", meters=0.0254), (4.4, 0.0, 0.0))]
+    with pytest.raises(ArgumentError, match=message):
+        join(rooms, tmp_path / "flat.usda", sky=arguments.get("sky"))
+    assert not (tmp_path / "flat.usda").exists()
+
+
+@pytest.mark.parametrize("field", ["width", "height", "depth", "clearance"])
+def test_openings_without_size_are_refused(field: str) -> None:
+    with pytest.raises(ArgumentError, match=f"Opening\\({field}=-1.0\\)"):
+        Opening((0.0, 0.0, 0.0), **{field: -1.0})
+
+
+def test_missing_room_is_named(tmp_path: Path) -> None:
+    with pytest.raises(MissingFile, match=r"cellar\.usda does not exist"):
+        join([(tmp_path / "cellar.usda", (0.0, 0.0, 0.0))], tmp_path / "flat.usda")
+
+
+def test_subdivision_surface_in_an_opening_is_refused_by_name(tmp_path: Path) -> None:
+    rooms = two_rooms(tmp_path, scheme="catmullClark")
+    with pytest.raises(StageError, match=r"</Flat/west/WallRight/Shape> opening: a subdivision surface cannot be cut"):
+        join(rooms, tmp_path / "flat.usda", openings=[OPENING])
+    assert not list(tmp_path.glob("*flat*"))
