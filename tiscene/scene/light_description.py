@@ -54,6 +54,7 @@ class Light:
         indirect: Factor of the light on surfaces that the camera sees by way of others.
         shaping: None: emits alike in all directions.
         casts_shadows: False: nothing blocks the light.
+        seen_by_camera: False: the camera sees what is behind the light; mirrors and glass still show it.
     """
 
     name: str
@@ -65,6 +66,7 @@ class Light:
     indirect: float = 1.0
     shaping: Shaping | None = None
     casts_shadows: bool = True
+    seen_by_camera: bool = True
 
 
 @dataclass(frozen=True, eq=False)

@@ -34,7 +34,7 @@ def intersect_all(
     for ray in range(rays.shape[0]):
         origin = ti.math.vec3(rays[ray, 0], rays[ray, 1], rays[ray, 2])
         direction = ti.math.vec3(rays[ray, 3], rays[ray, 4], rays[ray, 5])
-        rows[ray, 0], distances[ray, 0] = nearest_intersected(lights, -1, origin, direction, rays[ray, 6])
+        rows[ray, 0], distances[ray, 0] = nearest_intersected(lights, -1, 0, origin, direction, rays[ray, 6])
         first, nearest, others = -1, rays[ray, 6], 0
         for row in range(values.shape[0]):
             distance = dispatch.intersect(lights, row, origin, direction)

@@ -14,7 +14,7 @@ from tiscene.render.lights.importance import weigh_entries
 from tiscene.render.lights.lane_ops import lowest_set_bit
 from tiscene.render.lights.light_sample import header
 from tiscene.scene.lights.light_bvh import BLOCK_ROWS, BLOCKS, REFERENCE
-from tiscene.scene.lights.light_table import ON_DIFFUSE, ON_INDIRECT, ON_SPECULAR, SHADOWLESS
+from tiscene.scene.lights.light_table import ON_DIFFUSE, ON_INDIRECT, ON_SPECULAR, SHADOWLESS, UNSEEN
 from tiscene.scene.lights.light_tree import (
     H_AREA_COUNT,
     H_BVH_ROW,
@@ -51,21 +51,30 @@ def response(values: Template, row: ti.i32, diffuse_part: ti.f32, depth: ti.i32)
 
 
 @ti.func
-def nearest_light(lights: Template, origin: vec3, direction: vec3, surface_distance: ti.f32):
-    """Return (row, distance) of the light that a ray hits before the surface; row -1 for none."""
-    return nearest_intersected(lights, -1, origin, direction, surface_distance * (1.0 + LIGHT_FRONT))
+def nearest_light(lights: Template, depth: ti.i32, origin: vec3, direction: vec3, surface_distance: ti.f32):
+    """Return (row, distance) of the light that a ray hits before the surface; row -1 for none.
+
+    depth: number of surfaces on the path so far. At 0, the ray passes through lights that the camera does not see.
+    """
+    reach = surface_distance * (1.0 + LIGHT_FRONT)
+    return nearest_intersected(lights, -1, ti.cast(depth == 0, ti.i32), origin, direction, reach)
 
 
 @ti.func
 def is_blocked_by_light(lights: Template, row: ti.i32, origin: vec3, direction: vec3, reach: ti.f32):
     """Return 1 if a ray towards the light in a row hits another light on its way, else 0."""
-    blocking, _ = nearest_intersected(lights, row, origin, direction, reach)
+    blocking, _ = nearest_intersected(lights, row, 0, origin, direction, reach)
     return ti.cast(blocking >= 0, ti.i32)
 
 
 @ti.func
-def nearest_intersected(lights: Template, excluded: ti.i32, origin: vec3, direction: vec3, reach: ti.f32):
-    """Return (row, distance) of the nearest light before `reach`, except the one in row `excluded`; row -1 for none."""
+def nearest_intersected(
+    lights: Template, excluded: ti.i32, from_camera: ti.i32, origin: vec3, direction: vec3, reach: ti.f32
+):
+    """Return (row, distance) of the nearest light before `reach`, except the one in row `excluded`; row -1 for none.
+
+    from_camera: 1 passes through lights that the camera does not see.
+    """
     nodes = ti.static(lights.nodes)
     row, nearest = -1, reach
     node_stack, child_stack, stack_size = ti.Vector.zero(ti.i32, _LEVELS), ti.Vector.zero(ti.i32, _LEVELS), 0
@@ -105,7 +114,7 @@ def nearest_intersected(lights: Template, excluded: ti.i32, origin: vec3, direct
                     node_stack[stack_size], child_stack[stack_size] = node, children
                     stack_size += 1
                 node, children, entered = child, 0, True
-            elif -1 - child != excluded:
+            elif -1 - child != excluded and (from_camera == 0 or lights.values[-1 - child, UNSEEN] == 0.0):
                 distance = dispatch.intersect(lights, -1 - child, origin, direction)
                 if distance < nearest:
                     row, nearest = -1 - child, distance
@@ -165,6 +174,8 @@ def weighted_emission(
         radiance = emission
         if triangle < 0:
             radiance = dispatch.emitted(lights, textures, row, origin, direction, distance, pdf)
+            if depth == 0 and lights.values[row, UNSEEN] > 0.0:  # a light at infinity; others are not hit
+                radiance = vec3(0.0)
         if pdf > 0.0 and radiance.max() > 0.0:
             weight = 0.0  # without MIS, light sampling alone counts
             # A light without shadows is sampled through occluders, where no BSDF sample reaches it.

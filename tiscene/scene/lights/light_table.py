@@ -76,17 +76,18 @@ from tiscene.scene.textures.atlas import TextureAtlas
 # DOME_ROW: of a portal. PORTAL_MAPS: of a distant light, where `_portal_maps` begin in `distribution`; -1 without
 #     portals. SMALL_IMAGE: of a dome, where `small_image` begins there; -1 if there is none.
 # ON_DIFFUSE, ON_SPECULAR: multipliers of what diffuse and other lobes reflect. ON_INDIRECT: multiplier after the first
-#     bounce. SHADOWLESS: 1 if nothing casts shadows in its light.
+#     bounce. SHADOWLESS: 1 if nothing casts shadows in its light. UNSEEN: 1 if rays from the camera pass through it.
 # INSTANCE, TREE, FIRST_TRIANGLE: of an emissive mesh, in place of RADIANCE: row of the instance, root of its triangles'
 #     light tree, first triangle. The slots of all its triangles, 0 for none, are at DISTRIBUTION.
 # SHAPED: 1 if the light has a Shaping. CONE_COSINE: of its cone's angle. CONE_EDGE (3): angles at which the soft edge
 #     begins and ends, rad, and the cosine where it begins. FOCUS, FOCUS_TINT (3), PROFILE: as `Shaping`.
-COLUMNS = 39
+COLUMNS = 40
 KIND, TRANSFORM, RADIANCE, SIZE, TEXTURE, DISTRIBUTION, GRID, IMAGE_FRACTION = 0, 1, 13, 16, 18, 19, 20, 22
 SLOT, DOME_ROW, PORTAL_MAPS, SMALL_IMAGE, ON_DIFFUSE, ON_SPECULAR, SHADOWLESS = 23, 24, 24, 24, 25, 26, 27
 INSTANCE, TREE, FIRST_TRIANGLE = 13, 14, 15
 SHAPED, CONE_COSINE, CONE_EDGE, FOCUS, FOCUS_TINT, PROFILE = 28, 29, 30, 33, 34, 37
 ON_INDIRECT = 38
+UNSEEN = 39
 
 _ROUNDING = 1e-6  # boxes are enlarged by this fraction of their coordinates, against float32 rounding
 _PORTAL_MARGIN = 0.05  # portals are enlarged by this fraction of their size, for rounding and the width of the sun
@@ -247,7 +248,7 @@ class LightTable:
             values[row, KIND] = kind
             values[row, TRANSFORM : TRANSFORM + 12] = light.world_from_light[:3].ravel()
             values[row, ON_DIFFUSE : SHADOWLESS + 1] = light.diffuse, light.specular, not light.casts_shadows
-            values[row, ON_INDIRECT] = light.indirect
+            values[row, ON_INDIRECT], values[row, UNSEEN] = light.indirect, not light.seen_by_camera
             if light.shaping is not None and shape is not None:
                 values[row, SHAPED : PROFILE + 1] = _shaping_columns(light.shaping, first_texture)
                 leaves[row, BACK] = CONE

@@ -31,7 +31,7 @@ from tiscene.scene.lights.light_kinds import UsdLightInputs, usd_reader
 from tiscene.usd.core.report import StageReport
 from tiscene.usd.core.transform import to_matrix, unscaled
 from tiscene.usd.geometry.deforming import is_time_varying
-from tiscene.usd.lights.shaping import light_input, read_shaping, report_unsupported
+from tiscene.usd.lights.shaping import is_seen_by_camera, light_input, read_shaping, report_unsupported
 from tiscene.usd.materials.texture import TextureTable
 
 EMISSION = ("intensity", "exposure", "color", "colorTemperature")  # inputs that may be animated
@@ -62,6 +62,14 @@ class LightReader:
         self._report = report
         self._meters = meters_per_unit
         self._up_axis = up_axis
+
+    def add_point(self, prim: Usd.Prim, world_from_prim: NDArray[np.float64], point: str) -> None:
+        """Read a light of a prototype at one point of its instancer; `point` is appended to its name and path."""
+        count = len(self.lights)
+        self.add(prim, world_from_prim)
+        for row in range(count, len(self.lights)):
+            light = self.lights[row]
+            self.lights[row] = dataclasses.replace(light, name=light.name + point, prim_path=light.prim_path + point)
 
     def add(self, prim: Usd.Prim, world_from_prim: NDArray[np.float64]) -> None:
         """Read a light; `world_from_prim` is 4x4 for column vectors, its translation in meters."""
@@ -108,7 +116,8 @@ class LightReader:
             return None
         shadows = not prim.HasAPI(UsdLux.ShadowAPI) or bool(self._input(prim, "shadow:enable", True))
         shaping = read_shaping(prim, self._time, self._textures, self._report)
-        return {"diffuse": diffuse, "specular": specular, "shaping": shaping, "casts_shadows": shadows}
+        controls = {"diffuse": diffuse, "specular": specular, "shaping": shaping, "casts_shadows": shadows}
+        return controls | {"seen_by_camera": is_seen_by_camera(prim, self._time)}
 
     def _is_animated(self, prim: Usd.Prim) -> bool:
         """Return whether the emission is animated, so that a light that is dark now may be lit later."""

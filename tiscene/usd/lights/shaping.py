@@ -20,6 +20,18 @@ from tiscene.usd.lights.ies import read_ies
 from tiscene.usd.materials.image import read_file
 from tiscene.usd.materials.texture import TextureTable
 
+# Attributes of renderers that hide a prim from the camera where they are false, 0 or "-primary".
+_CAMERA_VISIBILITY = (
+    "visibleInPrimaryRay",
+    "primvars:ri:attributes:visibility:camera",
+    "ri:attributes:visibility:camera",
+    "primvars:arnold:visibility:camera",
+    "primvars:arnold:camera",
+    "primvars:karma:light:renderlightgeo",
+    "primvars:karma:object:rendervisibility",
+    "primvars:cycles:object:visibility:camera",
+    "primvars:cycles:object:use_camera_visibility",
+)
 _ONE_SIDED_TYPES = ("RectLight", "DiskLight")  # emit within 90 degrees of their axis anyway
 _UNSHAPED_TYPES = ("DistantLight", "DomeLight", "DomeLight_1", "GeometryLight")
 
@@ -85,6 +97,22 @@ def _profile(prim: Usd.Prim, time: Usd.TimeCode, textures: TextureTable, report:
         return None
     key = f"{asset.resolvedPath} {scale} {normalize}"
     return textures.add_pixels(key, Path(asset.path).name, profile.image(scale, normalize))
+
+
+def is_seen_by_camera(prim: Usd.Prim, time: Usd.TimeCode) -> bool:
+    """Return whether the camera sees a light or gprim: False if a renderer's visibility attribute says so.
+
+    UsdLux has no such attribute; those of RenderMan, Arnold, Karma, Cycles and Omniverse are read.
+    """
+    for name in _CAMERA_VISIBILITY:
+        attribute = prim.GetAttribute(name)
+        value = attribute.Get(time) if attribute and attribute.HasAuthoredValue() else None
+        if isinstance(value, str):
+            if "-primary" in value.replace("&", " ").split():
+                return False
+        elif value is not None and not (value[0] if hasattr(value, "__len__") and len(value) else value):
+            return False
+    return True
 
 
 def report_unsupported(prim: Usd.Prim, time: Usd.TimeCode, report: StageReport) -> None:

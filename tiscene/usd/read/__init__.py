@@ -5,6 +5,8 @@
 
     stage_reader       read_stage
     traversal          traverse the prims of a stage
+    traversal_context  what a prim inherits from its ancestors
+    instancer_reader   point instancers as objects
     object_builder     objects, their instances and colliders
     mesh_table         meshes, shared by instances
     point_instancer    points of UsdGeomPointInstancer

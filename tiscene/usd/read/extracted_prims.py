@@ -18,7 +18,8 @@ from tiscene.usd.core.report import StageReport
 from tiscene.usd.core.semantics import asset_name, inherited_label, name_label
 from tiscene.usd.core.time_samples import NOT_ANIMATED, transformed
 from tiscene.usd.core.units import Units
-from tiscene.usd.read.traversal import StageReader, TraversalContext
+from tiscene.usd.read.traversal import StageReader
+from tiscene.usd.read.traversal_context import TraversalContext
 
 
 class RemainderReader(StageReader):

@@ -21,7 +21,7 @@ from tiscene.usd.read.extracted_prims import RemainderReader, extracted_template
 from tiscene.usd.read.room_volumes import read_room_volumes
 from tiscene.usd.read.subprocess_reader import read_in_subprocess
 from tiscene.usd.read.template import stage_templates
-from tiscene.usd.read.traversal import TraversalContext
+from tiscene.usd.read.traversal_context import TraversalContext
 
 
 def read_stage(

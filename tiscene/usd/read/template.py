@@ -20,7 +20,8 @@ from tiscene.usd.core.stage import open_stage, quiet, readable, reading_time, se
 from tiscene.usd.geometry.skinning import bake_skinning
 from tiscene.usd.geometry.subdivision_budget import DEFAULT_TRIANGLES, limit_subdivision
 from tiscene.usd.read.subprocess_reader import read_in_subprocess
-from tiscene.usd.read.traversal import ALSO_ABSTRACT, StageReader, TraversalContext
+from tiscene.usd.read.traversal import StageReader
+from tiscene.usd.read.traversal_context import ALSO_ABSTRACT, TraversalContext
 
 TEMPLATES_PRIM = "/Templates"
 

@@ -133,9 +133,10 @@ def record_segment_light(
     lights = ti.static(LightTables(light_values, light_nodes, light_distribution))
     for k in range(count):
         i = paths[k]
-        _, end = nearest_light(lights, ray_origin(rays, k), ray_direction(rays, k), hits[i][0])
-        contribution = finite(get3(state, i, RADIANCE))
         status = ti.cast(restart[k, R_STATUS], ti.i32)
+        depth = status & DEPTH_MASK
+        _, end = nearest_light(lights, depth, ray_origin(rays, k), ray_direction(rays, k), hits[i][0])
+        contribution = finite(get3(state, i, RADIANCE))
         needed = group == 0 and ((status & DEPTH_MASK) < last_depth or (status & FEATURES_WRITTEN) == 0)
         if contribution.max() == 0.0 and not needed:
             end = 0.0

@@ -55,7 +55,7 @@ def finish_at_lights(
         status[i] = 0
         origin, direction = ray_origin(rays, i), ray_direction(rays, i)
         pdf, diffuse_fraction, last_vertex = state[i][PDF], state[i][DIFFUSE_FRACTION], get3(state, i, ORIGIN)
-        light, distance = nearest_light(lights, origin, direction, ti.math.inf)
+        light, distance = nearest_light(lights, depth, origin, direction, ti.math.inf)
         reach = distance * (1.0 - LIGHT_FRONT) if light >= 0 else FAR
         emitted = weighted_emission(
             lights,

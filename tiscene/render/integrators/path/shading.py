@@ -144,7 +144,7 @@ def shade(
         continues, sampled = False, 0
 
         instance = hit_ids[i][0]
-        light, distance = nearest_light(lights, origin, direction, hits[i][0])
+        light, distance = nearest_light(lights, depth, origin, direction, hits[i][0])
         # At the last vertex of a path only emission counts: a surface that cannot emit need not be evaluated.
         skip_surface = False
         if instance >= 0 and depth + 1 >= max_depth and (status_bits & FEATURES_WRITTEN) != 0:

@@ -1,0 +1,143 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Lights that the camera does not see, by the attributes of renderers, and lights in prototypes of instancers."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+import tiscene as ts
+from tests.usd.helpers import read, read_with_warning, write
+
+LAMP = """def RectLight "Lamp"
+{
+    float inputs:intensity = 4
+    float inputs:width = 2
+    float inputs:height = 2
+    %s
+    double3 xformOp:translate = (0, 0, -2)
+    float3 xformOp:rotateXYZ = (0, 180, 0)
+    uniform token[] xformOpOrder = ["xformOp:translate", "xformOp:rotateXYZ"]
+}
+def Camera "C"
+{
+}
+"""
+WALL = """def Mesh "Wall"
+{
+    uniform token subdivisionScheme = "none"
+    int[] faceVertexCounts = [4]
+    int[] faceVertexIndices = [0, 1, 2, 3]
+    point3f[] points = [(-9, -9, -3), (9, -9, -3), (9, 9, -3), (-9, 9, -3)]
+    color3f[] primvars:displayColor = [(0, 0, 0)]
+}
+"""
+HIDDEN = [
+    "bool visibleInPrimaryRay = 0",
+    "int primvars:ri:attributes:visibility:camera = 0",
+    "bool primvars:arnold:visibility:camera = 0",
+    "float primvars:arnold:camera = 0",
+    "bool primvars:karma:light:renderlightgeo = 0",
+    'string primvars:karma:object:rendervisibility = "* & -primary"',
+    "bool primvars:cycles:object:visibility:camera = 0",
+]
+SEEN = ["", "bool visibleInPrimaryRay = 1", 'string primvars:karma:object:rendervisibility = "*"']
+
+
+@pytest.mark.parametrize(("line", "seen"), [*((each, False) for each in HIDDEN), *((each, True) for each in SEEN)])
+def test_attributes_of_renderers_decide_whether_the_camera_sees_a_light(tmp_path, line, seen):
+    (light,) = read(tmp_path, LAMP % line).lights
+    assert light.seen_by_camera is seen
+
+
+@pytest.fixture(scope="module")
+def centers(tmp_path_factory):
+    """The radiance at the center of images with a light seen, hidden, and hidden but shown by a mirror."""
+    folder = tmp_path_factory.mktemp("lamps")
+    mirror = """def Mesh "Mirror" (prepend apiSchemas = ["MaterialBindingAPI"])
+{
+    rel material:binding = </Silver>
+    uniform token subdivisionScheme = "none"
+    int[] faceVertexCounts = [4]
+    int[] faceVertexIndices = [0, 1, 2, 3]
+    point3f[] points = [(-9, -9, -4), (9, -9, -4), (9, 9, -4), (-9, 9, -4)]
+}
+def Material "Silver"
+{
+    token outputs:surface.connect = </Silver/S.outputs:surface>
+    def Shader "S"
+    {
+        uniform token info:id = "UsdPreviewSurface"
+        color3f inputs:diffuseColor = (1, 1, 1)
+        float inputs:metallic = 1
+        float inputs:roughness = 0
+        token outputs:surface
+    }
+}
+"""
+    hidden = LAMP % HIDDEN[0]
+    back = hidden.replace('"Lamp"', '"Back"').replace("(0, 180, 0)", "(0, 0, 0)")
+    dome = (
+        'def DomeLight "Sky"\n{\nfloat inputs:intensity = 2\nbool visibleInPrimaryRay = %d\n}\ndef Camera "C"\n{\n}\n'
+    )
+    far = WALL.replace("-3)", "3)")
+    stages = {"seen": LAMP % "" + WALL, "hidden": hidden + WALL, "mirrored": back + mirror}
+    stages |= {"sky": dome % 1 + far, "no sky": dome % 0 + far}
+    found = {}
+    for name, body in stages.items():
+        path = write(folder, body, name=f"{name}.usda")
+        options = {"width": 9, "height": 9, "buffers": ("hdr",), "camera": "C", "spp": 16, "incremental": False}
+        with ts.Stream(path, **options) as stream:
+            found[name] = np.asarray(stream[0].hdr[4, 4])
+    return found
+
+
+def test_camera_sees_a_light_or_what_is_behind_it(centers):
+    np.testing.assert_allclose(centers["seen"], 4.0, rtol=1e-5)
+    assert centers["hidden"].max() < 0.5  # a black wall, lit, with 4 % of specular reflection
+
+
+def test_mirror_shows_a_light_that_the_camera_does_not_see(centers):
+    np.testing.assert_allclose(centers["mirrored"], 4.0, rtol=1e-3)
+
+
+def test_sky_that_the_camera_does_not_see_is_black(centers):
+    np.testing.assert_allclose(centers["sky"], 2.0, rtol=1e-5)
+    np.testing.assert_array_equal(centers["no sky"], 0.0)
+
+
+def test_mesh_hidden_from_the_camera_is_named(tmp_path):
+    body = WALL.replace("uniform", "bool primvars:arnold:visibility:camera = 0\nuniform", 1)
+    read_with_warning(tmp_path, body, "a mesh that the camera does not see.*: </Wall>")
+
+
+STREET = """def PointInstancer "Street"
+{
+    rel prototypes = </Street/Post>
+    int[] protoIndices = [0, 0]
+    int64[] ids = [7, 9]
+    point3f[] positions = [(10, 0, 0), (20, 0, 0)]
+    quath[] orientations = [(1, 0, 0, 0), (0.70710678, 0, 0, 0.70710678)]
+    double3 xformOp:translate = (0, 5, 0)
+    uniform token[] xformOpOrder = ["xformOp:translate"]
+    def Xform "Post"
+    {
+        def Cube "Pole"
+        {
+        }
+        def SphereLight "Bulb"
+        {
+            double3 xformOp:translate = (1, 0, 0)
+            uniform token[] xformOpOrder = ["xformOp:translate"]
+        }
+    }
+}
+"""
+
+
+def test_lights_of_prototypes_are_at_each_point(tmp_path):
+    lights = read(tmp_path, STREET).lights
+    places = [light.world_from_light[:3, 3].tolist() for light in lights]
+    np.testing.assert_allclose(places, [(11, 5, 0), (20, 6, 0)], atol=1e-3)  # half-precision quarter turn about z
+    assert [light.name for light in lights] == ["Bulb[Street 7]", "Bulb[Street 9]"]
+    assert len({light.prim_path for light in lights}) == 2

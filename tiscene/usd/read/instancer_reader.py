@@ -1,0 +1,202 @@
+# SPDX-License-Identifier: Apache-2.0
+"""PointInstancerReader: point instancers as objects, one for each point, with the lights of their prototypes.
+
+It is a part of `traversal.StageReader`, which traverses a prototype as it traverses a stage.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+from pxr import Sdf, Usd
+
+from tiscene.scene.description import Matrix
+from tiscene.usd.core.report import StageReport
+from tiscene.usd.core.semantics import asset_name, direct_label, inherited_label, name_label
+from tiscene.usd.core.time_samples import TransformSamples
+from tiscene.usd.core.transform import range_fault, to_matrix
+from tiscene.usd.lights.light import LightReader
+from tiscene.usd.read.object_builder import StageObject, StageObjectTable, is_rigid_body
+from tiscene.usd.read.point_instancer import (
+    PointInstances,
+    PointSamples,
+    PrototypePart,
+    instancer_times,
+    point_instances,
+)
+from tiscene.usd.read.traversal_context import ALSO_ABSTRACT, TraversalContext
+
+
+class PointInstancerReader:
+    """Reads point instancers. While the prototype of one is traversed, its parts and lights are collected."""
+
+    _time: Usd.TimeCode
+    _taxonomy: str | None
+    _report: StageReport
+    _meters: float
+    _lights: LightReader
+    _objects: StageObjectTable
+
+    def __init__(self) -> None:
+        """Start outside of any prototype."""
+        self._parts: list[PrototypePart] | None = None  # of the prototype that is traversed, so far
+        self._prototype_lights: list[tuple[Usd.Prim, Matrix]] = []
+        self._prototype_root = Sdf.Path.absoluteRootPath
+        self._open_instancers: list[Any] = []  # being read: a prototype may not contain its own instancer
+
+    def walk(self, root: Usd.Prim, context: TraversalContext, predicate: Any) -> None:
+        """Read a prim and its descendants."""
+        raise NotImplementedError
+
+    def _read_instancer(self, prim: Usd.Prim, here: TraversalContext) -> None:
+        """Read a point instancer: each point is an object that consists of all meshes of its prototype."""
+        if prim.GetPath() in self._open_instancers:
+            self._report.problem(prim.GetPath(), "instancer", "one of its prototypes contains the instancer itself")
+            return
+        world = to_matrix(here.world, self._meters)
+        if fault := range_fault(world):
+            self._report.problem(prim.GetPath(), "transform", fault)
+            return
+        own_times = instancer_times(prim) if self._report.reads_animation else []
+        if own_times and self._parts is not None:
+            self._report.frozen(prim.GetPath(), "a point instancer in a prototype of another")
+            own_times = []
+        instances = self._instances_at(prim, own_times)
+        if instances is None:
+            return
+        used = np.unique(np.concatenate([each.prototype_of_point for each in instances.values()])).tolist()
+        if not used:
+            self._report.omission(prim.GetPath(), "a point instancer without points")
+        roots = [instances[self._time].prototypes[number] for number in used]
+        prototypes, lights = [], []
+        for root in roots:
+            parts, found_lights = self._prototype(prim, root, here.purpose)
+            prototypes.append(parts)
+            lights.append(found_lights)
+        self._place_lights(prim, world, instances[self._time], used, lights)
+        if self._parts is not None:  # the points of an instancer in a prototype are parts of that prototype
+            found = instances[self._time]
+            for number, parts in zip(used, prototypes, strict=True):
+                matrices = world @ found.matrices[found.prototype_of_point == number]
+                self._parts += [part.nested(matrix) for matrix in matrices for part in parts]
+            return
+        part_times = (time for parts in prototypes for part in parts for time in part.ancestors.times())
+        times = sorted({*own_times, *here.animated.times(), *part_times})
+        instances = self._instances_at(prim, times, instances) or instances
+        points = PointSamples.of(list(instances.values()))
+        for row, code in enumerate(instances):
+            matrix = to_matrix(here.animated.world(code, here.world), self._meters)
+            points.matrices[row] = matrix @ points.matrices[row]
+        objects: dict[int, StageObject] = {}
+        for number, root, parts in zip(used, roots, prototypes, strict=True):
+            if parts:
+                self._place_points(prim, here, root, parts, points, number, times, objects)
+
+    def _place_lights(
+        self,
+        prim: Usd.Prim,
+        world: Matrix,
+        points: PointInstances,
+        used: Sequence[int],
+        lights: Sequence[Sequence[tuple[Usd.Prim, Matrix]]],
+    ) -> None:
+        """Add the lights of an instancer's prototypes at each of its points, as they are at the time read.
+
+        Args:
+            prim: the instancer.
+            world: its world transform.
+            points: its points.
+            used: indices of the prototypes.
+            lights: lights of each prototype, with their transforms in it.
+        """
+        for number, each in zip(used, lights, strict=True):
+            rows = np.flatnonzero(points.prototype_of_point == number) if each else ()
+            for row in rows:
+                for light, matrix in each:
+                    placed = world @ points.matrices[row] @ matrix
+                    if self._parts is not None:
+                        self._prototype_lights.append((light, placed))
+                    else:
+                        self._lights.add_point(light, placed, f"[{prim.GetName()} {points.ids[row]}]")
+
+    def _instances_at(
+        self, prim: Usd.Prim, times: Sequence[float], known: Mapping[Usd.TimeCode, PointInstances] | None = None
+    ) -> dict[Usd.TimeCode, PointInstances] | None:
+        """Return an instancer's points at the time read, then at others; None, with a problem reported, if invalid.
+
+        Args:
+            prim: the instancer.
+            times: the other time codes.
+            known: points that have been read already.
+        """
+        result = {}
+        for code in (self._time, *(Usd.TimeCode(time) for time in times)):
+            found = (known or {}).get(code) or point_instances(prim, code, self._meters, self._report)
+            if found is None:
+                return None
+            result[code] = found
+        return result
+
+    def _place_points(
+        self,
+        prim: Usd.Prim,
+        here: TraversalContext,
+        root: Usd.Prim,
+        parts: Sequence[PrototypePart],
+        points: PointSamples,
+        number: int,
+        times: Sequence[float],
+        objects: dict[int, StageObject],
+    ) -> None:
+        """Add the points that ever show one prototype.
+
+        Args:
+            prim: the instancer.
+            here: its context.
+            root: root of the prototype.
+            parts: parts of the prototype.
+            points: all points at the time read, then at `times`.
+            number: index of the prototype.
+            times: time codes of the animation; empty: static.
+            objects: objects of the points so far by id, added to.
+        """
+        labels = (
+            direct_label(root, self._time, self._taxonomy),
+            *(p.label for p in parts),
+            inherited_label(root, self._time, self._taxonomy),
+        )
+        category = next((label for label in labels if label), here.label)
+        codes = list(dict.fromkeys([self._time, *(Usd.TimeCode(time) for time in times)]))
+        order = [codes.index(Usd.TimeCode(time)) for time in times]
+        rows = np.flatnonzero((points.prototype == number).any(axis=0))
+        present = points.prototype[:, rows] == number
+        present &= np.array([here.animated.is_visible(code) for code in codes])[:, None]
+        local = [np.array([part.matrix_at(code, self._meters) for code in codes]) for part in parts]
+        visible = [present & np.array([part.ancestors.is_visible(code) for code in codes])[:, None] for part in parts]
+        name, path, by_name = prim.GetName(), str(prim.GetPath()), name_label(root)
+        worlds = [points.matrices[:, rows] @ matrix[:, None] for matrix in local]
+        movable, asset = is_rigid_body(root), asset_name(root)
+        for row, point in enumerate(points.ids[rows].tolist()):
+            new = StageObject(f"{name}[{point}]", f"{path}[{point}]", category, True, by_name, asset, movable=movable)
+            owner = objects.setdefault(point, new)
+            for part, world, shown in zip(parts, worlds, visible, strict=True):
+                if not part.is_drawn:
+                    self._objects.add_collider(owner, part.mesh, world[0, row], owner.path)
+                    continue
+                samples = TransformSamples(tuple(times), world[order, row], shown[order, row]) if times else None
+                self._objects.add(owner, part.mesh, world[0, row], part.names, part.collides, samples)
+
+    def _prototype(
+        self, instancer: Usd.Prim, root: Usd.Prim, purpose: str
+    ) -> tuple[Sequence[PrototypePart], Sequence[tuple[Usd.Prim, Matrix]]]:
+        """Return the parts and the lights of a prototype, in the space of its parent."""
+        outer = self._parts, self._prototype_root, self._prototype_lights
+        parts, lights = list[PrototypePart](), list[tuple[Usd.Prim, Matrix]]()
+        self._parts, self._prototype_root, self._prototype_lights = parts, root.GetPath(), lights
+        self._open_instancers.append(instancer.GetPath())
+        self.walk(root, TraversalContext(purpose=purpose), ALSO_ABSTRACT)
+        self._open_instancers.pop()
+        self._parts, self._prototype_root, self._prototype_lights = outer
+        return parts, lights

@@ -1,0 +1,44 @@
+# SPDX-License-Identifier: Apache-2.0
+"""TraversalContext: what a prim inherits from its ancestors, and which children of a prim are traversed."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+from pxr import Gf, Usd, UsdGeom
+
+from tiscene.usd.core.time_samples import NOT_ANIMATED, AnimatedAncestors
+from tiscene.usd.read.object_builder import StageObject
+
+_DRAWN_PURPOSES = (UsdGeom.Tokens.default_, UsdGeom.Tokens.render)
+_LOADED = Usd.PrimIsActive & Usd.PrimIsLoaded
+DEFINED = Usd.TraverseInstanceProxies(_LOADED & Usd.PrimIsDefined & ~Usd.PrimIsAbstract)
+ALSO_ABSTRACT = Usd.TraverseInstanceProxies(_LOADED)  # prototypes and templates may be below a class or an over
+
+
+@dataclass(frozen=True)
+class TraversalContext:
+    """What a prim inherits from its ancestors. The default is that of prims at a stage's root.
+
+    Attributes:
+        world: world transform, in stage units.
+        visible: visibility at the time read; True where it is animated (`animated`).
+        purpose: UsdGeomImageable's purpose.
+        label: semantic label, "" for none.
+        label_is_own: whether the label was authored within the object that the prim is part of.
+        owner: the object that the prim is part of; None: not in an object.
+        animated: animated ancestors.
+    """
+
+    world: Gf.Matrix4d = field(default_factory=lambda: Gf.Matrix4d(1.0))
+    visible: bool = True
+    purpose: str = UsdGeom.Tokens.default_
+    label: str = ""
+    label_is_own: bool = False
+    owner: StageObject | None = None
+    animated: AnimatedAncestors = NOT_ANIMATED
+
+    @property
+    def is_drawn(self) -> bool:
+        """Whether gprims with this context are drawn. Colliders collide even if they are not."""
+        return self.visible and self.purpose in _DRAWN_PURPOSES
