@@ -47,7 +47,7 @@ def test_cut_of_a_sphere_leaves_nothing_inside_and_everything_outside() -> None:
     corners = corners_of(points, indices, cut)
     assert (np.abs(corners).max(axis=1) > 1.0 - 1e-6).all()
     samples, _ = trimesh.sample.sample_surface(shape, 200_000, seed=1)
-    outside = np.abs(samples + (0.4, 0.1, -0.2)).max(axis=1) > 1.0
+    outside = np.abs(samples + np.array([0.4, 0.1, -0.2])).max(axis=1) > 1.0
     assert np.isclose(areas(corners, cut.counts), shape.area * outside.mean(), rtol=5e-3)
 
 

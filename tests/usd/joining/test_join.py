@@ -5,6 +5,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -77,7 +78,7 @@ def write_room(folder: Path, name: str, *, shape: str = "Mesh", scheme: str = "n
 OPENING = Opening((2.2, 0.0, 0.0), depth=2 * THICK, yaw=90.0)
 
 
-def two_rooms(folder: Path, **options: str) -> list[RoomPlacement]:
+def two_rooms(folder: Path, **options: Any) -> list[RoomPlacement]:
     """Return a room and its mirror image, which share the wall at x = 2.2."""
     file = write_room(folder, "room", **options)
     return [RoomPlacement(file, name="west"), RoomPlacement(file, (4.4, 0.0, 0.0), 180.0, "east")]
@@ -101,7 +102,7 @@ def walk(joined: Path) -> ts.Stream:
     return ts.Stream(scenario, width=32, height=24, fps=10, buffers=("instance", "semantic", "depth"))
 
 
-def view(path: Path, **options: object) -> ts.Frame:
+def view(path: Path, **options: Any) -> ts.Frame:
     return ts.Stream(str(path), width=32, height=24, buffers=("instance", "semantic", "depth"), **options)[0]
 
 
@@ -166,7 +167,8 @@ def test_changes_of_rooms_are_events_once(walk: ts.Stream) -> None:
 def test_rooms_have_volumes_over_their_floors(joined: Path) -> None:
     west, east = read_stage(joined).rooms
     assert (west.name, east.name) == ("west", "east")
-    np.testing.assert_allclose(west.world_from_box, [[2, 0, 0, 0], [0, 1.5, 0, 1.5], [0, 0, 2, 0], [0, 0, 0, 1]])
+    expected = np.array([[2.0, 0.0, 0.0, 0.0], [0.0, 1.5, 0.0, 1.5], [0.0, 0.0, 2.0, 0.0], [0.0, 0.0, 0.0, 1.0]])
+    np.testing.assert_allclose(west.world_from_box, expected)
     np.testing.assert_allclose(east.distances(np.array([[4.4, 1.0, 0.0], [7.4, 1.0, 0.0]])), [0.0, 1.0])
 
 
@@ -237,8 +239,8 @@ def test_rooms_in_centimeters_are_joined_in_meters(tmp_path: Path) -> None:
         ({"units": True}, "convert one of them"),
     ],
 )
-def test_contradictory_arguments_are_refused(tmp_path: Path, arguments: dict, message: str) -> None:
-    rooms: list = arguments.get("rooms", two_rooms(tmp_path))
+def test_contradictory_arguments_are_refused(tmp_path: Path, arguments: dict[str, Any], message: str) -> None:
+    rooms: list[Any] = arguments.get("rooms", two_rooms(tmp_path))
     if arguments.get("twice"):
         rooms = [(rooms[0].file, (0.0, 0.0, 0.0))] * 2
     if arguments.get("units"):
