@@ -9,6 +9,8 @@ A command is a module with `run(args)`; its arguments are in `parser`.
     parser    arguments of all commands
     argument_types  types of arguments
     terminal  progress bars and notes on stderr
+    measure_arguments  arguments of measure
+    data_set_arguments  arguments of render --shard, verify and merge
     stream_arguments  the stream of the commands that show frames
-    demo, render, preview, view, list, show, inspect, import, bench, serve, sailenv  the commands
+    demo, render, preview, view, list, show, inspect, import, bench, measure, serve, sailenv  the commands
 """

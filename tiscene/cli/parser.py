@@ -11,6 +11,8 @@ from typing import TypeAlias
 
 import tiscene
 from tiscene.cli.argument_types import frame_slice, name_list, number_list, variant_choice
+from tiscene.cli.data_set_arguments import add_merge, add_parts, add_verify
+from tiscene.cli.measure_arguments import add_measure
 from tiscene.export.formats import FORMATS
 
 Commands: TypeAlias = "argparse._SubParsersAction[argparse.ArgumentParser]"
@@ -24,7 +26,23 @@ def parser() -> argparse.ArgumentParser:
     )
     top.add_argument("--version", action="version", version=f"tiscene {tiscene.__version__}")
     commands = top.add_subparsers(title="commands", dest="command", metavar="COMMAND")
-    for add in (_demo, _render, _preview, _view, _list, _show, _inspect, _import, _bench, _evaluate, _serve, _sailenv):
+    for add in (
+        _demo,
+        _render,
+        add_verify,
+        add_merge,
+        _preview,
+        _view,
+        _list,
+        _show,
+        _inspect,
+        _import,
+        _bench,
+        add_measure,
+        _evaluate,
+        _serve,
+        _sailenv,
+    ):
         add(commands)
     return top
 
@@ -82,6 +100,7 @@ def _render(commands: Commands) -> None:
         choices=("moving", "visible", "all"),
         help="write the table of the moving, visible or all objects of each frame (default: no table)",
     )
+    add_parts(render)
     render.add_argument("--overwrite", action="store_true", help="replace frames that were made with other settings")
     _add_size(render, width=None, height=None)
     render.add_argument(

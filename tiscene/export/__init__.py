@@ -9,12 +9,15 @@
     manifest_difference  settings that keep an export from being continued
     folder_writer   frames of one export into its folder
     packing         files of many frames from the pieces of each
+    shards, merging  exports in parts, and one export of them
+    verification    files as recorded, frames that render as recorded
+    manifest_stream  the stream of an export, from its manifest
     array_files     arrays and archives as bytes
     frame_json      camera, events and objects of a frame
     png, exr, exr_single, npz, cryptomatte, kitti_flow, blenderproc, sailenv_layout  formats with files for each frame
-    sailenv_recorder  recordings of SAILenv agents while a script runs
-    focus_of_attention  a path of the focus of attention over frames
+    coco, webdataset_shards, parquet, video, point_tracks, mcap_log, lerobot, rerun_recording  with files of many frames
     contact_sheet   one image of many buffers
+    difficulty_plot  measures of difficulty over frames
     animated_image  WebP, GIF and APNG
 
 Names are imported at first use, so that the command line can list the formats at once.
@@ -30,8 +33,10 @@ _MODULES = {
     "Format": "tiscene.export.formats",
     "Manifest": "tiscene.export.manifest",
     "export": "tiscene.export.exporter",
+    "merge": "tiscene.export.merging",
     "provenance": "tiscene.export.exporter",
     "register_format": "tiscene.export.formats",
+    "verify": "tiscene.export.verification",
 }
 __all__ = sorted(_MODULES)
 

@@ -102,7 +102,7 @@ def difficulty_of(frame: Frame, novelty: ViewNovelty | None) -> Difficulty:
 
 
 def summary(measured: Iterable[Difficulty]) -> dict[str, dict[str, float | None]]:
-    """Return mean, min and max of each measure over frames: {"motion": {"mean": 1.5, ...}, ...}; None without values."""
+    """Return mean, min and max over frames by measure: {"motion": {"mean": 1.5, ...}, ...}; None without values."""
     rows = list(measured)
     result: dict[str, dict[str, float | None]] = {}
     for name in MEASURES:
