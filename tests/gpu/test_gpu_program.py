@@ -1,0 +1,81 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The program for GPUs runs to its end on the CPU, and finds what differs."""
+
+import os
+import subprocess
+import sys
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from tests.gpu import __main__ as program
+from tests.gpu import bake, parts
+from tests.gpu.baked_scene import SPHERE, BakedScene, load
+
+
+@pytest.fixture(scope="module")
+def sphere(tmp_path_factory) -> BakedScene:
+    """The closed sphere, written and read back."""
+    folder = tmp_path_factory.mktemp("scenes")
+    scene = bake._still(SPHERE, bake.sphere())
+    scene.save(folder)
+    return load(folder)[0]
+
+
+def test_labels_of_the_same_machine_are_equal(sphere):
+    assert all(check.passed for check in parts.labels([sphere], 0.01))
+
+
+def test_labels_that_differ_are_found(sphere):
+    wrong = sphere.labels | {"instance": sphere.labels["instance"] + 1}
+    failed = [check.what for check in parts.labels([replace(sphere, labels=wrong)], 0.01) if not check.passed]
+    assert failed[0] == "sphere: instance"
+
+
+def test_missed_edges_are_found(sphere):
+    assert all(check.passed for check in parts.watertight([sphere], 0.001))
+    mesh = sphere.description.meshes[0]
+    hole = replace(mesh, triangles=mesh.triangles[50:], materials=mesh.materials[50:])
+    broken = replace(sphere, description=replace(sphere.description, meshes=(hole,)))
+    found = list(parts.watertight([_Aimed(broken, mesh)], 0.001))
+    assert not found[0].passed
+
+
+class _Aimed:
+    """A broken scene whose rays are aimed at another mesh."""
+
+    def __init__(self, scene: BakedScene, mesh: object) -> None:
+        self.name, self._scene = scene.name, scene
+        self.description = replace(scene.description, meshes=(mesh,))
+
+    def device_scene(self):
+        return self._scene.device_scene()
+
+
+def test_scenes_must_be_baked_first(tmp_path, capsys):
+    assert program.main(["labels", "--one", "--arch", "cpu", "--scenes", str(tmp_path)]) == 1
+    assert "write them first: python -m tests.gpu.bake" in capsys.readouterr().out
+
+
+def test_unknown_part_is_refused(capsys):
+    with pytest.raises(SystemExit):
+        program.main(["labbels"])
+    assert "no part 'labbels'; known: environment, labels" in capsys.readouterr().err
+
+
+@pytest.mark.slow
+def test_program_passes_on_the_cpu(tmp_path):
+    """Bake, then run all parts as on a card, without OpenUSD and trimesh."""
+    subprocess.run([sys.executable, "-m", "tests.gpu.bake", str(tmp_path)], check=True)
+    assert sum(file.stat().st_size for file in tmp_path.iterdir()) < 12e6
+    absent = tmp_path / "absent"
+    absent.mkdir()
+    names = ("pxr", "trimesh", "PIL", "OpenEXR", "rich", "scipy")
+    (absent / "sitecustomize.py").write_text(f"import sys\nsys.modules.update(dict.fromkeys({names}))\n")
+    command = [sys.executable, "-m", "tests.gpu", "--arch", "cpu", "--scenes", str(tmp_path)]
+    environment = {**os.environ, "PYTHONPATH": str(absent)}
+    done = subprocess.run(command, capture_output=True, text=True, check=False, env=environment)
+    assert done.returncode == 0, done.stdout
+    assert "\n0 failed" in done.stdout
+    assert np.all([f"\n{name}: " in done.stdout for name in parts.PARTS])
