@@ -45,8 +45,10 @@ MAY_IMPORT = {
     "tiscene.render": {
         *("tiscene.device", "tiscene.errors", "tiscene.files", "tiscene.frame", "tiscene.scene", "tiscene.validation")
     },
+    "tiscene.physics": {"dynamics", "tiscene.errors", "tiscene.scene"},
     "tiscene.world": {
         *("dynamics", "tiscene.errors", "tiscene.frame", "tiscene.scenario", "tiscene.scene", "tiscene.validation")
+        "tiscene.physics",
     },
     "tiscene.randomization": {
         *("dynamics", "tiscene.catalog", "tiscene.device", "tiscene.errors", "tiscene.frame", "tiscene.render"),
@@ -66,6 +68,7 @@ MAY_IMPORT = {
     "tiscene.export": {
         *("tiscene", "tiscene.errors", "tiscene.files", "tiscene.frame", "tiscene.scene", "tiscene.stream"),
         "tiscene.sailenv",  # the coordinates of SAILenv's layout
+        *("tiscene.catalog", "tiscene.render", "tiscene.scenario"),  # to render an export again
     },
     "tiscene.learning": {
         *(
@@ -80,7 +83,9 @@ MAY_IMPORT = {
         *("tiscene.scenario", "tiscene.scene", "tiscene.stream", "tiscene.validation", "tiscene.world"),
         "tiscene.randomization",
     },
+    "tiscene.distributed": {"tiscene.errors"},
     "tiscene.cli": {
+        "tiscene.distributed",
         *("dynamics", "tiscene", "tiscene.catalog", "tiscene.errors", "tiscene.export", "tiscene.frame"),
         *("tiscene.sailenv", "tiscene.scenario", "tiscene.scene", "tiscene.stream", "tiscene.usd"),
         "tiscene.learning",
@@ -100,6 +105,7 @@ CALLED_BY_NAME = {
     "read_usd": "tiscene.usd.scenario.read:read_scenario",
     "write_usd": "tiscene.usd.scenario.write:write_scenario",
     "sample": "tiscene.randomization.sampler:sample",
+    "sample_difficulty": "tiscene.randomization.difficulty_search:sample_difficulty",
     "with_factor": "tiscene.randomization.factors:with_factor",
     "free_places": "tiscene.randomization.free_places:FreePlaces",
     "template": "tiscene.usd.read.template:read_template",  # by the catalog, for categories in binary templates

@@ -7,6 +7,7 @@ has. Names are imported at first use, so that `import tiscene` is fast and does 
 Packages, from the user's side down::
 
     cli            command line
+    distributed    one export by several processes or machines
     export         frames to files
     preview        a page to look at frames
     sailenv        SAILenv's API and wire protocol
@@ -77,6 +78,7 @@ _MODULES = {
     "Object": "tiscene.scenario.objects",
     "Orbit": "dynamics",
     "Phase": "tiscene.learning.phase",
+    "RigidBody": "dynamics",
     "Scenario": "tiscene.scenario.scenario",
     "Stepped": "dynamics",
     "Still": "dynamics",

@@ -103,6 +103,7 @@ def test_render_passes_every_option_to_the_stream(tmp_path, fake):
         "root": ".",
         "untrusted": True,
         "strict": False,
+        "subdivision": None,
         "variants": {"/Room{lighting}": "evening", "/Room{appearance}": "primitives"},
     }
 

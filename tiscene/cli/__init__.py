@@ -10,7 +10,9 @@ A command is a module with `run(args)`; its arguments are in `parser`.
     argument_types  types of arguments
     terminal  progress bars and notes on stderr
     measure_arguments  arguments of measure
-    data_set_arguments  arguments of render --shard, verify and merge
+    common_arguments  arguments that several commands have
+    render_arguments, data_set_arguments  arguments of render; of verify and merge
     stream_arguments  the stream of the commands that show frames
-    demo, render, preview, view, list, show, inspect, import, bench, measure, serve, sailenv  the commands
+    demo, render, verify, merge, preview, view, list, show, inspect, import, bench  the commands
+    measure, evaluate, serve, sailenv  more commands
 """

@@ -32,6 +32,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     """
     top = parser()
     args = top.parse_args(arguments)
+    args.arguments = list(sys.argv[1:] if arguments is None else arguments)  # for worker processes
     if args.command is None:
         top.print_help(sys.stderr)
         return 2

@@ -10,10 +10,19 @@ import argparse
 from typing import TypeAlias
 
 import tiscene
-from tiscene.cli.argument_types import frame_slice, name_list, number_list, variant_choice
-from tiscene.cli.data_set_arguments import add_merge, add_parts, add_verify
+from tiscene.cli.argument_types import name_list
+from tiscene.cli.common_arguments import (
+    add_arch,
+    add_quality,
+    add_reading,
+    add_seed,
+    add_shown_stream,
+    add_size,
+    add_spp,
+)
+from tiscene.cli.data_set_arguments import add_merge, add_verify
 from tiscene.cli.measure_arguments import add_measure
-from tiscene.export.formats import FORMATS
+from tiscene.cli.render_arguments import add_render
 
 Commands: TypeAlias = "argparse._SubParsersAction[argparse.ArgumentParser]"
 
@@ -28,7 +37,7 @@ def parser() -> argparse.ArgumentParser:
     commands = top.add_subparsers(title="commands", dest="command", metavar="COMMAND")
     for add in (
         _demo,
-        _render,
+        add_render,
         add_verify,
         add_merge,
         _preview,
@@ -55,112 +64,9 @@ def _demo(commands: Commands) -> None:
     demo.add_argument(
         "--frames", metavar="N", type=int, default=24, help="length of the animation (default: %(default)s)"
     )
-    _add_size(demo, width=320, height=240)
-    _add_quality(demo, "standard")
-    _add_arch(demo)
-
-
-def _render(commands: Commands) -> None:
-    render = commands.add_parser(
-        "render",
-        help="write frames of a scene or scenario into a folder",
-        description="Write frames into a folder, with a manifest (tiscene.json). The same command continues after an "
-        "interruption: frames whose files are there are not rendered again. One command at a time may write into a "
-        "folder.",
-    )
-    render.add_argument(
-        "source", metavar="SCENE_OR_SCENARIO", help="the name of a scene, a USD file, or a scenario (.json)"
-    )
-    render.add_argument(
-        "--sailenv",
-        action="store_true",
-        help="the source is a script for SAILenv (.py), which is run once without rendering, or its scenario (.json)",
-    )
-    render.add_argument("-o", "--output", metavar="DIR", required=True, help="folder to write")
-    render.add_argument(
-        "--frames",
-        metavar="A:B[:STEP]",
-        type=frame_slice,
-        help="frames as a Python slice: 3:10 is 3 to 9, :10 is 0 to 9, 0:10:2 is every second one; 5: is from 5 on and "
-        "needs --count; 7 is frame 7 alone (default: 0; with --count 0:)",
-    )
-    render.add_argument(
-        "--count", metavar="N", type=int, help="at most N of these frames: --frames 5: --count 10 is 5:15"
-    )
-    render.add_argument(
-        "--buffers",
-        metavar="NAME,...",
-        type=name_list,
-        help="buffers to write, or 'all' (default: those that the format requires, else "
-        "rgb,semantic,instance,depth,forward_flow)",
-    )
-    render.add_argument("--format", metavar="NAME", default="png", help=f"{', '.join(FORMATS)} (default: %(default)s)")
-    render.add_argument(
-        "--objects",
-        choices=("moving", "visible", "all"),
-        help="write the table of the moving, visible or all objects of each frame (default: no table)",
-    )
-    add_parts(render)
-    render.add_argument("--overwrite", action="store_true", help="replace frames that were made with other settings")
-    _add_size(render, width=None, height=None)
-    render.add_argument(
-        "--fps", metavar="N", type=float, default=25.0, help="frame k shows time k / fps (default: %(default)g)"
-    )
-    _add_quality(render, "standard")
-    _add_spp(render)
-    render.add_argument(
-        "--max-depth", metavar="N", type=int, help="maximum path depth in segments (default: by --quality)"
-    )
-    render.add_argument("--denoise", action=argparse.BooleanOptionalAction, help="denoise rgb (default: yes)")
-    render.add_argument(
-        "--relative-error",
-        metavar="FRACTION",
-        type=float,
-        help="sample each pixel until its estimated standard error is this fraction of its luminance, such as 0.02 "
-        "(at most --spp samples)",
-    )
-    render.add_argument(
-        "--clamp",
-        metavar="MAX",
-        type=float,
-        help="maximum radiance of a sample, W/m²/sr: removes fireflies and some light (default: none)",
-    )
-    render.add_argument(
-        "--pixel-filter",
-        metavar="NAME",
-        help="box, triangle, gaussian, mitchell or blackman-harris (default: by --quality)",
-    )
-    render.add_argument(
-        "--shutter",
-        metavar="OPEN,CLOSE",
-        type=number_list,
-        help="motion blur of color: when the shutter opens and closes, in frames from each frame, such as 0,0.5 "
-        "(default: the camera's)",
-    )
-    _add_seed(render)
-    render.add_argument(
-        "--camera",
-        metavar="NAME,...",
-        type=name_list,
-        help="one or more cameras of the scene (default: its first); each of several writes into its own folder",
-    )
-    render.add_argument(
-        "--time-code", metavar="T", type=float, help="show the stage at this time code, static (default: it plays)"
-    )
-    render.add_argument(
-        "--incremental",
-        action=argparse.BooleanOptionalAction,
-        help="render frames of a static camera as a base image plus what movers change (default: by --quality)",
-    )
-    render.add_argument(
-        "--categories",
-        metavar="NAME,...",
-        type=name_list,
-        help="categories with the ids 1, 2, ... in semantic; everything else is 0 (default: all, with the ids that "
-        "`tiscene list --json` prints)",
-    )
-    _add_reading(render)
-    _add_arch(render)
+    add_size(demo, width=320, height=240)
+    add_quality(demo, "standard")
+    add_arch(demo)
 
 
 def _preview(commands: Commands) -> None:
@@ -171,7 +77,7 @@ def _preview(commands: Commands) -> None:
         "cursor, a table of objects, and trajectories seen from above.",
     )
     preview.add_argument("-o", "--output", metavar="FILE", required=True, help="page to write, such as preview.html")
-    _add_shown_stream(preview)
+    add_shown_stream(preview)
 
 
 def _view(commands: Commands) -> None:
@@ -180,35 +86,7 @@ def _view(commands: Commands) -> None:
     )
     view.add_argument("--save", metavar="FILE", help="write a file for Rerun instead, such as run.rrd")
     view.add_argument("--connect", metavar="URL", help="send frames to a viewer that runs already")
-    _add_shown_stream(view)
-
-
-def _add_shown_stream(command: argparse.ArgumentParser) -> None:
-    """Add the arguments of `stream_arguments.stream_of`."""
-    command.add_argument(
-        "source", metavar="SCENE_OR_SCENARIO", help="the name of a scene, a USD file, or a scenario (.json)"
-    )
-    command.add_argument(
-        "--frames", metavar="A:B[:STEP]", type=frame_slice, help="frames as a Python slice (default: 0:100)"
-    )
-    command.add_argument(
-        "--buffers",
-        metavar="NAME,...",
-        type=name_list,
-        help="buffers to show, or 'all' (default: rgb,semantic,instance,depth,forward_flow,normal)",
-    )
-    _add_size(command, width=None, height=None)
-    command.add_argument(
-        "--fps", metavar="N", type=float, default=25.0, help="frame k shows time k / fps (default: %(default)g)"
-    )
-    _add_quality(command, "fast")
-    _add_spp(command)
-    _add_seed(command)
-    command.add_argument(
-        "--camera", metavar="NAME,...", type=name_list, help="cameras of the scene (default: its first)"
-    )
-    _add_reading(command)
-    _add_arch(command)
+    add_shown_stream(view)
 
 
 def _list(commands: Commands) -> None:
@@ -227,7 +105,7 @@ def _inspect(commands: Commands) -> None:
     )
     inspect.add_argument("file", metavar="FILE", help="a USD file, the name of a scene, or a scenario (.json)")
     inspect.add_argument("--json", action="store_true", help="print the report as JSON")
-    _add_reading(inspect)
+    add_reading(inspect)
 
 
 def _import(commands: Commands) -> None:
@@ -263,7 +141,7 @@ def _bench(commands: Commands) -> None:
     bench.add_argument(
         "--seconds", metavar="S", type=float, default=3.0, help="duration of each measurement (default: %(default)g)"
     )
-    _add_arch(bench)
+    add_arch(bench)
 
 
 def _evaluate(commands: Commands) -> None:
@@ -319,15 +197,15 @@ def _serve(commands: Commands) -> None:
         "--port", metavar="N", type=int, default=8085, help="port; 0: any free one (default: %(default)s)"
     )
     serve.add_argument("--fps", metavar="N", type=float, default=25.0, help="frames per second (default: %(default)g)")
-    _add_quality(serve, "preview")
-    _add_spp(serve)
+    add_quality(serve, "preview")
+    add_spp(serve)
     serve.add_argument(
         "--incremental",
         action=argparse.BooleanOptionalAction,
         help="frames of a camera that stands still do not flicker; their first one waits for a base image "
         "(default: by --quality)",
     )
-    _add_seed(serve)
+    add_seed(serve)
     serve.add_argument(
         "--consecutive-flow",
         action="store_true",
@@ -351,7 +229,7 @@ def _serve(commands: Commands) -> None:
         metavar="S",
         help="how long the clock waits for a slow client (default: %(default)g)",
     )
-    _add_arch(serve)
+    add_arch(serve)
     serve.add_argument("-v", "--verbose", action="count", default=0, help="log each event; -vv: each frame too")
 
 
@@ -383,69 +261,13 @@ def _sailenv(commands: Commands) -> None:
     record.add_argument("--fps", metavar="N", type=float, default=25.0, help="frames per second (default: %(default)g)")
     record.add_argument("--width", metavar="PX", type=int, help="image width for a scenario (default: 256)")
     record.add_argument("--height", metavar="PX", type=int, help="image height for a scenario (default: 192)")
-    _add_quality(record, "preview")
-    _add_spp(record)
+    add_quality(record, "preview")
+    add_spp(record)
     record.add_argument(
         "--incremental",
         action=argparse.BooleanOptionalAction,
         help="frames of a camera that stands still do not flicker (default: by --quality)",
     )
-    _add_seed(record)
-    _add_arch(record)
+    add_seed(record)
+    add_arch(record)
     record.add_argument("arguments", nargs="*", metavar="ARGUMENT", help="arguments of the script, after --")
-
-
-def _add_size(command: argparse.ArgumentParser, width: int | None, height: int | None) -> None:
-    """Add the size of images. None: that of the stage's RenderSettings, else 256 x 192."""
-    for name, default, usual in (("width", width, 256), ("height", height, 192)):
-        text = "%(default)s" if default else f"of the stage's RenderSettings, else {usual}"
-        command.add_argument(
-            f"--{name}", metavar="PX", type=int, default=default, help=f"image {name} (default: {text})"
-        )
-
-
-def _add_quality(command: argparse.ArgumentParser, default: str) -> None:
-    command.add_argument(
-        "--quality",
-        metavar="NAME",
-        default=default,
-        help="preset: fast, preview, standard or photo (default: %(default)s)",
-    )
-
-
-def _add_spp(command: argparse.ArgumentParser) -> None:
-    command.add_argument("--spp", metavar="N", type=int, help="samples per pixel (default: by --quality)")
-
-
-def _add_seed(command: argparse.ArgumentParser) -> None:
-    command.add_argument(
-        "--seed", metavar="N", type=int, default=0, help="seed of the rendering (default: %(default)s)"
-    )
-
-
-def _add_arch(command: argparse.ArgumentParser) -> None:
-    command.add_argument("--arch", metavar="NAME", help="cpu or cuda (default: cpu)")
-
-
-def _add_reading(command: argparse.ArgumentParser) -> None:
-    """Add the arguments that decide how a stage is read."""
-    command.add_argument(
-        "--variant",
-        metavar="PRIM{SET}=NAME",
-        type=variant_choice,
-        action="append",
-        default=[],
-        help="select a variant of the stage, such as '/Room{lighting}=evening'; may be repeated",
-    )
-    command.add_argument(
-        "--taxonomy", metavar="NAME", help="taxonomy of semantic labels (default: class, else category)"
-    )
-    command.add_argument("--root", metavar="DIR", help="refuse layers and textures outside this folder")
-    command.add_argument("--strict", action="store_true", help="refuse a stage with a broken part or a missing file")
-    command.add_argument(
-        "--subdivision",
-        metavar="TRIANGLES",
-        type=int,
-        help="triangles that all subdivision surfaces are refined to at most (default: 3000000; 0: not refined)",
-    )
-    command.add_argument("--untrusted", action="store_true", help="read the stage in a separate process with limits")

@@ -4,12 +4,16 @@
 from __future__ import annotations
 
 import argparse
+import shutil
 from pathlib import Path
 
 from tiscene.cli.terminal import note, progress
+from tiscene.distributed.worker_processes import frames_in, run_workers
 from tiscene.errors import ArgumentError
 from tiscene.export.exporter import export
 from tiscene.export.formats import find_format
+from tiscene.export.merging import merge
+from tiscene.export.shards import SHARDS, Shard, machine
 from tiscene.frame.buffers import BUFFERS
 from tiscene.frame.frame import Frame
 from tiscene.sailenv.captured_scenario import capture_scenario
@@ -26,6 +30,14 @@ def run(args: argparse.Namespace) -> None:
         args.source, (width, height), received = capture_scenario(Path(args.source), frames[-1] + 1, fps=args.fps)
         args.width, args.height = args.width or width, args.height or height
         frames = frames[: sum(index < received for index in frames)]
+    if args.workers > 1:
+        _render_with_workers(args, frames)
+        print(args.output)
+        return
+    folder = Path(args.output)
+    if args.shard:
+        part = Shard(args.shard[0], args.shard[1], (frames.start, frames.stop, frames.step), machine())
+        folder, frames = part.folder(args.output), part.own_frames
     done = 0
     try:
         with progress(f"reading {args.source}", len(frames)) as step:
@@ -66,19 +78,46 @@ def run(args: argparse.Namespace) -> None:
 
             export(
                 stream,
-                args.output,
+                folder,
                 format=args.format,
                 frames=frames,
                 objects=args.objects,
                 overwrite=args.overwrite,
+                pack=not args.shard,
                 progress=frame_done,
             )
+            if args.shard:
+                part.save(folder)
     except KeyboardInterrupt:
-        note(
-            f"Interrupted: {done} of {len(frames)} frames are in {args.output}. The same command continues from there."
-        )
+        note(f"Interrupted: {done} of {len(frames)} frames are in {folder}. The same command continues from there.")
         raise
-    print(args.output)
+    print(folder)
+
+
+def _render_with_workers(args: argparse.Namespace, frames: range) -> None:
+    """Render shards in processes of their own, and merge them. Interrupted, the shards stay and are continued."""
+    shards = [Shard(number, args.workers, (frames.start, frames.stop, frames.step)) for number in range(args.workers)]
+    folders = [each.folder(args.output) for each in shards]
+    arguments = [each for each in args.arguments if not each.startswith("--workers=")]
+    while "--workers" in arguments:
+        place = arguments.index("--workers")
+        del arguments[place : place + 2]
+    try:
+        with progress(f"{args.workers} workers", len(frames)) as step:
+            shown = 0
+
+            def show() -> None:
+                nonlocal shown
+                shown, before = frames_in(folders), shown
+                step(shown - before)
+
+            run_workers([[*arguments, "--shard", f"{each.number}/{each.count}"] for each in shards], show)
+            step(0, task="merging")
+            merge(args.output, folders)
+    except KeyboardInterrupt:
+        note(f"Interrupted: the shards are in {Path(args.output) / SHARDS}. The same command continues from there.")
+        raise
+    shutil.rmtree(Path(args.output) / SHARDS)
 
 
 def selected_frames(frames: slice | None, count: int | None) -> range:

@@ -16,6 +16,8 @@
     frame_json      camera, events and objects of a frame
     png, exr, exr_single, npz, cryptomatte, kitti_flow, blenderproc, sailenv_layout  formats with files for each frame
     coco, webdataset_shards, parquet, video, point_tracks, mcap_log, lerobot, rerun_recording  with files of many frames
+    sailenv_recorder  recordings of SAILenv's scripts
+    focus_of_attention  where a recording's attention is
     contact_sheet   one image of many buffers
     difficulty_plot  measures of difficulty over frames
     animated_image  WebP, GIF and APNG

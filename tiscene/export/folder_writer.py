@@ -85,11 +85,16 @@ class FolderWriter:
             files |= {f"{camera}{name}": data for name, data in written.items()}
         for name, data in files.items():
             write_atomically(self.folder / name, data)
-            self._digests.pop(name, None)
+        self.forget(files)
         self.manifest.categories = dict(stream.categories)
         if "material_coverage" in stream.buffers:
             self.manifest.materials = dict(frame.materials)
         self.manifest.record(frame, files)
+
+    def forget(self, files: Iterable[str]) -> None:
+        """Forget the digests of files that have been written."""
+        for name in files:
+            self._digests.pop(name, None)
 
     def done(self, index: int) -> None:
         """Note that a frame is in the folder; pack its group if that was the last one that the group waited for."""

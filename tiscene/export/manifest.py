@@ -122,7 +122,7 @@ class Manifest:
             frame: The frame.
             files: The contents of its files, by path relative to the folder.
         """
-        buffers = _buffer_digests(frame)
+        buffers = buffer_digests(frame)
         self.frames[frame.index] = {
             "digest": _digest_of(buffers),
             "buffers": buffers,
@@ -146,7 +146,7 @@ def buffer_digest(buffer: NDArray[Any]) -> str:
 
 def frame_digest(frame: Frame) -> str:
     """Return the digest of the names and digests of a frame's buffers, sorted by name."""
-    return _digest_of(_buffer_digests(frame))
+    return _digest_of(buffer_digests(frame))
 
 
 def views_by_folder(frame: Frame) -> dict[str, Frame]:
@@ -169,7 +169,8 @@ def views_by_folder(frame: Frame) -> dict[str, Frame]:
     return result
 
 
-def _buffer_digests(frame: Frame) -> dict[str, str]:
+def buffer_digests(frame: Frame) -> dict[str, str]:
+    """Return the digest of each buffer of a frame; names begin with the camera's folder if there are several."""
     return {
         f"{folder}{name}": buffer_digest(buffer)
         for folder, view in views_by_folder(frame).items()

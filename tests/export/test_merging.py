@@ -1,0 +1,111 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Shards: disjoint, complete, idempotent; merged they have the bytes of an export in one go."""
+
+import json
+
+import pytest
+
+from tests.export.fake_stream import FAKE_FORMATS, FakeStream, fake_stream_for, skip_without_extra
+from tests.export.test_export import contents
+from tests.export.test_killed_exports import small_files
+from tiscene.errors import ArgumentError, ExportError
+from tiscene.export import export
+from tiscene.export.formats import find_format
+from tiscene.export.merging import merge
+from tiscene.export.shards import SHARDS, Shard, machine
+
+FRAMES = range(2, 13)
+
+
+def render_shard(folder, number, count, format="png", stream=None, machine=machine()):  # noqa: B008
+    shard = Shard(number, count, (FRAMES.start, FRAMES.stop, FRAMES.step), machine)
+    part = shard.folder(folder)
+    export(stream or fake_stream_for(format), part, format=format, frames=shard.own_frames, pack=False)
+    shard.save(part)
+    return part
+
+
+def merged(folder):
+    """The contents of a folder without its shards."""
+    return {name: data for name, data in contents(folder).items() if not name.startswith(SHARDS)}
+
+
+@pytest.mark.parametrize("count", [1, 3, 8, 20])
+def test_shards_are_disjoint_and_complete_runs_of_frames(count):
+    shards = [Shard(number, count, (FRAMES.start, FRAMES.stop, FRAMES.step)) for number in range(count)]
+    assert [index for shard in shards for index in shard.own_frames] == list(FRAMES)
+
+
+@pytest.mark.parametrize("format", FAKE_FORMATS)
+def test_merged_shards_have_the_bytes_of_one_export(tmp_path, monkeypatch, format):
+    skip_without_extra(format)
+    writer = find_format(format).writer()
+    monkeypatch.setattr(writer, "FRAMES_PER_FILE", getattr(writer, "FRAMES_PER_FILE", None), raising=False)
+    small_files(format)
+    export(fake_stream_for(format), tmp_path / "whole", format=format, frames=FRAMES)
+    for number in (2, 0, 3, 1, 2):  # in any order, one twice
+        render_shard(tmp_path / "out", number, 4, format)
+    for _ in range(2):
+        merge(tmp_path / "out")
+        assert merged(tmp_path / "out") == contents(tmp_path / "whole")
+
+
+def test_missing_shard_and_frames_are_named_until_they_are_there(tmp_path):
+    render_shard(tmp_path, 0, 3)
+    stream = FakeStream()
+    stream.interrupt_at = 8
+    with pytest.raises(KeyboardInterrupt):
+        render_shard(tmp_path, 1, 3, stream=stream)
+    Shard(1, 3, (2, 13, 1), machine()).save(tmp_path / SHARDS / "00001-of-00003")
+    with pytest.raises(ExportError, match=r"5 frames are missing, the first is 8: render the shards 1/3, 2/3"):
+        merge(tmp_path)
+    partial = merge(tmp_path, partial=True)
+    assert list(partial.frames) == [2, 3, 4, 5, 6, 7]
+    for number in (1, 2):
+        render_shard(tmp_path, number, 3)
+    assert list(merge(tmp_path).frames) == list(FRAMES)
+
+
+def test_partial_merge_of_shards_is_completed_by_a_later_one(tmp_path):
+    export(fake_stream_for("webdataset"), tmp_path / "whole", format="webdataset", frames=FRAMES)
+    render_shard(tmp_path / "out", 0, 2, "webdataset")
+    merge(tmp_path / "out", partial=True)
+    render_shard(tmp_path / "out", 1, 2, "webdataset")
+    merge(tmp_path / "out")
+    assert merged(tmp_path / "out") == contents(tmp_path / "whole")
+
+
+def test_parts_that_do_not_belong_together_are_refused(tmp_path):
+    render_shard(tmp_path / "a", 0, 2)
+    part = render_shard(tmp_path / "b", 1, 2, stream=FakeStream(seed=5))
+    with pytest.raises(ExportError, match=r"have other settings:\s+settings\.seed: 0 in the folder, 5 requested"):
+        merge(tmp_path / "out", [tmp_path / "a" / SHARDS / "00000-of-00002", part])
+    with pytest.raises(ExportError, match="has no shards"):
+        merge(tmp_path / "nothing")
+    export(fake_stream_for("webdataset"), tmp_path / "packed", format="webdataset", frames=FRAMES)
+    with pytest.raises(ExportError, match="holds files of many frames, which cannot be merged"):
+        merge(tmp_path / "out", [tmp_path / "packed"])
+    with pytest.raises(ArgumentError, match=r"shard 4/4: must be 0/N to 3/N"):
+        Shard(4, 4, (0, 8, 1))
+
+
+def test_parts_of_unlike_machines_are_merged_only_on_request(tmp_path):
+    render_shard(tmp_path, 0, 2)
+    render_shard(tmp_path, 1, 2, machine=machine() | {"numpy": "0.9"})
+    with pytest.raises(ExportError, match=r"unlike machines \(numpy\)"):
+        merge(tmp_path)
+    assert list(merge(tmp_path, unlike=True).frames) == list(FRAMES)
+
+
+def test_damaged_file_and_differing_frame_of_a_part_are_refused(tmp_path):
+    part = render_shard(tmp_path, 0, 1)
+    (part / "rgb" / "000004.png").write_bytes(b"damaged")
+    with pytest.raises(ExportError, match=r"000004\.png' is missing or damaged"):
+        merge(tmp_path)
+    other = tmp_path / "other"
+    export(FakeStream(), other, frames=[4])
+    manifest = json.loads((other / "tiscene.json").read_text())
+    manifest["frames"]["4"]["digest"] = "0"
+    (other / "tiscene.json").write_text(json.dumps(manifest))
+    with pytest.raises(ExportError, match="frame 4 differs between"):
+        merge(tmp_path / "merged", [part, other])

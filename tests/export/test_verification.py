@@ -1,0 +1,124 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Verify: damage and other pictures are found; the scene is found by its digest wherever it is."""
+
+import json
+import shutil
+from pathlib import Path
+
+import pytest
+
+import tiscene as ts
+from tiscene.cli import main as cli
+from tiscene.errors import ExportError
+from tiscene.export import export
+from tiscene.export.manifest_stream import render_arguments
+from tiscene.export.verification import verify
+from tiscene.render.render_settings import PRESETS
+
+STAGE = """#usda 1.0
+(
+    defaultPrim = "Room"
+    metersPerUnit = 1
+    upAxis = "Y"
+)
+def Xform "Room"
+{
+    def Camera "Main"
+    {
+        double3 xformOp:translate = (0, 0, 6)
+        uniform token[] xformOpOrder = ["xformOp:translate"]
+    }
+    def Cube "Box"
+    {
+        double size = 1
+    }
+}
+"""
+BALL = """#usda 1.0
+(
+    defaultPrim = "Ball"
+)
+def Sphere "Ball"
+{
+    double radius = 0.3
+}
+"""
+BUFFERS = ("instance", "depth", "forward_flow")
+
+
+@pytest.fixture(scope="module")
+def exported(tmp_path_factory):
+    """A stage of one's own, with a template beside it, and an export of four frames."""
+    folder = tmp_path_factory.mktemp("home")
+    (folder / "room.usda").write_text(STAGE)
+    (folder / "ball.usda").write_text(BALL)
+    path = [ts.Waypoint((-1.0, 0.0, 1.5)), ts.Waypoint((1.0, 0.0, 1.5))]
+    ball = ts.Object("ball", str(folder / "ball.usda"), dynamic=ts.LinearWaypoints(path, total_time=1.0))
+    scenario = ts.Scenario(str(folder / "room.usda"), [ball])
+    with ts.Stream(scenario, width=24, height=18, buffers=BUFFERS, seed=3) as stream:
+        export(stream, folder / "out", format="npz", frames=range(4))
+    return folder
+
+
+def test_undisturbed_export_is_good(exported, capsys):
+    found = verify(exported / "out")
+    assert (found.frames, found.rendered, found.is_good) == (4, 4, True)
+    assert cli.main(["verify", str(exported / "out"), "--sample", "2"]) == 0
+    assert capsys.readouterr().out == "4 frames have their files; 2 rendered again are the same\n"
+
+
+def test_scene_and_templates_are_found_by_digest_in_another_place(exported, tmp_path, monkeypatch):
+    shutil.copytree(exported / "out", tmp_path / "copy")
+    gone = json.loads((tmp_path / "copy" / "tiscene.json").read_text().replace(str(exported), "/somebody/else"))
+    (tmp_path / "copy" / "tiscene.json").write_text(json.dumps(gone))
+    with pytest.raises(ExportError, match=r"no file 'room\.usda' with the SHA-256 .*--search DIR"):
+        verify(tmp_path / "copy")
+    (tmp_path / "elsewhere" / "deep").mkdir(parents=True)
+    (tmp_path / "elsewhere" / "room.usda").write_text("#usda 1.0\n")  # the same name, another content
+    shutil.copy(exported / "room.usda", tmp_path / "elsewhere" / "deep")
+    shutil.copy(exported / "ball.usda", tmp_path / "elsewhere" / "deep")
+    found = verify(tmp_path / "copy", search=[tmp_path / "elsewhere"], sample=1)
+    assert (found.rendered, found.different) == (1, {})
+
+
+def test_changed_scene_is_refused(exported, tmp_path):
+    shutil.copytree(exported, tmp_path / "home")
+    text = (tmp_path / "home/out/tiscene.json").read_text().replace(str(exported), str(tmp_path / "home"))
+    (tmp_path / "home/out/tiscene.json").write_text(text)
+    (tmp_path / "home/room.usda").write_text(STAGE.replace("size = 1", "size = 2"))
+    with pytest.raises(ExportError, match="has another content"):
+        verify(tmp_path / "home/out")
+
+
+def test_damaged_files_and_other_pictures_are_reported(exported, tmp_path, capsys):
+    shutil.copytree(exported / "out", tmp_path / "out")
+    (tmp_path / "out/000002.npz").write_bytes(b"damaged")
+    raw = json.loads((tmp_path / "out/tiscene.json").read_text())
+    raw["frames"]["1"]["buffers"]["depth"] = "0" * 64
+    (tmp_path / "out/tiscene.json").write_text(json.dumps(raw))
+    found = verify(tmp_path / "out")
+    assert (found.damaged, found.different, found.is_good) == ((2,), {1: ("depth",)}, False)
+    assert cli.main(["verify", str(tmp_path / "out"), "--sample", "0"]) == 2
+    assert "files of 1 frames are missing or damaged: 2" in capsys.readouterr().err
+    with pytest.raises(ExportError, match="is not an export"):
+        verify(tmp_path)
+
+
+@pytest.mark.parametrize("name", PRESETS)
+@pytest.mark.parametrize("parts", [{}, {"spp": 3, "denoise": False}, {"relative_error": 0.1}, {"incremental": False}])
+def test_every_quality_is_recovered_from_its_settings(name, parts):
+    from tiscene.render.render_settings import preset
+
+    settings = preset(name, **parts).to_json(1 << 20)
+    arguments = render_arguments(settings)
+    cache_bytes = arguments.pop("cache_bytes", 1 << 20)
+    assert preset(arguments.pop("quality"), **arguments).to_json(cache_bytes) == settings
+
+
+def test_search_looks_in_the_folder_of_the_export(exported, tmp_path):
+    shutil.copytree(exported / "out", tmp_path / "out")
+    for name in ("room.usda", "ball.usda"):
+        shutil.copy(exported / name, tmp_path / "out")
+    text = (tmp_path / "out/tiscene.json").read_text().replace(str(exported), str(Path("/somebody/else")))
+    (tmp_path / "out/tiscene.json").write_text(text)
+    assert verify(tmp_path / "out", sample=1).is_good

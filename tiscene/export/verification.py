@@ -1,0 +1,100 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Verify an export: files are as recorded, and frames that are rendered again have the recorded buffers."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from tiscene.errors import ArgumentError, ExportError
+from tiscene.export.exporter import provenance
+from tiscene.export.folder_writer import FolderWriter
+from tiscene.export.manifest import Manifest, buffer_digests
+from tiscene.export.manifest_difference import differences
+from tiscene.export.manifest_stream import stream_of
+from tiscene.files import lock_folder
+
+
+@dataclass(frozen=True)
+class Verification:
+    """What verifying an export has found.
+
+    Attributes:
+        frames: Number of frames in the manifest.
+        rendered: Number of frames that were rendered again.
+        damaged: Frames with a file that is missing or has other bytes.
+        different: By frame that renders otherwise, the names of the buffers.
+    """
+
+    frames: int
+    rendered: int
+    damaged: tuple[int, ...]
+    different: dict[int, tuple[str, ...]]
+
+    @property
+    def is_good(self) -> bool:
+        """Whether everything is as recorded."""
+        return not self.damaged and not self.different
+
+
+def verify(
+    folder: str | Path,
+    *,
+    sample: int | None = None,
+    search: Sequence[str | Path] = (),
+    arch: str | None = None,
+    progress: Callable[[int], None] | None = None,
+) -> Verification:
+    """Compare an export with its manifest.
+
+    Args:
+        folder: The folder of the export.
+        sample: How many frames are rendered again, evenly from the first to the last; 0: none, files alone are
+            compared; None: all.
+        search: Folders, beside the export's own, in which files of the scene are looked for by their digest.
+        arch: "cpu" or "cuda"; None for "cpu".
+        progress: Called with the index of each frame that was rendered.
+
+    Raises:
+        ExportError: There is no export, its stage is not here, or this version of tiscene or the files of the scene
+            are not those that made it.
+    """
+    folder = Path(folder)
+    if sample is not None and sample < 0:
+        raise ArgumentError(f"sample={sample}: must be 0 or more")
+    manifest = Manifest.load(folder)
+    if manifest is None:
+        raise ExportError(f"{str(folder)!r} is not an export: it has no tiscene.json")
+    indices = list(manifest.frames)
+    with lock_folder(folder):
+        writer = FolderWriter(folder, manifest)
+        damaged = tuple(index for index in indices if not writer.holds(index))
+    chosen = indices if sample is None else _evenly(indices, sample)
+    different = {}
+    if chosen:
+        with stream_of(manifest, [*map(Path, search), folder], arch) as stream:
+            made = provenance(stream, manifest.provenance["format"], manifest.provenance["objects"])
+            found = differences(manifest.provenance["settings"], made["settings"], "settings")
+            found = [each for each in found if each.key not in ("settings.scenario", "settings.files")]
+            recorded, present = (sorted(each["file_digests"].values()) for each in (manifest.provenance, made))
+            if found or recorded != present:
+                changed = [str(each) for each in found] or ["a file of the scene or of a template has another content"]
+                raise ExportError(
+                    f"{str(folder)!r} cannot be rendered again:" + "".join(f"\n  {each}" for each in changed)
+                )
+            for index in chosen:
+                digests, recorded_buffers = buffer_digests(stream[index]), manifest.frames[index]["buffers"]
+                names = tuple(name for name, digest in recorded_buffers.items() if digests.get(name) != digest)
+                if names:
+                    different[index] = names
+                if progress is not None:
+                    progress(index)
+    return Verification(len(indices), len(chosen), damaged, different)
+
+
+def _evenly(indices: Sequence[int], count: int) -> list[int]:
+    """Return some of the indices, evenly spaced, the first and the last among them."""
+    if count >= len(indices):
+        return list(indices)
+    return [indices[round(place * (len(indices) - 1) / max(1, count - 1))] for place in range(count)]
