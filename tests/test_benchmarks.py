@@ -13,7 +13,7 @@ import taichi as ti
 from trimesh.transformations import euler_matrix
 
 from tests.benchmarks import __main__ as benchmarks
-from tests.benchmarks import crowd, incremental, living_room, path, rays, stills
+from tests.benchmarks import crowd, incremental, path, rays, shipped_rooms, stills
 from tests.benchmarks.power_law import time_for
 from tests.render.path_scenes import ball, described, matte, quad
 from tiscene.render.film.denoise import denoise
@@ -73,9 +73,10 @@ def rendered(monkeypatch):
 
         return make
 
-    monkeypatch.setattr(living_room, "room", lambda frame, matte: living_room.Room(None, None, None))
-    monkeypatch.setattr(living_room, "tiscene", renderer(0.5))
-    monkeypatch.setattr(living_room, "mitsuba", renderer(1.0))
+    for name in ("still_room", "living_room"):
+        monkeypatch.setattr(shipped_rooms, name, lambda which, matte: shipped_rooms.Room(None, None, None))
+    monkeypatch.setattr(shipped_rooms, "tiscene", renderer(0.5))
+    monkeypatch.setattr(shipped_rooms, "mitsuba", renderer(1.0))
     return sizes
 
 
@@ -87,13 +88,16 @@ def test_stills_report_quarter_of_the_time_at_half_the_noise(rendered, capsys):
     stills.main()
     out, err = capsys.readouterr()
     lines = [line for line in out.splitlines() if line.split()[:1] in (["tiscene"], ["Mitsuba"])]
-    assert len(lines) == 12
-    for table in (lines[:6], lines[6:]):
-        theirs, ours = table[:3], table[3:]
+    assert len(lines) == 36
+    for first in range(0, 36, 6):
+        theirs, ours = lines[first : first + 3], lines[first + 3 : first + 6]
         for mine, other in zip(ours, theirs, strict=True):
             assert numbers(mine)[0] == pytest.approx(0.25 * numbers(other)[0], rel=0.1, abs=2e-4)
     assert "means of the pictures: Mitsuba" in out
-    assert "matte 256x192: reference ..." in err
+    titles = [line.split()[:2] for line in out.splitlines() if "references of" in line]
+    rooms = ["room_01", "room_02", "room_03"]
+    assert titles == [[room, kind] for kind in ("glossy", "matte") for room in rooms]
+    assert "room_01 matte 256x192: reference ..." in err
     assert "..." not in out
     assert set(rendered) == {(256, 192)}
     stills.main(large=True)
@@ -118,9 +122,8 @@ def test_incremental_rendering_is_compared_with_both_renderers(rendered, monkeyp
 
 def test_missing_peer_is_omitted(monkeypatch, capsys):
     monkeypatch.setitem(sys.modules, "mitsuba", None)
-    assert living_room.mitsuba(None, 32, 24, 5, glossy=True) is None
-    assert path.mitsuba("scalar_rgb", 32, 24) is None
-    assert capsys.readouterr().err.count("Mitsuba's lines are omitted") == 2
+    assert shipped_rooms.mitsuba(None, 32, 24, 5, glossy=True) is None
+    assert capsys.readouterr().err.count("Mitsuba's lines are omitted") == 1
     monkeypatch.setitem(sys.modules, "embreex.mesh_construction", None)
     monkeypatch.setattr(
         benchmarks, "discover", lambda: {"rays": lambda: rays.Embree(None), "next": lambda: print("ran")}
@@ -132,9 +135,19 @@ def test_missing_peer_is_omitted(monkeypatch, capsys):
 
 
 def test_stills_print_without_mitsuba(rendered, monkeypatch, capsys):
-    monkeypatch.setattr(living_room, "mitsuba", lambda *_, **__: None)
+    monkeypatch.setattr(shipped_rooms, "mitsuba", lambda *_, **__: None)
     stills.main()
     assert "Mitsuba " not in capsys.readouterr().out
+
+
+def test_path_compares_both_renderers_in_the_shipped_rooms(rendered, capsys):
+    path.main()
+    lines = [line.split() for line in capsys.readouterr().out.splitlines() if line.startswith("room_")]
+    sizes = ("256x192", "640x480")
+    rooms = [(room, size) for room in ("room_01", "room_02", "room_03") for size in sizes]
+    assert [tuple(line[:3]) for line in lines] == [(*room, name) for room in rooms for name in ("tiscene", "Mitsuba")]
+    assert [line[-1] for line in lines[::2]] == ["1.00"] * 6
+    assert all(float(line[-1]) > 0.0 for line in lines)
 
 
 def test_crowd_measures_all_kinds_of_rays(monkeypatch):

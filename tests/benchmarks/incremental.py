@@ -25,8 +25,7 @@ from typing import TypeVar
 
 import numpy as np
 
-from tests.benchmarks import living_room
-from tests.benchmarks.living_room import Room
+from tests.benchmarks import shipped_rooms
 from tests.benchmarks.path import DEPTH
 from tests.benchmarks.reference_pictures import (
     LARGE,
@@ -40,6 +39,7 @@ from tests.benchmarks.reference_pictures import (
     reference,
     times_for,
 )
+from tests.benchmarks.shipped_rooms import Room
 from tiscene.render.film.denoise import denoise
 from tiscene.render.film.postprocess import Postprocessor
 from tiscene.render.film.tone_map import auto_exposure, tone_map
@@ -57,7 +57,7 @@ DENOISERS = {"": Postprocessor("balanced", 1, True), ", fast": Postprocessor("fa
 def main(large: bool = False) -> None:
     """Print the tables, at 256x192 or, if large, at 640x480 with a base image of fewer samples."""
     for matte in (False, True):
-        table(living_room.room(FRAMES - 1, matte=matte), matte, LARGE if large else SMALL)
+        table(shipped_rooms.living_room(FRAMES - 1, matte=matte), matte, LARGE if large else SMALL)
 
 
 def table(room: Room, matte: bool, plan: Plan) -> None:
@@ -69,8 +69,8 @@ def table(room: Room, matte: bool, plan: Plan) -> None:
     heads = ("once s", "ms", "relMSE", "gain", "+ OIDN ms", "relMSE", "gain", "PSNR", "pays")
     print(f"{'':>28} " + "{:>7} {:>7} {:>8} {:>13} {:>10} {:>8} {:>13} {:>6} {:>6}".format(*heads), flush=True)
     size = plan.width, plan.height
-    ours = living_room.tiscene(room.description, *size, DEPTH)
-    theirs = living_room.mitsuba(room.description, *size, DEPTH, glossy=not matte)
+    ours = shipped_rooms.tiscene(room.description, *size, DEPTH)
+    theirs = shipped_rooms.mitsuba(room.description, *size, DEPTH, glossy=not matte)
     note(f"{name}: reference")
     truth = reference(ours, plan.half)
     peers = [traced("path tracing", ours, plan, truth)]

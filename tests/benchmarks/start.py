@@ -17,7 +17,7 @@ from collections.abc import Callable
 from functools import partial
 from pathlib import Path
 
-from tests.benchmarks import living_room, peers
+from tests.benchmarks import peers, shipped_rooms
 
 SIZE = (256, 192)
 SPP, DEPTH = 4, 4
@@ -54,7 +54,7 @@ def main() -> None:
         return
     with tempfile.TemporaryDirectory() as folder:
         room = Path(folder, "room")
-        room.write_bytes(pickle.dumps(living_room.room(0, matte=True).description))
+        room.write_bytes(pickle.dumps(shipped_rooms.living_room(0, matte=True).description))
         row(f"Mitsuba LLVM, {SPP} spp", MITSUBA.format(*SIZE, DEPTH, SPP, SPP), str(room))
 
 

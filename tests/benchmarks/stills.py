@@ -1,17 +1,18 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Stills of `room_02` compared with Mitsuba 3's `path` (LLVM): time to equal error, both denoised by the same OIDN.
+"""Stills of the shipped rooms compared with Mitsuba 3's `path` (LLVM): time to equal error, denoised by the same OIDN.
 
-Each renderer denoises with its own albedo and normal of the first hit, whose cost is included (Mitsuba's `aov`
-integrator). "matte": both are compared with one converged picture, tiscene's. "glossy": materials are Mitsuba's
-`principled`, which differs from UsdPreviewSurface, so each is compared with its own. relMSE: squared error over squared
-reference plus 0.01, mean over pixels and seeds, minus the reference's own noise as estimated from its two halves.
-"fraction": tiscene's time over Mitsuba's for the same error, by a power law between or beyond the measured samples; by
-wall time, and in brackets by CPU time.
+`room_01`, `room_02` and `room_03` as they are, seen by their first cameras. Each renderer denoises with its own
+albedo and normal of the first hit, whose cost is included (Mitsuba's `aov` integrator). "matte": both are compared
+with one converged picture, tiscene's. "glossy": materials are Mitsuba's `principled`, which differs from
+UsdPreviewSurface, so each is compared with its own. relMSE: squared error over squared reference plus 0.01, mean over
+pixels and seeds, minus the reference's own noise as estimated from its two halves. "fraction": tiscene's time over
+Mitsuba's for the same error, by a power law between or beyond the measured samples; by wall time, and in brackets by
+CPU time.
 """
 
 from __future__ import annotations
 
-from tests.benchmarks import living_room
+from tests.benchmarks import shipped_rooms
 from tests.benchmarks.reference_pictures import LARGE, SMALL, Plan, Row, cpu_for, measured, note, reference, times_for
 from tiscene.scene.description import SceneDescription
 
@@ -20,19 +21,20 @@ DEPTH = 6
 
 def main(large: bool = False) -> None:
     """Print the tables, at 256x192 or, if large, at 640x480."""
-    for matte in (True, False):
-        table(living_room.room(0, matte=matte).description, matte, LARGE if large else SMALL)
+    for matte in (False, True):
+        for scene in shipped_rooms.ROOMS:
+            table(scene, shipped_rooms.still_room(scene, matte=matte).description, matte, LARGE if large else SMALL)
 
 
-def table(room: SceneDescription, matte: bool, plan: Plan) -> None:
+def table(scene: str, room: SceneDescription, matte: bool, plan: Plan) -> None:
     """Print one line for each renderer and number of samples."""
     size = plan.width, plan.height
-    name = f"{'matte' if matte else 'glossy'} {plan.width}x{plan.height}"
+    name = f"{scene} {'matte' if matte else 'glossy'} {plan.width}x{plan.height}"
     print(f"{name}, depth {DEPTH}, {plan.seeds} seeds, references of {2 * plan.half} spp")
     heads = ("wall ms", "CPU ms", "relMSE", "fraction")
     print(f"{'':>8} {'spp':>4}" + " {:>8} {:>8} {:>8} {:>12}".format(*heads) * 2 + "  (right: with OIDN)", flush=True)
-    renderers = {"tiscene": living_room.tiscene(room, *size, DEPTH)}
-    mitsuba = living_room.mitsuba(room, *size, DEPTH, glossy=not matte)
+    renderers = {"tiscene": shipped_rooms.tiscene(room, *size, DEPTH)}
+    mitsuba = shipped_rooms.mitsuba(room, *size, DEPTH, glossy=not matte)
     if mitsuba is not None:
         renderers = {"Mitsuba": mitsuba} | renderers
     note(f"{name}: reference")

@@ -175,7 +175,7 @@ def _light(mi: Any, light: Light, textures: tuple[Texture, ...] = ()) -> dict[st
     if isinstance(light, DomeLight):
         if light.texture is None:
             return {"type": "constant", "radiance": _color(light.radiance)}
-        pixels = textures[light.texture].pixels[..., :3].astype(np.float32) * np.asarray(light.radiance, np.float32)
+        pixels = linear_pixels(textures[light.texture])[..., :3] * np.asarray(light.radiance, np.float32)
         return {
             "type": "envmap",
             "bitmap": mi.Bitmap(np.ascontiguousarray(pixels)),
@@ -187,7 +187,7 @@ def _light(mi: Any, light: Light, textures: tuple[Texture, ...] = ()) -> dict[st
     if isinstance(light, RectLight):
         if light.texture is not None:
             image = textures[light.texture]
-            pixels = image.pixels.astype(np.float32) * np.asarray([*light.radiance, 1.0], np.float32)
+            pixels = linear_pixels(image)[..., :3] * np.asarray(light.radiance, np.float32)
             scaled = Texture(image.name, pixels, encoding="raw")
             area["radiance"] = _image(mi, scaled, mirrored=True)
         transform = placed(0.5 * light.width, 0.5 * light.height)

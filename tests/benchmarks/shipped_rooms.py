@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""`room_02` with three movers as one scene description, rendered by tiscene and Mitsuba; exactly alike if matte."""
+"""Shipped rooms as one scene description each, rendered by tiscene and Mitsuba; exactly alike if matte."""
 
 from __future__ import annotations
 
@@ -17,11 +17,12 @@ from tests.reference import mitsuba_scene
 from tiscene.cli import demo
 from tiscene.render.integrators.path.path_pass import PathPass
 from tiscene.render.view import View
-from tiscene.scene.description import Instance, Material, Mesh, SceneDescription, TextureLookup
+from tiscene.scene.description import Instance, Light, Material, Mesh, SceneDescription, TextureLookup
 from tiscene.scene.device_scene import DeviceScene
 from tiscene.scene.placement import Placement
 from tiscene.stream.stream import Stream
 
+ROOMS = ("room_01", "room_02", "room_03")
 MOVERS = 3
 
 
@@ -39,22 +40,32 @@ class Room(NamedTuple):
     placement: Callable[[int], Placement]
 
 
-def stream() -> Stream:
-    """Return a stream of the room with the first MOVERS objects of the demo, with all scene data loaded."""
-    scenario = demo.scenario()
-    result = Stream(replace(scenario, objects=scenario.objects[:MOVERS]), fps=demo.FPS, buffers=("depth",))
-    result.world.state(0)
-    return result
+def still_room(name: str, *, matte: bool) -> Room:
+    """Return a shipped room as it is, seen by its first camera.
+
+    Args:
+        name: name of the scene.
+        matte: keep only diffuse color and uniform emission of materials.
+    """
+    return _room(Stream(name, buffers=("depth",)), 0, matte)
 
 
-def room(frame: int, *, matte: bool) -> Room:
-    """Return the room at a frame.
+def living_room(frame: int, *, matte: bool) -> Room:
+    """Return `room_02` with the first MOVERS objects of the demo at a frame.
 
     Args:
         frame: frame index.
-        matte: keep only diffuse color and uniform emission of materials.
+        matte: as of `still_room`.
     """
-    world = stream().world
+    scenario = demo.scenario()
+    few = replace(scenario, objects=scenario.objects[:MOVERS])
+    return _room(Stream(few, fps=demo.FPS, buffers=("depth",)), frame, matte)
+
+
+def _room(stream: Stream, frame: int, matte: bool) -> Room:
+    """Return what a stream shows at a frame."""
+    world = stream.world
+    world.state(frame)  # loads templates
     meshes: list[Mesh] = []
     materials: list[Material] = []
     textures = list(world.stage.textures)
@@ -79,6 +90,7 @@ def room(frame: int, *, matte: bool) -> Room:
         materials=tuple(materials),
         textures=tuple(textures),
         instances=tuple(instances),
+        lights=tuple(_plain(light) for light in world.stage.lights),
         cameras=(world.camera,),
         templates=(),
         colliders=(),
@@ -139,6 +151,13 @@ def _with_texture_offset(material: Material, first_texture: int) -> Material:
     if "emissive_color" in lookups:
         return replace(material, **lookups | {"emissive_color": (0.0, 0.0, 0.0)})  # type: ignore[arg-type]
     return replace(material, **lookups)  # type: ignore[arg-type]
+
+
+def _plain(light: Light) -> Light:
+    """Return a light without what Mitsuba's have not: shaping, and factors for diffuse and glossy reflections."""
+    name = "irradiance" if hasattr(light, "irradiance") else "radiance"
+    scaled = {name: tuple(light.diffuse * each for each in getattr(light, name))}
+    return replace(light, **scaled, diffuse=1.0, specular=1.0, indirect=1.0, shaping=None)  # type: ignore[arg-type]
 
 
 def _matte(material: Material) -> Material:
