@@ -47,7 +47,7 @@ MAY_IMPORT = {
     },
     "tiscene.physics": {"dynamics", "tiscene.errors", "tiscene.scene"},
     "tiscene.world": {
-        *("dynamics", "tiscene.errors", "tiscene.frame", "tiscene.scenario", "tiscene.scene", "tiscene.validation")
+        *("dynamics", "tiscene.errors", "tiscene.frame", "tiscene.scenario", "tiscene.scene", "tiscene.validation"),
         "tiscene.physics",
     },
     "tiscene.randomization": {

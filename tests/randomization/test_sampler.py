@@ -303,7 +303,7 @@ def test_keywords_of_sample_are_the_fields_of_the_ranges():
     parameters = inspect.signature(Scenario.sample).parameters
     defaults = {field.name: field.default for field in fields(ScenarioRanges)}
     assert {name: each.default for name, each in parameters.items() if name in defaults} == defaults
-    assert set(parameters) == {"scene", "seed", "camera", *defaults, *DRAWN_FACTORS}
+    assert set(parameters) == {"scene", "seed", "camera", "difficulty", *defaults, *DRAWN_FACTORS}
 
 
 ROOMS = ("room_01", "room_02", "room_03")

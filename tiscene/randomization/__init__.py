@@ -5,6 +5,7 @@
 
     sampler              draw a scenario
     factors              factors of variation by name
+    difficulty_search    scenarios of a measured difficulty
     factor_ranges        the ranges of factors
     illumination_factor  time of day, strength, color and direction of lights
     material_factor      base colors, roughness and textures

@@ -13,6 +13,7 @@ PROVIDERS = {
     "write_usd": "tiscene.usd.scenario.write:write_scenario",
     "sample": "tiscene.randomization.sampler:sample",
     "free_places": "tiscene.randomization.free_places:FreePlaces",
+    "sample_difficulty": "tiscene.randomization.difficulty_search:sample_difficulty",
     "with_factor": "tiscene.randomization.factors:with_factor",
 }
 

@@ -22,7 +22,7 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
-from dynamics import AllTogether, Still, Timing, argument_checks
+from dynamics import AllTogether, RigidBody, Still, Timing, argument_checks
 from tiscene import catalog
 from tiscene.errors import ArgumentError, MissingFile, ScenarioError, scenario_errors
 from tiscene.scenario import serialization
@@ -67,6 +67,8 @@ class Scenario:
         overrides: changes of lights, materials, objects and cameras of the stage, for all frames; see
             `tiscene.scenario.overrides`.
         exposure_compensation: stops by which `rgb` is brighter than the cameras' exposure makes it.
+        physics: objects without a trajectory get a RigidBody(): they fall and are pushed. Objects with `Still()` stay.
+            Needs the extra `physics`.
 
     Raises:
         ScenarioError: the parts contradict each other, such as timings that cannot work for a trajectory.
@@ -82,12 +84,16 @@ class Scenario:
     variants: Mapping[str, str] = field(default_factory=dict, hash=False)
     overrides: Sequence[Override] = ()
     exposure_compensation: float = 0.0
+    physics: bool = False
 
     def __post_init__(self) -> None:
         scene = os.fspath(self.scene) if isinstance(self.scene, os.PathLike) else self.scene
         with scenario_errors():
             object.__setattr__(self, "scene", argument_checks.text(scene, "scene"))
-            object.__setattr__(self, "objects", check_objects(self.objects))
+            objects = check_objects(self.objects)
+            if argument_checks.flag(self.physics, "physics"):
+                objects = tuple(replace(each, dynamic=each.dynamic or RigidBody()) for each in objects)
+            object.__setattr__(self, "objects", objects)
             if not isinstance(self.timings, Timing):
                 raise ScenarioError(f"timings={self.timings!r}: must be a timing, such as AllTogether(0.75)")
             if not isinstance(self.frustum, Frustum | None):
@@ -150,11 +156,12 @@ class Scenario:
         views: Any = None,
         illumination: Any = None,
         materials: Any = None,
+        difficulty: Mapping[str, Any] | None = None,
     ) -> Scenario:
         """Draw a random scenario; the same arguments give the same scenario.
 
         Every quantity of every object has random numbers of its own: one more object, or another range of speeds,
-        changes nothing else. A range is (low, high), both included, or one number. The last five arguments are factors
+        changes nothing else. A range is (low, high), both included, or one number. `clutter` to `materials` are factors
         as of `with_factor`, drawn after the objects, which keep their places: True for typical ranges, or a value.
 
         Args:
@@ -185,12 +192,22 @@ class Scenario:
             views: another pose or lens of the camera.
             illumination: time of day; strength, color and direction of lights; exposure.
             materials: other colors, roughness and textures.
+            difficulty: bands of the mean of measures of `Frame.difficulty`, {"motion": (1, 3)}, of images 128 px wide.
+                Scenarios are drawn until one lies within them. Speeds may be multiplied for `motion`.
 
         Raises:
             ArgumentError: the ranges contradict themselves.
             ScenarioError: nothing in the scene fits the ranges.
         """
         ranges = {name: value for name, value in locals().items() if name not in ("cls", "scene", "seed", "camera")}
+        bands = ranges.pop("difficulty")
+        if bands is not None:
+
+            def draw(number: int) -> Scenario:
+                return cls.sample(scene, seed=number, camera=camera, **ranges)
+
+            drawn: Scenario = provider("sample_difficulty")(draw, bands, seed=seed, frames=frames, aspect=aspect)
+            return drawn
         factors = {name: ranges.pop(name) for name in DRAWN_FACTORS}
         content = provider("sample")(scene, seed=seed, camera=camera, **ranges)
         scenario = replace(cls.from_json({"format": FORMAT, "version": VERSION} | content), camera=camera)

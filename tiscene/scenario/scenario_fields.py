@@ -32,6 +32,7 @@ class _Dynamics(Mapping[str, type]):
         dynamics.LinearWaypoints,
         dynamics.LookAt,
         dynamics.Orbit,
+        dynamics.RigidBody,
         dynamics.Still,
         dynamics.UniformMovementRandomBounce,
     )

@@ -1,0 +1,136 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Measures of difficulty: equal to what labels worked out by hand give, and a pure function of the frame."""
+
+import math
+import pickle
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+import tiscene as ts
+from tiscene.export.difficulty_plot import difficulty_plot
+from tiscene.frame.difficulty import BAND, MEASURES, NEVER_SHOWN, Difficulty, summary
+from tiscene.frame.frame import Frame, FrameCamera
+from tiscene.frame.object_table import ObjectTable
+from tiscene.scenario.scenario import Scenario
+
+EYE = ts.Camera((0, 0, 4), vertical_fov=math.radians(60), exposure=0.0)
+TURN = ts.Object("turning", "Cube", dynamic=ts.Orbit((0, 0, 0), period=8.0))  # turns in its place
+BUFFERS = ("instance", "forward_flow")
+
+
+def stream(*objects, camera=EYE, buffers=BUFFERS, **others):
+    scenario = Scenario("object_view", objects, camera=camera)
+    return ts.Stream(scenario, width=64, height=48, fps=10, buffers=buffers, **others)
+
+
+@pytest.fixture(scope="module")
+def turning():
+    with stream(TURN) as made:
+        yield made
+
+
+def test_counts_size_visibility_and_motion_are_those_of_the_labels(turning):
+    frame = turning[3]
+    measured = frame.difficulty
+    mask = frame.instance == 1
+    moves = np.linalg.norm(frame.forward_flow, axis=2) >= 0.1
+    assert (measured.instances, measured.categories) == (1, 1)
+    assert measured.size == mask.sum() / mask.size
+    assert measured.visibility == pytest.approx(1.0, abs=0.05)
+    assert measured.moving == moves.mean()
+    assert measured.motion == pytest.approx(np.linalg.norm(frame.forward_flow, axis=2)[moves].mean())
+    assert measured.contrast is None
+
+
+def test_novelty_is_the_angle_turned_since_a_second_ago_and_none_after_a_lap(turning):
+    """A turn takes 80 frames: 4.5 degrees each. Views are evaluated at every fifth frame."""
+    assert turning[9].difficulty.novelty == NEVER_SHOWN
+    for frame in (10, 22, 29):
+        assert turning[frame].difficulty.novelty == pytest.approx(4.5 * (10 + frame % 5), abs=1e-6)
+    assert turning[95].difficulty.novelty == pytest.approx(0.0, abs=1e-5)
+    assert turning[97].difficulty.novelty == pytest.approx(9.0, abs=1e-5)
+
+
+def test_difficulty_does_not_depend_on_what_was_rendered_before(turning):
+    before = turning[40].difficulty
+    with stream(TURN) as other:
+        assert other[40].difficulty == before
+        assert pickle.loads(pickle.dumps(other[40])).difficulty == before
+
+
+def test_view_out_of_the_image_was_not_shown():
+    aside = replace(EYE, position=(50, 0, 4))
+    with stream(replace(TURN, id="a"), camera=aside) as made:
+        assert made[30].difficulty.novelty is None  # it is not visible
+        made.world.next_frame = 20
+        made.world.move_camera((0, 0, 4))
+        assert made[25].difficulty.novelty == NEVER_SHOWN
+        assert made[40].difficulty.novelty < 90
+
+
+def test_edit_of_the_camera_keeps_earlier_views():
+    with stream(ts.Object("still", "Cube", dynamic=ts.Still())) as made:
+        assert made[30].difficulty.novelty == pytest.approx(0.0, abs=1e-6)
+        made.world.next_frame = 31
+        made.world.move_camera((4, 0, 0), (0, 90, 0))
+        assert made[31].difficulty.novelty == pytest.approx(90.0, abs=1e-6)
+        assert made[30].difficulty.novelty == pytest.approx(0.0, abs=1e-6)
+        assert made[45].difficulty.novelty == pytest.approx(0.0, abs=1e-6)
+
+
+def test_without_objects_of_the_scenario_all_objects_are_targets():
+    with ts.Stream("solid_benchmark", width=32, height=24, buffers=BUFFERS) as made:
+        frame = made[0]
+    measured = frame.difficulty
+    shares = [row.visible_pixels / (32 * 24) for row in frame.objects if row.visible_pixels]
+    assert measured.instances == len(shares)
+    assert measured.size == pytest.approx(np.mean(shares))
+    assert measured.novelty is None
+    assert (measured.motion, measured.moving) == (0.0, 0.0)
+
+
+def test_missing_buffers_give_none():
+    with stream(TURN, buffers=("depth",)) as made:
+        measured = made[0].difficulty
+    assert (measured.motion, measured.moving, measured.contrast) == (None, None, None)
+    assert measured.instances == 1
+
+
+def test_contrast_is_between_an_object_and_the_band_around_it():
+    """A made frame: an object of value 188 (luminance 0.5) before one of 137 (0.25), 0 beyond the band."""
+
+    class Row:
+        id, template, category, visible_pixels, fraction_visible = 1, "Cube", "cube", 16, 1.0
+
+    instance, rgb = np.zeros((20, 30), np.int32), np.zeros((20, 30, 3), np.uint8)
+    rgb[8 - BAND : 12 + BAND, 8 - BAND : 12 + BAND] = 137
+    instance[8:12, 8:12], rgb[8:12, 8:12] = 1, 188
+    objects = ObjectTable()
+    objects.__dict__["_rows"] = (Row(),)
+    frame = Frame(0, 0.0, FrameCamera(EYE, 30, 20), {"rgb": rgb, "instance": instance}, objects)
+    a, b = (((value / 255 + 0.055) / 1.055) ** 2.4 for value in (188, 137))
+    assert frame.difficulty.contrast == pytest.approx((a - b) / (a + b), rel=1e-6)
+
+
+def measured(**values) -> Difficulty:
+    return Difficulty(**(dict.fromkeys(MEASURES) | {"instances": 1, "categories": 1} | values))
+
+
+def test_summary_leaves_out_frames_without_a_value():
+    result = summary([measured(motion=1.0), measured(motion=None), measured(motion=4.0)])
+    assert result["motion"] == {"mean": 2.5, "min": 1.0, "max": 4.0}
+    assert result["contrast"] == {"mean": None, "min": None, "max": None}
+    assert list(measured().to_json()) == list(MEASURES)
+
+
+def test_plot_is_a_picture_with_a_panel_for_each_measure_that_has_values():
+    import io
+
+    from PIL import Image
+
+    rows = [measured(motion=k / 7, size=None if k == 3 else 0.1) for k in range(6)]
+    image = Image.open(io.BytesIO(difficulty_plot([0, 5, 10, 15, 20, 25], rows, scale=1)))
+    assert image.size == (2 * 420, 2 * 150)
+    assert Image.open(io.BytesIO(difficulty_plot([4], rows[:1], scale=1))).size == (840, 300)
