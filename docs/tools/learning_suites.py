@@ -15,9 +15,9 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 import tiscene as ts
-from tiscene.learning.counterfactuals import counterfactuals
 from tiscene.learning.course import Course
 from tiscene.learning.drift import Cycle, Drift, Ramp
+from tiscene.learning.held_out_tests import counterfactuals
 from tiscene.learning.phase import Phase
 from tiscene.learning.supervision import SupervisionRules
 from tiscene.learning.teaching_policies import Combined, OnePixelPerMovingObject, RandomPixels

@@ -198,6 +198,13 @@ def test_adaptation_is_computed_by_its_definition():
     assert metric.result()["events"][0]["recovery"] == 0
 
 
+def test_course_without_drift_has_no_adaptation():
+    course = Course([Phase("a", BALL, frames=2)], **SETTINGS, observed=("depth",))
+    score = evaluate(Constant(), course)
+    assert score["adaptation"] == {"pixels": "objects", "events": [], "mean_recovery": None, "recovered": 0}
+    assert "tests" not in score
+
+
 def test_clock_skips_frames_by_declared_cost(course):
     learner = Constant()
     score = evaluate(learner, course, [OnlineAccuracy()], clock=Clock(cost=2.5))

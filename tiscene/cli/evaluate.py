@@ -83,6 +83,7 @@ def verify(path: str) -> None:
             f"{path}: does not say how its learner is made; only scores of this command can be verified"
         )
     (score,) = evaluated(course, [learner["learner"]], [learner["seed"]], saved["clock"]["cost"])
+    saved["course"] = course.to_json()  # an older version may have written fewer default values
     if found := differences(saved, score.to_json()):
         shown = "\n".join(f"  {line}" for line in found[:20])
         raise ArgumentError(f"{path}: {len(found)} differences between the file and this run:\n{shown}")

@@ -21,7 +21,7 @@
     task_matrix        counts of tests after each phase
     pixel_counts       confusion matrices of pixels
     resource_usage     time and memory
-    counterfactuals    held-out tests, and tests with one factor changed
+    held_out_tests     held-out tests, and tests with one factor changed
     adapters           courses for Avalanche, river and Gymnasium
     baselines          learners to compare with
     results_page       results as an HTML page
@@ -29,3 +29,39 @@
     suite_names        benchmark suites by name
     score              Score: results, and how to compute them again
 """
+
+from __future__ import annotations
+
+import importlib
+from typing import Any
+
+_NAMES = {
+    "accuracy_matrix": ("average_accuracy", "backward_transfer", "forgetting", "forward_transfer"),
+    "clock": ("Clock",),
+    "held_out_tests": ("counterfactuals", "held_out"),
+    "course": ("Course",),
+    "drift": ("Cycle", "Drift", "Mix", "Ramp", "Schedule", "Step"),
+    "evaluation": ("evaluate", "evaluate_all"),
+    "laps": ("lap_times",),
+    "learner": ("Learner", "make_learner"),
+    "phase": ("CourseFrame", "Phase"),
+    "results_page": ("write_page",),
+    "score": ("Score", "differences", "read_score"),
+    "stream_metrics": ("Adaptation", "FocusAccuracy", "Metric", "NearFutureAccuracy", "OnlineAccuracy"),
+    "suite_names": ("load_course", "suites"),
+    "supervision": ("Answer", "Pending", "Refused", "Supervision", "SupervisionRules"),
+    "teaching_policies": (
+        *("Asked", "Combined", "Everything", "FirstFrames", "FocusOfAttention", "FollowMovingObjects", "LastFrames"),
+        *("Moment", "OnePixelPerMovingObject", "Policy", "RandomPixels", "Recorded"),
+    ),
+}
+_MODULES = {name: module for module, names in _NAMES.items() for name in names}
+__all__ = sorted(_MODULES)  # imported at first use
+
+
+def __getattr__(name: str) -> Any:
+    if name not in _MODULES:
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    value = getattr(importlib.import_module(f"{__name__}.{_MODULES[name]}"), name)
+    globals()[name] = value
+    return value

@@ -179,7 +179,7 @@ def _curves(by_name: Mapping[str, Sequence[Score]], course: Course, styles: Mapp
     marks = {0: course.phases[0].name} | {index: text.removeprefix("phase ") for index, text in course.events().items()}
     parts = [f'<p class="legend">{legend}</p>']
     for key, title in (("online", "Online"), ("near_future", "Near future"), ("online_frame", "Online, whole frame")):
-        measured = {name: runs for name, runs in by_name.items() if key in runs[0].scores}
+        measured = {name: runs for name, runs in by_name.items() if runs[0].scores.get(key, {}).get("curve")}
         lines = {name: _mean_curve([run.scores[key]["curve"] for run in runs]) for name, runs in measured.items()}
         if lines:
             parts.append(f"<h3>{title}</h3>")

@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 from abc import ABC, abstractmethod
 from collections.abc import Mapping
@@ -223,8 +224,8 @@ class Adaptation(OnlineAccuracy):
     def result(self) -> dict[str, Any]:
         frames = {index: (correct, total) for index, correct, total in self.hits}
         events = self._course.events()
-        ends = [*list(events)[1:], len(self._course)]
-        rows = [self._answer(frames, at, end) | {"change": events[at]} for at, end in zip(events, ends, strict=True)]
+        spans = itertools.pairwise([*events, len(self._course)])
+        rows = [self._answer(frames, at, end) | {"change": events[at]} for at, end in spans]
         recoveries = [row["recovery"] for row in rows]
         done = [value for value in recoveries if value is not None]
         return {

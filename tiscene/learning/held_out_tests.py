@@ -12,10 +12,11 @@ from tiscene.learning.phase import Phase
 from tiscene.scenario.scenario import Scenario
 
 
-def held_out(phases: Sequence[Phase], frames: int, start: int = 100_000, step: int = 1) -> tuple[Phase, ...]:
+def held_out(phases: Sequence[Phase], frames: int, start: int = 1000, step: int = 1) -> tuple[Phase, ...]:
     """Return tests on later frames of the scenarios of phases, one for each phase that learns.
 
-    The motion of a scenario goes on for ever, so frames far behind the phase cost no more than others.
+    The motion of a scenario goes on for ever. Where its objects collide, the first test steps through all frames before
+    `start`, once.
 
     Args:
         phases: of a course.

@@ -1,0 +1,131 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Write docs/learning-results.md and its curves: the baselines on the suites.
+
+    python -m docs.tools.learning_results                   # evaluate all learners on all suites, then write the page
+    python -m docs.tools.learning_results --scores RESULTS  # of the scores in RESULTS/<suite>/*.json
+
+RESULTS/<suite> is what `tiscene evaluate <suite> --learner all --seeds N -o RESULTS/<suite>` has written.
+"""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+from tiscene.cli.main import main as tiscene
+from tiscene.learning.course import Course
+from tiscene.learning.learner import BASELINES
+from tiscene.learning.results_page import COLUMNS, percent, value_of
+from tiscene.learning.score import read_score
+from tiscene.learning.svg_chart import line_chart, line_styles
+
+DOCS = Path(__file__).parents[1]
+SUITES = ("solids", "room")
+STYLE = (
+    "<style>svg{background:#fff}text{font:11px sans-serif;fill:#444c56}polyline{fill:none;stroke-width:1.8}"
+    ".grid{stroke:#e3e6e9}.mark{stroke:#8a939c;stroke-dasharray:3 3}</style>"
+)
+SHOWN = ("naive", "replay", "ewc", "lwf", "blind", "ncm")  # in the curves
+
+INTRODUCTION = """# Results of the baselines
+
+What the shipped learners reach on the suites, written by `python -m docs.tools.learning_results`. Percent, mean ±
+standard deviation over seeds of the learners. All learners see the same frames and the same labels. `solids` has
+primitives, two new ones in each phase; `room` has a furnished room with objects, night, another chair and clutter.
+Frames have 64 × 48 px. Each has one label per moving object, and two of random pixels.
+
+- online: accuracy on the pixels of objects, of each frame before it is learned. near future: the same, 50 frames ahead.
+- ACC, BWT, forgetting, FWT and held out: mean class accuracies of tests on other paths; see
+  [Evaluation](learning.md#evaluation).
+- `shuffled` keeps all labels and trains anew after each phase: its ACC is an upper bound, its online accuracy means
+  nothing.
+"""
+
+
+def scores_of(folder: Path) -> dict[str, list[dict[str, Any]]]:
+    """Return the scores in a folder by learner, in the order of BASELINES."""
+    found: dict[str, list[dict[str, Any]]] = {}
+    for path in sorted(folder.glob("*-seed*.json")):
+        score = read_score(path)
+        found.setdefault(score["name"], []).append(score)
+    order = [*(name for name in BASELINES if name in found), *(name for name in found if name not in BASELINES)]
+    return {name: found[name] for name in order}
+
+
+def table(scores: Mapping[str, Sequence[Mapping[str, Any]]]) -> str:
+    """Return the scores as a Markdown table."""
+    lines = ["| Learner | " + " | ".join(name for name, _, _ in COLUMNS) + " | learning, s |"]
+    lines.append("|---" + "|---:" * (len(COLUMNS) + 1) + "|")
+    for name, runs in scores.items():
+        values = [percent([value_of(run["scores"], keys) for run in runs]) for _, _, keys in COLUMNS]
+        seconds = runs[0]["resources"]["cpu_seconds"].get("learn", 0.0)
+        lines.append(f"| `{name}` | " + " | ".join(values) + f" | {seconds:.0f} |")
+    return "\n".join(lines)
+
+
+def chart(scores: Mapping[str, Sequence[Mapping[str, Any]]], course: Course, path: Path) -> str:
+    """Write the online curves as an SVG file. Returns the legend."""
+    lines = {
+        name: [tuple(point) for point in runs[0]["scores"]["online"]["curve"]]
+        for name, runs in scores.items()
+        if name in SHOWN
+    }
+    styles = line_styles(list(lines))
+    marks = {0: course.phases[0].name} | {k: text.removeprefix("phase ") for k, text in course.events().items()}
+    drawn = line_chart(lines, end=len(course), marks=marks, colors=styles, label="Online accuracy")
+    body = drawn.replace("<svg ", '<svg xmlns="http://www.w3.org/2000/svg" ', 1).replace(">", f">{STYLE}", 1)
+    path.write_text(body + "\n", encoding="utf-8")
+    names = {"#0072b2": "blue", "#d55e00": "orange-red", "#009e73": "green", "#cc79a7": "pink", "#e69f00": "orange"}
+    names |= {"#56b4e9": "light blue"}
+    return ", ".join(f"{name} {names[color]}" for name, (color, _) in styles.items())
+
+
+def section(suite: str, folder: Path) -> str:
+    """Return the section of a suite, and write its curves."""
+    scores = scores_of(folder)
+    first = next(iter(scores.values()))[0]
+    course = Course.from_json(first["course"])
+    legend = chart(scores, course, DOCS / "images" / f"learning-{suite}.svg")
+    seeds = len(next(iter(scores.values())))
+    phases = "; ".join(
+        f"{phase.name} ({end - start} frames)"
+        for phase, start, end in zip(course.phases, course.starts, course.starts[1:], strict=False)
+    )
+    command = f"tiscene evaluate {suite} --learner all --seeds {seeds} -o results/{suite}"
+    return f"""## {suite}
+
+Phases: {phases}. Seeds: {seeds}.
+
+    {command}
+
+{table(scores)}
+
+![Online accuracy on the suite {suite}](images/learning-{suite}.svg)
+
+Online accuracy of seed 0: {legend}.
+"""
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description="Write docs/learning-results.md.")
+    parser.add_argument("--scores", type=Path, help="folder with scores of each suite; default: evaluate now")
+    parser.add_argument("--seeds", type=int, default=3)
+    args = parser.parse_args()
+    results = args.scores or Path("results")
+    if args.scores is None:
+        for suite in SUITES:
+            if tiscene(["evaluate", suite, "--learner", "all", "--seeds", str(args.seeds), "-o", str(results / suite)]):
+                raise SystemExit(1)
+    present = [suite for suite in SUITES if (results / suite).is_dir()]
+    text = "\n".join([INTRODUCTION, *(section(suite, results / suite) for suite in present), NOTES])
+    (DOCS / "learning-results.md").write_text(text, encoding="utf-8")
+
+
+NOTES = """## Reading the tables
+"""
+
+
+if __name__ == "__main__":
+    main()

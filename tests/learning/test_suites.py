@@ -1,0 +1,161 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Shipped suites, tests with one factor changed, the results page, and `tiscene evaluate`."""
+
+import json
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from dynamics import CatmullWaypoints, Waypoint
+from tiscene.cli.main import main
+from tiscene.errors import ArgumentError, ExportError, UnknownName
+from tiscene.learning.course import Course
+from tiscene.learning.evaluation import evaluate_all
+from tiscene.learning.held_out_tests import counterfactuals, held_out
+from tiscene.learning.phase import Phase
+from tiscene.learning.results_page import mean_and_deviation, percent, write_page
+from tiscene.learning.score import read_score
+from tiscene.learning.suite_names import load_course, suites
+from tiscene.learning.svg_chart import line_chart, line_styles
+from tiscene.learning.teaching_policies import OnePixelPerMovingObject
+from tiscene.scenario.objects import Object
+from tiscene.scenario.scenario import Scenario
+
+ROOT = Path(__file__).parents[2]
+PATH = [Waypoint((-0.6, 0.9, -2)), Waypoint((0.6, 1.2, -2)), Waypoint((0, 0.6, -2.4))]
+BALL = Scenario("object_view", [Object("ball", "Ball 01", dynamic=CatmullWaypoints(PATH, total_time=1.0))])
+SETTINGS = {"width": 24, "height": 18, "buffers": ("semantic", "instance", "part", "depth"), "observed": ("depth",)}
+
+
+@pytest.fixture(scope="module")
+def course():
+    phases = [Phase("a", BALL, frames=5, supervision=OnePixelPerMovingObject()), Phase("b", BALL, frames=4, start=9)]
+    return Course(phases, tests=[Phase("a", BALL, frames=2, start=30)], **SETTINGS)
+
+
+@pytest.mark.parametrize("name", sorted(set(suites()) - {"solids", "room", "home"}))
+def test_suite_has_phases_tests_and_labels(name):
+    suite = load_course(name)
+    assert Course.from_json(suite.to_json()).phases == suite.phases
+    assert len(suite.phases) >= 3
+    assert all(phase.supervision is not None for phase in suite.phases)
+    tested = {phase.name for phase in suite.test_phases}
+    assert len(tested & {phase.name for phase in suite.phases}) >= 2
+    assert tested - {phase.name for phase in suite.phases}  # held out
+    assert suite.boundaries == "hidden"
+    assert suite.observed == ("rgb", "forward_flow")
+
+
+def test_suites_without_grade_are_medium():
+    assert suites()["solids"] == suites()["solids-medium"]
+    with pytest.raises(UnknownName, match="Did you mean 'solids'"):
+        load_course("solid")
+
+
+def test_held_out_frames_are_later_frames_of_the_same_scenario(course):
+    (first, second) = held_out(course.phases, frames=3, start=50, step=2)
+    assert (first.name, first.start, first.step, first.supervision) == ("a", 50, 2, None)
+    assert second.scenario == BALL
+
+
+def test_counterfactuals_change_one_factor_and_keep_the_motion(course):
+    tests = counterfactuals(course.phases[:1], {"speed": [2.0], "illumination": [-1.0]}, frames=3)
+    assert [test.name for test in tests] == ["a | speed 2.0", "a | illumination -1.0"]
+    shown = Course(tests, **SETTINGS)
+    slow, fast, dim = course[2], shown[1], shown[5]
+    assert fast.objects.by_name("ball").position == slow.objects.by_name("ball").position  # at twice the speed
+    assert (dim.instance == slow.instance).all()
+    with pytest.raises(ArgumentError, match="name one factor"):
+        counterfactuals(course.phases, {}, frames=1)
+    with pytest.raises(UnknownName, match="Did you mean 'illumination'"):
+        counterfactuals(course.phases, {"ilumination": [1]}, frames=1)
+
+
+class Ones:
+    """Predicts the first category."""
+
+    def __init__(self, categories=None, seed=0):
+        pass
+
+    def predict(self, frame):
+        return np.ones(frame.depth.shape, int)
+
+    def learn(self, frame, answers):
+        pass
+
+
+def test_page_shows_every_learner_and_escapes_names(course, tmp_path):
+    scores = evaluate_all({"<one>": Ones(), "two": Ones()}, course)
+    write_page(tmp_path / "page.html", "A & B", scores)
+    text = (tmp_path / "page.html").read_text()
+    assert "<h1>A &amp; B</h1>" in text
+    assert "&lt;one&gt;" in text
+    assert "<one>" not in text
+    assert text.count("<h3>&lt;one&gt;</h3>") == 1  # its matrix
+    assert text.count("<polyline") == 4  # online and whole frame; nothing is 50 frames ahead
+    assert text.count("data:image/png") == 3  # true and two predictions of one test
+    (tmp_path / "file").write_text("")
+    with pytest.raises(ExportError):
+        write_page(tmp_path / "file" / "page.html", "A", scores)
+
+
+def test_figures_have_mean_and_spread():
+    assert mean_and_deviation([0.5, 0.7]) == pytest.approx((0.6, 0.1 * 2**0.5))
+    assert percent([0.5, 0.7]) == "60.0 ± 14.1"
+    assert percent([0.25]) == "25.0"
+    assert percent([0.5, None]) == percent([]) == "–"
+
+
+def test_chart_places_points_by_frame_and_fraction():
+    chart = line_chart({"a": [(0, 0.0), (10, 1.0)]}, end=10, marks={5: "x<y"}, colors=line_styles(["a"]), label="A")
+    assert 'points="44.0,226.0 852.0,22.0"' in chart
+    assert "x&lt;y" in chart
+
+
+def test_command_writes_scores_and_page_and_verifies_them(course, tmp_path, capsys, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    course.save("course.json")
+    learner = "tests.learning.test_suites:Ones"
+    assert main(["evaluate", "course.json", "--learner", learner, "--seeds", "2", "-o", "out"]) == 0
+    assert capsys.readouterr().out.strip() == "out/index.html"
+    files = sorted(path.name for path in Path("out").iterdir())
+    assert files == ["index.html", *(f"tests.learning.test_suites_Ones-seed{seed}.json" for seed in (0, 1))]
+    score = Path("out", files[1])
+    assert read_score(score)["scores"]["online"]["accuracy"] == 1.0
+    assert main(["evaluate", str(score), "--verify"]) == 0
+    assert capsys.readouterr().out.strip() == str(score)
+    changed = json.loads(score.read_text())
+    changed["scores"]["online"]["accuracy"] = 0.5
+    score.write_text(json.dumps(changed))
+    assert main(["evaluate", str(score), "--verify"]) == 2
+    assert "scores.online.accuracy: 0.5 and 1.0" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (["nothing"], "no suite 'nothing'"),
+        (["none.json"], "no file 'none.json'"),
+        (["course.json", "--learner", "nobody"], "no learner 'nobody'"),
+        (["course.json", "--seeds", "0"], "--seeds 0: must be at least 1"),
+        (["course.json", "--verify"], "not a score"),
+    ],
+)
+def test_command_explains_mistakes(course, tmp_path, capsys, monkeypatch, arguments, message):
+    monkeypatch.chdir(tmp_path)
+    course.save("course.json")
+    assert main(["evaluate", *arguments]) == 2
+    assert message in capsys.readouterr().err
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("regime", ["request", "early", "late"])
+def test_example_of_regimes_runs(tmp_path, regime):
+    program = [sys.executable, ROOT / "examples/supervision_regimes.py", "--frames", "12", "--labels", "4"]
+    options = ["--learner", "blind", "--regime", regime, "--output", tmp_path / "out"]
+    done = subprocess.run([*program, *options], capture_output=True, text=True, check=True)
+    assert f"blind, {regime}" in done.stdout
+    assert (tmp_path / "out/index.html").exists()
