@@ -182,3 +182,14 @@ def test_annotations_follow_the_placed_camera(looked):
                 y, x = np.nonzero(frame.instance == row.id)
                 assert row.visible_box == (x.min(), y.min(), x.max() + 1, y.max() + 1)
     assert frames[1].objects.by_name("Cube").amodal_box != frames[4].objects.by_name("Cube").amodal_box
+
+
+def test_render_view_from_a_camera_is_what_a_moved_camera_shows(looked):
+    stream, frames = looked
+    elsewhere = frames[4].camera.camera
+    before, count = stream.position, len(stream.scenario.edits)
+    frame = stream.render_view(1, elsewhere, ("depth", "instance"))
+    assert frame.depth.tobytes() == frames[4].depth.tobytes()  # nothing else moves in this scene
+    assert frame.camera.camera == elsewhere
+    assert (stream.position, len(stream.scenario.edits)) == (before, count)
+    assert stream[1].depth.tobytes() == frames[1].depth.tobytes()

@@ -325,7 +325,7 @@ class Stream(LoaderMethods, StreamOutput, SavedState, Iterator[Frame]):
     def render_view(
         self,
         index: int,
-        view: View,
+        view: View | Camera,
         buffers: Sequence[str] | None = None,
         *,
         since: int | None = None,
@@ -333,9 +333,12 @@ class Stream(LoaderMethods, StreamOutput, SavedState, Iterator[Frame]):
     ) -> Frame:
         """Render frame `index` from another camera or in another size, in the exposure of the stream's own camera.
 
+        A look from elsewhere: the stream's position, its cameras and its scenario stay as they are.
+
         Args:
             index: frame number.
-            view: the camera at frames index - 1, index and index + 1, and the image size.
+            view: the camera at frames index - 1, index and index + 1, and the image size. A Camera stands still where
+                it is, and its image has the stream's size.
             buffers: names of buffers; None: the stream's.
             since: the frame of `view.previous`, from which `backward_flow` is measured; None: index - 1.
             incremental: overrides the stream's setting for this frame.
@@ -343,6 +346,8 @@ class Stream(LoaderMethods, StreamOutput, SavedState, Iterator[Frame]):
         names = self.buffers if buffers is None else buffer_names(buffers)
         size = self.width, self.height
         self._renderer.check_session()
+        if isinstance(view, Camera):
+            view = View(view, view, view, *size)
         state = self.world.state(index)
         return self._renderer.render(state, view, names, main_size=size, since=since, incremental=incremental)
 
