@@ -4,9 +4,13 @@
 ::
 
     import_template  import_asset: one model file as a template
-    mesh_file        OBJ, glTF, PLY, STL files as meshes, through trimesh
-    materials        Phong and glTF materials as UsdPreviewSurface
+    mesh_file        model files as meshes; OBJ, PLY and STL through trimesh
+    imported_mesh    triangles of one material, at rest and over time
+    materials        materials as UsdPreviewSurface; Phong's
+    gltf_scene       meshes of glTF files
+    gltf_materials   their materials
+    gltf_animation   their motion
     unity_model      OBJ files as Unity keeps them, with materials in JSON
-    gltf             glTF extensions that trimesh does not read
+    gltf             glTF files: JSON, buffers, accessors, images
     sweet_home_3d    furniture catalogs of Sweet Home 3D (.sh3f)
 """

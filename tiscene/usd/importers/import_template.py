@@ -22,10 +22,12 @@ from numpy.typing import NDArray
 from pxr import Gf, Sdf, Tf, Usd, UsdGeom, UsdPhysics, UsdSemantics, UsdShade, UsdUtils, Vt
 
 from tiscene.errors import ArgumentError, ExportError, MissingFile, StageError
-from tiscene.usd.core.report import error_lines
+from tiscene.usd.core.report import StageReport, error_lines
 from tiscene.usd.core.stage import open_stage, quiet, readable, reading_time
-from tiscene.usd.importers.materials import define_material
-from tiscene.usd.importers.mesh_file import CONVENTIONS, ImportedMesh, load_model
+from tiscene.usd.importers.gltf_animation import FRAME_RATE
+from tiscene.usd.importers.imported_mesh import ImportedMesh
+from tiscene.usd.importers.materials import VERTEX_COLOR, VERTEX_OPACITY, define_material
+from tiscene.usd.importers.mesh_file import CONVENTIONS, load_model
 from tiscene.usd.read.template import root_prim
 
 USD_SUFFIXES = (".usd", ".usda", ".usdc", ".usdz")
@@ -167,9 +169,12 @@ def write_template(
             child = _unused_path(stage, root.AppendPath("Geometry"), imported.name)
             is_mirrored = bool(np.linalg.det(matrix) < 0.0)
             mesh = _define_mesh(stage, child, imported, placed, imported.normals @ normal_matrix, is_mirrored)
+            if imported.samples is not None:
+                moved = (imported.samples.points @ matrix.T - center) * stretch
+                _author_samples(mesh, imported, moved, imported.samples.normals @ normal_matrix, is_mirrored)
             UsdPhysics.CollisionAPI.Apply(mesh.GetPrim())
             UsdPhysics.MeshCollisionAPI.Apply(mesh.GetPrim()).CreateApproximationAttr(UsdPhysics.Tokens.convexHull)
-            if imported.colors is None:
+            if imported.colors is None or imported.material.vertex_inputs:
                 path = _unused_path(stage, root.AppendPath("Looks"), imported.material.name)
                 material = define_material(stage, path, imported.material, folder)
                 UsdShade.MaterialBindingAPI.Apply(mesh.GetPrim()).Bind(material)
@@ -201,6 +206,8 @@ def _save(stage: Usd.Stage, folder: Path, root: Sdf.Path) -> Path:
     UsdGeom.SetStageUpAxis(inner, UsdGeom.Tokens.y)
     inner.SetDefaultPrim(UsdGeom.Xform.Define(inner, "/Geometry").GetPrim())
     layer = stage.GetRootLayer()
+    if layer.HasTimeCodesPerSecond():
+        crate.timeCodesPerSecond = layer.timeCodesPerSecond
     Sdf.CopySpec(layer, geometry, crate, Sdf.Path("/Geometry"))
     bindings = {
         str(prim.GetPath()): UsdShade.MaterialBindingAPI(prim).GetDirectBindingRel().GetTargets()
@@ -269,11 +276,34 @@ def _define_mesh(
         kind = Sdf.ValueTypeNames.TexCoord2fArray
         uv = Vt.Vec2fArray.FromNumpy(np.ascontiguousarray(imported.uv, np.float32))
         api.CreatePrimvar("st", kind, UsdGeom.Tokens.vertex).Set(uv)
+    if imported.second_uv is not None:
+        kind = Sdf.ValueTypeNames.TexCoord2fArray
+        uv = Vt.Vec2fArray.FromNumpy(np.ascontiguousarray(imported.second_uv, np.float32))
+        api.CreatePrimvar("st1", kind, UsdGeom.Tokens.vertex).Set(uv)
     if imported.colors is not None:
-        api.CreatePrimvar("displayColor", Sdf.ValueTypeNames.Color3fArray, UsdGeom.Tokens.vertex).Set(
-            _vectors(imported.colors)
-        )
+        color = api.CreatePrimvar(VERTEX_COLOR, Sdf.ValueTypeNames.Color3fArray, UsdGeom.Tokens.vertex)
+        color.Set(_vectors(imported.colors[:, :3]))
+        if imported.colors.shape[1] == 4 and "opacity" in imported.material.vertex_inputs:
+            opacity = Vt.FloatArray.FromNumpy(np.ascontiguousarray(imported.colors[:, 3], np.float32))
+            api.CreatePrimvar(VERTEX_OPACITY, Sdf.ValueTypeNames.FloatArray, UsdGeom.Tokens.vertex).Set(opacity)
     return mesh
+
+
+def _author_samples(
+    mesh: UsdGeom.Mesh, imported: ImportedMesh, points: NDArray[Any], normals: NDArray[Any], is_mirrored: bool
+) -> None:
+    """Author a mesh's points [s, n, 3] and corner normals [s, m, 3, 3] over time; frame k is time code k."""
+    assert imported.samples is not None
+    for time, moved, turned in zip(imported.samples.times.tolist(), points, normals, strict=True):
+        code = Usd.TimeCode(round(time * FRAME_RATE))
+        flat = (turned[:, ::-1] if is_mirrored else turned).reshape(-1, 3)
+        mesh.GetPointsAttr().Set(_vectors(moved), code)
+        mesh.GetNormalsAttr().Set(_vectors(flat / np.maximum(np.linalg.norm(flat, axis=1, keepdims=True), 1e-30)), code)
+        mesh.GetExtentAttr().Set(_vectors(np.stack([moved.min(axis=0), moved.max(axis=0)])), code)
+    stage = mesh.GetPrim().GetStage()
+    stage.SetTimeCodesPerSecond(FRAME_RATE)
+    stage.SetStartTimeCode(0)
+    stage.SetEndTimeCode(max(stage.GetEndTimeCode(), round(float(imported.samples.times[-1]) * FRAME_RATE)))
 
 
 def _vectors(values: NDArray[Any]) -> Vt.Vec3fArray:
@@ -294,7 +324,10 @@ def _unused_path(stage: Usd.Stage, parent: Sdf.Path, name: str) -> Sdf.Path:
 def _import_usd(path: Path, folder: Path, name: str, label: str, centered: bool, credit: Credit) -> Path:
     """Author a template that references a copy of a USD file, transformed to meters with y up."""
     with quiet(), readable(path):
-        source = open_stage(path)
+        report = StageReport(str(path))
+        source = open_stage(path, report=report)
+        prims = Usd.PrimRange.Stage(source, Usd.TraverseInstanceProxies())
+        report.raise_problems(anything_left=any(each.IsA(UsdGeom.Boundable) for each in prims))
         prim = root_prim(source)
         if not prim:
             raise StageError(

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Materials of imported models as UsdPreviewSurface.
 
-glTF materials map to it directly. Phong materials (MTL files) say little about roughness and metalness, so those are
-guessed from the material's name and shininess.
+glTF materials map to it directly (`gltf_materials`). Phong materials (MTL files) say little about roughness and
+metalness, so those are guessed from the material's name and shininess.
 """
 
 from __future__ import annotations
@@ -22,6 +22,23 @@ from pxr import Gf, Sdf, Usd, UsdShade
 from tiscene.scene.color import decode_srgb
 
 Color = tuple[float, float, float]
+Wrap = Literal["repeat", "clamp", "mirror"]
+VERTEX_COLOR, VERTEX_OPACITY = "displayColor", "displayOpacity"  # primvars of the vertices' own colors
+
+
+@dataclass(frozen=True)
+class TextureTransform:
+    """Inputs of a UsdTransform2d.
+
+    Attributes:
+        scale: of u and v.
+        rotation: counter-clockwise, degrees.
+        translation: of u and v.
+    """
+
+    scale: tuple[float, float]
+    rotation: float
+    translation: tuple[float, float]
 
 
 @dataclass(frozen=True, eq=False)
@@ -33,12 +50,20 @@ class TextureMap:
         channel: the channel or channels that are read.
         scale: factor of each channel.
         raw: whether the values are data, not sRGB colors.
+        bias: summand of each channel.
+        wraps: wrap modes of u and v.
+        uv_set: number of the mesh's texture coordinates.
+        transform: of the texture coordinates; None: none.
     """
 
     image: Image.Image
     channel: Literal["rgb", "r", "g", "b", "a"] = "rgb"
     scale: Color = (1.0, 1.0, 1.0)
     raw: bool = False
+    bias: Color = (0.0, 0.0, 0.0)
+    wraps: tuple[Wrap, Wrap] = ("repeat", "repeat")
+    uv_set: int = 0
+    transform: TextureTransform | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -49,11 +74,13 @@ class ImportedMaterial:
         name: the material's name.
         inputs: constant values by input name.
         maps: textures by input name; they override `inputs`.
+        vertex_inputs: primvars of the mesh by input name; they override `inputs` and `maps`.
     """
 
     name: str
     inputs: Mapping[str, float | int | Color | str]
     maps: Mapping[str, TextureMap] = field(default_factory=dict)
+    vertex_inputs: Mapping[str, str] = field(default_factory=dict)
 
 
 # Inputs of typical materials by words in a Phong material's name; the first match counts.
@@ -104,69 +131,6 @@ def from_phong(
     return ImportedMaterial(name, inputs, maps)
 
 
-def from_gltf(name: str, material: Any, extensions: Mapping[str, Mapping[str, Any]]) -> ImportedMaterial:
-    """Convert a glTF metallic-roughness material.
-
-    Args:
-        name: its name.
-        material: trimesh's PBRMaterial.
-        extensions: its extensions by name, as the file has them.
-    """
-
-    def factor(value: Any, default: float) -> float:
-        return default if value is None else float(value)
-
-    base = _unit_color(material.baseColorFactor)
-    inputs: dict[str, Any] = {
-        "diffuseColor": base[:3],
-        "metallic": factor(material.metallicFactor, 1.0),
-        "roughness": factor(material.roughnessFactor, 1.0),
-    }
-    maps = {}
-    if material.baseColorTexture is not None:
-        maps["diffuseColor"] = TextureMap(material.baseColorTexture, scale=base[:3])
-    if material.metallicRoughnessTexture is not None:
-        image = material.metallicRoughnessTexture
-        maps["metallic"] = TextureMap(image, "b", (inputs["metallic"],) * 3, raw=True)
-        maps["roughness"] = TextureMap(image, "g", (inputs["roughness"],) * 3, raw=True)
-    if material.normalTexture is not None:
-        maps["normal"] = TextureMap(material.normalTexture, raw=True)
-    strength = float(extensions.get("KHR_materials_emissive_strength", {}).get("emissiveStrength", 1.0))
-    factors = material.emissiveFactor if material.emissiveFactor is not None else (0, 0, 0)
-    emissive = tuple(strength * float(c) for c in factors)
-    if material.emissiveTexture is not None:
-        maps["emissiveColor"] = TextureMap(material.emissiveTexture, scale=(emissive[0], emissive[1], emissive[2]))
-    elif any(emissive):
-        inputs["emissiveColor"] = emissive
-    if material.alphaMode in ("MASK", "BLEND"):
-        inputs |= {"opacity": base[3], "opacityMode": "presence"}
-        if material.alphaMode == "MASK":
-            inputs["opacityThreshold"] = factor(material.alphaCutoff, 0.5)
-        if material.baseColorTexture is not None:
-            maps["opacity"] = TextureMap(material.baseColorTexture, "a", (base[3],) * 3)
-    if "KHR_materials_ior" in extensions:
-        inputs["ior"] = float(extensions["KHR_materials_ior"].get("ior", 1.5))
-    coat = extensions.get("KHR_materials_clearcoat", {})
-    if coat:
-        inputs["clearcoat"] = float(coat.get("clearcoatFactor", 0.0))
-        inputs["clearcoatRoughness"] = float(coat.get("clearcoatRoughnessFactor", 0.0))
-    transmission = float(extensions.get("KHR_materials_transmission", {}).get("transmissionFactor", 0.0))
-    if transmission > 0.0:
-        inputs |= {"opacity": 1.0 - transmission, "opacityMode": "transparent"}
-        maps.pop("opacity", None)
-    return ImportedMaterial(name, inputs, maps)
-
-
-def _unit_color(value: Any) -> tuple[float, float, float, float]:
-    """Return RGBA in 0..1 from floats or bytes; None is opaque white."""
-    if value is None:
-        return (1.0, 1.0, 1.0, 1.0)
-    values = np.asarray(value)
-    numbers = (values / 255.0 if np.issubdtype(values.dtype, np.integer) else values.astype(float)).tolist()
-    r, g, b, a = (*numbers, 1.0)[:4]
-    return (r, g, b, a)
-
-
 def has_holes(image: Image.Image) -> bool:
     """Return whether an image has texels of alpha below one half."""
     if image.mode not in ("RGBA", "LA", "PA") and "transparency" not in image.info:
@@ -180,34 +144,58 @@ def define_material(stage: Usd.Stage, path: Sdf.Path, imported: ImportedMaterial
     surface = UsdShade.Shader.Define(stage, path.AppendChild("Surface"))
     surface.CreateIdAttr("UsdPreviewSurface")
     for name, value in imported.inputs.items():
-        if name not in imported.maps:
+        if name not in imported.maps and name not in imported.vertex_inputs:
             surface.CreateInput(name, _TYPES.get(name, Sdf.ValueTypeNames.Float)).Set(_to_usd(value))
-    if imported.maps:
-        reader = UsdShade.Shader.Define(stage, path.AppendChild("Coordinates"))
-        reader.CreateIdAttr("UsdPrimvarReader_float2")
-        reader.CreateInput("varname", Sdf.ValueTypeNames.String).Set("st")
-        coordinates = reader.CreateOutput("result", Sdf.ValueTypeNames.Float2)
-        for name, source in imported.maps.items():
-            texture = UsdShade.Shader.Define(stage, path.AppendChild(name[0].upper() + name[1:]))
-            texture.CreateIdAttr("UsdUVTexture")
-            file = _save_image(source.image, folder / "textures", path.name, raw=source.raw)
-            texture.CreateInput("file", Sdf.ValueTypeNames.Asset).Set(Sdf.AssetPath(f"./textures/{file}"))
-            texture.CreateInput("sourceColorSpace", Sdf.ValueTypeNames.Token).Set("raw" if source.raw else "sRGB")
-            texture.CreateInput("st", Sdf.ValueTypeNames.Float2).ConnectToSource(coordinates)
-            for axis in ("wrapS", "wrapT"):
-                texture.CreateInput(axis, Sdf.ValueTypeNames.Token).Set("repeat")
-            scale, bias = (*source.scale, source.scale[0] if source.channel == "a" else 1.0), (0.0,) * 4
-            if name == "normal":
-                scale, bias = (2.0, 2.0, 2.0, 1.0), (-1.0, -1.0, -1.0, 0.0)
-            if scale != (1.0,) * 4:
-                texture.CreateInput("scale", Sdf.ValueTypeNames.Float4).Set(Gf.Vec4f(*scale))
-            if any(bias):
-                texture.CreateInput("bias", Sdf.ValueTypeNames.Float4).Set(Gf.Vec4f(*bias))
+    for name, primvar in imported.vertex_inputs.items():
+        wide = primvar == VERTEX_COLOR
+        reader = UsdShade.Shader.Define(stage, path.AppendChild(f"Vertex{name[0].upper()}{name[1:]}"))
+        reader.CreateIdAttr("UsdPrimvarReader_float3" if wide else "UsdPrimvarReader_float")
+        reader.CreateInput("varname", Sdf.ValueTypeNames.String).Set(primvar)
+        kind = Sdf.ValueTypeNames.Float3 if wide else Sdf.ValueTypeNames.Float
+        output = reader.CreateOutput("result", kind)
+        surface.CreateInput(name, _TYPES.get(name, Sdf.ValueTypeNames.Float)).ConnectToSource(output)
+    for name, source in imported.maps.items():
+        if name not in imported.vertex_inputs:
             kind = Sdf.ValueTypeNames.Float3 if source.channel == "rgb" else Sdf.ValueTypeNames.Float
-            output = texture.CreateOutput(source.channel, kind)
+            output = _define_texture(stage, path, name, source, folder).CreateOutput(source.channel, kind)
             surface.CreateInput(name, _TYPES.get(name, Sdf.ValueTypeNames.Float)).ConnectToSource(output)
     material.CreateSurfaceOutput().ConnectToSource(surface.CreateOutput("surface", Sdf.ValueTypeNames.Token))
     return material
+
+
+def _define_texture(stage: Usd.Stage, path: Sdf.Path, name: str, source: TextureMap, folder: Path) -> UsdShade.Shader:
+    """Author the texture of an input, and the shaders of its coordinates."""
+    texture = UsdShade.Shader.Define(stage, path.AppendChild(name[0].upper() + name[1:]))
+    texture.CreateIdAttr("UsdUVTexture")
+    file = _save_image(source.image, folder / "textures", path.name, raw=source.raw)
+    texture.CreateInput("file", Sdf.ValueTypeNames.Asset).Set(Sdf.AssetPath(f"./textures/{file}"))
+    texture.CreateInput("sourceColorSpace", Sdf.ValueTypeNames.Token).Set("raw" if source.raw else "sRGB")
+    number = str(source.uv_set or "")
+    reader = UsdShade.Shader.Define(stage, path.AppendChild(f"Coordinates{number}"))
+    reader.CreateIdAttr("UsdPrimvarReader_float2")
+    reader.CreateInput("varname", Sdf.ValueTypeNames.String).Set(f"st{number}")
+    coordinates = reader.CreateOutput("result", Sdf.ValueTypeNames.Float2)
+    if source.transform is not None:
+        moved = UsdShade.Shader.Define(stage, path.AppendChild(f"{texture.GetPath().name}Transform"))
+        moved.CreateIdAttr("UsdTransform2d")
+        moved.CreateInput("in", Sdf.ValueTypeNames.Float2).ConnectToSource(coordinates)
+        moved.CreateInput("scale", Sdf.ValueTypeNames.Float2).Set(Gf.Vec2f(*source.transform.scale))
+        moved.CreateInput("rotation", Sdf.ValueTypeNames.Float).Set(source.transform.rotation)
+        moved.CreateInput("translation", Sdf.ValueTypeNames.Float2).Set(Gf.Vec2f(*source.transform.translation))
+        coordinates = moved.CreateOutput("result", Sdf.ValueTypeNames.Float2)
+    texture.CreateInput("st", Sdf.ValueTypeNames.Float2).ConnectToSource(coordinates)
+    for axis, mode in zip(("wrapS", "wrapT"), source.wraps, strict=True):
+        texture.CreateInput(axis, Sdf.ValueTypeNames.Token).Set(mode)
+    is_alpha = source.channel == "a"
+    scale = (*source.scale, source.scale[0] if is_alpha else 1.0)
+    bias = (*source.bias, source.bias[0] if is_alpha else 0.0)
+    if name == "normal" and not any(bias):  # of formats that say nothing about its range
+        scale, bias = (2.0, 2.0, 2.0, 1.0), (-1.0, -1.0, -1.0, 0.0)
+    if scale != (1.0,) * 4:
+        texture.CreateInput("scale", Sdf.ValueTypeNames.Float4).Set(Gf.Vec4f(*scale))
+    if any(bias):
+        texture.CreateInput("bias", Sdf.ValueTypeNames.Float4).Set(Gf.Vec4f(*bias))
+    return texture
 
 
 _TYPES = {
@@ -215,6 +203,8 @@ _TYPES = {
     "emissiveColor": Sdf.ValueTypeNames.Color3f,
     "normal": Sdf.ValueTypeNames.Normal3f,
     "opacityMode": Sdf.ValueTypeNames.Token,
+    "specularColor": Sdf.ValueTypeNames.Color3f,
+    "useSpecularWorkflow": Sdf.ValueTypeNames.Int,
 }
 
 

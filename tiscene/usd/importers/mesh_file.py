@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Model files other than USD (OBJ, glTF, PLY, STL) as meshes of one material each, read by trimesh.
+"""Model files other than USD as meshes of one material each: OBJ, PLY and STL by trimesh, glTF by `gltf_scene`.
 
 `load_model` also finds referenced files regardless of spelling, computes normals where a file has none, and warns about
 missing files and unsupported features.
@@ -11,7 +11,7 @@ import io
 import re
 import warnings
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -21,10 +21,10 @@ from PIL import Image
 
 from tiscene.errors import StageError, StageWarning
 from tiscene.scene.color import decode_srgb
-from tiscene.usd.geometry.triangulate import cross
-from tiscene.usd.geometry.vertex_weld import unique_rows
 from tiscene.usd.importers import gltf
-from tiscene.usd.importers.materials import ImportedMaterial, from_gltf, from_phong
+from tiscene.usd.importers.gltf_scene import read_scene
+from tiscene.usd.importers.imported_mesh import ImportedMesh, corner_normals, unit
+from tiscene.usd.importers.materials import ImportedMaterial, from_phong
 
 # Meters per unit and up axis of each format, by its definition or by convention.
 CONVENTIONS = {
@@ -34,30 +34,6 @@ CONVENTIONS = {
     ".ply": (1.0, "Z"),
     ".stl": (0.001, "Z"),
 }
-_CREASE_ANGLE = np.radians(40.0)  # faces that meet at more get separate normals, if the file has none
-
-
-@dataclass(frozen=True, eq=False)
-class ImportedMesh:
-    """Triangles of one material, in the file's units and axes.
-
-    Attributes:
-        name: name of the material.
-        points: float64 [n, 3].
-        triangles: int64 [m, 3].
-        normals: float64 [m, 3, 3], one for each triangle corner.
-        uv: float64 [n, 2], or None.
-        colors: float64 [n, 3], linear, or None.
-        material: the material; `colors` take precedence.
-    """
-
-    name: str
-    points: NDArray[np.float64]
-    triangles: NDArray[np.int64]
-    normals: NDArray[np.float64]
-    uv: NDArray[np.float64] | None
-    colors: NDArray[np.float64] | None
-    material: ImportedMaterial
 
 
 def load_model(name: str, files: Mapping[str, bytes]) -> list[ImportedMesh]:
@@ -72,29 +48,28 @@ def load_model(name: str, files: Mapping[str, bytes]) -> list[ImportedMesh]:
     Raises:
         StageError: the file is damaged, has no triangles, or has points that are not finite.
     """
-    import trimesh
-
     resolver = _FileResolver(files)
     suffix = Path(name).suffix.lower()
-    header = gltf.read_header(name, files[name]) if suffix in gltf.SUFFIXES else {}
+    missing: list[str] = []
+    unsupported: list[str] = []
     try:
-        extensions, unsupported = gltf.material_extensions(header), gltf.unsupported_features(header)
-        scene = trimesh.load_scene(
-            io.BytesIO(files[name]), file_type=suffix.removeprefix("."), resolver=resolver, process=False
-        )
-        meshes = [
-            _read_mesh(node, scene.geometry[geometry], np.asarray(matrix, np.float64), extensions)
-            for node in scene.graph.nodes_geometry
-            for matrix, geometry in [scene.graph.get(node)]
-            if isinstance(scene.geometry[geometry], trimesh.Trimesh) and len(scene.geometry[geometry].faces)
-        ]
-    except Exception as error:  # trimesh's readers raise many types on damaged files
+        if suffix in gltf.SUFFIXES:
+            header = gltf.read_header(name, files[name])
+            document = gltf.GltfDocument(header, files[name], resolver.get)
+            unsupported = gltf.unsupported_features(header)
+            meshes, left_out = read_scene(document)
+            unsupported, missing = [*unsupported, *left_out], document.missing
+        else:
+            meshes = _read_with_trimesh(name, files, resolver)
+    except StageError:
+        raise
+    except Exception as error:  # damaged files raise many types, in trimesh's readers too
         raise StageError(name, [f"cannot be read: {type(error).__name__}: {error}"]) from error
     if not meshes:
         raise StageError(name, ["it has no triangles"])
     if not all(np.isfinite(mesh.points).all() for mesh in meshes):
         raise StageError(name, ["it has points that are not finite numbers"])
-    missing = sorted(set(resolver.missing) | _missing_maps(name, files))
+    missing = sorted({*missing, *resolver.missing, *_missing_maps(name, files)})
     if missing:
         warnings.warn(StageWarning(f"{name} refers to missing files: {', '.join(missing)}"), stacklevel=3)
     if unsupported:
@@ -151,16 +126,27 @@ def _missing_maps(name: str, files: Mapping[str, bytes]) -> set[str]:
     return {image for image in named if find_file(image, files) is None}
 
 
-def _read_mesh(
-    node: str, mesh: Any, matrix: NDArray[np.float64], extensions: Mapping[str, Mapping[str, Any]]
-) -> ImportedMesh:
+def _read_with_trimesh(name: str, files: Mapping[str, bytes], resolver: _FileResolver) -> list[ImportedMesh]:
+    """Read the meshes of an OBJ, PLY or STL file."""
+    import trimesh
+
+    suffix = Path(name).suffix.lower().removeprefix(".")
+    scene = trimesh.load_scene(io.BytesIO(files[name]), file_type=suffix, resolver=resolver, process=False)
+    return [
+        _read_mesh(node, scene.geometry[geometry], np.asarray(matrix, np.float64))
+        for node in scene.graph.nodes_geometry
+        for matrix, geometry in [scene.graph.get(node)]
+        if isinstance(scene.geometry[geometry], trimesh.Trimesh) and len(scene.geometry[geometry].faces)
+    ]
+
+
+def _read_mesh(node: str, mesh: Any, matrix: NDArray[np.float64]) -> ImportedMesh:
     """Convert a mesh of a trimesh scene.
 
     Args:
         node: name of its node.
         mesh: a trimesh.Trimesh.
         matrix: 4x4, from the mesh to the scene.
-        extensions: extensions of glTF materials, by the materials' names.
     """
     points = np.asarray(mesh.vertices, np.float64) @ matrix[:3, :3].T + matrix[:3, 3]
     triangles = np.asarray(mesh.faces, np.int64)
@@ -168,7 +154,7 @@ def _read_mesh(
         triangles = triangles[:, ::-1]
     if "vertex_normals" in mesh._cache.cache:  # otherwise trimesh would compute smooth ones without creases
         transformed = np.asarray(mesh.vertex_normals, np.float64) @ np.linalg.inv(matrix[:3, :3])
-        normals = _unit(transformed)[triangles]
+        normals = unit(transformed)[triangles]
     else:
         normals = corner_normals(points, triangles)
     visual = mesh.visual
@@ -179,8 +165,6 @@ def _read_mesh(
     source = getattr(visual, "material", None)
     if visual.kind == "vertex":
         colors = decode_srgb(np.asarray(visual.vertex_colors, np.float64)[:, :3] / 255.0)
-    elif source is not None and hasattr(source, "baseColorFactor"):
-        material = from_gltf(str(source.name or node), source, extensions.get(source.name or "", {}))
     elif source is not None:
         material = _from_mtl(str(source.name or node), source)
     if uv is None and material.maps:  # textures are useless without coordinates
@@ -211,31 +195,3 @@ def _from_mtl(name: str, material: Any) -> ImportedMaterial:
     if emission.any():
         physical["emissiveColor"] = tuple(emission.tolist())
     return replace(phong, inputs={**phong.inputs, **physical})
-
-
-def corner_normals(points: NDArray[np.float64], triangles: NDArray[np.int64]) -> NDArray[np.float64]:
-    """Return normals [m, 3, 3] of corners: area-weighted means over faces at the point within _CREASE_ANGLE."""
-    _, point = unique_rows([points.astype(np.float32)])
-    a, b, c = (points[triangles[:, corner]] for corner in range(3))
-    area = cross(b - a, c - a)
-    facing = _unit(area)
-    corner_point = point[triangles.reshape(-1)]
-    face = np.repeat(np.arange(len(triangles)), 3)
-    order = np.argsort(corner_point, kind="stable")
-    count = np.bincount(corner_point)
-    start = np.cumsum(count) - count
-    total = np.zeros((len(face), 3))
-    for step in range(int(count.max(initial=0))):  # step k adds the k-th corner at the same point to each corner
-        with_another = np.flatnonzero(count[corner_point] > step)
-        other = face[order[start[corner_point[with_another]] + step]]
-        near = np.einsum("ij,ij->i", facing[face[with_another]], facing[other]) > np.cos(_CREASE_ANGLE)
-        total[with_another[near]] += area[other[near]]
-    flat = np.linalg.norm(total, axis=1) < 1e-300
-    total[flat] = facing[face[flat]]
-    return _unit(total).reshape(-1, 3, 3)
-
-
-def _unit(vectors: NDArray[np.floating]) -> NDArray[np.float64]:
-    """Normalize vectors over the last axis; zero vectors become +z."""
-    length = np.linalg.norm(vectors, axis=-1, keepdims=True)
-    return np.asarray(np.where(length > 0.0, vectors / np.maximum(length, 1e-300), (0.0, 0.0, 1.0)))
