@@ -32,7 +32,7 @@ MAY_IMPORT = {
         "usd_scenes",
         "usd_scenes.author",
     },
-    "tiscene": set(),  # the front door; its names are imported at first use
+    "tiscene": {"dynamics"},  # the front door; its names are imported at first use
     "tiscene.errors": {"dynamics"},
     "tiscene.files": set(),
     "tiscene.validation": {"dynamics", "tiscene.errors"},
@@ -84,8 +84,11 @@ MAY_IMPORT = {
         "tiscene.randomization",
     },
     "tiscene.distributed": {"tiscene.errors"},
+    "tiscene.generation": {
+        *("tiscene.errors", "tiscene.export", "tiscene.files", "tiscene.frame", "tiscene.scenario", "tiscene.stream")
+    },
     "tiscene.cli": {
-        "tiscene.distributed",
+        *("tiscene.distributed", "tiscene.generation"),
         *("dynamics", "tiscene", "tiscene.catalog", "tiscene.errors", "tiscene.export", "tiscene.frame"),
         *("tiscene.sailenv", "tiscene.scenario", "tiscene.scene", "tiscene.stream", "tiscene.usd"),
         "tiscene.learning",
