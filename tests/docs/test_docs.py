@@ -39,7 +39,7 @@ RUN_ELSEWHERE = {
     "importing": "none: it needs models that are not in the repository",
 }
 # Blocks with these imports run as scripts: worker processes import the file, and Taichi reads the source of kernels.
-NEEDS_SCRIPT = re.compile(r"^(?:import|from) (torch|avalanche|taichi)", re.MULTILINE)
+NEEDS_SCRIPT = re.compile(r"^(?:import|from) (torch|avalanche|taichi|datasets|grain)", re.MULTILINE)
 SPHERE = "/SolidBenchmark/Solids/Sphere"
 
 each_page = pytest.mark.parametrize("page", PAGES, ids=lambda page: str(page.relative_to(ROOT)))

@@ -100,14 +100,16 @@ async function show(frame) {
   $("clock").textContent = `frame ${index} · ${(index / content.fps).toFixed(2)} s`;
   plan.show(frame, state.selected);
   for (const chart of charts) chart.show(frame);
-  showEvents();
-  showObjects();
   const visible = content.buffers.filter(({name}) => !tiles.get(name).tile.hidden);
   const drawn = visible.map(async ({name}) => {
     const bitmap = await pictureOf(name, frame);
     if (state.frame === frame) tiles.get(name).canvas.getContext("2d").drawImage(bitmap, 0, 0);
   });
-  await Promise.all([...drawn, showPixel()]);
+  await Promise.all(drawn);
+  if (state.frame !== frame) return;  // a later frame has overtaken this one
+  showEvents();
+  showObjects();
+  await showPixel();
   if (state.frame === frame) document.body.dataset.shown = frame;
 }
 
