@@ -25,6 +25,7 @@ angles, where a class accepts them, are degrees (see `dynamics.rotation`). Axes 
     waypoints                           linear and Catmull-Rom paths
     closed_form                         Still, Orbit, LookAt, Keyframes, Composite
     random_bounce                       UniformMovementRandomBounce
+    rigid_body                          RigidBody
     stepped_dynamic                     Stepped: trajectories written in Python
     quadrature                          arc length of cubics
     timings, clocks                     when each body moves; exact time
@@ -46,12 +47,15 @@ angles, where a class accepts them, are degrees (see `dynamics.rotation`). Axes 
     rotation, random                    quaternions; counter-based random numbers
     errors, argument_checks             exceptions; validation of arguments
     kernel_types                        types of kernel arguments
+    cache_folder                        folder of Taichi's cache where there is no home
 """
 
 from __future__ import annotations
 
 import importlib
 from typing import TYPE_CHECKING, Any
+
+from dynamics.cache_folder import set_cache_folder
 
 if TYPE_CHECKING:
     from dynamics.bodies import Body
@@ -61,6 +65,7 @@ if TYPE_CHECKING:
     from dynamics.errors import ArgumentError, ArgumentTypeError
     from dynamics.obstacles import Obstacles
     from dynamics.random_bounce import UniformMovementRandomBounce
+    from dynamics.rigid_body import RigidBody
     from dynamics.simulation import Simulation
     from dynamics.sphere_proxy import Shape, cover
     from dynamics.stepped_dynamic import Stepped
@@ -94,6 +99,7 @@ __all__ = [
     "Mover",
     "Obstacles",
     "Orbit",
+    "RigidBody",
     "Shape",
     "Simulation",
     "Stepped",
@@ -107,6 +113,8 @@ __all__ = [
     "Waypoint",
     "cover",
 ]
+
+set_cache_folder()
 
 # Module of each public name. Names are imported at first use, so that `import dynamics` loads neither numpy nor Taichi.
 _MODULES = {
@@ -135,6 +143,7 @@ _MODULES = {
     "Still": "closed_form",
     "Teleport": "colliding_bodies",
     "Timing": "timings",
+    "RigidBody": "rigid_body",
     "UniformMovementRandomBounce": "random_bounce",
     "WaitUntilComplete": "timings",
     "WaitUntilCompleteTimings": "timings",

@@ -7,6 +7,7 @@ has. Names are imported at first use, so that `import tiscene` is fast and does 
 Packages, from the user's side down::
 
     cli            command line
+    generation     data sets of many random scenarios, from a recipe
     distributed    one export by several processes or machines
     export         frames to files
     preview        a page to look at frames
@@ -34,35 +35,18 @@ import importlib
 import os
 from typing import Any
 
+from dynamics.cache_folder import set_cache_folder
+
 # Before Taichi is first imported: without these it prints a banner and looks up its newest version on the network.
 os.environ.setdefault("ENABLE_TAICHI_HEADER_PRINT", "0")
 os.environ.setdefault("TI_SKIP_VERSION_CHECK", "ON")
 
-
-def _set_cache_folder() -> None:
-    """Set XDG_CACHE_HOME where HOME is not set either. Without both, Taichi aborts the process at its import."""
-    if os.name != "posix" or "HOME" in os.environ or "XDG_CACHE_HOME" in os.environ:
-        return
-    import pwd
-
-    try:
-        folder = os.path.join(pwd.getpwuid(os.getuid()).pw_dir, ".cache")
-    except KeyError:  # a user without an entry, as in containers
-        import tempfile
-
-        folder = os.path.join(tempfile.gettempdir(), f"tiscene-{os.getuid()}")
-        os.makedirs(folder, mode=0o700, exist_ok=True)
-        found = os.lstat(folder)
-        if found.st_uid != os.getuid() or found.st_mode & 0o077:  # somebody else could place compiled code there
-            folder = tempfile.mkdtemp(prefix="tiscene-")
-    os.environ["XDG_CACHE_HOME"] = folder
-
-
-_set_cache_folder()
+set_cache_folder()
 
 _MODULES = {
     "AllTogether": "dynamics",
     "Camera": "tiscene.scene.camera",
+    "CameraOverride": "tiscene.scenario.overrides",
     "CatmullWaypoints": "dynamics",
     "Clock": "tiscene.learning.clock",
     "Composite": "dynamics",
@@ -72,10 +56,13 @@ _MODULES = {
     "Frustum": "tiscene.scenario.objects",
     "Keyframes": "dynamics",
     "LightMotion": "tiscene.scenario.light_motion",
+    "LightOverride": "tiscene.scenario.overrides",
     "Limits": "tiscene.usd.core.limits",
     "LinearWaypoints": "dynamics",
     "LookAt": "dynamics",
+    "MaterialOverride": "tiscene.scenario.overrides",
     "Object": "tiscene.scenario.objects",
+    "ObjectOverride": "tiscene.scenario.overrides",
     "Orbit": "dynamics",
     "Phase": "tiscene.learning.phase",
     "RigidBody": "dynamics",

@@ -15,6 +15,7 @@
     stage_objects     edits of the stage's own objects
     stage_animation   instances that move by the stage's time samples
     trajectories      poses of objects, cameras and lights; collisions
+    physics_trajectories  the same with rigid bodies
     object_movers     objects as bodies of dynamics
     collision_onset   first frame at which objects might collide
     lights            lights at each frame

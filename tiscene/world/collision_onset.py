@@ -10,7 +10,7 @@ from __future__ import annotations
 import bisect
 from collections.abc import Callable
 
-from dynamics import Still, UniformMovementRandomBounce
+from dynamics import RigidBody, Still, UniformMovementRandomBounce
 from dynamics.collision_free import PathBounds
 from dynamics.obstacles import Obstacles
 from tiscene.scenario.edits import Edit, EditLog, Move, PlaceCamera, SetFrustumWalls, Spawn
@@ -95,7 +95,7 @@ class CollisionOnset:
         spec = self._log.lives[row].spec
         if isinstance(spec.dynamic, UniformMovementRandomBounce):
             self._found(frame)
-        elif spec.collide:
+        elif spec.collide and not isinstance(spec.dynamic, RigidBody):
             self._has_limited |= spec.frustum_limited
             moves = not isinstance(spec.dynamic, Still | None)
             self._has_moving |= moves

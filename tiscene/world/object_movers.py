@@ -15,7 +15,7 @@ from typing import overload
 import numpy as np
 from numpy.typing import NDArray
 
-from dynamics import Body, Mover, Shape, Still, Teleport, UniformMovementRandomBounce, cover
+from dynamics import Body, Mover, RigidBody, Shape, Still, Teleport, UniformMovementRandomBounce, cover
 from dynamics.rotation import quaternion
 from tiscene.scenario.edits import Despawn, Edit, EditLog, Move
 from tiscene.scenario.objects import Object
@@ -106,7 +106,8 @@ class ObjectMovers(Sequence[Mover]):
         if entry is None:
             history = self._log.lives[row]
             spec = history.spec
-            dynamic = Still() if isinstance(spec.dynamic, UniformMovementRandomBounce | None) else spec.dynamic
+            is_simulated = isinstance(spec.dynamic, UniformMovementRandomBounce | RigidBody | None)
+            dynamic = Still() if is_simulated else spec.dynamic
             birth = Fraction(spec.first_frame) / self._fps
             body = Body(dynamic, spec.position, spec.rotation, name=spec.id, birth=birth, timed=history.spawned is None)
             entry = self._entries[row] = _Entry(body)
@@ -119,7 +120,7 @@ class ObjectMovers(Sequence[Mover]):
             body = replace(body, dynamic=spec.dynamic)
         return Mover(
             body,
-            self._shape(spec) if spec.collide else None,
+            self._shape(spec) if spec.collide and not isinstance(spec.dynamic, RigidBody) else None,
             spec.frustum_limited,
             spec.first_frame,
             history.last_frame,

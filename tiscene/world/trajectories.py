@@ -178,7 +178,7 @@ class Trajectories:
             ends.append(_replace_rows(path.copy(), rows, state, getattr(state, name)))
             strayed |= (ends[-1] != path).any(axis=1)
         before, after = ends
-        poses[strayed] = _between(before[strayed], after[strayed], float(time - start))
+        poses[strayed] = between_poses(before[strayed], after[strayed], float(time - start))
         return poses
 
     def arrivals(self, frame: int, rows: Sequence[int] | None = None) -> Array:
@@ -216,18 +216,19 @@ class Trajectories:
         result = []
         for contact in () if stepped is None else stepped.frame(frame).contacts:
             if contact.kind == "obstacle":
-                stage, row = self._setting.stage, int(self._obstacle_rows[contact.other])
-                hidden = row - len(stage.instances)
-                owner = stage.colliders[hidden].object if hidden >= 0 else stage.instances[row].object
-                if owner < 0:
-                    result.append(Collision(contact.mover, "collider", hidden))
-                else:
-                    result.append(Collision(contact.mover, "stage", owner))
+                result.append(self.stage_collision(contact.mover, int(self._obstacle_rows[contact.other])))
             elif contact.kind == "mover":
                 result.append(Collision(contact.mover, "object", contact.other))
             else:
                 result.append(Collision(contact.mover, "wall", contact.other))
         return result
+
+    def stage_collision(self, number: int, row: int) -> Collision:
+        """Return a collision with a row of the stage's instances and colliders."""
+        stage = self._setting.stage
+        hidden = row - len(stage.instances)
+        owner = stage.colliders[hidden].object if hidden >= 0 else stage.instances[row].object
+        return Collision(number, "collider", hidden) if owner < 0 else Collision(number, "stage", owner)
 
     def _stepping(self, frame: int) -> SteppedSimulation | None:
         """Return the simulation of collisions at a frame; None if no collision is possible up to it."""
@@ -324,7 +325,7 @@ class Trajectories:
         return camera.frustum_planes(aspect, None if frustum.far == -1.0 else frustum.far)
 
 
-def _between(before: Array, after: Array, part: float) -> Array:
+def between_poses(before: Array, after: Array, part: float) -> Array:
     """Interpolate poses [n, 7] by 0..1: position linearly, rotation by slerp."""
     poses = before + part * (after - before)
     cosine = np.einsum("ni,ni->n", before[:, 3:], after[:, 3:])[:, None]

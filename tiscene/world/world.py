@@ -17,7 +17,7 @@ from typing import Any
 
 import numpy as np
 
-from dynamics import Dynamic
+from dynamics import Dynamic, RigidBody
 from tiscene.errors import ArgumentError, ObjectNotFound, ScenarioError
 from tiscene.scenario.edits import Despawn, Edit, Move, PlaceCamera, SetFrustumWalls, Spawn
 from tiscene.scenario.objects import Frustum, Object
@@ -34,10 +34,11 @@ from tiscene.world.lights import WorldLights
 from tiscene.world.object_registry import ObjectRegistry, WorldObject
 from tiscene.world.overlap_detector import OverlapDetector
 from tiscene.world.overridden_stage import check_materials, overridden, with_materials
+from tiscene.world.physics_trajectories import PhysicsTrajectories
 from tiscene.world.place_finder import PlaceFinder
 from tiscene.world.room_finder import RoomFinder
 from tiscene.world.stage_objects import StageObjects
-from tiscene.world.trajectories import Trajectories, TrajectoryContext
+from tiscene.world.trajectories import TrajectoryContext
 from tiscene.world.view_history import ViewHistory
 from tiscene.world.world_cameras import WorldCameras
 from tiscene.world.world_state import CameraStep, ObjectBounds, WorldState
@@ -120,7 +121,7 @@ class World(CameraEdits):
             trees=functools.cache(trees or (lambda: MeshTrees.built(stage.meshes))),
             instances=self._stage_objects.instances,
         )
-        self.trajectories = Trajectories(scenario, self._log, setting)
+        self.trajectories = PhysicsTrajectories(scenario, self._log, setting)
         self._cameras = WorldCameras(self.cameras, self._log, self.trajectories)
         first = registry.id_of(0)
         self.view_history = ViewHistory(self._log, self.trajectories, self._cameras, first, self.fps, aspect)
@@ -260,7 +261,8 @@ class World(CameraEdits):
             template: name or file of its template.
             position: m; None: the origin, or with `free` the place that is found.
             rotation: Euler angles in degrees, or a quaternion.
-            dynamic: trajectory, whose clock starts at the next frame; None: none.
+            dynamic: trajectory, whose clock starts at the next frame; None: none, or with `Scenario(physics=True)` a
+                RigidBody.
             id: name in the scenario; None: a new one is made.
             free: find a place as `Scenario.sample` does: the main camera sees it, and the ball around the object
                 touches neither the stage nor other objects. It depends on `seed`, the frame and the number of
@@ -280,6 +282,8 @@ class World(CameraEdits):
             names = (f"spawned_{number}" for number in itertools.count(first))
             id = next(name for name in names if self._log.row(name) is None)
         start = (0.0, 0.0, 0.0) if position is None else position
+        if dynamic is None and self._scenario.physics:
+            dynamic = RigidBody()
         new = Object(id, template, start, rotation, dynamic, first_frame=self.next_frame, **others)  # type: ignore[arg-type]
         self._registry.template(new)
         if free:

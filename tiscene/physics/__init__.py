@@ -1,0 +1,11 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Rigid bodies: objects that fall, are pushed and come to rest, simulated by MuJoCo (extra `physics`).
+
+::
+
+    rigid_body_simulation  frames of a simulation, with checkpoints
+    physics_model          bodies and surroundings as a MuJoCo model
+    stage_parts            meshes of a stage as convex parts
+    convex_parts           surfaces as convex parts
+    part_shapes            boxes, spheres, cylinders and hulls
+"""

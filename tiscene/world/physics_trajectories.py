@@ -1,0 +1,177 @@
+# SPDX-License-Identifier: Apache-2.0
+"""PhysicsTrajectories: trajectories of a scenario that may have rigid bodies.
+
+Objects with a RigidBody are simulated by `tiscene.physics`. All other objects move as they do without them; they push
+and carry rigid bodies and are not pushed.
+"""
+
+from __future__ import annotations
+
+import bisect
+import math
+from collections.abc import Callable, Hashable, Mapping, Sequence
+from fractions import Fraction
+
+import numpy as np
+
+from dynamics.clocks import exact
+from dynamics.rigid_body import RigidBody
+from dynamics.rotation import quaternion
+from tiscene.physics.convex_parts import convex_parts
+from tiscene.physics.part_shapes import PartShape
+from tiscene.physics.physics_model import PhysicsBody, Surroundings
+from tiscene.physics.rigid_body_simulation import PhysicsFrame, RigidBodySimulation
+from tiscene.physics.stage_parts import StageParts
+from tiscene.scenario.edits import Edit, EditLog
+from tiscene.scenario.objects import Object
+from tiscene.world.trajectories import Array, Collision, Trajectories, TrajectoryContext, between_poses
+
+GRAVITY = 9.81  # m/s2
+KEPT_SHAPES = 64
+
+
+class PhysicsTrajectories(Trajectories):
+    """Poses of a scenario's objects, some of which may be rigid bodies; see `Trajectories`."""
+
+    _physics: RigidBodySimulation | None = None
+    _physics_world: ScenarioPhysics | None = None
+
+    def amend(self, edit: Edit) -> None:
+        changes = len(self._changes)
+        super().amend(edit)
+        if self._physics is not None:
+            self._physics.amend(edit.frame)
+            if len(self._changes) != changes:
+                self._physics.surroundings_changed()
+
+    def poses(self, frame: int, rows: Sequence[int] | None = None) -> Array:
+        rows = self._rows(frame, rows)
+        poses, rigid = super().poses(frame, rows), self._rigid_rows(rows)
+        if rigid:
+            state = self._simulated(frame)
+            _fill(poses, rows, state, state.poses)
+        return poses
+
+    def between(self, frame: int, shift: Fraction, rows: Sequence[int] | None = None) -> Array:
+        rows = self._rows(frame, rows)
+        poses, rigid = super().between(frame, shift, rows), self._rigid_rows(rows)
+        start = math.floor(frame + shift)
+        if rigid and shift and start >= 0:
+            before, after = self.poses(start, rows), self.arrivals(start + 1, rows)
+            rigid_poses = between_poses(before, after, float(frame + shift - start))
+            poses[rigid] = rigid_poses[rigid]
+        elif rigid:
+            poses[rigid] = self.poses(frame, rows)[rigid]
+        return poses
+
+    def arrivals(self, frame: int, rows: Sequence[int] | None = None) -> Array:
+        rows = self._rows(frame, rows)
+        poses, rigid = super().arrivals(frame, rows), self._rigid_rows(rows)
+        if rigid:
+            state = self._simulated(frame)
+            _fill(poses, rows, state, state.arrivals)
+        return poses
+
+    def collisions(self, frame: int) -> list[Collision]:
+        found = super().collisions(frame)
+        if not self._rigid_rows(self._log.around(frame)):
+            return found
+        before = set(self._simulated(frame - 1).contacts) if frame else set()
+        for number, kind, other in self._simulated(frame).contacts:
+            if (number, kind, other) in before:
+                continue
+            if kind == "stage":
+                found.append(self.stage_collision(number, other))
+            else:
+                found.append(Collision(number, "object" if kind == "body" else "wall", other))
+        return found
+
+    def _rigid_rows(self, rows: Sequence[int]) -> list[int]:
+        """Return the places in `rows` of rigid bodies."""
+        lives = self._log.lives
+        return [place for place, row in enumerate(rows) if isinstance(lives[row].spec.dynamic, RigidBody)]
+
+    def _simulated(self, frame: int) -> PhysicsFrame:
+        if self._physics is None:
+            self._physics_world = ScenarioPhysics(self, self._log, self._setting)
+            self._physics = RigidBodySimulation(self._physics_world, exact(self._setting.fps))
+        return self._physics.frame(max(frame, 0))
+
+    def kinematic_poses(self, frame: int, rows: Sequence[int]) -> tuple[Array, Array]:
+        """Return the poses of objects that are no rigid bodies, at a frame and as planned for the next."""
+        return Trajectories.poses(self, frame, rows), Trajectories.arrivals(self, frame + 1, rows)
+
+    def stage_epoch(self, frame: int) -> int:
+        """Return how often edits have changed the stage up to a frame."""
+        return bisect.bisect_right(self._changes, frame)
+
+
+class ScenarioPhysics:
+    """What the physics engine simulates of a scenario: a PhysicsWorld.
+
+    Args:
+        trajectories: poses of the objects that are no rigid bodies, and walls.
+        log: the scenario's edit log.
+        setting: what the objects move in.
+    """
+
+    def __init__(self, trajectories: PhysicsTrajectories, log: EditLog, setting: TrajectoryContext) -> None:
+        self._trajectories, self._log, self._setting = trajectories, log, setting
+        self._parts: dict[tuple[object, ...], list[PartShape]] = {}
+        self._stage_parts = StageParts(setting.stage.meshes)
+
+    def bodies(self, frame: int) -> Sequence[PhysicsBody]:
+        found = []
+        for row in self._log.around(frame):
+            history = self._log.lives[row]
+            spec = history.spec
+            rigid = spec.dynamic if isinstance(spec.dynamic, RigidBody) else None
+            if history.alive(frame, as_of=frame) and (spec.collide or rigid is not None):
+                parts = self._parts_of(spec) if spec.collide else []
+                if parts or rigid is not None:
+                    found.append(PhysicsBody(row, parts, rigid, spec.frustum_limited))
+        return found
+
+    def surroundings(self, frame: int) -> tuple[Hashable, Callable[[], Surroundings]]:
+        return self._trajectories.stage_epoch(frame), lambda: self._surroundings(frame)
+
+    def start(self, number: int) -> Array:
+        spec = self._log.lives[number].spec
+        return np.array([*spec.position, *quaternion(spec.rotation)])
+
+    def teleports(self, frame: int) -> Mapping[int, Array]:
+        found = {}
+        for row in self._log.around(frame):
+            move = self._log.lives[row].move(frame)
+            if move is not None and move.frame == frame:
+                found[row] = np.array([*move.position, *quaternion(move.rotation)])
+        return found
+
+    def mover_poses(self, frame: int, numbers: Sequence[int]) -> tuple[Array, Array]:
+        return self._trajectories.kinematic_poses(frame, tuple(numbers))
+
+    def walls(self, time: Fraction) -> Array | None:
+        return self._trajectories.walls(time)
+
+    def _surroundings(self, frame: int) -> Surroundings:
+        instances, present = self._setting.instances(frame)
+        placed = self._stage_parts.placed(instances, present)
+        up = self._setting.stage.up
+        return Surroundings(placed, (-GRAVITY * up[0], -GRAVITY * up[1], -GRAVITY * up[2]))
+
+    def _parts_of(self, spec: Object) -> list[PartShape]:
+        """Return the parts of an object's collision surface, shared by template and scale."""
+        key = spec.template, spec.scale
+        if key not in self._parts:
+            while len(self._parts) >= KEPT_SHAPES:
+                del self._parts[next(iter(self._parts))]
+            surface = self._setting.surface(spec)
+            size = float(np.ptp(surface.reshape(-1, 3), axis=0).max()) if len(surface) else 0.0
+            self._parts[key] = convex_parts(surface, min(max(0.02 * size, 0.001), 0.01), min(0.02 * size, 0.004))
+        return self._parts[key]
+
+
+def _fill(poses: Array, rows: Sequence[int], state: PhysicsFrame, simulated: Array) -> None:
+    """Replace poses of rigid bodies, in place; those that do not exist yet keep theirs."""
+    _, into, source = np.intersect1d(rows, state.numbers, assume_unique=True, return_indices=True)
+    poses[into] = simulated[source]
