@@ -72,12 +72,34 @@ def shutter() -> None:
     write_png(IMAGES / "shutter.png", np.concatenate(halves, axis=1))
 
 
+def factors() -> None:
+    """Render one moment of a scenario, and of five counterfactuals of it, in two rows."""
+    base = ts.Scenario.sample("room_01", seed=1, objects=1, templates=("Chair 02",), scale=0.8, depth=(1.5, 2.5))
+    variations: tuple[tuple[str, Any], ...] = (
+        ("illumination", "evening"),
+        ("illumination", "night"),
+        ("materials", 0.5),
+        ("furniture", {"shift": (0.2, 0.5), "turn": (10, 40), "variants": 1.0}),
+        ("clutter", 5),
+    )
+    scenarios = [base, *(base.with_factor(name, value, seed=3) for name, value in variations)]
+    pictures = []
+    with progress("factors.png", len(scenarios)) as step:
+        for scenario in scenarios:
+            with ts.Stream(scenario, width=288, height=216, quality="standard", spp=32, buffers=("rgb",)) as stream:
+                pictures.append(stream[20].rgb)
+            step()
+    rows = [np.concatenate(pictures[first : first + 3], axis=1) for first in (0, 3)]
+    write_png(IMAGES / "factors.png", np.concatenate(rows))
+
+
 PICTURES: dict[str, Callable[[], None]] = {
     "room_02.png": photograph,
     "cylinder.webp": lambda: example(0, "cylinder.webp", 50),
     "bouncing.webp": lambda: example(1, "bouncing.webp", 50),
     "shutter.png": shutter,
     "racket.webp": lambda: example(2, "racket.webp", 50),
+    "factors.png": factors,
 }
 
 if __name__ == "__main__":
