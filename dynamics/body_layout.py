@@ -29,13 +29,13 @@ FLOAT_COLUMNS = 43
 
 # Integer columns.
 KIND, COLLIDES, LIMITED = 0, 1, 2  # FOLLOWS or BOUNCES; whether it collides now; whether walls hold it now
-ON_PATH, HIT_COUNT, BLOCKED = 3, 4, 5  # pose is exactly the path's; bounces so far; was held up in this frame
-ATTEMPTS = 6  # BOUNCES: bounces in this substep; FOLLOWS: motions in this substep that were blocked
-REACHES_TARGET = 7  # FOLLOWS: whether the attempted motion is the whole way to the target
-SEED, NAME_HASH = 8, 9  # of the random numbers
-FIRST_GROUP, GROUP_COUNT = 10, 11  # rows of the sphere groups
-WALL_PUSHED = 12  # BOUNCES: whether WALL_PUSH is applied
-CONTACT_COUNT, FIRST_CONTACT = 13, 14  # contacts of this frame, two columns each: kind and row
+HIT_COUNT, BLOCKED = 3, 4  # bounces so far; was held up in this frame
+ATTEMPTS = 5  # BOUNCES: bounces in this substep; FOLLOWS: motions in this substep that were blocked
+REACHES_TARGET = 6  # FOLLOWS: whether the attempted motion is the whole way to the target
+SEED, NAME_HASH = 7, 8  # of the random numbers
+FIRST_GROUP, GROUP_COUNT = 9, 10  # rows of the sphere groups
+WALL_PUSHED = 11  # BOUNCES: whether WALL_PUSH is applied
+CONTACT_COUNT, FIRST_CONTACT = 12, 13  # contacts of this frame, two columns each: kind and row
 MAX_CONTACTS = 6  # recorded per body and frame
 INTEGER_COLUMNS = FIRST_CONTACT + 2 * MAX_CONTACTS
 

@@ -19,7 +19,6 @@ from dynamics.body_layout import (
     MAX_WALL_PUSH,
     MOVE,
     MOVE_BUDGET,
-    ON_PATH,
     PATH_LENGTH,
     POSITION,
     RADIUS,
@@ -115,12 +114,10 @@ def advance_following(
     turned = read3(bodies, body, TURN).norm() * part
     if part > 0.0:
         apply_motion(bodies, body, part)
-    integers[body, ON_PATH] = 0
     if arrives:
         # Copy the path's pose, which the sum of motions equals up to rounding only.
         for i in ti.static(range(7)):
             bodies[body, POSITION + i] = bodies[body, TARGET + i]
-        integers[body, ON_PATH] = 1
         done = True
     elif attempts == 0 and time >= 1.0:
         bodies[body, MOVE_BUDGET] -= moved

@@ -136,7 +136,6 @@ class StepArrays:
         for row, pose in poses.items():
             self.bodies[row, at.POSITION : at.ROTATION + 4] = pose
             self.bodies[row, at.FREE_TIME] = 0.0
-            self.integers[row, at.ON_PATH] = 0
 
     def collision_state(self, frame_time: float = 1.0) -> CollisionState:
         """Return the poses, and what happened since `begin_frame`, `frame_time` seconds ago."""

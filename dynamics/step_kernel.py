@@ -32,7 +32,6 @@ from dynamics.body_layout import (
     MAX_DISPLACEMENT,
     MAX_WALL_PUSH,
     MOVE_BUDGET,
-    ON_PATH,
     PATH_LENGTH,
     POSITION,
     RADIUS,
@@ -248,7 +247,6 @@ def substep(
                     fly_freely(bodies, body)
             else:
                 follow_freely(bodies, body)
-                integers[body, ON_PATH] = 1
             bodies[body, TIME_LEFT] = 0.0
             bodies[body, MAX_DISPLACEMENT] = 0.0
         else:

@@ -295,7 +295,6 @@ class SteppedSimulation:
             dynamic = mover.body.dynamic
             shape = mover.shape
             integers[row, at.KIND] = at.FOLLOWS
-            integers[row, at.ON_PATH] = 1
             integers[row, at.FIRST_GROUP] = group
             if shape is not None:
                 integers[row, at.GROUP_COUNT] = len(shape.groups)

@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Public names of `dynamics`, and the cost of importing it."""
 
+import os
 import subprocess
 import sys
 
@@ -40,3 +41,14 @@ def test_importing_the_package_or_its_errors_loads_neither_numpy_nor_taichi():
 def test_describing_trajectories_does_not_load_taichi():
     code = "import dynamics as d; d.CatmullWaypoints([d.Waypoint((0, 0, 0)), d.Waypoint((1, 0, 0))]); d.cover"
     assert "taichi" not in loaded_modules(code)
+
+
+@pytest.mark.skipif(os.name != "posix", reason="Taichi needs HOME on POSIX only")
+def test_package_alone_works_without_home():
+    """Taichi would abort the process."""
+    code = (
+        "import dynamics; dynamics.Simulation; import taichi as ti; ti.init(ti.cpu, offline_cache=False); print('ok')"
+    )
+    environment = {name: value for name, value in os.environ.items() if name not in ("HOME", "XDG_CACHE_HOME")}
+    done = subprocess.run([sys.executable, "-c", code], env=environment, capture_output=True, text=True)
+    assert done.stdout.splitlines()[-1:] == ["ok"], done.stderr
