@@ -7,6 +7,7 @@ A file is a pickle, compressed by LZMA. Read only files that `python -m tests.gp
 from __future__ import annotations
 
 import lzma
+import math
 import pickle
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -15,6 +16,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from dynamics.rotation import multiply
 from tiscene.render.integrators.labels.label_pass import LabelPass
 from tiscene.render.integrators.path.path_pass import PathPass
 from tiscene.render.view import View
@@ -53,9 +55,12 @@ class BakedScene:
     labels: dict[str, NDArray[Any]]
     radiance: NDArray[np.float32]
 
-    def view(self, size: tuple[int, int]) -> View:
-        """Return the camera's view in an image size."""
-        return View(self.camera, self.camera, self.camera, *size)
+    def view(self, size: tuple[int, int], turned: float = 0.0) -> View:
+        """Return the camera's view in an image size, turned about the vertical axis by an angle, rad."""
+        turn = np.array([math.cos(0.5 * turned), 0.0, math.sin(0.5 * turned), 0.0])
+        w, x, y, z = multiply(turn, np.array(self.camera.rotation)).tolist()
+        camera = self.camera.with_pose(self.camera.position, (w, x, y, z))
+        return View(camera, camera, camera, *size)
 
     def device_scene(self) -> DeviceScene:
         """Return the scene on the device, placed at frame 0."""
