@@ -16,12 +16,12 @@
     scene_collisions     whether an object penetrates the scene
     object_paths         balls along the paths of objects
     object_factors       speed, instances and categories of objects
-    ranges           the ranges to draw from
-    draws            random numbers by seed, object and purpose
-    object_placer    find a position or a closed path for an object
+    ranges               the ranges to draw from
+    draws                random numbers by seed, object and purpose
+    object_placer        find a position or a closed path for an object
     scene_files          scenes and templates that were read last
-    free_places      find free places for objects that are spawned in a running stream
-    point_pools      random free points: visible, hidden, out of view
-    free_space       free balls, lines of sight and reachability in a scene
-    template_extent  size of a template
+    free_places          find free places for objects that are spawned in a running stream
+    point_pools          random free points: visible, hidden, out of view
+    free_space           free balls, lines of sight and reachability in a scene
+    template_extent      size of a template
 """

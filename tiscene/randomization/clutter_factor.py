@@ -43,13 +43,15 @@ def with_clutter(scenario: Scenario, value: Any, draws: Callable[[str], Draws]) 
 
     Args:
         scenario: the scenario.
-        value: ranges; a number of distractors, or (low, high); None: typical ranges.
+        value: ranges; a number of distractors, which is rounded, or (low, high); None: typical ranges.
         draws: returns the random numbers of a distractor, by its id; "" for the scenario.
 
     Raises:
         ScenarioError: a distractor fits nowhere in view.
     """
-    if is_number(value) or (isinstance(value, Sequence) and not isinstance(value, str)):
+    if is_number(value):
+        value = {"count": round(value)}  # a drift may ramp it
+    elif isinstance(value, Sequence) and not isinstance(value, str):
         value = {"count": value}
     ranges = ClutterRanges.of(value, "clutter")
     objects = [each for each in scenario.objects if not is_distractor(each)]
