@@ -23,6 +23,7 @@ from tiscene.learning.supervision import SupervisionRules
 from tiscene.learning.teaching_policies import Combined, OnePixelPerMovingObject, RandomPixels
 from tiscene.scenario.objects import Object
 from tiscene.scenario.scenario import Scenario
+from usd_scenes.author.home_01 import WALK
 
 FOLDER = Path(ts.__file__).parent / "learning" / "suites"
 TAUGHT = SupervisionRules(Combined([OnePixelPerMovingObject(), RandomPixels(2)]))
@@ -77,7 +78,9 @@ def moving(scene: str, templates: Sequence[str], grade: Grade, seed: int) -> Sce
     return Scenario(scene, objects)
 
 
-def course(phases: Sequence[Phase], tests: Sequence[Phase], categories: Sequence[str]) -> Course:
+def course(
+    phases: Sequence[Phase], tests: Sequence[Phase], categories: Sequence[str], pixels: str = "objects"
+) -> Course:
     """Return a course with the settings of all suites."""
     return Course(
         phases,
@@ -85,6 +88,7 @@ def course(phases: Sequence[Phase], tests: Sequence[Phase], categories: Sequence
         observed=("rgb", "forward_flow"),
         buffers=("rgb", "semantic", "instance", "part", "depth", "forward_flow"),
         categories=tuple(categories),
+        pixels=pixels,
         width=64,
         height=48,
         quality="fast",
@@ -126,6 +130,44 @@ def room(grade: Grade) -> Course:
     return course(phases, tests, names)
 
 
+def home(grade: Grade) -> Course:
+    """Return a course in which the camera walks from room to room, twice; what it sees there is labeled.
+
+    Everything that a phase shows stands in the home; a phase is the way to a room and back.
+    """
+    stops = [ts.Waypoint((x, 1.5, z), (0.0, yaw, 0.0)) for x, z, yaw in WALK]
+    seconds = {"easy": 50.0, "medium": 40.0, "hard": 30.0}[grade.name]  # of a walk
+    walk = ts.CatmullWaypoints(stops, total_time=seconds, rotation="euler")
+    camera = ts.Camera((0.0, 1.5, 0.0), vertical_fov=1.05, exposure=2.8, dynamic=walk)
+    scenario = Scenario("home_01", camera=camera)
+    lap = round(seconds * 25)
+    # Shares of the walk: to the bedroom, to the bathroom, to the kitchen.
+    marks = [0, round(0.37 * lap), round(0.57 * lap), lap]
+    names = ("living room, bedroom", "bathroom", "kitchen")
+    spans = list(zip(names, marks, marks[1:], strict=False))
+    taught = SupervisionRules(RandomPixels(4))
+    phases = [Phase(name, scenario, frames=b - a, start=a, supervision=taught) for name, a, b in spans]
+    if grade.name != "easy":
+        night = scenario.with_factor("illumination", "night")
+        phases += [Phase("night", night, frames=marks[1], supervision=taught)]
+    tests = [Phase(name, scenario, frames=12, start=a + 5, step=(b - a) // 12) for name, a, b in spans]
+    tests += counterfactuals(tests[-1:], {"illumination": ["evening"]}, frames=12, start=marks[2] + 5, step=30)
+    categories = [
+        "wall",
+        "floor",
+        "ceiling",
+        "door",
+        "window",
+        "sofa",
+        "bed",
+        "wardrobe",
+        "washbasin",
+        "toilet",
+        "curtain",
+    ]
+    return course(phases, tests, categories, pixels="frame")
+
+
 def _classes_in_turn(scene: str, groups: Sequence[Sequence[str]], grade: Grade, dim: Drift) -> Course:
     scenarios = [moving(scene, group, grade, seed) for seed, group in enumerate(groups, 1)]
     phases = [Phase(_title(each), each, frames=grade.frames, supervision=TAUGHT) for each in scenarios]
@@ -144,7 +186,7 @@ def _title(scenario: Scenario) -> str:
     return ", ".join(ts.templates()[each.template].category for each in scenario.objects)
 
 
-SUITES: dict[str, Callable[[Grade], Course]] = {"solids": solids, "room": room}
+SUITES: dict[str, Callable[[Grade], Course]] = {"solids": solids, "room": room, "home": home}
 
 
 def main(names: Sequence[str]) -> None:

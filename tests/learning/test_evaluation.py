@@ -125,6 +125,24 @@ def test_learner_that_knows_everything_has_accuracy_one(course):
     assert score["tests"]["accuracy"]["held_out"] == 1.0
 
 
+def test_course_decides_which_pixels_count():
+    whole = Course(
+        [Phase("a", BALL, frames=3)],
+        tests=[Phase("a", BALL, frames=1)],
+        pixels="frame",
+        **SETTINGS,
+        observed=("depth",),
+    )
+    score = evaluate(Constant(), whole, [OnlineAccuracy(), OnlineAccuracy("objects")])
+    counts = [(frame.semantic == 0).mean() for frame in whole.seek(0)]
+    assert score["online"]["accuracy"] == pytest.approx(np.mean(counts))
+    assert score["online_objects"]["accuracy"] == 0.0
+    assert score["tests"]["pixels"] == "frame"
+    assert Course.from_json(whole.to_json()).pixels == "frame"
+    with pytest.raises(ArgumentError, match="pixels='all'"):
+        Course([Phase("a", BALL, frames=3)], pixels="all")
+
+
 def test_constant_learner_has_the_share_of_its_category(course):
     ball = next(number for number, name in course.categories.items() if name == "ball")
     score = evaluate(Constant(ball), course, [OnlineAccuracy("frame", window=6), OnlineAccuracy()])

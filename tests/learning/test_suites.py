@@ -154,7 +154,7 @@ def test_command_explains_mistakes(course, tmp_path, capsys, monkeypatch, argume
 @pytest.mark.slow
 @pytest.mark.parametrize("regime", ["request", "early", "late"])
 def test_example_of_regimes_runs(tmp_path, regime):
-    program = [sys.executable, ROOT / "examples/supervision_regimes.py", "--frames", "12", "--labels", "4"]
+    program = [sys.executable, ROOT / "examples/supervision_regimes.py", "--laps", "1", "--labels", "9"]
     options = ["--learner", "blind", "--regime", regime, "--output", tmp_path / "out"]
     done = subprocess.run([*program, *options], capture_output=True, text=True, check=True)
     assert f"blind, {regime}" in done.stdout

@@ -21,6 +21,7 @@ from tiscene.errors import ArgumentError
 from tiscene.frame.object_table import ObjectTable
 from tiscene.learning import course_file
 from tiscene.learning.phase import CourseFrame, Phase
+from tiscene.learning.pixel_counts import check_pixels
 from tiscene.learning.pixel_labels import LABELS, moving_instances
 from tiscene.learning.stream_pool import StreamPool
 from tiscene.learning.supervision import SupervisionRules
@@ -45,6 +46,8 @@ class Course(Iterator[CourseFrame]):
             belongs to it; others are tested beside.
         boundaries: "hidden" or "shown": whether learners see names and boundaries of phases.
         observed: buffers that learners see.
+        pixels: the pixels that scores count: "objects" (of the scenarios, without distractors), "moving" (objects) or
+            "frame" (all).
         **settings: keyword arguments of `Stream`: width, height, fps, buffers, quality, categories, seed and so on. By
             default 64 x 48 px, quality "fast", and the buffers rgb, semantic, instance, part and depth.
 
@@ -59,6 +62,7 @@ class Course(Iterator[CourseFrame]):
         tests: Sequence[Phase] = (),
         boundaries: str = "hidden",
         observed: Sequence[str] = ("rgb",),
+        pixels: str = "objects",
         **settings: Any,
     ) -> None:
         self.phases = _check_phases(phases, "phases")
@@ -70,6 +74,7 @@ class Course(Iterator[CourseFrame]):
             raise ArgumentError("frames: a course has no such argument; give the phases frames= or laps=")
         self.boundaries = boundaries
         self.observed = tuple(observed)
+        self.pixels = check_pixels(pixels)
         self.settings: dict[str, Any] = DEFAULTS | settings
         missing = [name for name in self.observed if name not in self.settings["buffers"]]
         if missing:
@@ -92,7 +97,8 @@ class Course(Iterator[CourseFrame]):
         """The tests as a course of their own, with the same settings and category ids; None: there are none."""
         if not self._tests:
             return None
-        tests = Course(self._tests, boundaries=self.boundaries, observed=self.observed, **self.settings)
+        shared: dict[str, Any] = {"boundaries": self.boundaries, "observed": self.observed, "pixels": self.pixels}
+        tests = Course(self._tests, **shared, **self.settings)
         self._share_categories()
         tests._pool, tests._owns_pool, tests._shared = self._pool, False, True
         return tests
@@ -255,6 +261,7 @@ class Course(Iterator[CourseFrame]):
                 "settings": self.settings,
                 "boundaries": self.boundaries,
                 "observed": self.observed,
+                "pixels": self.pixels,
                 "phases": self.phases,
                 "tests": self._tests,
             }

@@ -99,6 +99,7 @@ def encode(members: Mapping[str, Any]) -> dict[str, Any]:
         "settings": serialization.encode(settings, FIELDS, {}, "settings"),
         "boundaries": members["boundaries"],
         "observed": list(members["observed"]),
+        "pixels": members["pixels"],
         "phases": [phase(each, f"phases[{row}]") for row, each in enumerate(members["phases"])],
         "tests": [phase(each, f"tests[{row}]") for row, each in enumerate(members["tests"])],
         "scenarios": scenarios,
@@ -128,7 +129,7 @@ def decode(content: Mapping[str, Any]) -> dict[str, Any]:
         raise ArgumentError(f'not a course: it should be an object with "format": "{FORMAT}"')
     if content.get("version") != VERSION:
         raise ArgumentError(f"version: {content.get('version')!r}, but this tiscene reads version {VERSION}")
-    known = {"format", "version", "settings", "boundaries", "observed", "phases", "tests", "scenarios"}
+    known = {"format", "version", "settings", "boundaries", "observed", "pixels", "phases", "tests", "scenarios"}
     if unknown := sorted(set(content) - known):
         raise ArgumentError(f"{unknown[0]}: a course has no such key; there are {', '.join(sorted(known))}")
     scenarios = {name: Scenario.from_json(each) for name, each in content.get("scenarios", {}).items()}
@@ -161,6 +162,7 @@ def decode(content: Mapping[str, Any]) -> dict[str, Any]:
         "settings": serialization.decode(content.get("settings", {}), FIELDS, {}, "settings"),
         "boundaries": content.get("boundaries", "hidden"),
         "observed": tuple(content.get("observed", ("rgb",))),
+        "pixels": content.get("pixels", "objects"),
         "phases": [phase(each, f"phases[{row}]") for row, each in enumerate(content.get("phases", ()))],
         "tests": [phase(each, f"tests[{row}]") for row, each in enumerate(content.get("tests", ()))],
     }

@@ -20,7 +20,6 @@ from tiscene.frame.visualize import id_picture
 from tiscene.learning.course import Course
 from tiscene.learning.score import Score
 from tiscene.learning.svg_chart import line_chart, line_styles
-from tiscene.learning.task_matrix import Example
 
 STYLE = """
 body { font: 15px/1.5 system-ui, sans-serif; margin: 2rem auto; max-width: 60rem; padding: 0 1rem; color: #1b1f24; }
@@ -38,7 +37,7 @@ img { image-rendering: pixelated; width: 192px; display: block; } figcaption { f
 """
 
 COLUMNS: tuple[tuple[str, str, tuple[str, ...]], ...] = (
-    ("online", "accuracy of each frame before it is learned, pixels of objects", ("online", "accuracy")),
+    ("online", "accuracy of each frame before it is learned", ("online", "accuracy")),
     ("near future", "the same, a gap of frames ahead", ("near_future", "accuracy")),
     ("focus", "online, at the focus of attention", ("focus", "accuracy")),
     ("ACC", "mean over the learned tests, after the last phase", ("tests", "class_accuracy", "ACC")),
@@ -55,7 +54,8 @@ def write_page(path: Path, title: str, scores: Sequence[Score]) -> None:
     Args:
         path: of the HTML file.
         title: its heading.
-        scores: of one course, of one or more learners; several scores of one name are runs of different seeds.
+        scores: of one or more learners; several scores of one name are runs of different seeds. Their courses have the
+            same length and the same tests.
 
     Raises:
         ExportError: the file cannot be written.
@@ -65,20 +65,19 @@ def write_page(path: Path, title: str, scores: Sequence[Score]) -> None:
     for each in scores:
         by_name.setdefault(each.name, []).append(each)
     styles = line_styles(list(by_name))
+    courses = {each.course.digest(): each for each in reversed(scores)}  # usually one
     body = [
         f"<h1>{escape(title)}</h1>",
-        _course(course),
+        *(
+            _course(each.course) if len(courses) == 1 else f"<h3>{escape(each.name)}</h3>{_course(each.course)}"
+            for each in reversed(courses.values())
+        ),
         "<h2>Scores</h2>",
         _summary(by_name),
         "<h2>Accuracy over the course</h2>",
         *_curves(by_name, course, styles),
-        "<h2>Accuracy matrices</h2>",
-        _note("Rows: after a phase; columns: tests. Mean class accuracy in percent, mean over seeds."),
-        *(_matrix(name, runs) for name, runs in by_name.items()),
-        "<h2>After each change</h2>",
-        _adaptation(by_name),
-        "<h2>Examples after the last phase</h2>",
-        _examples(by_name),
+        *([_matrices(by_name), _examples(by_name)] if course.test_phases else []),
+        *([_adaptation(by_name)] if course.events() else []),
         "<h2>Costs</h2>",
         _note("These figures depend on the machine. All others do not."),
         _costs(by_name),
@@ -195,10 +194,14 @@ def _mean_curve(curves: Sequence[Sequence[tuple[int, float]]]) -> list[tuple[flo
     return [(frame, float(np.mean(values[frame]))) for frame in sorted(values)]
 
 
+def _matrices(by_name: Mapping[str, Sequence[Score]]) -> str:
+    note = _note("Rows: after a phase; columns: tests. Mean class accuracy in percent, mean over seeds.")
+    tables = "".join(_matrix(name, runs) for name, runs in by_name.items())
+    return f"<h2>Accuracy matrices</h2>{note}{tables}"
+
+
 def _matrix(name: str, runs: Sequence[Score]) -> str:
-    tests = runs[0].scores.get("tests")
-    if tests is None:
-        return ""
+    tests = runs[0].scores["tests"]
     R = np.nanmean(np.array([run.scores["tests"]["class_accuracy"]["R"] for run in runs], np.float64), axis=0)
     cells = ["".join(map(_cell, row)) for row in R.tolist()]
     head = "".join(f"<th>{escape(each)}</th>" for each in ("after", *tests["tests"]))
@@ -229,7 +232,11 @@ def _adaptation(by_name: Mapping[str, Sequence[Score]]) -> str:
         "Before and drop in percent; frames until the accuracy is back at 90 % of that before (recovery), and at 90 % "
     )
     note += "of that at the end (adaptation). –: not before the next change."
-    return _note(note) + _table(["Learner", "Change", "before", "drop", "recovery", "adaptation"], rows)
+    return (
+        "<h2>After each change</h2>"
+        + _note(note)
+        + _table(["Learner", "Change", "before", "drop", "recovery", "adaptation"], rows)
+    )
 
 
 def _frames(values: Sequence[int | None]) -> str:
@@ -242,19 +249,14 @@ def _examples(by_name: Mapping[str, Sequence[Score]]) -> str:
     rows = []
     for number, example in enumerate(first):
         figures = [] if example.rgb is None else [_figure(example.rgb, example.test)]
-        figures.append(_figure(_labels(example, example.truth), "true"))
+        figures.append(_figure(id_picture(example.truth), "true"))
         for name, runs in by_name.items():
             each = runs[0].examples[number]
             right = (each.prediction == each.truth)[each.counted]
             share = f"{100 * right.mean():.0f} % of objects" if right.size else "no object in view"
-            figures.append(_figure(_labels(each, each.prediction), f"{name}: {share}"))
+            figures.append(_figure(id_picture(each.prediction), f"{name}: {share}"))
         rows.append(f"<div>{''.join(figures)}</div>")
-    return "".join(rows)
-
-
-def _labels(example: Example, ids: NDArray[Any]) -> NDArray[np.uint8]:
-    picture: NDArray[np.uint8] = id_picture(ids)
-    return picture
+    return "<h2>Examples after the last phase</h2>" + "".join(rows)
 
 
 def _figure(picture: NDArray[np.uint8], caption: str) -> str:

@@ -63,22 +63,26 @@ class OnlineAccuracy(Metric):
     algorithms", 2013).
 
     Args:
-        pixels: the pixels that count: "objects" (of the scenario), "moving" (objects), or "frame".
+        pixels: the pixels that count: "objects" (of the scenario), "moving" (objects), or "frame"; None: those of the
+            course. Its values are then called "online", else "online_" with the name of the pixels.
         window: frames of a point of the curve.
 
     Values: `accuracy` (of all pixels), `class_accuracy` (mean over categories), `by_category`, `by_phase`, `by_factor`,
     and `curve`: pairs (first frame of the window, accuracy).
     """
 
-    def __init__(self, pixels: str = "objects", window: int = 25) -> None:
-        self.pixels = check_pixels(pixels)
+    key = "online"
+
+    def __init__(self, pixels: str | None = None, window: int = 25) -> None:
+        self.chosen = None if pixels is None else check_pixels(pixels)
         if argument_checks.whole(window, "window") < 1:
             raise ArgumentError(f"window={window!r}: must be at least 1 frame")
         self.window = window
-        self.name = "online" if pixels == "objects" else f"online_{pixels}"
+        self.name = self.key if pixels is None else f"{self.key}_{pixels}"
 
     def begin(self, course: Course) -> None:
         self._course = course
+        self.pixels = self.chosen or course.pixels
         self._counts = PixelCounts(len(course.categories))
         self.hits: list[tuple[int, int, int]] = []  # frame, correct pixels, all pixels
 
@@ -144,17 +148,18 @@ class NearFutureAccuracy(OnlineAccuracy):
     Args:
         gap: frames.
         every: frames between two predictions.
-        pixels: the pixels that count.
+        pixels: the pixels that count; None: those of the course.
         window: frames of a point of the curve.
     """
 
-    def __init__(self, gap: int = 50, every: int = 5, pixels: str = "objects", window: int = 25) -> None:
+    key = "near_future"
+
+    def __init__(self, gap: int = 50, every: int = 5, pixels: str | None = None, window: int = 25) -> None:
         super().__init__(pixels, window)
         for name, value in (("gap", gap), ("every", every)):
             if argument_checks.whole(value, name) < 1:
                 raise ArgumentError(f"{name}={value!r}: must be at least 1 frame")
         self.gap, self.every = gap, every
-        self.name = "near_future" if pixels == "objects" else f"near_future_{pixels}"
 
     def result(self) -> dict[str, Any]:
         return {"gap": self.gap} | super().result()
@@ -211,15 +216,16 @@ class Adaptation(OnlineAccuracy):
     Args:
         window: frames.
         level: fraction of the accuracy that has to be reached again, 0..1.
-        pixels: the pixels that count.
+        pixels: the pixels that count; None: those of the course.
     """
 
-    def __init__(self, window: int = 25, level: float = 0.9, pixels: str = "objects") -> None:
+    key = "adaptation"
+
+    def __init__(self, window: int = 25, level: float = 0.9, pixels: str | None = None) -> None:
         super().__init__(pixels, window)
         if not 0.0 < argument_checks.number(level, "level") <= 1.0:
             raise ArgumentError(f"level={level!r}: must be above 0 and at most 1")
         self.level = level
-        self.name = "adaptation" if pixels == "objects" else f"adaptation_{pixels}"
 
     def result(self) -> dict[str, Any]:
         frames = {index: (correct, total) for index, correct, total in self.hits}

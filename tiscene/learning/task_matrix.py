@@ -41,12 +41,11 @@ class TaskMatrix:
     """Counts of one learner on all tests: a row before the first phase, and one after each phase of learning.
 
     Args:
-        course: the course.
-        pixels: the pixels that count.
+        course: the course, whose `pixels` count.
     """
 
-    def __init__(self, course: Course, pixels: str = "objects") -> None:
-        self.pixels = pixels
+    def __init__(self, course: Course) -> None:
+        self.pixels = course.pixels
         self._course = course
         self._names = [phase.name for phase in course.test_phases]
         self._rows: list[tuple[int, str]] = []
