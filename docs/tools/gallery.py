@@ -24,6 +24,7 @@ import tiscene as ts
 from docs.tools.template_sheet import save
 from tiscene.cli.terminal import note
 from tiscene.usd.read.stage_reader import read_stage
+from usd_scenes.author.home_01 import ROOMS
 from usd_scenes.author.room import LIGHTING
 from usd_scenes.author.templates import APPEARANCES
 
@@ -36,11 +37,18 @@ PLACES = {  # cameras by scene
     "room_01": ("Main", "SAILenv", "Chest"),
     "room_02": ("Main", "SAILenv", "Dining"),
     "room_03": ("Main", "Basin", "Toilet"),
+    "room_04": ("Main", "Stove", "Table"),
+    "room_05": ("Main", "Door", "Console"),
+    "home_01": ("Main", "Hall", "Kitchen"),
 }
 # A picture's JPEG comment: samples per pixel, this text, digest of the scene.
 COMMENT = " paths a pixel of "
 # Name of each scene's root prim.
-ROOTS = {"room_01": "Room01", "room_02": "Room02", "room_03": "Room03", "solid_benchmark": "SolidBenchmark"}
+ROOTS = {
+    **{f"room_{number:02}": f"Room{number:02}" for number in range(1, 6)},
+    "home_01": "Home01",
+    "solid_benchmark": "SolidBenchmark",
+}
 
 
 @dataclass(frozen=True)
@@ -77,10 +85,10 @@ class GalleryPicture:
         spp, _, scene = comment.partition(COMMENT)
         return int(spp) if scene == digest(self.scene) else 0
 
-    def render(self, spp: int) -> None:
-        """Render the picture and write its file."""
+    def render(self, spp: int, width: int = WIDTH) -> None:
+        """Render the picture, 4:3 and `width` px wide, and write its file."""
         variants = {f"/{ROOTS[self.scene]}{{{key}}}": value for key, value in self.choices.items()}
-        size = {"width": WIDTH, "height": HEIGHT}
+        size = {"width": width, "height": width * HEIGHT // WIDTH}
         stream = ts.Stream(
             self.scene, **size, quality="photo", spp=spp, buffers=("rgb",), camera=self.camera, variants=variants
         )
@@ -99,10 +107,17 @@ PICTURES = [
 ]
 
 
-TITLES = {"room_01": "a bedroom", "room_02": "a living room", "room_03": "a bathroom"}
+TITLES = {
+    "room_01": "a bedroom",
+    "room_02": "a living room",
+    "room_03": "a bathroom",
+    "room_04": "a kitchen",
+    "room_05": "a hall",
+    "home_01": "the five rooms as one home",
+}
 INTRODUCTION = """# Gallery
 
-Path traced at 960×720, denoised and not retouched. SPP
+Path traced at SIZE, denoised and not retouched. SPP
 Code in `usd_scenes/author` makes all geometry, cloth and textures. [Importing models](importing.md) shows imported
 models in these rooms.
 `python -m docs.tools.gallery` writes this page.
@@ -118,7 +133,7 @@ END = """
 
 def page() -> str:
     """Return the text of docs/gallery.md, with all existing pictures."""
-    blocks = [INTRODUCTION.replace("SPP", _quality())]
+    blocks = [INTRODUCTION.replace("SPP", _quality()).replace("SIZE", _sizes())]
     for scene, title in TITLES.items():
         rows = [[GalleryPicture(scene, camera, {"lighting": each}) for each in LIGHTING] for camera in PLACES[scene]]
         blocks.append(f"\n## {scene}: {title}\n\n" + _table(LIGHTING, rows))
@@ -141,24 +156,37 @@ def _quality() -> str:
     return f'The pictures have {samples} samples per pixel{older}. `quality="photo"` takes 256.'
 
 
+def _sizes() -> str:
+    """Return the sizes of the existing pictures, largest first."""
+    sizes = set()
+    for picture in PICTURES:
+        if picture.file.exists():
+            with Image.open(picture.file) as image:
+                sizes.add(image.size)
+    return " and ".join(f"{width}×{height}" for width, height in sorted(sizes or {(WIDTH, HEIGHT)}, reverse=True))
+
+
 def _table(columns: Sequence[str], rows: Sequence[Sequence[GalleryPicture]]) -> str:
-    lines = [columns, ["---"] * len(columns), *([_markdown(picture) for picture in row] for row in rows)]
+    shown = [row for row in rows if any(picture.file.exists() for picture in row)]
+    lines = [columns, ["---"] * len(columns), *([_markdown(picture) for picture in row] for row in shown)]
     return "".join(f"| {' | '.join(line)} |\n" for line in lines)
 
 
 def _markdown(picture: GalleryPicture) -> str:
     caption = f"{picture.scene}, {picture.camera}, {', '.join(picture.choices.values())}"
-    return f"![{caption}]({picture.file.relative_to(DOCS)})" if picture.file.exists() else "not rendered yet"
+    return f"![{caption}]({picture.file.relative_to(DOCS)})" if picture.file.exists() else ""
 
 
 @cache
 def digest(scene: str) -> str:
     """Return a digest of a scene's files and of the templates and textures that it refers to."""
-    folder = PACKAGE / scene
-    files = {path for path in folder.iterdir() if path.is_file()}
-    for name in re.findall(r"@\.\./([^@]+)@", (folder / "scene.usda").read_text(encoding="utf-8")):
-        path = PACKAGE / name
-        files |= set(path.parent.iterdir()) if path.suffix == ".usda" else {path}
+    files: set[Path] = set()
+    folders = [PACKAGE / scene, *(PACKAGE / room for room, *_ in ROOMS.values() if scene == "home_01")]
+    for folder in folders:
+        files |= {path for path in folder.iterdir() if path.is_file()}
+        for name in re.findall(r"@\.\./([^@]+)@", (folder / "scene.usda").read_text(encoding="utf-8")):
+            path = PACKAGE / name
+            files |= set(path.parent.iterdir()) if path.suffix == ".usda" else {path}
     sums = "".join(hashlib.sha256(path.read_bytes()).hexdigest() for path in sorted(files))
     return hashlib.sha256(sums.encode()).hexdigest()[:16]
 
@@ -193,6 +221,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(prog="python -m docs.tools.gallery", description=__doc__)
     parser.add_argument("names", nargs="*", metavar="NAME")
     parser.add_argument("--spp", type=int, default=256, help="samples per pixel (default: %(default)s)")
+    parser.add_argument("--width", type=int, default=WIDTH, help="px (default: %(default)s)")
     arguments = parser.parse_args()
     chosen = [p for p in PICTURES if not arguments.names or p.name.startswith(tuple(arguments.names))]
     if not arguments.names or "table" in arguments.names:
@@ -204,7 +233,7 @@ def main() -> None:
     note(f"{len(chosen) - len(missing)} of {len(chosen)} pictures exist with {arguments.spp} samples per pixel or more")
     for index, picture in enumerate(missing):
         start = time.perf_counter()
-        picture.render(arguments.spp)
+        picture.render(arguments.spp, arguments.width)
         note(f"{index + 1}/{len(missing)} {picture.name}: {time.perf_counter() - start:.0f} s")
         write_page()
     write_page()

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Contact sheets of all templates, and of some in their colors and appearances.
 
-`python -m docs.tools.template_sheet [NAME ...]` writes docs/images/templates.jpg, docs/images/template_variants.jpg and
-the table in docs/templates.md. NAME: templates.jpg, template_variants.jpg or table; by default all.
+`python -m docs.tools.template_sheet [NAME ...]` writes docs/images/templates.jpg, kitchen_templates.jpg and
+template_variants.jpg, and the table in docs/templates.md. NAME: one of these files or table; by default all.
 """
 
 from __future__ import annotations
@@ -10,7 +10,7 @@ from __future__ import annotations
 import re
 import sys
 import tempfile
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Collection, Mapping
 from pathlib import Path
 
 import numpy as np
@@ -21,6 +21,7 @@ import tiscene as ts
 from tiscene.catalog import find_template, template_name
 from tiscene.cli.terminal import progress
 from usd_scenes.author import studio
+from usd_scenes.author.kitchen_templates import KITCHEN_AND_HALL
 from usd_scenes.author.templates import APPEARANCES, TEMPLATES, facts
 
 DOCS = Path(__file__).resolve().parents[1]
@@ -54,16 +55,17 @@ def photograph(
     return picture
 
 
-def all_templates(size: int = 232, columns: int = 8) -> Picture:
-    """Render a contact sheet of every template.
+def contact_sheet(folders: Collection[str], size: int = 232, columns: int = 8) -> Picture:
+    """Render a contact sheet of templates.
 
     Args:
+        folders: folders of the templates.
         size: width and height of a tile, px.
         columns: tiles per row.
     """
     tiles = []
-    with progress("templates", len(TEMPLATES)) as step:
-        for folder in TEMPLATES:
+    with progress("templates", len(folders)) as step:
+        for folder in folders:
             tiles.append((template_name(folder), photograph(folder, size)))
             step()
     return sheet_of(tiles, columns)
@@ -138,7 +140,8 @@ def save(path: Path, rgb: Picture, comment: str = "") -> None:
 
 
 SHEETS: dict[str, Callable[[], Picture]] = {
-    "templates.jpg": all_templates,
+    "templates.jpg": lambda: contact_sheet([each for each in TEMPLATES if each not in KITCHEN_AND_HALL]),
+    "kitchen_templates.jpg": lambda: contact_sheet(KITCHEN_AND_HALL, columns=6),
     "template_variants.jpg": template_variants,
 }
 

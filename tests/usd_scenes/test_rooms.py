@@ -16,11 +16,20 @@ from usd_scenes.author.templates import APPEARANCES
 
 PACKAGE = Path(usd_scenes.__file__).parent
 ROOTS = {"object_view": "ObjectView", **gallery.ROOTS}
-ROOMS = {"room_01": (4.5, 4.0), "room_02": (8.0, 7.0), "room_03": (3.0, 2.5)}  # m, along x and z
+ROOMS = {  # m, along x and z
+    "room_01": (4.5, 4.0),
+    "room_02": (8.0, 7.0),
+    "room_03": (3.0, 2.5),
+    "room_04": (3.6, 4.0),
+    "room_05": (1.8, 6.0),
+}
+ALL = [pytest.param(name, marks=pytest.mark.slow) if name == "home_01" else name for name in ROOTS]
 AIR = {  # lower and upper corner of the space that must stay free
     "room_01": ((-1.4, 0.70, -0.9), (0.25, 2.3, 1.1)),
     "room_02": ((-2.6, 0.80, -4.6), (0.4, 2.4, -1.2)),
     "room_03": ((-0.65, 0.60, -0.3), (0.6, 2.2, 0.9)),
+    "room_04": ((-1.0, 0.95, -1.1), (0.4, 2.2, 1.4)),
+    "room_05": ((-0.3, 0.60, -1.9), (0.45, 2.2, 2.2)),
 }
 
 
@@ -104,14 +113,14 @@ def test_cameras_of_published_scripts_exist(
     assert vertical == pytest.approx(60.0, abs=1e-4)
 
 
-@pytest.mark.parametrize("name", ROOTS)
+@pytest.mark.parametrize("name", ALL)
 def test_every_scene_has_an_agent_camera_and_a_light_besides_domes(name: str) -> None:
     stage = open_scene(name)
     assert stage.GetPrimAtPath(f"/{ROOTS[name]}/Cameras/Agent").IsA(UsdGeom.Camera)
     assert any(prim.HasAPI(UsdLux.LightAPI) and not prim.IsA(UsdLux.DomeLight) for prim in prims(stage))
 
 
-@pytest.mark.parametrize("name", ROOTS)
+@pytest.mark.parametrize("name", ALL)
 def test_lighting_variant_changes_only_lights_and_exposure(name: str) -> None:
     powers = []
     layouts = []
@@ -132,7 +141,7 @@ def test_lighting_variant_changes_only_lights_and_exposure(name: str) -> None:
     assert UsdLux.LightAPI(default[0]).GetIntensityAttr().Get() == powers[0][0][0]
 
 
-@pytest.mark.parametrize("name", gallery.ROOTS)
+@pytest.mark.parametrize("name", ALL[1:])
 def test_appearance_variant_keeps_labels_and_layout(name: str) -> None:
     plain = open_scene(name)
     reference = boxes(plain)
@@ -163,7 +172,7 @@ def test_primitives_appearance_has_only_gprims(name: str) -> None:
 
 
 @pytest.mark.parametrize("appearance", APPEARANCES)
-@pytest.mark.parametrize("name", ["room_01", "room_02"])
+@pytest.mark.parametrize("name", ["room_01", "room_02", "room_04"])
 def test_windows_pass_light_and_block_objects(name: str, appearance: str) -> None:
     stage = open_scene(name, appearance=appearance)
     every = UsdGeom.BBoxCache(Usd.TimeCode.Default(), [UsdGeom.Tokens.default_])

@@ -232,8 +232,8 @@ def _light(room: Room) -> None:
 
 
 def _cameras(room: Room) -> None:
-    exposure = {"day": 3.3, "evening": 3.5, "night": 3.3}
-    room.camera("Main", (0.62, 1.46, 1.80), (-0.62, 0.92, -1.70), fov=60.0, exposure=exposure)
+    exposure = {"day": 3.4, "evening": 3.5, "night": 3.3}
+    room.camera("Main", (0.60, 1.46, 1.80), (-0.72, 0.86, -1.70), fov=58.0, exposure=exposure)
     room.camera("Agent", (-0.55, 2.0, 1.30), turn=(-22.0, -18.0, 0.0), fov=60.0, exposure=exposure, focus=2.4)
     room.camera("Stove", (-0.30, 1.48, 0.95), (-0.10, 1.12, -2.0), fov=56.0, exposure=exposure)
     facing = {**exposure, "day": 4.1}  # for the wall that the window does not light

@@ -80,7 +80,7 @@ def base_units(name: str, units: Sequence[tuple[float, str]], paint: str = "Cabi
         ("Cases", paint, cases),
         ("Fronts", paint, fronts),
         ("Knobs", "Brass", knobs),
-        ("Plinth", "BlackPlastic", plinths),
+        ("Plinth", paint, plinths),
     )
 
 
