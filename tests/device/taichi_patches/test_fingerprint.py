@@ -9,6 +9,7 @@ import subprocess
 import sys
 import textwrap
 import time
+import types
 from typing import NamedTuple
 
 import numpy as np
@@ -93,6 +94,34 @@ def test_fingerprint_changes_with_named_values_and_functions(name, value, monkey
     before = taken().text
     monkeypatch.setitem(globals(), name, value)
     assert taken().text != before
+
+
+def constants(**values):
+    module = types.ModuleType("constants")
+    vars(module).update(values)
+    return module
+
+
+def kernel_with(module):
+    @ti.kernel
+    def closed(values: values1):
+        values[0] = module.LIMIT
+
+    return closed
+
+
+def test_members_of_a_module_in_a_closure_count():
+    assert taken(kernel_with(constants(LIMIT=1.0))).text == taken(kernel_with(constants(LIMIT=1.0, OTHER=2.0))).text
+    assert taken(kernel_with(constants(LIMIT=1.0))).text != taken(kernel_with(constants(LIMIT=2.0))).text
+
+
+@pytest.mark.parametrize("contained", [lambda m: (m,), lambda m: {"m": [m]}, lambda m: Pair(m, 1)])
+def test_module_in_a_container_has_no_fingerprint(contained, monkeypatch):
+    monkeypatch.setitem(globals(), "field", contained(constants(LIMIT=1.0)))
+    with pytest.raises(NoFingerprint, match="constants"):
+        taken(with_a_field)
+    monkeypatch.setitem(globals(), "field", contained(np))
+    assert taken(with_a_field).text
 
 
 def test_fingerprint_changes_with_template_arguments_and_their_types():

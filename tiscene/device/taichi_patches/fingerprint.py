@@ -3,8 +3,8 @@
 
 The walk starts at the kernel's function and follows every name in it: to the source files of all functions and classes
 that can be reached, and to the values of everything else. Taichi, NumPy and some modules of the standard library enter
-with their versions. A name that stands for anything but a number, a string, a type, a NumPy array or a container of
-these has no fingerprint.
+with their versions. A name that stands for anything but a module, a number, a string, a type, a NumPy array or a
+container of the last four has no fingerprint: nobody could tell which members of a module in a container are used.
 """
 
 from __future__ import annotations
@@ -125,7 +125,8 @@ class _SourceWalk:
             if taichi is not None:
                 self.note(taichi.return_type, *((each.name, each.annotation) for each in taichi.arguments))
             for name, value in _named_values(function):
-                self.note(name, value)
+                # Its members are described where they are used.
+                self.note(name, ("module", value.__name__) if isinstance(value, types.ModuleType) else value)
 
     def add_function(self, function: types.FunctionType, taichi: Any = None) -> Any:
         """Queue a function, once, and return its description. `taichi`: the Kernel or Func made of it, if any."""
@@ -164,8 +165,8 @@ class _SourceWalk:
         return self._described_code(value)
 
     def _described_code(self, value: Any) -> Any:
-        if isinstance(value, types.ModuleType):
-            return "module", value.__name__  # its members are described where they are used
+        if isinstance(value, types.ModuleType) and _is_identified_by_version(value.__name__):
+            return "module", value.__name__
         if callable(value) and _is_identified_by_version(getattr(value, "__module__", None) or ""):
             return "outside", value.__module__, getattr(value, "__qualname__", "")
         if isinstance(value, types.BuiltinFunctionType) and isinstance(value.__self__, type):
@@ -196,10 +197,13 @@ class _SourceWalk:
 
 def _named_values(function: types.FunctionType) -> Iterator[tuple[str, Any]]:
     """Yield everything that the names in a function may refer to: closures, globals, members of modules."""
-    for name, cell in zip(function.__code__.co_freevars, function.__closure__ or (), strict=True):
-        yield name, cell.cell_contents
-    names = sorted(set(_names(function.__code__)))
     modules = []
+    for name, cell in zip(function.__code__.co_freevars, function.__closure__ or (), strict=True):
+        value = cell.cell_contents
+        yield name, value
+        if isinstance(value, types.ModuleType) and not _is_identified_by_version(value.__name__):
+            modules.append(value)
+    names = sorted(set(_names(function.__code__)))
     for name in names:
         if name in function.__globals__:
             value = function.__globals__[name]
