@@ -2,10 +2,12 @@
 """Baselines on drawn pictures: colored squares on gray, with a few labels each."""
 
 import pickle
+import sys
 
 import numpy as np
 import pytest
 
+from tiscene.errors import MissingExtra
 from tiscene.frame.frame import FrameCamera
 from tiscene.learning.learner import BASELINES, Learner, make_learner
 from tiscene.learning.phase import CourseFrame
@@ -71,7 +73,7 @@ def test_learner_learns_a_category_from_few_labels(name):
     before = accuracy(learner, 2)
     taught(learner, 2, 60)
     assert before < 0.7
-    assert accuracy(learner, 2) > 0.9
+    assert accuracy(learner, 2) > (0.75 if name == "flow" else 0.9)  # flow trains its last layer alone
 
 
 @pytest.mark.parametrize("name", BASELINES)
@@ -211,3 +213,15 @@ def test_flow_learner_names_the_missing_buffer():
     blind = CourseFrame(0, 0.0, frame.camera, {"rgb": frame.rgb})
     with pytest.raises(ValueError, match="needs the buffer forward_flow"):
         learner.learn(blind, [])
+
+
+@pytest.mark.parametrize("name", BASELINES)
+def test_learner_names_the_extra_that_is_missing(name, monkeypatch):
+    for module in [each for each in sys.modules if each.startswith("tiscene.learning.baselines.")]:
+        monkeypatch.delitem(sys.modules, module)
+    monkeypatch.setitem(sys.modules, "torch", None)
+    if name == "blind":
+        make_learner(name, CATEGORIES)
+        return
+    with pytest.raises(MissingExtra, match=r"tiscene\[torch\]"):
+        make_learner(name, CATEGORIES)

@@ -111,7 +111,7 @@ def test_figures_have_mean_and_spread():
 
 def test_chart_places_points_by_frame_and_fraction():
     chart = line_chart({"a": [(0, 0.0), (10, 1.0)]}, end=10, marks={5: "x<y"}, colors=line_styles(["a"]), label="A")
-    assert 'points="44.0,226.0 852.0,22.0"' in chart
+    assert 'points="44.0,236.0 836.0,34.0"' in chart
     assert "x&lt;y" in chart
 
 

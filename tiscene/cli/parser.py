@@ -20,7 +20,7 @@ from tiscene.cli.common_arguments import (
     add_size,
     add_spp,
 )
-from tiscene.cli.data_set_arguments import add_merge, add_verify
+from tiscene.cli.data_set_arguments import add_generate, add_merge, add_sample, add_verify
 from tiscene.cli.measure_arguments import add_measure
 from tiscene.cli.render_arguments import add_render
 
@@ -40,6 +40,8 @@ def parser() -> argparse.ArgumentParser:
         add_render,
         add_verify,
         add_merge,
+        add_sample,
+        add_generate,
         _preview,
         _view,
         _list,
@@ -154,7 +156,7 @@ def _evaluate(commands: Commands) -> None:
     evaluate.add_argument(
         "course",
         metavar="COURSE",
-        help="a suite (solids, room; solids-hard for another grade), a course (.json), or with --verify a score",
+        help="a suite (solids, room, home; solids-hard for another grade), a course (.json), or with --verify a score",
     )
     evaluate.add_argument(
         "--learner",
@@ -216,6 +218,7 @@ def _serve(commands: Commands) -> None:
         action="store_true",
         help="the frame clock goes on when a client changes the scene (default: it starts again, as in SAILenv)",
     )
+    serve.add_argument("--physics", action="store_true", help="objects fall and are pushed (extra: physics)")
     serve.add_argument(
         "--query-budget",
         type=int,
@@ -257,6 +260,7 @@ def _sailenv(commands: Commands) -> None:
     )
     record.add_argument("--overwrite", action="store_true", help="delete an earlier recording in the folder")
     record.add_argument("--windows", action="store_true", help="let the script open windows and wait for keys")
+    record.add_argument("--physics", action="store_true", default=None, help="objects fall and are pushed")
     record.add_argument("--scene", metavar="SCENE", help="first scene (default: SAILenv's)")
     record.add_argument("--fps", metavar="N", type=float, default=25.0, help="frames per second (default: %(default)g)")
     record.add_argument("--width", metavar="PX", type=int, help="image width for a scenario (default: 256)")

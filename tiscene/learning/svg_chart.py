@@ -9,7 +9,8 @@ from html import escape
 # Colors that people with color vision deficiencies can tell apart (Okabe and Ito, 2008), then gray.
 COLORS = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00", "#56b4e9", "#000000", "#8c6d31", "#999999")
 DASHES = ("", "6 3", "2 2")  # after all colors are used
-WIDTH, HEIGHT, LEFT, TOP, BOTTOM = 860, 260, 44, 22, 34
+WIDTH, HEIGHT, LEFT, RIGHT, TOP, BOTTOM = 860, 270, 44, 24, 34, 34
+LABEL = 100  # px, of the text of a mark
 
 Points = Sequence[tuple[float, float]]
 
@@ -33,7 +34,7 @@ def line_chart(
     """
 
     def x(frame: float) -> float:
-        return LEFT + (WIDTH - LEFT - 8) * frame / max(end, 1)
+        return LEFT + (WIDTH - LEFT - RIGHT) * frame / max(end, 1)
 
     def y(value: float) -> float:
         return TOP + (HEIGHT - TOP - BOTTOM) * (1.0 - value)
@@ -41,15 +42,18 @@ def line_chart(
     parts = [f'<svg viewBox="0 0 {WIDTH} {HEIGHT}" role="img" aria-label="{escape(label)}">']
     for tenths in range(0, 11, 2):
         value = tenths / 10
-        parts.append(f'<line class="grid" x1="{LEFT}" x2="{WIDTH - 8}" y1="{y(value):.1f}" y2="{y(value):.1f}"/>')
+        parts.append(f'<line class="grid" x1="{LEFT}" x2="{WIDTH - RIGHT}" y1="{y(value):.1f}" y2="{y(value):.1f}"/>')
         parts.append(f'<text x="{LEFT - 6}" y="{y(value) + 4:.1f}" text-anchor="end">{tenths * 10} %</text>')
     for frame in _ticks(end):
         parts.append(f'<text x="{x(frame):.1f}" y="{HEIGHT - 16}" text-anchor="middle">{frame}</text>')
     parts.append(f'<text x="{x(end / 2):.1f}" y="{HEIGHT - 2}" text-anchor="middle">frame</text>')
+    last = -LABEL
     for frame, text in marks.items():
+        raised = x(frame) - last < LABEL  # texts that would overlap stand in two rows
+        last = -LABEL if raised else x(frame)
         parts.append(
             f'<line class="mark" x1="{x(frame):.1f}" x2="{x(frame):.1f}" y1="{TOP}" y2="{HEIGHT - BOTTOM}"/>'
-            f'<text x="{x(frame) + 3:.1f}" y="{TOP - 6}">{escape(text)}</text>'
+            f'<text x="{x(frame) + 3:.1f}" y="{TOP - (18 if raised else 6)}">{escape(text)}</text>'
         )
     for name, points in lines.items():
         color, dash = colors[name]

@@ -10,10 +10,12 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
-import torch
-
+from tiscene.errors import requires_extra
 from tiscene.learning.baselines.consolidation import ConsolidatingLearner
 from tiscene.learning.baselines.pixel_network import LabeledPicture, pictures
+
+with requires_extra("torch"):
+    import torch
 
 SAMPLES = 64  # examples of which the Fisher information is estimated
 

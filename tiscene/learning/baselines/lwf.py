@@ -8,11 +8,13 @@ from __future__ import annotations
 import copy
 from collections.abc import Mapping
 
-import torch
-from torch import nn
-
+from tiscene.errors import requires_extra
 from tiscene.learning.baselines.consolidation import ConsolidatingLearner
 from tiscene.learning.baselines.pixel_network import PixelNetwork
+
+with requires_extra("torch"):
+    import torch
+    from torch import nn
 
 TEMPERATURE = 2.0
 
