@@ -11,8 +11,8 @@ A command is a module with `run(args)`; its arguments are in `parser`.
     terminal  progress bars and notes on stderr
     measure_arguments  arguments of measure
     common_arguments  arguments that several commands have
-    render_arguments, data_set_arguments  arguments of render; of verify and merge
+    render_arguments, data_set_arguments  arguments of render; of verify, merge, sample and generate
     stream_arguments  the stream of the commands that show frames
-    demo, render, verify, merge, preview, view, list, show, inspect, import, bench  the commands
+    demo, render, verify, merge, sample, generate, preview, view, list, show, inspect, import, bench  the commands
     measure, evaluate, serve, sailenv  more commands
 """

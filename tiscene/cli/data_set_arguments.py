@@ -1,7 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Command-line arguments of the commands that write and check data sets in parts: of `verify` and `merge`, and some of
-`render`.
-"""
+"""Command-line arguments of `verify`, `merge`, `sample` and `generate`, and those of `render` for shards."""
 
 from __future__ import annotations
 
@@ -52,6 +50,38 @@ def add_merge(commands: Any) -> None:
     merge.add_argument("parts", metavar="PART", nargs="*", help="folders of shards (default: all in DIR/shards)")
     merge.add_argument("--partial", action="store_true", help="merge although frames are missing")
     merge.add_argument("--unlike", action="store_true", help="merge shards of unlike machines")
+
+
+def add_sample(commands: Any) -> None:
+    """Add the command `sample`."""
+    sample = commands.add_parser(
+        "sample",
+        help="write random scenarios of a recipe as files",
+        description="Draw scenarios from a recipe (see docs/data-sets.md) and write them as JSON, without rendering.",
+    )
+    _add_recipe(sample)
+
+
+def add_generate(commands: Any) -> None:
+    """Add the command `generate`."""
+    generate = commands.add_parser(
+        "generate",
+        help="render a data set of many random scenarios from a recipe",
+        description="Draw scenarios from a recipe (see docs/data-sets.md) and render each into a folder of its own, "
+        "with an index, statistics and a contact sheet. The same command continues after an interruption.",
+    )
+    _add_recipe(generate)
+    generate.add_argument(
+        "--shard", metavar="I/N", type=shard, help="render part I of N into the same folder; then `tiscene merge DIR`"
+    )
+    generate.add_argument("--arch", metavar="NAME", help="cpu or cuda (default: cpu)")
+
+
+def _add_recipe(command: argparse.ArgumentParser) -> None:
+    """Add the recipe, the number of its scenarios, and the folder."""
+    command.add_argument("recipe", metavar="RECIPE", help="a JSON file: scenes, ranges, frames, settings, splits")
+    command.add_argument("-n", "--count", metavar="N", type=int, required=True, help="number of scenarios")
+    command.add_argument("-o", "--output", metavar="DIR", required=True, help="folder to write")
 
 
 def shard(text: str) -> tuple[int, int]:

@@ -44,5 +44,5 @@ def archive(members: Mapping[str, bytes], *, compress: bool) -> bytes:
             member = zipfile.ZipInfo(name, EPOCH)
             member.compress_type = zipfile.ZIP_DEFLATED if compress else zipfile.ZIP_STORED
             member.create_system = 3  # Unix, on every platform
-            target.writestr(member, content, compresslevel=4)
+            target.writestr(member, content, compresslevel=1)
     return data.getvalue()

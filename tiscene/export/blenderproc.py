@@ -48,7 +48,7 @@ def encode(frame: Frame) -> dict[str, bytes]:
             if name == "normal_camera":
                 array = (0.5 + 0.5 * buffer * np.array((1.0, -1.0, -1.0), np.float32)).astype(np.float32)
             file.create_dataset(
-                KEYS.get(name, name), data=array, compression="gzip", compression_opts=4, track_times=False
+                KEYS.get(name, name), data=array, compression="gzip", compression_opts=1, track_times=False
             )
         if "instance" in frame.buffers:
             attributes = [

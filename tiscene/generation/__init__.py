@@ -1,0 +1,10 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Data sets of many random scenarios, from a recipe.
+
+::
+
+    recipe               Recipe: scenes, ranges, settings and splits, and the scenario of each number
+    generator            generate: render the scenarios into a folder
+    scenario_summary     what the index knows of a scenario
+    data_set_index       index, statistics and contact sheet of a data set
+"""

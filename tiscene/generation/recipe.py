@@ -1,0 +1,176 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Recipe: what the scenarios of a data set are drawn from, as a JSON file.
+
+Scenario k depends on the recipe and k alone: not on the number of scenarios, nor on the process that renders it. So a
+data set can be extended, and its parts can be made anywhere.
+"""
+
+from __future__ import annotations
+
+import difflib
+import json
+import os
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, fields
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from tiscene.errors import ArgumentError, MissingFile, ScenarioError
+from tiscene.export.formats import find_format
+from tiscene.scenario.scenario import Scenario
+
+DRAWS = 8  # seeds that are tried for one scenario
+
+
+@dataclass(frozen=True)
+class SceneChoice:
+    """A scene of a recipe.
+
+    Attributes:
+        scene: Its name or file.
+        weight: How often it is drawn, relative to the others.
+        variants: Names of variants to draw from, by prim and set: {"/Room{lighting}": ["day", "night"]}.
+        cameras: Names of cameras to draw one from; () for the scene's own.
+        ranges: Arguments of `Scenario.sample`, beside those of the recipe.
+    """
+
+    scene: str
+    weight: float = 1.0
+    variants: Mapping[str, Sequence[str]] = field(default_factory=dict)
+    cameras: Sequence[str] = ()
+    ranges: Mapping[str, Any] = field(default_factory=dict)
+
+
+@dataclass(frozen=True)
+class Recipe:
+    """What scenarios are drawn from, and how they are rendered.
+
+    Attributes:
+        scenes: Scenes: names, files, or objects with the fields of SceneChoice.
+        ranges: Arguments of `Scenario.sample`: {"objects": [1, 3], "speed": [0.2, 0.8]}.
+        frames: Number of frames of each scenario.
+        settings: Arguments of `Stream`: {"width": 256, "buffers": ["rgb", "instance"], "quality": "fast"}.
+        format: Export format of each scenario.
+        objects: Rows in the files of labels, as of `export`.
+        splits: Shares of the splits, by name. A scenario is in one split with all of its frames.
+        seed: 0 to 2^63 - 1.
+    """
+
+    scenes: Sequence[SceneChoice]
+    ranges: Mapping[str, Any] = field(default_factory=dict)
+    frames: int = 24
+    settings: Mapping[str, Any] = field(default_factory=dict)
+    format: str = "png"
+    objects: str | None = None
+    splits: Mapping[str, float] = field(default_factory=lambda: {"train": 1.0})
+    seed: int = 0
+
+    @classmethod
+    def load(cls, path: str | os.PathLike[str]) -> Recipe:
+        """Read a recipe.
+
+        Raises:
+            MissingFile: There is no such file.
+            ArgumentError: It is not a recipe; the message names the file and the place in it.
+        """
+        try:
+            content = json.loads(Path(path).read_text(encoding="utf-8"))
+        except FileNotFoundError as error:
+            raise MissingFile(f"no recipe {str(path)!r}") from error
+        except (OSError, ValueError) as error:
+            raise ArgumentError(f"{path}: not a JSON file: {error}") from error
+        try:
+            return cls.from_json(content)
+        except ArgumentError as error:
+            raise ArgumentError(f"{path}: {error}") from error
+
+    @classmethod
+    def from_json(cls, content: Any) -> Recipe:
+        """Make a recipe from JSON values. Raises ArgumentError, which names the place of the mistake."""
+        values = dict(_checked(content, cls, "recipe"))
+        if isinstance(values.get("scenes"), str) or not values.get("scenes"):
+            raise ArgumentError('recipe: "scenes" must be a list with at least one scene')
+        scenes = []
+        for place, each in enumerate(values["scenes"]):
+            if isinstance(each, str):
+                scenes.append(SceneChoice(each))
+            else:
+                choice = _checked(each, SceneChoice, f"scenes[{place}]")
+                if not isinstance(choice.get("scene"), str):
+                    raise ArgumentError(f'scenes[{place}]: needs "scene", a name or a file')
+                scenes.append(SceneChoice(**{**choice, "cameras": tuple(choice.get("cameras", ()))}))
+        values["scenes"] = tuple(scenes)
+        recipe = cls(**values)
+        recipe._check()
+        return recipe
+
+    def to_json(self) -> dict[str, Any]:
+        """Return the recipe as JSON values."""
+        values = {each.name: getattr(self, each.name) for each in fields(self)}
+        values["scenes"] = [
+            {each.name: getattr(choice, each.name) for each in fields(choice)} for choice in self.scenes
+        ]
+        result: dict[str, Any] = json.loads(json.dumps(values))
+        return result
+
+    def split(self, number: int) -> str:
+        """Return the split of a scenario."""
+        names = list(self.splits)
+        shares = np.array([self.splits[name] for name in names], np.float64)
+        return names[int(self._random(number, "split").choice(len(names), p=shares / shares.sum()))]
+
+    def scenario(self, number: int) -> Scenario:
+        """Return a scenario.
+
+        Raises:
+            ScenarioError: Nothing fits the ranges, with any of several seeds.
+        """
+        random = self._random(number, "scene")
+        weights = np.array([choice.weight for choice in self.scenes], np.float64)
+        choice = self.scenes[int(random.choice(len(self.scenes), p=weights / weights.sum()))]
+        camera = str(random.choice(list(choice.cameras))) if choice.cameras else None
+        variants = {place: str(random.choice(list(names))) for place, names in sorted(choice.variants.items())}
+        ranges = {**self.ranges, **choice.ranges}
+        size = {name: self.settings.get(name) for name in ("width", "height")}
+        if all(size.values()):
+            ranges.setdefault("aspect", size["width"] / size["height"])
+        mistakes = []
+        for seed in random.integers(0, 2**63, DRAWS).tolist():
+            try:
+                drawn = Scenario.sample(choice.scene, seed=seed, camera=camera, frames=self.frames, **ranges)
+                return Scenario.from_json(drawn.to_json() | {"variants": {**drawn.variants, **variants}})
+            except ScenarioError as error:
+                mistakes.append(str(error))
+        raise ScenarioError(f"scenario {number} in {choice.scene!r}: {mistakes[-1]} ({DRAWS} seeds were tried)")
+
+    def _random(self, number: int, what: str) -> np.random.Generator:
+        return np.random.default_rng([self.seed, number, *what.encode()])
+
+    def _check(self) -> None:
+        """Raise ArgumentError for a value that is wrong."""
+        form = find_format(self.format)
+        buffers = self.settings.get("buffers")
+        missing = [name for name in form.buffers if buffers is not None and name not in buffers]
+        if missing:
+            raise ArgumentError(f'recipe: format {self.format!r} requires the buffer {missing[0]!r} in "settings"')
+        if not isinstance(self.frames, int) or self.frames < 1:
+            raise ArgumentError(f"recipe: frames={self.frames!r} must be a whole number from 1 on")
+        if not self.splits or any(not isinstance(share, int | float) or share < 0 for share in self.splits.values()):
+            raise ArgumentError('recipe: "splits" must be shares by name, such as {"train": 0.8, "val": 0.2}')
+        if sum(self.splits.values()) <= 0 or sum(choice.weight for choice in self.scenes) <= 0:
+            raise ArgumentError('recipe: the shares of "splits" and the weights of "scenes" must have a sum above 0')
+
+
+def _checked(content: Any, kind: type, place: str) -> Mapping[str, Any]:
+    """Return JSON values that are a mapping with the names of fields only."""
+    if not isinstance(content, Mapping):
+        raise ArgumentError(f"{place}: must be an object, got {content!r}")
+    known = [each.name for each in fields(kind)]
+    for name in content:
+        if name not in known:
+            nearest = difflib.get_close_matches(name, known, n=1)
+            hint = f"did you mean {nearest[0]!r}?" if nearest else f"there are {', '.join(known)}"
+            raise ArgumentError(f"{place}: no field {name!r}; {hint}")
+    return content
