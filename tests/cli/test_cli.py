@@ -386,6 +386,24 @@ def test_version_option_and_missing_command(capsys):
     assert "render" in captured.err
 
 
+def test_interrupt_during_imports_ends_the_command_at_once():
+    program = """
+import importlib, signal, sys
+from tiscene.cli.main import main
+def slow(name):
+    try:
+        signal.raise_signal(signal.SIGINT)
+    except BaseException:  # as pxr's C++ code does
+        pass
+    print("imported")
+importlib.import_module = slow
+sys.argv = ["tiscene", "list"]
+sys.exit(main())
+"""
+    done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True)
+    assert (done.returncode, done.stdout, done.stderr) == (130, "", "tiscene: interrupted\n")
+
+
 def test_interrupt_during_imports_takes_effect_after_them(monkeypatch):
     """The C++ code of pxr would swallow an interrupt during its import."""
     imported = []

@@ -40,7 +40,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         warnings.simplefilter("always", StageWarning)
         warnings.showwarning = _show_warning
         try:
-            with _delayed_interrupts():
+            with _interrupts_of_imports(exit_at_once=arguments is None):
                 command = importlib.import_module(f"tiscene.cli.{args.command}")
             command.run(args)
             sys.stdout.flush()
@@ -58,14 +58,25 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 
 @contextmanager
-def _delayed_interrupts() -> Iterator[None]:
-    """Raise a KeyboardInterrupt of the block at its end: the C++ code of pxr would swallow it during its import."""
+def _interrupts_of_imports(exit_at_once: bool) -> Iterator[None]:
+    """Handle interrupts of a block that imports modules: the C++ code of pxr would swallow a KeyboardInterrupt.
+
+    Args:
+        exit_at_once: end the process, which has done nothing yet; otherwise raise KeyboardInterrupt after the block.
+    """
     default = signal.default_int_handler
     if threading.current_thread() is not threading.main_thread() or signal.getsignal(signal.SIGINT) is not default:
         yield
         return
     received: list[int] = []
-    signal.signal(signal.SIGINT, lambda number, _: received.append(number))
+
+    def interrupt(number: int, _: object) -> None:
+        if exit_at_once:
+            os.write(2, b"tiscene: interrupted\n")
+            os._exit(130)
+        received.append(number)
+
+    signal.signal(signal.SIGINT, interrupt)
     try:
         yield
     finally:
