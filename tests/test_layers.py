@@ -89,7 +89,8 @@ MAY_IMPORT = {
     },
     "tiscene.cli": {
         *("tiscene.distributed", "tiscene.generation"),
-        *("dynamics", "tiscene", "tiscene.catalog", "tiscene.errors", "tiscene.export", "tiscene.frame"),
+        *("dynamics", "tiscene", "tiscene.catalog", "tiscene.errors", "tiscene.export", "tiscene.files"),
+        "tiscene.frame",
         *("tiscene.sailenv", "tiscene.scenario", "tiscene.scene", "tiscene.stream", "tiscene.usd"),
         "tiscene.learning",
         "tiscene.preview",
@@ -124,6 +125,7 @@ ONLY_IN = {
         "tiscene/export/",
         "tiscene/frame/frame_display.py",
         "tiscene/preview/",
+        "tiscene/generation/",
         "usd_scenes/author/",
         "docs/tools/template_sheet.py",
         "docs/tools/gallery.py",
@@ -200,16 +202,16 @@ def floors() -> dict[str, int]:
     return found
 
 
-def test_rooms_have_no_cycle_and_at_most_ten_floors():
+def test_rooms_have_no_cycle_and_at_most_eleven_floors():
     found = floors()
     assert MAY_IMPORT["dynamics"] == MAY_IMPORT["usd_scenes"] == set()
     assert found["tiscene.scene"] < found["tiscene.world"] < found["tiscene.stream"] < found["tiscene.export"]
-    assert max(found.values()) == found["tiscene.__main__"] <= 10
+    assert max(found.values()) == found["tiscene.__main__"] <= 11
 
 
-def test_tiscene_has_at_most_twenty_two_rooms():
+def test_tiscene_has_at_most_twenty_four_rooms():
     folder = ROOT / "tiscene"
-    assert len([*folder.glob("*.py"), *folder.glob("*/__init__.py")]) <= 22
+    assert len([*folder.glob("*.py"), *folder.glob("*/__init__.py")]) <= 24
 
 
 def test_modules_have_no_import_cycle():
