@@ -121,7 +121,8 @@ def test_seek_returns_the_same_bytes_as_playing_with_bodies_that_come_go_and_are
     played = make()
     states = [played.frame(frame) for frame in range(80)]
     assert states[33].poses[0, 1] == 0.5 != states[33].arrivals[0, 1]
-    assert [len(state.numbers) for state in (states[4], states[5], states[20], states[41])] == [3, 4, 5, 4]
+    assert [len(state.numbers) for state in (states[4], states[5], states[20], states[41])] == [3, 4, 5, 5]
+    assert len(states[42].numbers) == 4  # one more frame than it is alive, for motion
     for order in ([79, 3, 40, 39, 21, 33, 34], [33, 32, 20, 5, 78]):
         sought = make()
         for frame in order:
@@ -168,3 +169,12 @@ def test_edit_keeps_earlier_frames_and_changes_later_ones():
     assert simulation.frame(6).poses[0, 1] == 5.0
     assert simulation.frame(6).arrivals.tobytes() == before[6].tobytes()
     assert simulation.frame(8).poses[0, 1] == pytest.approx(5.0 - 0.5 * 9.81 * 0.08**2, abs=1e-9)
+
+
+def test_body_that_is_placed_inside_of_something_is_moved_out_without_a_jump():
+    cubes = [(box(0.1, 0.1, 0.1), pose(y=0.06 + 0.2 * k), RigidBody()) for k in range(3)]
+    simulation = FakePhysicsWorld(cubes, [FLOOR]).simulation()
+    heights = np.array([simulation.frame(frame).poses[:, 1] for frame in range(30)])
+    assert heights[0, 0] == 0.06
+    np.testing.assert_allclose(heights[29], 0.1 + 0.2 * np.arange(3), atol=5e-3)
+    assert (heights[:, :].max(axis=0) < 0.13 + 0.2 * np.arange(3)).all()

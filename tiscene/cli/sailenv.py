@@ -49,7 +49,7 @@ def run(args: argparse.Namespace) -> None:
     classes = RecordedClasses.chosen(args.classes)
     recorder = SailenvRecorder(Path(args.output), args.fps, classes, overwrite=args.overwrite)
     settings = {"fps": args.fps, "quality": args.quality, "spp": args.spp, "seed": args.seed, "arch": args.arch}
-    settings |= {"incremental": args.incremental, "scene": args.scene}
+    settings |= {"incremental": args.incremental, "scene": args.scene, "physics": args.physics}
     with progress(f"running {source.name}", args.frames or 0) as step:
         agent = agent_class(
             RecordedAgent,

@@ -32,6 +32,7 @@ def run(args: argparse.Namespace) -> None:
         consecutive_flow=args.consecutive_flow,
         query_budget=args.query_budget,
         keep_clock=args.keep_clock,
+        physics=args.physics,
         arch=args.arch,
     )
     server = Server(environment, args.host, args.port, wait=args.wait)

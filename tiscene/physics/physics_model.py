@@ -24,6 +24,8 @@ Array = NDArray[np.float64]
 STEP = 0.002  # s: longest step of the engine
 CONTACT_TIME = 0.006  # s: time constant of a contact
 MOVER_MASS = 1e5  # kg
+SEPARATIONS = 40  # most moves of bodies that are placed inside of something
+SLOP = 5e-4  # m: bodies that overlap by less are not moved
 STATIC, RIGID, MOVER, WALL = 1, 2, 4, 8  # bits of collision
 WALLS = 6
 
@@ -187,6 +189,33 @@ class PhysicsModel:
         """Set pose [7] and motion [6] of a body."""
         self._data.qpos[7 * row : 7 * row + 7] = pose
         self._data.qvel[6 * row : 6 * row + 6] = motion
+
+    def separate(self, rows: Sequence[int]) -> None:
+        """Move rigid bodies out of what they are placed inside of, without giving them speed.
+
+        Args:
+            rows: The bodies that may move.
+        """
+        movable = set(rows)
+        for _ in range(SEPARATIONS if movable else 0):
+            self._engine.mj_fwdPosition(self._model, self._data)
+            shifts: dict[int, Array] = {}
+            for number in range(self._data.ncon):
+                contact = self._data.contact[number]
+                if contact.dist > -SLOP:
+                    continue
+                owners = [self._owners[geom] for geom in contact.geom.tolist()]
+                sides = [(row, sign) for (kind, row), sign in zip(owners, (-1.0, 1.0), strict=True) if kind == "body"]
+                sides = [(row, sign) for row, sign in sides if row in movable]
+                for row, sign in sides:
+                    shift = sign * (-contact.dist / len(sides)) * np.array(contact.frame[:3])
+                    before = shifts.get(row)
+                    if before is None or shift @ shift > before @ before:
+                        shifts[row] = shift
+            if not shifts:
+                return
+            for row, shift in shifts.items():
+                self._data.qpos[7 * row : 7 * row + 3] += shift
 
     def place_walls(self, planes: Array) -> None:
         """Move the walls to planes [6, 4]; inside is n . x + d >= 0."""

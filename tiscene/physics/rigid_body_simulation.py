@@ -200,6 +200,7 @@ class RigidBodySimulation:
             model.restore(saved.engine)
         else:
             model.reset()
+        placed = {body.number for body in bodies if body.number in teleports or body.number not in saved.rigid}
         for row, body in enumerate(bodies):
             if body.rigid is None:
                 continue
@@ -213,6 +214,10 @@ class RigidBodySimulation:
                 model.place(row, _inside(pose, body, walls[0]) if first and body.limited else pose, motion)
         movers = [(row, body.number) for row, body in enumerate(bodies) if body.rigid is None]
         paths = self._world.mover_poses(frame, [number for _, number in movers]) if movers else None
+        if paths is not None:
+            for place, (row, _) in enumerate(movers):
+                model.place(row, *_on_the_way(paths[0][place], paths[1][place], 0, self._steps, self._step))
+        model.separate([row for row, body in enumerate(bodies) if body.rigid is not None and body.number in placed])
         touched: dict[tuple[int, str, int], None] = {}
         for part in range(self._steps):
             if paths is not None:

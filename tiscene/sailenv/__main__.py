@@ -28,7 +28,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     script = Path(args.script)
     if not script.is_file():
         _parser().error(f"no file {args.script!r}")
-    names = ("quality", "spp", "seed", "incremental")
+    names = ("quality", "spp", "seed", "incremental", "physics")
     settings: dict[str, Any] = {name: value for name in names if (value := getattr(args, name)) is not None}
     if args.strict:
         settings["strict"] = True
@@ -51,6 +51,7 @@ def _parser() -> argparse.ArgumentParser:
         "(default: by --quality)",
     )
     parser.add_argument("--seed", type=int, help="seed of the rendering (default: 0)")
+    parser.add_argument("--physics", action="store_true", default=None, help="objects fall and are pushed")
     parser.add_argument("--strict", action="store_true", help="raise the errors that SAILenv prints")
     parser.add_argument("script", metavar="SCRIPT", help="a Python file that imports sailenv")
     parser.add_argument("arguments", nargs=argparse.REMAINDER, help="arguments of the script")

@@ -89,7 +89,7 @@ class Agent(AgentObjects):
             strict: Raise a TisceneError where SAILenv prints a message.
             settings: Arguments of `tiscene.sailenv.environment.Environment` for the first agent of a world: scene, fps,
                 quality, spp, max_depth, denoise, incremental, seed,
-                consecutive_flow, query_budget, keep_clock, arch.
+                consecutive_flow, query_budget, keep_clock, physics, arch.
         """
         self.main_frame_active = main_frame_active
         self.object_frame_active = object_frame_active

@@ -41,7 +41,8 @@ class AgentObjects(AgentLights):
             position: m.
             rotation: Euler angles, degrees.
             dynamic: Its trajectory; None for a static object.
-            remove_default_dynamics: Has no effect: objects have no physics of their own.
+            remove_default_dynamics: Whether it stays where it is. False: in a world with `physics=True`, an object
+                without a dynamic falls and is pushed.
             frustum_limited: Whether the walls of the view frustum stop it.
             scale: Factors along its axes.
             use_parent: Has no effect: poses are always those of the world.
@@ -51,7 +52,9 @@ class AgentObjects(AgentLights):
             The id of the object; "" if it cannot be spawned.
         """
         # Signatures of 2020 and 2021 lack `dynamic` or `frustum_limited`, so that `scale` comes earlier.
+        removed = remove_default_dynamics if isinstance(remove_default_dynamics, bool | int) else True
         if isinstance(dynamic, bool):
+            removed = dynamic
             dynamic, scale = None, scale if isinstance(remove_default_dynamics, bool) else remove_default_dynamics
             frustum_limited = True
         elif not isinstance(frustum_limited, bool | int):
@@ -66,6 +69,7 @@ class AgentObjects(AgentLights):
                 scale=single_precision(scale),
                 frustum_limited=bool(frustum_limited),
                 dynamic=None if dynamic is None else (dynamic.get_type(), dynamic.asdict()),
+                remove_default_dynamics=bool(removed) and remove_dynamics,
             ),
             "",
         )

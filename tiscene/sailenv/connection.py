@@ -115,7 +115,7 @@ class Connection:
 
     async def spawn(self, agent: AgentCamera) -> None:
         name, position, rotation = await self._read.text(), await self._read.vector(), await self._read.vector()
-        await self._read.flag()  # remove_default_dynamics: has no effect
+        remove_default_dynamics = await self._read.flag()
         scale = await self._read.vector()
         await self._read.flag()  # use_parent: has no effect
         frustum_limited, dynamic = await self._read_spawn_flags()
@@ -129,6 +129,7 @@ class Connection:
                 scale=scale,
                 frustum_limited=frustum_limited,
                 dynamic=None if dynamic is None else (dynamic[0], _json(dynamic[1])),
+                remove_default_dynamics=remove_default_dynamics,
             )
 
         await self._send(text_bytes(await self._try(f"spawn {name}", spawn) or ""))

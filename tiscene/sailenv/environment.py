@@ -45,6 +45,7 @@ class Environment(EnvironmentEdits):
         clock: The index of the current frame; -1 before the first.
         agents: The registered agents by id.
         consecutive_flow: Whether flow is always measured from the frame before.
+        physics: Whether objects fall and are pushed.
         uploads: Models that agents have sent.
     """
 
@@ -62,6 +63,7 @@ class Environment(EnvironmentEdits):
         consecutive_flow: bool = False,
         query_budget: int | None = None,
         keep_clock: bool = False,
+        physics: bool = False,
         arch: str | None = None,
     ) -> None:
         """Check the arguments; the scene is read when it is first needed.
@@ -80,6 +82,8 @@ class Environment(EnvironmentEdits):
             query_budget: How many pixels each agent may ask about (see `ask_pixel`); None for any number.
             keep_clock: Whether the frame clock goes on when an agent changes the scene: the new scene is then shown as
                 it is at that time. False: it starts at frame 0, as in SAILenv. A scenario always starts at frame 0.
+            physics: Whether objects fall and are pushed: those of scenarios without a dynamic, and those that are
+                spawned with their default dynamics. Needs the extra `physics`.
             arch: "cpu" or "cuda"; None for "cpu".
 
         Raises:
@@ -91,6 +95,7 @@ class Environment(EnvironmentEdits):
         integer("seed", seed, 0, 2**32 - 1)
         self._queries = PixelQueries(query_budget)
         runtime.start(arch)
+        self.physics = bool(physics)
         self.consecutive_flow, self._keep_clock = bool(consecutive_flow), bool(keep_clock)
         self.clock = -1
         self.agents: dict[int, AgentCamera] = {}
@@ -238,7 +243,7 @@ class Environment(EnvironmentEdits):
             TisceneError: The scenario as a whole is invalid; nothing has changed then.
         """
         scene = asset_names.catalog_scene(str(content.get("scene_name")))
-        scenario, names, problems = json_messages.scenario_of(content, scene, self._template)
+        scenario, names, problems = json_messages.scenario_of(content, scene, self._template, self.physics)
         self._start_scene(scene, scenario, agent)
         for each in self.agents.values():
             if not each.has_own_pose:

@@ -7,6 +7,7 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 import tiscene.scenario.objects as native_objects
+from dynamics import Dynamic, RigidBody, Still
 from tiscene.sailenv import asset_names, json_messages
 from tiscene.sailenv.agent_camera import AgentCamera
 from tiscene.sailenv.agent_walls import AgentWalls
@@ -29,6 +30,7 @@ class EnvironmentEdits:
     """
 
     uploads: UploadedModels
+    physics: bool
     _session: SceneSession
     _walls: AgentWalls | None = None
     _ambient: Color8 = (0, 0, 0)
@@ -81,6 +83,7 @@ class EnvironmentEdits:
         scale: Vector3 = (1.0, 1.0, 1.0),
         frustum_limited: bool = True,
         dynamic: tuple[str, Mapping[str, Any]] | None = None,
+        remove_default_dynamics: bool = True,
     ) -> str:
         """Spawn an object in the next frame.
 
@@ -92,6 +95,7 @@ class EnvironmentEdits:
             scale: Factors along the axes of the object.
             frustum_limited: Whether the walls of the view frustum stop the object.
             dynamic: SAILenv's type and description of the object's motion; None for a static object.
+            remove_default_dynamics: False: with physics, an object without a dynamic falls and is pushed.
 
         Returns:
             The id of the object.
@@ -100,11 +104,16 @@ class EnvironmentEdits:
             TisceneError: The template does not exist, or an argument is invalid.
         """
         template, (x, y, z) = self._template(name)
+        motion: Dynamic | None = Still() if self.stream.scenario.physics else None
+        if dynamic is not None:
+            motion = json_messages.dynamic_of(*dynamic)
+        elif self.physics and not remove_default_dynamics:
+            motion = RigidBody()
         number = self.stream.world.spawn(
             template,
             mirrored(bounded(position)),
             mirrored_euler(bounded(rotation)),
-            None if dynamic is None else json_messages.dynamic_of(*dynamic),
+            motion,
             scale=(x * scale[0], y * scale[1], z * scale[2]),
             frustum_limited=frustum_limited,
         )

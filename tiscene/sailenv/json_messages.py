@@ -122,7 +122,7 @@ def object_of(content: Mapping[str, Any], name: str) -> native_objects.Object:
 
 
 def scenario_of(
-    content: Mapping[str, Any], scene: str, find_template: Callable[[str], tuple[str, Vector3]]
+    content: Mapping[str, Any], scene: str, find_template: Callable[[str], tuple[str, Vector3]], physics: bool = False
 ) -> tuple[native.Scenario, list[str], list[str]]:
     """Return a scenario without its invalid objects.
 
@@ -130,6 +130,7 @@ def scenario_of(
         content: SAILenv's scenario.
         scene: The name of the scene in tiscene's catalog.
         find_template: Returns tiscene's name of a template and its scale, given SAILenv's name.
+        physics: Whether objects without a dynamic fall and are pushed, if the content does not say (key `physics`).
 
     Returns:
         The scenario, the name of each object of the content, and a message for each invalid one.
@@ -149,7 +150,11 @@ def scenario_of(
             problems.append(str(error))
     timings = timings_of(content.get("timings"), names, {each.id for each in objects})
     frustum = frustum_of(content.get("frustum", content.get("spawn_frustum")))  # early clients send the second key
-    return native.Scenario(scene, objects, timings, frustum), names, problems
+    return (
+        native.Scenario(scene, objects, timings, frustum, physics=bool(content.get("physics", physics))),
+        names,
+        problems,
+    )
 
 
 def object_names(contents: Sequence[Mapping[str, Any]]) -> list[str]:

@@ -214,12 +214,19 @@ class Scenario(BaseDataclass):
         objects: The objects.
         timings: When they move.
         frustum: Walls of the agent's view; True for default walls, False for none.
+        physics: Extension of tiscene: whether objects without a dynamic fall and are pushed; None: as the agent says.
     """
 
     scene_name: str
     objects: list[Object]
     timings: Timings = field(default_factory=AllTogetherTimings)
     frustum: Frustum | bool = field(default_factory=Frustum.default_frustum)
+    physics: bool | None = None
+
+    def asdict(self) -> dict[str, Any]:
+        """Return the fields by name, as JSON values; without `physics`, unless it is set."""
+        content = super().asdict()
+        return content if self.physics is not None else {key: each for key, each in content.items() if key != "physics"}
 
     @property
     def n_objects(self) -> int:

@@ -22,7 +22,7 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
-from dynamics import AllTogether, RigidBody, Still, Timing, argument_checks
+from dynamics import AllTogether, Dynamic, RigidBody, Still, Timing, argument_checks
 from tiscene import catalog
 from tiscene.errors import ArgumentError, MissingFile, ScenarioError, scenario_errors
 from tiscene.scenario import serialization
@@ -100,7 +100,7 @@ class Scenario:
                 raise ScenarioError(f"frustum={self.frustum!r}: must be a Frustum or None")
             object.__setattr__(self, "camera", check_cameras(self.camera))
             try:
-                self.timings.windows([(each.id, each.dynamic or Still()) for each in self.objects])
+                self.timings.windows([(each.id, _path_of(each)) for each in self.objects])
             except ValueError as error:
                 raise ScenarioError(f"timings: {error}") from error
             object.__setattr__(self, "edits", check_edits(self.edits))
@@ -329,3 +329,8 @@ class Scenario:
 
 
 SCENARIOS = classes(Scenario)
+
+
+def _path_of(each: Object) -> Dynamic:
+    """Return the trajectory that timings apply to; a rigid body has none."""
+    return Still() if isinstance(each.dynamic, RigidBody | None) else each.dynamic

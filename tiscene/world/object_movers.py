@@ -15,7 +15,7 @@ from typing import overload
 import numpy as np
 from numpy.typing import NDArray
 
-from dynamics import Body, Mover, RigidBody, Shape, Still, Teleport, UniformMovementRandomBounce, cover
+from dynamics import Body, Dynamic, Mover, RigidBody, Shape, Still, Teleport, UniformMovementRandomBounce, cover
 from dynamics.rotation import quaternion
 from tiscene.scenario.edits import Despawn, Edit, EditLog, Move
 from tiscene.scenario.objects import Object
@@ -79,6 +79,11 @@ class ObjectMovers(Sequence[Mover]):
         """Return an object's body with a closed form: a bouncing one stands at its start."""
         return self._entry(row).body
 
+    @staticmethod
+    def path(spec: Object) -> Dynamic:
+        """Return an object's trajectory; one without, or a rigid body, stands still as far as paths are concerned."""
+        return Still() if isinstance(spec.dynamic, RigidBody | None) else spec.dynamic
+
     def amend(self, edit: Edit) -> None:
         """Take one more edit of the log."""
         if not isinstance(edit, Move | Despawn):
@@ -106,8 +111,8 @@ class ObjectMovers(Sequence[Mover]):
         if entry is None:
             history = self._log.lives[row]
             spec = history.spec
-            is_simulated = isinstance(spec.dynamic, UniformMovementRandomBounce | RigidBody | None)
-            dynamic = Still() if is_simulated else spec.dynamic
+            path = self.path(spec)
+            dynamic = Still() if isinstance(path, UniformMovementRandomBounce) else path
             birth = Fraction(spec.first_frame) / self._fps
             body = Body(dynamic, spec.position, spec.rotation, name=spec.id, birth=birth, timed=history.spawned is None)
             entry = self._entries[row] = _Entry(body)

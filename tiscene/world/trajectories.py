@@ -238,7 +238,7 @@ class Trajectories:
         if self.stepped is None:
             unspawned = [self._log.lives[row].spec for row in range(self._unspawned)]
             timings = AssignedWindows(
-                self._scenario.timings, [(each.id, each.dynamic or Still()) for each in unspawned]
+                self._scenario.timings, [(each.id, self._movers.path(each)) for each in unspawned]
             )
             self.stepped = SteppedSimulation(
                 self._movers,

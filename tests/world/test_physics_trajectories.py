@@ -1,0 +1,147 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Rigid bodies of a scenario: on the stage, beside movers, spawned and moved while a stream runs."""
+
+import numpy as np
+import pytest
+
+pytest.importorskip("mujoco")
+
+import tiscene as ts
+from tiscene.physics.convex_parts import convex_parts
+
+CAMERA = ts.Camera.look_at((0.0, 1.2, 4.0), (0.0, 0.6, 0.0), (0.0, 1.0, 0.0))
+BUFFERS = ("instance", "depth", "backward_flow")
+
+
+@pytest.fixture(scope="module")
+def stream():
+    """A cube that falls on a floor, a thrown ball, and a cube that stays, where there is no stage."""
+    objects = [
+        ts.Object("cube", "Cube", (0.0, 0.9, 0.0)),
+        ts.Object("ball", "Ball 01", (-0.8, 1.0, 0.3), first_frame=5, dynamic=ts.RigidBody(velocity=(1.0, 1.0, 0.0))),
+        ts.Object("fixed", "Cube", (0.9, 1.4, 0.0), dynamic=ts.Still()),
+        ts.Object("floor", "Cube", (0.0, -1.0, 0.0), scale=(25.0, 5.0, 25.0), dynamic=ts.Still()),
+    ]
+    return ts.Stream(
+        ts.Scenario("object_view", objects, physics=True, camera=CAMERA), width=24, height=18, buffers=BUFFERS
+    )
+
+
+def height(stream, frame, name):
+    return next(row.position[1] for row in stream.world.state(frame).objects if row.name == name)
+
+
+def test_objects_fall_and_rest(stream):
+    assert height(stream, 5, "cube") == pytest.approx(0.9 - 0.5 * 9.81 * 0.2**2, abs=1e-9)
+    assert height(stream, 60, "cube") == pytest.approx(0.2, abs=2e-3)
+    assert height(stream, 10, "ball") == pytest.approx(1.0 + 0.2 - 0.5 * 9.81 * 0.2**2, abs=1e-9)
+    assert height(stream, 60, "fixed") == 1.4
+
+
+def test_seek_returns_the_frames_of_playing_in_another_stream(stream):
+    played = [stream[frame] for frame in range(30)]
+    sought = ts.Stream(stream.scenario, width=24, height=18, buffers=BUFFERS)
+    for frame in (29, 4, 12, 11, 28):
+        for name in BUFFERS:
+            assert sought[frame][name].tobytes() == played[frame][name].tobytes()
+
+
+def test_flow_is_that_of_the_fall(stream):
+    frame = stream[8]
+    rows = {row.name: row.id for row in frame.objects}
+    there = frame.instance == rows["cube"]
+    assert there.any()
+    assert (frame.backward_flow[there][:, 1] < 0.0).all()  # it was higher before
+
+
+def test_new_contacts_are_reported(stream):
+    found = [(frame, event) for frame in range(40) for event in stream[frame].events if event.kind == "contact"]
+    row = {each.name: each.id for each in stream[6].objects}
+    touched = [frame for frame, event in found if {event.object, event.other} == {row["cube"], row["floor"]}]
+    assert touched
+    assert 8 <= touched[0] <= 12  # after 0.5 s of fall
+    assert len(touched) < 6
+
+
+def test_object_rests_on_the_stage():
+    objects = [ts.Object("cube", "Cube", (0.0, 0.6, 0.0))]
+    stream = ts.Stream(ts.Scenario("solid_benchmark", objects, physics=True), width=8, height=6, buffers=("depth",))
+    assert height(stream, 40, "cube") == pytest.approx(0.2, abs=2e-3)
+    contacts = {each.kind for each in stream.world.trajectories.collisions(10)}
+    assert contacts <= {"stage", "collider"}
+
+
+def test_edits_show_in_later_frames_and_replay(stream):
+    edited = ts.Stream(stream.scenario, width=24, height=18, buffers=BUFFERS)
+    for _ in range(6):
+        next(edited)
+    edited.world.spawn("Ball 01", (0.0, 2.0, 0.0), id="second")
+    edited.world.move("cube", (0.0, 1.5, 0.5))
+    frames = [next(edited) for _ in range(12)]
+    assert height(edited, 6, "cube") == 1.5
+    assert height(edited, 10, "second") == pytest.approx(2.0 - 0.5 * 9.81 * (4 / 25) ** 2, abs=1e-9)
+    replayed = ts.Stream(ts.Scenario.from_json(edited.scenario.to_json()), width=24, height=18, buffers=BUFFERS)
+    for frame in reversed(frames):
+        assert replayed[frame.index].depth.tobytes() == frame.depth.tobytes()
+
+
+def test_timings_that_wait_for_loops_accept_rigid_bodies():
+    loop = ts.LinearWaypoints([ts.Waypoint((0, 1, 0)), ts.Waypoint((1, 1, 0))], total_time=1.0)
+    objects = [ts.Object("a", "Cube", dynamic=loop), ts.Object("b", "Cube", (0, 3, 0))]
+    scenario = ts.Scenario("solid_benchmark", objects, ts.WaitUntilComplete(0.0), physics=True)
+    assert scenario.objects[1].dynamic == ts.RigidBody()
+    assert ts.Scenario.from_json(scenario.to_json()) == scenario
+
+
+@pytest.mark.parametrize(
+    "named", [{"density": 0.0}, {"friction": -1.0}, {"restitution": 1.0}, {"velocity": (1, 2)}, {"density": "heavy"}]
+)
+def test_invalid_rigid_bodies_are_errors(named):
+    with pytest.raises(ts.TisceneError):
+        ts.Object("a", "Cube", dynamic=ts.RigidBody(**named))
+
+
+def grid_box(low, high):
+    """Return the twelve triangles of a box, counter-clockwise from outside."""
+    import trimesh
+
+    return np.asarray(trimesh.creation.box(bounds=[low, high]).triangles, np.float64)
+
+
+def test_convex_surface_is_one_part_and_separate_ones_are_several():
+    one = convex_parts(grid_box((-1, -1, -1), (1, 1, 1)), 0.01, 0.005)
+    assert [(part.kind, part.half.tolist()) for part in one] == [("box", [1, 1, 1])]
+    both = np.concatenate([grid_box((0, 0, 0), (1, 0.1, 1)), grid_box((0.2, 0.2, 0.2), (0.3, 1, 0.3))])
+    assert len(convex_parts(both, 0.01, 0.005)) == 2
+
+
+def test_bowl_is_covered_by_parts_that_leave_its_inside_free():
+    import trimesh
+
+    profile = [(0.0, 0.0), (0.5, 0.0), (0.5, 0.5), (0.46, 0.5), (0.46, 0.04), (0.0, 0.04)]
+    surface = np.asarray(trimesh.creation.revolve(np.array(profile), sections=48).triangles, np.float64)
+    surface = surface[:, :, [0, 2, 1]][:, ::-1]
+    parts = convex_parts(surface, 0.01, 0.005)
+    assert 4 < len(parts) < 300
+    from scipy.spatial import ConvexHull
+
+    def inside(point):
+        return any((ConvexHull(p.points).equations @ np.array([*point, 1.0]) <= 1e-9).all() for p in parts)
+
+    assert not inside((0.0, 0.3, 0.0))
+    assert not inside((0.3, 0.2, 0.2))
+    assert inside((0.0, 0.02, 0.0)) or inside((0.02, 0.02, 0.02))
+
+
+def test_thin_plate_with_a_hole_stays_open():
+    frame = [((0, 0, 0), (3, 0, 1)), ((0, 0, 2), (3, 0, 3)), ((0, 0, 1), (1, 0, 2)), ((2, 0, 1), (3, 0, 2))]
+    quads = []
+    for (x0, _, z0), (x1, _, z1) in frame:
+        a, b, c, d = (x0, 0, z0), (x0, 0, z1), (x1, 0, z1), (x1, 0, z0)
+        quads += [(a, b, c), (a, c, d)]
+    parts = convex_parts(np.array(quads, np.float64), 0.02, 0.03)
+    for part in parts:
+        low, high = part.points.min(axis=0), part.points.max(axis=0)
+        assert not ((low[[0, 2]] < 1.4).all() and (high[[0, 2]] > 1.6).all())
+        assert high[1] == pytest.approx(0.0, abs=1e-9)  # the plate grows at its back, downwards
+        assert low[1] == pytest.approx(-0.03, abs=1e-9)
