@@ -254,7 +254,7 @@ def test_an_edited_stream_replays_exactly(tmp_path):
         seen.append(next(stream))
     shown = [number in frame.instance for frame in seen]
     assert shown == [False] * 3 + [True] * 4 + [False]
-    assert [event.kind for event in seen[3].events if event.object == number] == ["spawn", "enter"]
+    assert [event.kind for event in seen[3].events if event.object == number] == ["spawn", "overlap", "enter"]
     assert [event.kind for event in seen[7].events if event.object == number][:1] == ["despawn"]
     # Not anticipated: the frame before the move knows nothing of it.
     assert [row.velocity for row in seen[4].objects if row.name == "ball"] == [(0.0, 0.0, 0.0)]
