@@ -21,8 +21,6 @@ from tiscene.learning.held_out_tests import counterfactuals
 from tiscene.learning.phase import Phase
 from tiscene.learning.supervision import SupervisionRules
 from tiscene.learning.teaching_policies import Combined, OnePixelPerMovingObject, RandomPixels
-from tiscene.scenario.objects import Object
-from tiscene.scenario.scenario import Scenario
 from usd_scenes.author.home_01 import WALK
 
 FOLDER = Path(ts.__file__).parent / "learning" / "suites"
@@ -60,11 +58,11 @@ GRADES = (
 )
 
 
-def moving(scene: str, templates: Sequence[str], grade: Grade, seed: int) -> Scenario:
+def moving(scene: str, templates: Sequence[str], grade: Grade, seed: int) -> ts.Scenario:
     """Return a scenario in which one object of each template moves on a random loop."""
-    objects: list[Object] = []
+    objects: list[ts.Object] = []
     for row, template in enumerate(templates[: grade.objects]):
-        drawn = Scenario.sample(
+        drawn = ts.Scenario.sample(
             scene,
             seed=100 * seed + row,
             objects=1,
@@ -75,7 +73,7 @@ def moving(scene: str, templates: Sequence[str], grade: Grade, seed: int) -> Sce
             angular_speed=grade.spin,
         )
         objects.append(replace(drawn.objects[0], id=template.lower().replace(" ", "_"), collide=False))
-    return Scenario(scene, objects)
+    return ts.Scenario(scene, objects)
 
 
 def course(
@@ -139,7 +137,7 @@ def home(grade: Grade) -> Course:
     seconds = {"easy": 50.0, "medium": 40.0, "hard": 30.0}[grade.name]  # of a walk
     walk = ts.CatmullWaypoints(stops, total_time=seconds, rotation="euler")
     camera = ts.Camera((0.0, 1.5, 0.0), vertical_fov=1.05, exposure=2.8, dynamic=walk)
-    scenario = Scenario("home_01", camera=camera)
+    scenario = ts.Scenario("home_01", camera=camera)
     lap = round(seconds * 25)
     # Shares of the walk: to the bedroom, to the bathroom, to the kitchen.
     marks = [0, round(0.37 * lap), round(0.57 * lap), lap]
@@ -182,7 +180,7 @@ def _classes_in_turn(scene: str, groups: Sequence[Sequence[str]], grade: Grade, 
     return course(phases, tests, categories)
 
 
-def _title(scenario: Scenario) -> str:
+def _title(scenario: ts.Scenario) -> str:
     return ", ".join(ts.templates()[each.template].category for each in scenario.objects)
 
 

@@ -47,7 +47,7 @@ def line_chart(
     for frame in _ticks(end):
         parts.append(f'<text x="{x(frame):.1f}" y="{HEIGHT - 16}" text-anchor="middle">{frame}</text>')
     parts.append(f'<text x="{x(end / 2):.1f}" y="{HEIGHT - 2}" text-anchor="middle">frame</text>')
-    last = -LABEL
+    last: float = -LABEL
     for frame, text in marks.items():
         raised = x(frame) - last < LABEL  # texts that would overlap stand in two rows
         last = -LABEL if raised else x(frame)
