@@ -49,7 +49,10 @@ def launch(arguments: Sequence[str], env: dict[str, str]) -> subprocess.Popen[st
     """Start a command of tiscene in a process group of its own."""
     pipes = {"stdout": subprocess.DEVNULL, "stderr": subprocess.PIPE, "text": True, "errors": "replace"}
     command = [sys.executable, "-W", "ignore", "-m", "tiscene", *arguments]
-    environment = {**os.environ, "PYTHONPATH": str(ROOT), **env}
+    # As installed packages have it.
+    bytecode = str(Path(tempfile.gettempdir(), "tiscene-stress-bytecode"))
+    environment = {**os.environ, "PYTHONPATH": str(ROOT), "PYTHONPYCACHEPREFIX": bytecode, **env}
+    environment.pop("PYTHONDONTWRITEBYTECODE", None)
     return subprocess.Popen(command, env=environment, cwd=ROOT, start_new_session=True, **pipes)
 
 

@@ -26,8 +26,9 @@ from tests.stress.outcomes import Outcome, count
 from tests.stress.process_resources import resources
 
 SELF = "tests.stress.server_attacks"
-SERVICE = 20.0  # s, in which a new client must get a frame after an attack
+SERVICE = 60.0  # s, in which a new client must get a frame after an attack
 MEMORY_GROWTH = 100 << 20  # bytes, over all attacks after the first
+WARM_UP = 200  # random messages before the first measurement: they compile all kernels, about 500 MB
 ARGUMENTS = ("object_view", "--spp", "1", "--wait", "0.5")
 
 
@@ -211,7 +212,7 @@ def rows(scale: float) -> Iterator[Outcome]:
         server = Served(Path(name), *ARGUMENTS)
         try:
             service_seconds(server)
-            send_random(server, 5)
+            send_random(server, WARM_UP)
             service_seconds(server)
             files = resources(server.process.pid).files
             for function, full in ATTACKS:
