@@ -111,7 +111,7 @@ def test_rank_is_that_of_the_process_group(stream, tmp_path):
 
 
 def test_objects_are_the_visible_ones_and_collate_keeps_them_apart():
-    stream = Stream(Scenario("object_view", [Object("ball", "Sphere", (0, 1, -3), first_frame=1)]), **SETTINGS)
+    stream = Stream(Scenario("object_view", [Object("ball", "Sphere", (0, 1, -1.5), first_frame=1)]), **SETTINGS)
     dataset = stream.torch(frames=range(2), objects=True)
     (batch,) = DataLoader(dataset, batch_size=2, collate_fn=dataset.collate)
     assert batch["depth"].shape == (2, 12, 16)

@@ -216,7 +216,9 @@ def test_frames_that_the_stream_does_not_have_are_refused(stream, tmp_path, fram
     assert not list(tmp_path.iterdir())
 
 
-def test_page_that_cannot_be_written_is_an_error_before_rendering(stream, tmp_path):
+@pytest.mark.parametrize("place", ["file/page.html", "folder"])
+def test_page_that_cannot_be_written_is_an_error_before_rendering(stream, tmp_path, place):
     (tmp_path / "file").touch()
+    (tmp_path / "folder").mkdir()
     with pytest.raises(ExportError, match="cannot write"):
-        write_preview(stream, tmp_path / "file" / "page.html", progress=lambda index: pytest.fail("rendered"))
+        write_preview(stream, tmp_path / place, progress=lambda index: pytest.fail("rendered"))

@@ -6,6 +6,7 @@ from __future__ import annotations
 import json
 import os
 import re
+import tempfile
 from collections.abc import Callable
 from html import escape
 from pathlib import Path
@@ -48,9 +49,12 @@ def write_preview(
     """
     path = Path(path)
     frames = frame_indices(stream, frames)
-    with export_errors(path):
-        write_atomically(path.with_suffix(".part.html"), b"")  # before minutes of rendering
-        path.with_suffix(".part.html").unlink()
+    with export_errors(path):  # before minutes of rendering
+        if path.is_dir():
+            raise IsADirectoryError("it is a folder")
+        path.parent.mkdir(parents=True, exist_ok=True)
+        with tempfile.TemporaryFile(dir=path.parent):
+            pass
     page = page_of(stream, frames, progress)
     with export_errors(path):
         write_atomically(path, page.encode())
