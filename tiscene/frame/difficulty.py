@@ -9,20 +9,38 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, fields
-from typing import TYPE_CHECKING, Any, Protocol
+from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
+from tiscene.frame.object_table import ObjectTable
 from tiscene.scene.color import decode_srgb
-
-if TYPE_CHECKING:
-    from tiscene.frame.frame import Frame
 
 LEAST_MOTION = 0.1  # px per frame: a pixel that moves less counts as still
 BAND = 3  # px: width of the background around an object that its contrast is measured against
 LUMINANCE = 0.2126, 0.7152, 0.0722  # Rec.709
 NEVER_SHOWN = 180.0  # degrees
+
+
+class MeasuredFrame(Protocol):
+    """What of a frame is measured."""
+
+    @property
+    def buffers(self) -> Mapping[str, NDArray[Any]]: ...
+    @property
+    def objects(self) -> ObjectTable: ...
+    @property
+    def camera(self) -> ImageSize: ...
+
+
+class ImageSize(Protocol):
+    """The size of an image, px."""
+
+    @property
+    def width(self) -> int: ...
+    @property
+    def height(self) -> int: ...
 
 
 class ViewNovelty(Protocol):
@@ -66,7 +84,7 @@ class Difficulty:
 MEASURES = tuple(each.name for each in fields(Difficulty))
 
 
-def difficulty_of(frame: Frame, novelty: ViewNovelty | None) -> Difficulty:
+def difficulty_of(frame: MeasuredFrame, novelty: ViewNovelty | None) -> Difficulty:
     """Measure a frame.
 
     Args:
@@ -77,7 +95,8 @@ def difficulty_of(frame: Frame, novelty: ViewNovelty | None) -> Difficulty:
     has_scenario = any(row.template for row in frame.objects)
     targets = [row for row in visible if row.template or not has_scenario]
     pixels = frame.camera.width * frame.camera.height
-    flow = frame.get("forward_flow", frame.get("backward_flow"))
+    buffers = frame.buffers
+    flow = buffers.get("forward_flow", buffers.get("backward_flow"))
     motion = moving = None
     if flow is not None:
         length = np.linalg.norm(flow, axis=2)
@@ -85,9 +104,9 @@ def difficulty_of(frame: Frame, novelty: ViewNovelty | None) -> Difficulty:
         moving = float(moves.mean())
         motion = float(length[moves].mean()) if moves.any() else 0.0
     contrast = None
-    if "rgb" in frame and "instance" in frame:
-        luminance = decode_srgb(frame.rgb / 255.0) @ LUMINANCE
-        contrast = _mean(_contrast(luminance, frame.instance == row.id) for row in targets)
+    if "rgb" in buffers and "instance" in buffers:
+        luminance = decode_srgb(buffers["rgb"] / 255.0) @ LUMINANCE
+        contrast = _mean(_contrast(luminance, buffers["instance"] == row.id) for row in targets)
     angles = novelty.angles() if novelty is not None and has_scenario else {}
     return Difficulty(
         instances=len(visible),
