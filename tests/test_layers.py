@@ -102,6 +102,7 @@ MAY_IMPORT = {
 SHARED_NAMES = {
     "errors": ["tiscene/errors.py", "dynamics/errors.py"],
     "kernel_types": ["tiscene/device/kernel_types.py", "dynamics/kernel_types.py"],
+    "view": ["tiscene/cli/view.py", "tiscene/render/view.py"],  # modules of commands have the commands' names
 }
 
 # Functions that a lower room calls by name and imports at first use, so that its own users need neither USD nor Taichi.
