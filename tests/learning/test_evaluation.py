@@ -278,6 +278,7 @@ def test_several_learners_share_frames_and_have_their_own_scores(course):
     assert first.scores["online"] != second.scores["online"]
 
 
+@pytest.mark.slow
 def test_score_is_recomputed_by_another_process_from_a_checkpoint(tmp_path):
     """Half of the course here, the rest in another process: the same score as without interruption."""
     whole = evaluate(NearestAlbedo(), make_course())
