@@ -119,7 +119,7 @@ class RigidBodySimulation:
         """Forget what edits at a frame change; states with which bodies arrive at it stay valid."""
         for known in (self._results, self._checkpoints):
             for number in [each for each in known if each > frame or (known is self._results and each == frame)]:
-                del known[number]  # type: ignore[attr-defined]
+                del known[number]
         if self._current[0] > frame:
             self._current = (-1, self._current[1])
 

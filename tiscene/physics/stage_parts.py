@@ -32,7 +32,7 @@ class StageParts:
         self, instances: Sequence[Instance], present: Sequence[bool]
     ) -> list[tuple[int, Array, Sequence[PartShape]]]:
         """Return row, pose [7] and parts of each instance that is present and takes part in collisions."""
-        found = []
+        found: list[tuple[int, Array, Sequence[PartShape]]] = []
         for row, (instance, is_present) in enumerate(zip(instances, present, strict=True)):
             if is_present and instance.collides:
                 pose, inner = _pose_and_rest(np.asarray(instance.world_from_object, np.float64))
