@@ -31,8 +31,8 @@ def test_labels_have_the_camera_and_the_objects_if_requested(tmp_path):
 def test_events_have_the_fields_of_event():
     frame = replace(FakeStream()[1], events=(Event("contact", 3, other=7), Event("contact", 3, surface="left")))
     assert frame_json.frame_labels(frame, objects=None)["events"] == [
-        {"kind": "contact", "object": 3, "other": 7, "surface": ""},
-        {"kind": "contact", "object": 3, "other": 0, "surface": "left"},
+        {"kind": "contact", "object": 3, "other": 7, "surface": "", "room": ""},
+        {"kind": "contact", "object": 3, "other": 0, "surface": "left", "room": ""},
     ]
 
 

@@ -119,6 +119,17 @@ def test_panoptic_pictures_have_the_ids_of_their_segments(exported):
         assert [segment["id"] for segment in annotation["segments_info"]] == [3]
 
 
+def test_stuff_has_panoptic_segments_but_no_instances(tmp_path, monkeypatch):
+    from tests.export import fake_stream
+
+    monkeypatch.setattr(fake_stream.CHAIR, "category", "wall")
+    export(FakeStream(("rgb", "instance")), tmp_path, format="coco", frames=[0])
+    instances = json.loads((tmp_path / "annotations" / "instances.json").read_text())
+    panoptic = json.loads((tmp_path / "annotations" / "panoptic.json").read_text())
+    assert instances["annotations"] == instances["tracks"] == []
+    assert [each["id"] for each in panoptic["annotations"][0]["segments_info"]] == [3]
+
+
 @pytest.mark.filterwarnings("ignore::pytest.PytestUnraisableExceptionWarning")  # webdataset does not close its files
 def test_webdataset_reads_samples(exported):
     webdataset = pytest.importorskip("webdataset")

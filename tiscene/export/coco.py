@@ -4,7 +4,8 @@
 Pictures are `images/000012.png`; `panoptic/000012.png` has the ids of the segments as R + 256 G + 65536 B. An
 annotation is a visible object with a category: `bbox` (x, y, width, height), `area` (px), `segmentation` (compressed
 RLE, column by column), `iscrowd` 0, and, for tracking (TAO, YouTube-VIS), `track_id` and `video_id`; `instance` is its
-value in the buffer of that name. Ids begin with 1: the image of frame k is k + 1.
+value in the buffer of that name. Ids begin with 1: the image of frame k is k + 1. Stuff (walls, floors, ceilings) has
+panoptic segments alone, and `isthing` 0.
 """
 
 from __future__ import annotations
@@ -25,6 +26,7 @@ if TYPE_CHECKING:
     from tiscene.stream.stream import Stream
 
 FRAMES_PER_FILE = None
+STUFF = frozenset({"ceiling", "cornice", "floor", "skirting", "wall"})  # categories without countable instances
 
 
 def encode(frame: Frame) -> dict[str, bytes]:
@@ -48,6 +50,8 @@ def pieces(frame: Frame, labels: dict[str, Any], stream: Stream) -> dict[str, by
         about = {"category_id": row.category_id, "bbox": list(box), "area": area, "iscrowd": 0}
         segments.append({"id": id, **about})
         mask = {"size": [height, width], "counts": rle(counts)}
+        if row.category in STUFF:
+            continue
         track = {"image_id": frame.index + 1, "video_id": 1, "track_id": id, "instance": id, "name": row.name}
         annotations.append({**track, **about, "segmentation": mask})
     panoptic = {
@@ -55,7 +59,11 @@ def pieces(frame: Frame, labels: dict[str, Any], stream: Stream) -> dict[str, by
         "file_name": f"{frame.index:06d}.png",
         "segments_info": segments,
     }
-    tracks = [{"id": id, "category_id": row.category_id, "video_id": 1} for id, row in categories.items()]
+    tracks = [
+        {"id": id, "category_id": row.category_id, "video_id": 1}
+        for id, row in categories.items()
+        if row.category not in STUFF
+    ]
     content = {"image": image, "annotations": annotations, "panoptic": panoptic, "tracks": tracks}
     return {"coco.json": json.dumps(content, separators=(",", ":")).encode()}
 
@@ -64,7 +72,9 @@ def pack(frames: Iterable[FramePieces], run: ExportRun, folder: Path) -> None:
     """Write the two JSON files, a frame at a time."""
     target = folder / "annotations"
     target.mkdir(parents=True)
-    categories = [{"id": id, "name": name, "isthing": 1} for id, name in sorted(run.categories.items()) if id]
+    categories = [
+        {"id": id, "name": name, "isthing": int(name not in STUFF)} for id, name in sorted(run.categories.items()) if id
+    ]
     info = {"description": f"tiscene {run.provenance['tiscene']}", "version": "1.0"}
     scene = str(run.provenance["scenario"].get("scene", ""))
     videos = [{"id": 1, "name": scene, "fps": run.fps, "length": len(run.frames)}]

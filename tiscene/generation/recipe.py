@@ -133,9 +133,8 @@ class Recipe:
         camera = str(random.choice(list(choice.cameras))) if choice.cameras else None
         variants = {place: str(random.choice(list(names))) for place, names in sorted(choice.variants.items())}
         ranges = {**self.ranges, **choice.ranges}
-        size = {name: self.settings.get(name) for name in ("width", "height")}
-        if all(size.values()):
-            ranges.setdefault("aspect", size["width"] / size["height"])
+        if "width" in self.settings and "height" in self.settings:
+            ranges.setdefault("aspect", self.settings["width"] / self.settings["height"])
         mistakes = []
         for seed in random.integers(0, 2**63, DRAWS).tolist():
             try:
