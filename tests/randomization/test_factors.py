@@ -406,3 +406,22 @@ def test_sample_reaches_a_band_of_difficulty_or_says_that_it_cannot(monkeypatch)
     ):
         with pytest.raises(ArgumentError, match=message):
             Scenario.sample("object_view", **ranges, difficulty=wrong)
+
+
+def test_lighting_is_that_of_the_scene_else_of_all_rooms(tmp_path):
+    room = """
+    def Xform "{name}" (
+        variants = {{ string lighting = "day" }}
+        prepend variantSets = "lighting"
+    )
+    {{
+        variantSet "lighting" = {{ "day" {{ }} "night" {{ }} }}
+    }}"""
+    rooms = room.format(name="A") + room.format(name="B")
+    joined = Scenario(str(write(tmp_path, f'def Xform "Home"\n{{{rooms}\n}}', name="home.usda")))
+    assert joined.with_factor("illumination", "night").variants == {
+        "/Home/A{lighting}": "night",
+        "/Home/B{lighting}": "night",
+    }
+    whole = Scenario("home_01") if "home_01" in catalog.scenes() else Scenario("room_01")
+    assert len(whole.with_factor("illumination", "night").variants) == 1

@@ -70,22 +70,27 @@ def _drawn(path: str, is_infinite: bool, ranges: IlluminationRanges, draws: Call
 def _with_lighting(scenario: Scenario, ranges: IlluminationRanges, own: Draws) -> Mapping[str, str]:
     """Return the scenario's variants with one of the lighting's."""
     sets = variant_sets_of(scenario)
-    key = next((key for key in sets if key.endswith(f"{{{LIGHTING}}}")), None)
-    if key is None:
+    keys = [key for key in sets if key.endswith(f"{{{LIGHTING}}}")]
+    # That of the whole scene; else those of all its rooms.
+    keys = [key for key in keys if key.count("/") == min(each.count("/") for each in keys)]
+    if not keys:
         if ranges.lighting == ANY:
             return scenario.variants
         raise ScenarioError(
             f"scene {scenario.scene!r} has no variant set {LIGHTING!r}: give strength and color instead"
         )
-    _, known = sets[key]
+    known = sets[keys[0]][1]
     choices = known if ranges.lighting == ANY else ranges.lighting
     for each in choices:
         if each not in known:
             raise ScenarioError(f"scene {scenario.scene!r} has no lighting {each!r}; there are {', '.join(known)}")
     chosen = choices[own.whole("lighting", 0, 0, len(choices) - 1)]
-    prim = key.partition("{")[0]
     variants: dict[str, Any] = dict(scenario.variants)
-    nested = variants.get(prim)
-    if isinstance(nested, Mapping):  # the other notation of the same selection
-        variants[prim] = {name: each for name, each in nested.items() if name != LIGHTING}
-    return variants | {key: chosen}
+    for key in keys:
+        prim = key.partition("{")[0]
+        nested = variants.get(prim)
+        if isinstance(nested, Mapping):  # the other notation of the same selection
+            variants[prim] = {name: each for name, each in nested.items() if name != LIGHTING}
+        if chosen in sets[key][1]:
+            variants[key] = chosen
+    return variants
