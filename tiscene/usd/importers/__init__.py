@@ -6,6 +6,7 @@
     import_template  import_asset: one model file as a template
     mesh_file        model files as meshes; OBJ, PLY and STL through trimesh
     imported_mesh    triangles of one material, at rest and over time
+    imported_mesh_writer  such meshes as UsdGeomMesh
     materials        materials as UsdPreviewSurface; Phong's
     gltf_scene       meshes of glTF files
     gltf_materials   their materials

@@ -24,9 +24,9 @@ from pxr import Gf, Sdf, Tf, Usd, UsdGeom, UsdPhysics, UsdSemantics, UsdShade, U
 from tiscene.errors import ArgumentError, ExportError, MissingFile, StageError
 from tiscene.usd.core.report import StageReport, error_lines
 from tiscene.usd.core.stage import open_stage, quiet, readable, reading_time
-from tiscene.usd.importers.gltf_animation import FRAME_RATE
 from tiscene.usd.importers.imported_mesh import ImportedMesh
-from tiscene.usd.importers.materials import VERTEX_COLOR, VERTEX_OPACITY, define_material
+from tiscene.usd.importers.imported_mesh_writer import author_samples, define_mesh
+from tiscene.usd.importers.materials import define_material
 from tiscene.usd.importers.mesh_file import CONVENTIONS, load_model
 from tiscene.usd.read.template import root_prim
 
@@ -168,10 +168,10 @@ def write_template(
         for imported, placed in zip(meshes, points, strict=True):
             child = _unused_path(stage, root.AppendPath("Geometry"), imported.name)
             is_mirrored = bool(np.linalg.det(matrix) < 0.0)
-            mesh = _define_mesh(stage, child, imported, placed, imported.normals @ normal_matrix, is_mirrored)
+            mesh = define_mesh(stage, child, imported, placed, imported.normals @ normal_matrix, is_mirrored)
             if imported.samples is not None:
                 moved = (imported.samples.points @ matrix.T - center) * stretch
-                _author_samples(mesh, imported, moved, imported.samples.normals @ normal_matrix, is_mirrored)
+                author_samples(mesh, imported, moved, imported.samples.normals @ normal_matrix, is_mirrored)
             UsdPhysics.CollisionAPI.Apply(mesh.GetPrim())
             UsdPhysics.MeshCollisionAPI.Apply(mesh.GetPrim()).CreateApproximationAttr(UsdPhysics.Tokens.convexHull)
             if imported.colors is None or imported.material.vertex_inputs:
@@ -249,66 +249,6 @@ def _new_stage(identifier: str, name: str, label: str, credit: Credit, *, movabl
     import_data = {key: text for key, text in vars(credit).items() if text}
     stage.GetRootLayer().customLayerData = {"import": import_data}
     return stage
-
-
-def _define_mesh(
-    stage: Usd.Stage,
-    path: Sdf.Path,
-    imported: ImportedMesh,
-    points: NDArray[Any],
-    normals: NDArray[Any],
-    is_mirrored: bool,
-) -> UsdGeom.Mesh:
-    """Author a mesh with transformed points and normals; a mirroring transform reverses its winding."""
-    triangles = imported.triangles[:, ::-1] if is_mirrored else imported.triangles
-    normals = normals[:, ::-1] if is_mirrored else normals
-    mesh = UsdGeom.Mesh.Define(stage, path)
-    mesh.CreateSubdivisionSchemeAttr(UsdGeom.Tokens.none)
-    mesh.CreatePointsAttr(_vectors(points))
-    mesh.CreateExtentAttr(_vectors(np.stack([points.min(axis=0), points.max(axis=0)])))
-    mesh.CreateFaceVertexCountsAttr(Vt.IntArray.FromNumpy(np.full(len(triangles), 3, np.int32)))
-    mesh.CreateFaceVertexIndicesAttr(Vt.IntArray.FromNumpy(np.ascontiguousarray(triangles, np.int32).reshape(-1)))
-    flat = normals.reshape(-1, 3)
-    mesh.CreateNormalsAttr(_vectors(flat / np.maximum(np.linalg.norm(flat, axis=1, keepdims=True), 1e-30)))
-    mesh.SetNormalsInterpolation(UsdGeom.Tokens.faceVarying)
-    api = UsdGeom.PrimvarsAPI(mesh)
-    if imported.uv is not None:
-        kind = Sdf.ValueTypeNames.TexCoord2fArray
-        uv = Vt.Vec2fArray.FromNumpy(np.ascontiguousarray(imported.uv, np.float32))
-        api.CreatePrimvar("st", kind, UsdGeom.Tokens.vertex).Set(uv)
-    if imported.second_uv is not None:
-        kind = Sdf.ValueTypeNames.TexCoord2fArray
-        uv = Vt.Vec2fArray.FromNumpy(np.ascontiguousarray(imported.second_uv, np.float32))
-        api.CreatePrimvar("st1", kind, UsdGeom.Tokens.vertex).Set(uv)
-    if imported.colors is not None:
-        color = api.CreatePrimvar(VERTEX_COLOR, Sdf.ValueTypeNames.Color3fArray, UsdGeom.Tokens.vertex)
-        color.Set(_vectors(imported.colors[:, :3]))
-        if imported.colors.shape[1] == 4 and "opacity" in imported.material.vertex_inputs:
-            opacity = Vt.FloatArray.FromNumpy(np.ascontiguousarray(imported.colors[:, 3], np.float32))
-            api.CreatePrimvar(VERTEX_OPACITY, Sdf.ValueTypeNames.FloatArray, UsdGeom.Tokens.vertex).Set(opacity)
-    return mesh
-
-
-def _author_samples(
-    mesh: UsdGeom.Mesh, imported: ImportedMesh, points: NDArray[Any], normals: NDArray[Any], is_mirrored: bool
-) -> None:
-    """Author a mesh's points [s, n, 3] and corner normals [s, m, 3, 3] over time; frame k is time code k."""
-    assert imported.samples is not None
-    for time, moved, turned in zip(imported.samples.times.tolist(), points, normals, strict=True):
-        code = Usd.TimeCode(round(time * FRAME_RATE))
-        flat = (turned[:, ::-1] if is_mirrored else turned).reshape(-1, 3)
-        mesh.GetPointsAttr().Set(_vectors(moved), code)
-        mesh.GetNormalsAttr().Set(_vectors(flat / np.maximum(np.linalg.norm(flat, axis=1, keepdims=True), 1e-30)), code)
-        mesh.GetExtentAttr().Set(_vectors(np.stack([moved.min(axis=0), moved.max(axis=0)])), code)
-    stage = mesh.GetPrim().GetStage()
-    stage.SetTimeCodesPerSecond(FRAME_RATE)
-    stage.SetStartTimeCode(0)
-    stage.SetEndTimeCode(max(stage.GetEndTimeCode(), round(float(imported.samples.times[-1]) * FRAME_RATE)))
-
-
-def _vectors(values: NDArray[Any]) -> Vt.Vec3fArray:
-    """Return rows of three numbers as a USD array."""
-    return Vt.Vec3fArray.FromNumpy(np.ascontiguousarray(values, np.float32))
 
 
 def _unused_path(stage: Usd.Stage, parent: Sdf.Path, name: str) -> Sdf.Path:

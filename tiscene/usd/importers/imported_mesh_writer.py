@@ -1,0 +1,74 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Imported meshes as UsdGeomMesh: points, normals, texture coordinates, colors, and their samples over time."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from pxr import Sdf, Usd, UsdGeom, Vt
+
+from tiscene.usd.importers.gltf_animation import FRAME_RATE
+from tiscene.usd.importers.imported_mesh import ImportedMesh
+from tiscene.usd.importers.materials import VERTEX_COLOR, VERTEX_OPACITY
+
+
+def define_mesh(
+    stage: Usd.Stage,
+    path: Sdf.Path,
+    imported: ImportedMesh,
+    points: NDArray[Any],
+    normals: NDArray[Any],
+    is_mirrored: bool,
+) -> UsdGeom.Mesh:
+    """Author a mesh with transformed points and normals; a mirroring transform reverses its winding."""
+    triangles = imported.triangles[:, ::-1] if is_mirrored else imported.triangles
+    normals = normals[:, ::-1] if is_mirrored else normals
+    mesh = UsdGeom.Mesh.Define(stage, path)
+    mesh.CreateSubdivisionSchemeAttr(UsdGeom.Tokens.none)
+    mesh.CreatePointsAttr(vectors(points))
+    mesh.CreateExtentAttr(vectors(np.stack([points.min(axis=0), points.max(axis=0)])))
+    mesh.CreateFaceVertexCountsAttr(Vt.IntArray.FromNumpy(np.full(len(triangles), 3, np.int32)))
+    mesh.CreateFaceVertexIndicesAttr(Vt.IntArray.FromNumpy(np.ascontiguousarray(triangles, np.int32).reshape(-1)))
+    flat = normals.reshape(-1, 3)
+    mesh.CreateNormalsAttr(vectors(flat / np.maximum(np.linalg.norm(flat, axis=1, keepdims=True), 1e-30)))
+    mesh.SetNormalsInterpolation(UsdGeom.Tokens.faceVarying)
+    api = UsdGeom.PrimvarsAPI(mesh)
+    if imported.uv is not None:
+        kind = Sdf.ValueTypeNames.TexCoord2fArray
+        uv = Vt.Vec2fArray.FromNumpy(np.ascontiguousarray(imported.uv, np.float32))
+        api.CreatePrimvar("st", kind, UsdGeom.Tokens.vertex).Set(uv)
+    if imported.second_uv is not None:
+        kind = Sdf.ValueTypeNames.TexCoord2fArray
+        uv = Vt.Vec2fArray.FromNumpy(np.ascontiguousarray(imported.second_uv, np.float32))
+        api.CreatePrimvar("st1", kind, UsdGeom.Tokens.vertex).Set(uv)
+    if imported.colors is not None:
+        color = api.CreatePrimvar(VERTEX_COLOR, Sdf.ValueTypeNames.Color3fArray, UsdGeom.Tokens.vertex)
+        color.Set(vectors(imported.colors[:, :3]))
+        if imported.colors.shape[1] == 4 and "opacity" in imported.material.vertex_inputs:
+            opacity = Vt.FloatArray.FromNumpy(np.ascontiguousarray(imported.colors[:, 3], np.float32))
+            api.CreatePrimvar(VERTEX_OPACITY, Sdf.ValueTypeNames.FloatArray, UsdGeom.Tokens.vertex).Set(opacity)
+    return mesh
+
+
+def author_samples(
+    mesh: UsdGeom.Mesh, imported: ImportedMesh, points: NDArray[Any], normals: NDArray[Any], is_mirrored: bool
+) -> None:
+    """Author a mesh's points [s, n, 3] and corner normals [s, m, 3, 3] over time; frame k is time code k."""
+    assert imported.samples is not None
+    for time, moved, turned in zip(imported.samples.times.tolist(), points, normals, strict=True):
+        code = Usd.TimeCode(round(time * FRAME_RATE))
+        flat = (turned[:, ::-1] if is_mirrored else turned).reshape(-1, 3)
+        mesh.GetPointsAttr().Set(vectors(moved), code)
+        mesh.GetNormalsAttr().Set(vectors(flat / np.maximum(np.linalg.norm(flat, axis=1, keepdims=True), 1e-30)), code)
+        mesh.GetExtentAttr().Set(vectors(np.stack([moved.min(axis=0), moved.max(axis=0)])), code)
+    stage = mesh.GetPrim().GetStage()
+    stage.SetTimeCodesPerSecond(FRAME_RATE)
+    stage.SetStartTimeCode(0)
+    stage.SetEndTimeCode(max(stage.GetEndTimeCode(), round(float(imported.samples.times[-1]) * FRAME_RATE)))
+
+
+def vectors(values: NDArray[Any]) -> Vt.Vec3fArray:
+    """Return rows of three numbers as a USD array."""
+    return Vt.Vec3fArray.FromNumpy(np.ascontiguousarray(values, np.float32))
