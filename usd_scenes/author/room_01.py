@@ -37,7 +37,7 @@ def _shell(room: Room) -> None:
     width, depth = RIGHT - LEFT, NEAR - FAR
     corners = [(LEFT, FAR), (RIGHT, FAR), (RIGHT, NEAR), (LEFT, NEAR)]
     half = WINDOW_WIDTH / 2.0
-    opening = building.Opening(RIGHT - WINDOW - half, RIGHT - WINDOW + half, SILL, HEAD)
+    opening = building.WallOpening(RIGHT - WINDOW - half, RIGHT - WINDOW + half, SILL, HEAD)
     room.put("Building", building.planks(width, depth, 19), center)
     room.put("Building", building.ceiling(width, depth, HEIGHT), center)
     for index, name in enumerate(("WallWardrobe", "WallBed", "WallWindow", "WallDoor")):

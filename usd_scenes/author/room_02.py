@@ -39,8 +39,8 @@ def _shell(room: Room) -> None:
     width, depth = RIGHT - LEFT, NEAR - FAR
     corners = [(LEFT, FAR), (RIGHT, FAR), (RIGHT, NEAR), (LEFT, NEAR)]
     half = WINDOW_WIDTH / 2.0
-    openings = [building.Opening(NEAR - z - half, NEAR - z + half, SILL, HEAD) for z in WINDOWS]
-    garden = building.Opening(RIGHT - GARDEN_WINDOW - half, RIGHT - GARDEN_WINDOW + half, SILL, HEAD)
+    openings = [building.WallOpening(NEAR - z - half, NEAR - z + half, SILL, HEAD) for z in WINDOWS]
+    garden = building.WallOpening(RIGHT - GARDEN_WINDOW - half, RIGHT - GARDEN_WINDOW + half, SILL, HEAD)
     room.put("Building", building.planks(width, depth, 17), center)
     room.put("Building", building.ceiling(width, depth, HEIGHT), center)
     names = ("WallFar", "WallRight", "WallNear", "WallWindows")

@@ -36,7 +36,7 @@ def _shell(room: Room) -> None:
     width, depth = RIGHT - LEFT, NEAR - FAR
     corners = [(LEFT, FAR), (RIGHT, FAR), (RIGHT, NEAR), (LEFT, NEAR)]
     half = WINDOW_WIDTH / 2.0
-    hole = building.Opening(WINDOW - half - LEFT, WINDOW + half - LEFT, SILL, HEAD)
+    hole = building.WallOpening(WINDOW - half - LEFT, WINDOW + half - LEFT, SILL, HEAD)
     room.put("Building", tiling.tiled_floor("Floor", width, depth, "Terrazzo", 0.5, 301))
     room.put("Building", building.ceiling(width, depth, HEIGHT))
     for index, name in enumerate(("WallWindow", "WallBasin", "WallDoor", "WallToilet")):
@@ -46,7 +46,7 @@ def _shell(room: Room) -> None:
             building.wall(name, corners[index], corners[(index + 1) % 4], HEIGHT, WALL, "BathPlaster", holes),
         )
     tile = (0.075, 0.225)
-    door = building.Opening(RIGHT - DOOR - 0.53, RIGHT - DOOR + 0.53, -1.0, 3.0)
+    door = building.WallOpening(RIGHT - DOOR - 0.53, RIGHT - DOOR + 0.53, -1.0, 3.0)
     full = tiling.tiled_wall("TilesWindow", width, HEIGHT, "Zellige", tile, 302, [hole])
     room.put("Building", full, (LEFT, 0.0, FAR))
     room.put(

@@ -49,7 +49,7 @@ def _shell(room: Room) -> None:
     width, depth = RIGHT - LEFT, NEAR - FAR
     corners = [(LEFT, FAR), (RIGHT, FAR), (RIGHT, NEAR), (LEFT, NEAR)]
     half = WINDOW_WIDTH / 2.0
-    hole = building.Opening(NEAR - WINDOW - half, NEAR - WINDOW + half, SILL, HEAD)
+    hole = building.WallOpening(NEAR - WINDOW - half, NEAR - WINDOW + half, SILL, HEAD)
     room.put("Building", tiling.checkered_floor("Floor", width, depth, ("CementLight", "CementDark"), 0.30, 401))
     room.put("Building", building.ceiling(width, depth, HEIGHT))
     for index, name in enumerate(("WallStove", "WallTable", "WallDoor", "WallWindow")):
@@ -66,7 +66,7 @@ def _shell(room: Room) -> None:
     tile = (0.15, 0.075)
     far = tiling.tiled_wall("TilesStove", 2.82, 0.60, "MetroTile", tile, 402, bond=0.5)
     room.put("Building", far, (LEFT, TOP, FAR))
-    opening = building.Opening(RUN_END - WINDOW - half, RUN_END - WINDOW + half, SILL - TOP, 9.0)
+    opening = building.WallOpening(RUN_END - WINDOW - half, RUN_END - WINDOW + half, SILL - TOP, 9.0)
     side = tiling.tiled_wall("TilesWindow", RUN_END - FAR, 0.60, "MetroTile", tile, 403, [opening], bond=0.5)
     room.put("Building", side, (LEFT, TOP, RUN_END), TOWARDS_ROOM)
     window = building.window("Window", WINDOW_WIDTH, HEAD - SILL, WALL)

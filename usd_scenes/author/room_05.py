@@ -36,7 +36,7 @@ def _shell(room: Room) -> None:
     width, depth = RIGHT - LEFT, NEAR - FAR
     corners = [(LEFT, FAR), (RIGHT, FAR), (RIGHT, NEAR), (LEFT, NEAR)]
     half, top = entrance.LEAF / 2.0 + 0.07, entrance.TALL + entrance.TRANSOM + 0.14
-    front = building.Opening(width / 2.0 - half, width / 2.0 + half, -0.01, top)
+    front = building.WallOpening(width / 2.0 - half, width / 2.0 + half, -0.01, top)
     room.put("Building", building.planks(width, depth, 53))
     room.put("Building", building.ceiling(width, depth, HEIGHT))
     for index, name in enumerate(("WallEnd", "WallRight", "WallFront", "WallLeft")):

@@ -280,6 +280,14 @@ def _boards(
     mesh.CreatePointsAttr(Vt.Vec3fArray.FromNumpy(corners.astype(np.float32)))
     mesh.CreateFaceVertexCountsAttr([4] * (len(corners) // 4))
     mesh.CreateFaceVertexIndicesAttr(list(range(len(corners))))
+    quads = corners.reshape(-1, 4, 3)
+    normals = np.cross(quads[:, 1] - quads[:, 0], quads[:, 2] - quads[:, 1])
+    normals /= np.linalg.norm(normals, axis=1, keepdims=True)
+    mesh.CreateNormalsAttr(Vt.Vec3fArray.FromNumpy(np.repeat(normals, 4, axis=0).round(6).astype(np.float32)))
+    mesh.SetNormalsInterpolation(UsdGeom.Tokens.vertex)
+    unit = np.tile(np.array([[0, 0], [1, 0], [1, 1], [0, 1]], np.float32), (len(quads), 1))
+    kind = Sdf.ValueTypeNames.TexCoord2fArray
+    UsdGeom.PrimvarsAPI(mesh).CreatePrimvar("st", kind, UsdGeom.Tokens.vertex).Set(Vt.Vec2fArray.FromNumpy(unit))
     mesh.CreateSubdivisionSchemeAttr(UsdGeom.Tokens.none)
     mesh.CreateExtentAttr([Gf.Vec3f(*map(float, corners.min(axis=0))), Gf.Vec3f(*map(float, corners.max(axis=0)))])
     return mesh

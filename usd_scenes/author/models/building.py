@@ -18,7 +18,7 @@ ROOT = 0.004  # m; moldings overlap walls and floors by this much, because touch
 
 
 @dataclass(frozen=True)
-class Opening:
+class WallOpening:
     """A rectangular opening in a wall: from `start` to `end` along it, from `sill` to `head` above the floor, m."""
 
     start: float
@@ -80,7 +80,7 @@ def wall(
     height: float,
     thickness: float,
     material: str,
-    openings: Sequence[Opening] = (),
+    openings: Sequence[WallOpening] = (),
 ) -> Model:
     """Build a wall from start to end (x, z), with the room on the right and its body on the left.
 
@@ -128,7 +128,7 @@ def wall(
 
 
 def blocks(
-    start: float, end: float, height: float, depth: float, openings: Sequence[Opening] = ()
+    start: float, end: float, height: float, depth: float, openings: Sequence[WallOpening] = ()
 ) -> list[PolygonMesh]:
     """Build the boxes of a wall beside, below and above its openings: from start to end along x, z = 0 to depth."""
     boxes = []

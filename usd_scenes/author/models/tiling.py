@@ -10,7 +10,7 @@ from itertools import pairwise
 import numpy as np
 
 from usd_scenes.author.model import Model, make_model
-from usd_scenes.author.models.building import Opening, blocks
+from usd_scenes.author.models.building import WallOpening, blocks
 from usd_scenes.author.polygon_mesh import Array, PolygonMesh, grid, merged
 
 JOINT, THICK, RECESS = 0.0022, 0.0085, 0.0016
@@ -23,7 +23,7 @@ def tiled_wall(
     material: str,
     tile: tuple[float, float],
     seed: int,
-    openings: Sequence[Opening] = (),
+    openings: Sequence[WallOpening] = (),
     bond: float = 0.0,
     crooked: float = 0.35,
 ) -> Model:
@@ -80,7 +80,7 @@ def checkered_floor(name: str, width: float, depth: float, materials: tuple[str,
     return whole.rotated("x", -90.0).translated(-width / 2.0, -THICK, depth / 2.0)
 
 
-def _without(piece: tuple[float, float, float, float], hole: Opening) -> list[tuple[float, float, float, float]]:
+def _without(piece: tuple[float, float, float, float], hole: WallOpening) -> list[tuple[float, float, float, float]]:
     """Return a rectangle (x0, x1, y0, y1) minus an opening, as rectangles."""
     x0, x1, y0, y1 = piece
     if hole.start >= x1 or hole.end <= x0 or hole.sill >= y1 or hole.head <= y0:
