@@ -17,6 +17,7 @@ Packages, from the user's side down::
     loaders        streams as data sets of PyTorch, Grain and Hugging Face
     randomization  random scenarios
     world          state of objects, cameras and lights at each frame
+    physics        rigid bodies, simulated by MuJoCo
     render         labels, path tracing, incremental rendering, film
     frame          frames, buffers, object tables, events
     scenario       scenarios: objects, timings, edits, files
