@@ -115,7 +115,7 @@ def test_labels_at_doorways_agree_with_embree(stream: ts.Stream, embree: tuple[E
         depth = hits["tfar"].reshape(36, 48)[seen]
         assert np.isclose(frame.depth[seen], depth, rtol=1e-3).mean() > 0.998
         in_view.append(len({frame.objects.by_id(int(id)).room for id in np.unique(frame.instance) if id}))
-    assert sum(rooms >= 2 for rooms in in_view) >= 4
+    assert sum(rooms >= 2 for rooms in in_view) >= 3
 
 
 def test_flow_at_doorways_is_that_of_the_points(stream: ts.Stream) -> None:
