@@ -125,7 +125,9 @@ models in these rooms.
 END = """
 ## Templates
 
-![All templates](images/templates.jpg)
+![Templates](images/templates.jpg)
+
+![Templates of kitchen and hall](images/kitchen_templates.jpg)
 
 [Templates](templates.md) lists their names, sizes and colors.
 """

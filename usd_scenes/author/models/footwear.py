@@ -136,7 +136,7 @@ def _wellington() -> dict[str, PolygonMesh]:
         ],
         0.035,
     )
-    hole = limb((0.0, 0.20, -0.060), (0.0, 0.46, -0.058), 0.041, 0.071)
+    hole = limb((0.0, 0.20, -0.060), (0.0, 0.46, -0.058), 0.035, 0.063)
 
     def cut(points: Array) -> Array:
         """Cut the shaft level at its top."""
