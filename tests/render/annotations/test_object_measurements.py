@@ -47,6 +47,7 @@ class State:
     blocked: bool = False
     parts: tuple[str, ...] = ()
     asset: str = ""
+    room: str = ""
 
 
 def table(stage: Stage, view: View = VIEW) -> ObjectTable:
