@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import math
 import operator
+import sys
 from collections.abc import Iterable
 from numbers import Real
 from typing import Any
@@ -34,6 +35,15 @@ def whole(value: Any, name: str) -> int:
     if isinstance(value, bool) or not hasattr(value, "__index__"):
         raise ArgumentTypeError(f"{name}={value!r}: must be a whole number")
     return operator.index(value)
+
+
+def integer(value: Any, name: str, low: int, high: int) -> int:
+    """Return `value` as an int from `low` to `high`, both included; `sys.maxsize` stands for no upper limit."""
+    result = whole(value, name)
+    if not low <= result <= high:
+        expected = f"from {low} to {high}" if high < sys.maxsize else f"at least {low}"
+        raise ArgumentError(f"{name}={value}: must be {expected}")
+    return result
 
 
 def positive(value: Any, name: str) -> float:
@@ -119,3 +129,16 @@ def flag(value: Any, name: str) -> bool:
     if not isinstance(value, bool):
         raise ArgumentTypeError(f"{name}={value!r}: must be True or False")
     return value
+
+
+def distinct_names(value: Any, name: str) -> tuple[str, ...]:
+    """Return `value`, a sequence of one or more different and non-empty strings, as a tuple."""
+    if isinstance(value, str) or not isinstance(value, Iterable):
+        raise ArgumentError(f"{name}={value!r}: must be a sequence of names, such as ('chair', 'ball')")
+    result = tuple(value)
+    if not result or not all(isinstance(each, str) and each for each in result):
+        raise ArgumentError(f"{name}={result!r}: must be one or more names, none of them empty")
+    repeated = [each for index, each in enumerate(result) if each in result[:index]]
+    if repeated:
+        raise ArgumentError(f"{name}: {repeated[0]!r} is named twice; name each once")
+    return result

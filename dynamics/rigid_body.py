@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """RigidBody: what a physics engine needs to know of an object that falls, is pushed and comes to rest.
 
-The engine is not part of this package: `tiscene.physics` simulates such bodies.
+The engine is not part of this package: `tiscene.world.physics` simulates such bodies.
 """
 
 from __future__ import annotations

@@ -35,35 +35,31 @@ MAY_IMPORT = {
     "tiscene": {"dynamics"},  # the front door; its names are imported at first use
     "tiscene.errors": {"dynamics"},
     "tiscene.files": set(),
-    "tiscene.validation": {"dynamics", "tiscene.errors"},
     "tiscene.catalog": {"tiscene.errors", "usd_scenes"},
     "tiscene.device": {"tiscene.errors", "tiscene.files"},
-    "tiscene.scene": {"tiscene.device", "tiscene.errors", "tiscene.validation"},
+    "tiscene.scene": {"dynamics", "tiscene.device", "tiscene.errors"},
     "tiscene.scenario": {"dynamics", "tiscene.catalog", "tiscene.errors", "tiscene.files", "tiscene.scene"},
     "tiscene.frame": {"tiscene.errors", "tiscene.files", "tiscene.scene"},
     "tiscene.usd": {"tiscene.catalog", "tiscene.errors", "tiscene.files", "tiscene.scene"},
     "tiscene.render": {
-        *("tiscene.device", "tiscene.errors", "tiscene.files", "tiscene.frame", "tiscene.scene", "tiscene.validation")
+        "dynamics",
+        *("tiscene.device", "tiscene.errors", "tiscene.files", "tiscene.frame", "tiscene.scene"),
     },
-    "tiscene.physics": {"dynamics", "tiscene.errors", "tiscene.scene"},
     "tiscene.world": {
-        *("dynamics", "tiscene.errors", "tiscene.frame", "tiscene.scenario", "tiscene.scene", "tiscene.validation"),
-        "tiscene.physics",
+        *("dynamics", "tiscene.errors", "tiscene.frame", "tiscene.scenario", "tiscene.scene"),
     },
     "tiscene.randomization": {
         *("dynamics", "tiscene.catalog", "tiscene.device", "tiscene.errors", "tiscene.frame", "tiscene.render"),
         *("tiscene.scenario", "tiscene.scene", "tiscene.stream", "tiscene.usd", "tiscene.world"),
     },
-    "tiscene.loaders": {"tiscene.errors", "tiscene.frame", "tiscene.scenario", "tiscene.validation"},
     "tiscene.stream": {
+        "dynamics",
         *("tiscene.catalog", "tiscene.device", "tiscene.errors", "tiscene.frame", "tiscene.render", "tiscene.scenario"),
-        "tiscene.loaders",
-        *("tiscene.scene", "tiscene.usd", "tiscene.validation", "tiscene.world"),
+        *("tiscene.scene", "tiscene.usd", "tiscene.world"),
     },
-    "tiscene.preview": {"tiscene.errors", "tiscene.files", "tiscene.frame", "tiscene.stream"},
     "tiscene.sailenv": {
         *("dynamics", "tiscene.catalog", "tiscene.device", "tiscene.errors", "tiscene.frame", "tiscene.render"),
-        *("tiscene.scenario", "tiscene.scene", "tiscene.stream", "tiscene.usd", "tiscene.validation", "tiscene.world"),
+        *("tiscene.scenario", "tiscene.scene", "tiscene.stream", "tiscene.usd", "tiscene.world"),
     },
     "tiscene.export": {
         *("tiscene", "tiscene.errors", "tiscene.files", "tiscene.frame", "tiscene.scene", "tiscene.stream"),
@@ -80,20 +76,14 @@ MAY_IMPORT = {
             "tiscene.frame",
             "tiscene.render",
         ),
-        *("tiscene.scenario", "tiscene.scene", "tiscene.stream", "tiscene.validation", "tiscene.world"),
+        *("tiscene.scenario", "tiscene.scene", "tiscene.stream", "tiscene.world"),
         "tiscene.randomization",
     },
-    "tiscene.distributed": {"tiscene.errors"},
-    "tiscene.generation": {
-        *("tiscene.errors", "tiscene.export", "tiscene.files", "tiscene.frame", "tiscene.scenario", "tiscene.stream")
-    },
     "tiscene.cli": {
-        *("tiscene.distributed", "tiscene.generation"),
         *("dynamics", "tiscene", "tiscene.catalog", "tiscene.errors", "tiscene.export", "tiscene.files"),
         "tiscene.frame",
         *("tiscene.sailenv", "tiscene.scenario", "tiscene.scene", "tiscene.stream", "tiscene.usd"),
         "tiscene.learning",
-        "tiscene.preview",
     },
     "tiscene.__main__": {"tiscene.cli"},
 }
@@ -125,8 +115,6 @@ ONLY_IN = {
         "tiscene/usd/",
         "tiscene/export/",
         "tiscene/frame/frame_display.py",
-        "tiscene/preview/",
-        "tiscene/generation/",
         "usd_scenes/author/",
         "docs/tools/template_sheet.py",
         "docs/tools/gallery.py",
@@ -203,16 +191,16 @@ def floors() -> dict[str, int]:
     return found
 
 
-def test_rooms_have_no_cycle_and_at_most_eleven_floors():
+def test_rooms_have_no_cycle_and_at_most_ten_floors():
     found = floors()
     assert MAY_IMPORT["dynamics"] == MAY_IMPORT["usd_scenes"] == set()
     assert found["tiscene.scene"] < found["tiscene.world"] < found["tiscene.stream"] < found["tiscene.export"]
-    assert max(found.values()) == found["tiscene.__main__"] <= 11
+    assert max(found.values()) == found["tiscene.__main__"] <= 10
 
 
-def test_tiscene_has_at_most_twenty_four_rooms():
+def test_tiscene_has_at_most_eighteen_rooms():
     folder = ROOT / "tiscene"
-    assert len([*folder.glob("*.py"), *folder.glob("*/__init__.py")]) <= 24
+    assert len([*folder.glob("*.py"), *folder.glob("*/__init__.py")]) <= 18
 
 
 def test_modules_have_no_import_cycle():

@@ -7,17 +7,12 @@ has. Names are imported at first use, so that `import tiscene` is fast and does 
 Packages, from the user's side down::
 
     cli            command line
-    generation     data sets of many random scenarios, from a recipe
-    distributed    one export by several processes or machines
     export         frames to files
-    preview        a page to look at frames
     sailenv        SAILenv's API and wire protocol
     learning       continual learning: supervision, courses, drift, evaluation
     stream         streams of frames: iteration, random access, state
-    loaders        streams as data sets of PyTorch, Grain and Hugging Face
     randomization  random scenarios
     world          state of objects, cameras and lights at each frame
-    physics        rigid bodies, simulated by MuJoCo
     render         labels, path tracing, incremental rendering, film
     frame          frames, buffers, object tables, events
     scenario       scenarios: objects, timings, edits, files
@@ -25,7 +20,7 @@ Packages, from the user's side down::
     scene          scene data: on the host, and as device arrays
     device         start-up and memory of Taichi
     catalog        scenes, templates and categories by name
-    validation, errors, files
+    errors, files
 
 Two packages stand beside this one: `dynamics` simulates motion, `usd_scenes` contains the shipped scenes.
 """

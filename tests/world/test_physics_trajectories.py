@@ -7,7 +7,7 @@ import pytest
 pytest.importorskip("mujoco")
 
 import tiscene as ts
-from tiscene.physics.convex_parts import convex_parts
+from tiscene.world.physics.convex_parts import convex_parts
 
 CAMERA = ts.Camera.look_at((0.0, 1.2, 4.0), (0.0, 0.6, 0.0), (0.0, 1.0, 0.0))
 BUFFERS = ("instance", "depth", "backward_flow")

@@ -6,8 +6,8 @@ from __future__ import annotations
 import argparse
 
 from tiscene.cli.terminal import note, progress
-from tiscene.generation.generator import generate
-from tiscene.generation.recipe import Recipe
+from tiscene.export.generation.generator import generate
+from tiscene.export.generation.recipe import Recipe
 
 
 def run(args: argparse.Namespace) -> None:

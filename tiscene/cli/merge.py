@@ -7,9 +7,9 @@ import argparse
 from pathlib import Path
 
 from tiscene.cli.terminal import progress
+from tiscene.export.generation.data_set_index import DataSet
+from tiscene.export.generation.generator import finish
 from tiscene.export.merging import merge
-from tiscene.generation.data_set_index import DataSet
-from tiscene.generation.generator import finish
 
 
 def run(args: argparse.Namespace) -> None:

@@ -7,7 +7,7 @@ import argparse
 
 from tiscene.cli.stream_arguments import shown_frames, stream_of
 from tiscene.cli.terminal import progress
-from tiscene.preview import write_preview
+from tiscene.export.preview import write_preview
 
 
 def run(args: argparse.Namespace) -> None:

@@ -8,8 +8,8 @@ import shutil
 from pathlib import Path
 
 from tiscene.cli.terminal import note, progress
-from tiscene.distributed.worker_processes import frames_in, run_workers
 from tiscene.errors import ArgumentError
+from tiscene.export.distributed.worker_processes import frames_in, run_workers
 from tiscene.export.exporter import export
 from tiscene.export.formats import find_format
 from tiscene.export.merging import merge

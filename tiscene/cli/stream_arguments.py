@@ -7,8 +7,8 @@ import argparse
 from collections.abc import Callable
 
 from tiscene.cli.render import selected_frames
+from tiscene.export.preview.frame_choice import DEFAULT_LENGTH
 from tiscene.frame.buffers import BUFFERS
-from tiscene.preview.frame_choice import DEFAULT_LENGTH
 from tiscene.stream.stream import Stream
 
 DEFAULT_BUFFERS = ("rgb", "semantic", "instance", "depth", "forward_flow", "normal")

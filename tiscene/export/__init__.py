@@ -21,6 +21,9 @@
     contact_sheet   one image of many buffers
     difficulty_plot  measures of difficulty over frames
     animated_image  WebP, GIF and APNG
+    preview         a stream as one HTML page
+    generation      data sets of many random scenarios, from a recipe
+    distributed     one export by several processes or machines
 
 Names are imported at first use, so that the command line can list the formats at once.
 """

@@ -17,6 +17,7 @@ from dataclasses import replace
 from types import TracebackType
 from typing import Any, overload
 
+from dynamics import argument_checks
 from tiscene.errors import ArgumentError
 from tiscene.frame.object_table import ObjectTable
 from tiscene.learning import course_file
@@ -28,7 +29,6 @@ from tiscene.learning.supervision import SupervisionRules
 from tiscene.scenario.scenario import Scenario
 from tiscene.stream.frame_slice import FrameSlice
 from tiscene.stream.stream import Stream
-from tiscene.validation import integer, positive
 
 VERSION = 1
 DEFAULTS: dict[str, Any] = {"width": 64, "height": 48, "fps": 25.0, "quality": "fast", "buffers": ("rgb", *LABELS)}
@@ -79,9 +79,9 @@ class Course(Iterator[CourseFrame]):
         missing = [name for name in self.observed if name not in self.settings["buffers"]]
         if missing:
             raise ArgumentError(f"observed={self.observed!r}: {missing[0]!r} is not among buffers=")
-        self.width = integer("width", self.settings["width"], 1, 16384)
-        self.height = integer("height", self.settings["height"], 1, 16384)
-        self.fps = positive("fps", self.settings["fps"])
+        self.width = argument_checks.integer(self.settings["width"], "width", 1, 16384)
+        self.height = argument_checks.integer(self.settings["height"], "height", 1, 16384)
+        self.fps = argument_checks.positive(self.settings["fps"], "fps")
         self._tests = _check_phases(tests, "tests")
         lengths = [phase.length(self.fps) for phase in self.phases]
         self.starts = tuple(itertools.accumulate(lengths, initial=0))
@@ -191,7 +191,7 @@ class Course(Iterator[CourseFrame]):
 
     def seek(self, index: int) -> Course:
         """Make frame `index` the next one; costs nothing. Returns the course."""
-        self._position = integer("index", index, 0, len(self))
+        self._position = argument_checks.integer(index, "index", 0, len(self))
         return self
 
     def __iter__(self) -> Course:

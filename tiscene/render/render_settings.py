@@ -7,9 +7,9 @@ import sys
 from dataclasses import dataclass, replace
 from typing import Any
 
+from dynamics import argument_checks
 from tiscene.errors import ArgumentError
 from tiscene.render.sampling.pixel_filter import pixel_filter
-from tiscene.validation import integer, positive
 
 MAX_DEPTH = 1024  # kept paths have room for each segment; no light is left after so many
 DEFAULT_MAX_SPP = 1024  # with a relative error, but no spp
@@ -51,10 +51,10 @@ class RenderSettings:
     def __post_init__(self) -> None:
         for name, least in (("spp", 1), ("max_depth", 1), ("base_spp", 1), ("near_spp", 0), ("downscale", 1)):
             most = MAX_DEPTH if name == "max_depth" else sys.maxsize
-            object.__setattr__(self, name, integer(name, getattr(self, name), least, most))
+            object.__setattr__(self, name, argument_checks.integer(getattr(self, name), name, least, most))
         for name in ("relative_error", "clamp"):
             if getattr(self, name) is not None:
-                object.__setattr__(self, name, positive(name, getattr(self, name)))
+                object.__setattr__(self, name, argument_checks.positive(getattr(self, name), name))
         if self.relative_error is not None and self.relative_error >= 1.0:
             raise ArgumentError(f"relative_error={self.relative_error}: must lie between 0 and 1; 0.02 is 2 %")
         pixel_filter(self.pixel_filter)

@@ -21,6 +21,7 @@ from typing import Any
 from numpy.typing import NDArray
 
 import tiscene.scenario.scenario as native
+from dynamics import argument_checks
 from tiscene.device import runtime
 from tiscene.render.render_settings import preset
 from tiscene.sailenv import asset_names, json_messages
@@ -34,7 +35,6 @@ from tiscene.sailenv.scene_profile import SceneProfile
 from tiscene.sailenv.scene_session import SceneSession
 from tiscene.sailenv.uploaded_models import UploadedModels
 from tiscene.scene.camera import Vector3
-from tiscene.validation import integer, positive
 
 
 class Environment(EnvironmentEdits):
@@ -89,10 +89,10 @@ class Environment(EnvironmentEdits):
         Raises:
             TisceneError: An argument is invalid.
         """
-        self.fps = positive("fps", fps)
+        self.fps = argument_checks.positive(fps, "fps")
         overrides = {"spp": spp, "max_depth": max_depth, "denoise": denoise, "incremental": incremental}
         preset(quality, **overrides)  # raises errors before clients connect
-        integer("seed", seed, 0, 2**32 - 1)
+        argument_checks.integer(seed, "seed", 0, 2**32 - 1)
         self._queries = PixelQueries(query_budget)
         runtime.start(arch)
         self.physics = bool(physics)

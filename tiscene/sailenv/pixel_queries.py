@@ -12,12 +12,12 @@ from typing import Any
 
 from numpy.typing import NDArray
 
+from dynamics import argument_checks
 from tiscene.errors import ArgumentError
 from tiscene.render.view import View
 from tiscene.sailenv.agent_camera import AgentCamera
 from tiscene.sailenv.category_numbers import CategoryNumbers
 from tiscene.stream.stream import Stream
-from tiscene.validation import integer
 
 MAX_BUDGET = 2**31 - 1
 _LABELS = ("instance", "semantic")
@@ -55,7 +55,7 @@ class PixelQueries:
 
     def __init__(self, budget: int | None) -> None:
         """Set the budget. Raises ArgumentError if it is invalid."""
-        self.budget = None if budget is None else integer("query_budget", budget, 0, MAX_BUDGET)
+        self.budget = None if budget is None else argument_checks.integer(budget, "query_budget", 0, MAX_BUDGET)
         self._last: tuple[Any, dict[str, NDArray[Any]]] = (None, {})  # what was rendered for the question before
 
     def forget(self) -> None:
@@ -76,7 +76,7 @@ class PixelQueries:
             ArgumentError: The pixel is outside of the image, the agent has not received a frame of this scene yet, or
                 its budget is used up. The question does not count then.
         """
-        y, x = integer("y", y, 0, agent.height - 1), integer("x", x, 0, agent.width - 1)
+        y, x = argument_checks.integer(y, "y", 0, agent.height - 1), argument_checks.integer(x, "x", 0, agent.width - 1)
         camera = agent.last_camera
         if camera is None:
             raise ArgumentError("there is no frame to ask about: call get_frame() first")

@@ -10,6 +10,7 @@
     shutter        sample times while the shutter is open (motion blur)
     stage_cache    stages that were read last
     render_ahead   render the next frames in a worker process
+    loaders        data sets of PyTorch, Grain and Hugging Face
     stream_output  methods for USD programs and notebooks
     loading        read a stage while kernels compile
     saved_state    check of saved states

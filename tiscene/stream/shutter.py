@@ -10,9 +10,11 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import replace
 from fractions import Fraction
+from typing import Any
 
 import numpy as np
 
+from tiscene.errors import ArgumentError
 from tiscene.render.renderer import ShutterSample
 from tiscene.render.view import View
 from tiscene.scene.camera import Camera
@@ -23,6 +25,17 @@ from tiscene.world.world_state import WorldState
 MAX_TIMES = 64
 TICKS = 4096  # per frame
 _KEY = 0x5B07
+
+
+def shutter_times(value: Any) -> tuple[float, float]:
+    """Return the times at which a shutter opens and closes, in frames."""
+    try:
+        opens, closes = map(float, value)
+    except (TypeError, ValueError):
+        raise ArgumentError(f"shutter={value!r}: must be two numbers of frames, such as (0, 0.5)") from None
+    if not -1.0 <= opens <= closes <= 1.0:
+        raise ArgumentError(f"shutter={value!r}: must be -1 <= open <= close <= 1 frames")
+    return opens, closes
 
 
 def shutter_samples(

@@ -18,12 +18,12 @@ from functools import partial
 from types import TracebackType
 from typing import Any, overload
 
+from dynamics.argument_checks import distinct_names, integer, number, positive
 from tiscene import catalog
 from tiscene.device import runtime
 from tiscene.errors import ArgumentError
 from tiscene.frame.buffers import COLORS, buffer_names, rendered_buffers
 from tiscene.frame.frame import Frame
-from tiscene.loaders.loader_methods import LoaderMethods
 from tiscene.render.integrators.incremental.base_image import ProgressCallback
 from tiscene.render.integrators.incremental.incremental_pass import CACHE_BYTES
 from tiscene.render.render_settings import RenderSettings, preset
@@ -32,14 +32,15 @@ from tiscene.scenario.scenario import Scenario
 from tiscene.scene.camera import Camera
 from tiscene.scene.description import Light
 from tiscene.stream.frame_slice import FrameSlice
+from tiscene.stream.loaders.loader_methods import LoaderMethods
 from tiscene.stream.progress import ProgressBar
 from tiscene.stream.render_ahead import RenderAhead
 from tiscene.stream.saved_state import SavedState
+from tiscene.stream.shutter import shutter_times
 from tiscene.stream.stage_cache import StageCache, digest
 from tiscene.stream.stream_output import StreamOutput
 from tiscene.stream.view_renderer import Pixels, ViewRenderer, render_all_cameras
 from tiscene.usd.core.limits import Limits
-from tiscene.validation import distinct_names, integer, number, positive, shutter_times
 from tiscene.world.category_ids import CategoryIds
 from tiscene.world.lights import warn_if_dark
 from tiscene.world.world import World
@@ -141,11 +142,11 @@ class Stream(LoaderMethods, StreamOutput, SavedState, Iterator[Frame]):
         prefetch: int = 0,
         progress: ProgressCallback | None = None,
     ) -> None:
-        width = None if width is None else integer("width", width, 1, MAX_SIZE)
-        height = None if height is None else integer("height", height, 1, MAX_SIZE)
-        self.frames = None if frames is None else integer("frames", frames, 1, sys.maxsize)
-        self.seed = integer("seed", seed, 0, 2**32 - 1)
-        self.fps = positive("fps", fps)
+        width = None if width is None else integer(width, "width", 1, MAX_SIZE)
+        height = None if height is None else integer(height, "height", 1, MAX_SIZE)
+        self.frames = None if frames is None else integer(frames, "frames", 1, sys.maxsize)
+        self.seed = integer(seed, "seed", 0, 2**32 - 1)
+        self.fps = positive(fps, "fps")
         self.buffers = buffer_names(buffers)
         self.render_settings: RenderSettings = preset(
             quality,
@@ -159,11 +160,11 @@ class Stream(LoaderMethods, StreamOutput, SavedState, Iterator[Frame]):
             base_spp=base_spp,
         )
         self.shutter = None if shutter is None else shutter_times(shutter)
-        self.time_code = None if time_code is None else number("time_code", time_code)
+        self.time_code = None if time_code is None else number(time_code, "time_code")
         self.taxonomy = taxonomy
-        self._selected_categories = None if categories is None else distinct_names("categories", categories)
-        self._cache_bytes = integer("cache_bytes", cache_bytes, 1, sys.maxsize)
-        self._ahead = RenderAhead(integer("prefetch", prefetch, 0, 10_000))
+        self._selected_categories = None if categories is None else distinct_names(categories, "categories")
+        self._cache_bytes = integer(cache_bytes, "cache_bytes", 1, sys.maxsize)
+        self._ahead = RenderAhead(integer(prefetch, "prefetch", 0, 10_000))
         self._progress = progress or ProgressBar()
         self.stages = StageCache(
             self.buffers,
@@ -174,7 +175,7 @@ class Stream(LoaderMethods, StreamOutput, SavedState, Iterator[Frame]):
             time_code=self.time_code,
             root=root,
             strict=strict,
-            subdivision=None if subdivision is None else integer("subdivision", subdivision, 0, sys.maxsize),
+            subdivision=None if subdivision is None else integer(subdivision, "subdivision", 0, sys.maxsize),
             limits=limits,
         )
         if not isinstance(source, Scenario):
@@ -275,7 +276,7 @@ class Stream(LoaderMethods, StreamOutput, SavedState, Iterator[Frame]):
 
     def seek(self, index: int) -> Stream:
         """Make frame `index` the next one; costs nothing. Returns the stream."""
-        self._position = integer("index", index, 0, self.frames if self.frames is not None else sys.maxsize)
+        self._position = integer(index, "index", 0, self.frames if self.frames is not None else sys.maxsize)
         self.world.next_frame = self._position
         return self
 
@@ -396,4 +397,4 @@ def _image_size(width: int | None, height: int | None, resolution: tuple[int, in
         width = resolution[0] if height is None else max(1, round(height * resolution[0] / resolution[1]))
     if resolution is not None and height is None and width is not None:
         height = max(1, round(width * resolution[1] / resolution[0]))
-    return integer("width", width or 256, 1, MAX_SIZE), integer("height", height or 192, 1, MAX_SIZE)
+    return integer(width or 256, "width", 1, MAX_SIZE), integer(height or 192, "height", 1, MAX_SIZE)

@@ -16,6 +16,7 @@
     stage_animation   instances that move by the stage's time samples
     trajectories      poses of objects, cameras and lights; collisions
     physics_trajectories  the same with rigid bodies
+    physics           rigid bodies, simulated by MuJoCo
     object_movers     objects as bodies of dynamics
     collision_onset   first frame at which objects might collide
     lights            lights at each frame

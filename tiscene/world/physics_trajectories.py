@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """PhysicsTrajectories: trajectories of a scenario that may have rigid bodies.
 
-Objects with a RigidBody are simulated by `tiscene.physics`. All other objects move as they do without them; they push
-and carry rigid bodies and are not pushed.
+Objects with a RigidBody are simulated by `tiscene.world.physics`. All other objects move as they do without them; they
+push and carry rigid bodies and are not pushed.
 """
 
 from __future__ import annotations
@@ -17,13 +17,13 @@ import numpy as np
 from dynamics.clocks import exact
 from dynamics.rigid_body import RigidBody
 from dynamics.rotation import quaternion
-from tiscene.physics.convex_parts import convex_parts
-from tiscene.physics.part_shapes import PartShape
-from tiscene.physics.physics_model import PhysicsBody, Surroundings
-from tiscene.physics.rigid_body_simulation import PhysicsFrame, RigidBodySimulation
-from tiscene.physics.stage_parts import StageParts
 from tiscene.scenario.edits import Edit, EditLog
 from tiscene.scenario.objects import Object
+from tiscene.world.physics.convex_parts import convex_parts
+from tiscene.world.physics.part_shapes import PartShape
+from tiscene.world.physics.physics_model import PhysicsBody, Surroundings
+from tiscene.world.physics.rigid_body_simulation import PhysicsFrame, RigidBodySimulation
+from tiscene.world.physics.stage_parts import StageParts
 from tiscene.world.trajectories import Array, Collision, Trajectories, TrajectoryContext, between_poses
 
 GRAVITY = 9.81  # m/s2

@@ -17,7 +17,7 @@ from typing import Any
 
 import numpy as np
 
-from dynamics import Dynamic, RigidBody
+from dynamics import Dynamic, RigidBody, argument_checks
 from tiscene.errors import ArgumentError, ObjectNotFound, ScenarioError
 from tiscene.scenario.edits import Despawn, Edit, Move, PlaceCamera, SetFrustumWalls, Spawn
 from tiscene.scenario.objects import Frustum, Object
@@ -26,7 +26,6 @@ from tiscene.scene.bvh.obstacle_tree import MeshTrees
 from tiscene.scene.camera import Camera
 from tiscene.scene.description import Light, SceneDescription, Template
 from tiscene.scene.placement import Placement
-from tiscene.validation import positive
 from tiscene.world.camera_edits import CameraEdits
 from tiscene.world.category_ids import CategoryIds
 from tiscene.world.frame_evaluator import FrameEvaluator
@@ -90,7 +89,7 @@ class World(CameraEdits):
         self._scenario = scenario
         self._log = scenario.log()
         self.stage = stage = overridden(stage, scenario.overrides)
-        self.fps = positive("fps", fps)
+        self.fps = argument_checks.positive(fps, "fps")
         self.cameras = tuple(each if isinstance(each, Camera) else stage.camera(each) for each in scenario.cameras)
         names = [camera.name for camera in self.cameras]
         if len(set(names)) < len(names):

@@ -1,0 +1,84 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Worker processes: failures are reported, killed workers are started again, bytes are those of one process."""
+
+import os
+import signal
+import subprocess
+import sys
+import threading
+import time
+
+import pytest
+
+from tests.export.test_export import contents
+from tiscene.cli import main as cli
+from tiscene.errors import DeviceError
+from tiscene.export.distributed import worker_processes
+from tiscene.export.distributed.worker_processes import frames_in, run_workers
+from tiscene.export.shards import SHARDS
+
+RENDER = ["render", "solid_benchmark", "--width", "32", "--height", "24", "--buffers", "instance,depth,forward_flow"]
+RENDER += ["--format", "webdataset"]
+
+
+def test_failing_command_is_reported_with_its_reason():
+    with pytest.raises(
+        DeviceError, match=r"the worker `tiscene show nowhere_at_all` failed: no scene 'nowhere_at_all'"
+    ):
+        run_workers([["list", "--json"], ["show", "nowhere_at_all"]])
+
+
+def test_killed_worker_is_started_again_but_not_forever(monkeypatch):
+    started = []
+    start = worker_processes._Worker.start
+
+    def start_and_kill(worker, threads):
+        start(worker, threads)
+        started.append(worker)
+        if len(started) <= killed:
+            os.kill(worker.process.pid, signal.SIGKILL)
+
+    monkeypatch.setattr(worker_processes._Worker, "start", start_and_kill)
+    killed = 2
+    run_workers([["list", "--json"]])
+    assert len(started) == 3
+    started.clear()
+    killed = 10
+    with pytest.raises(DeviceError, match="died 4 times by signal 9"):
+        run_workers([["list", "--json"]])
+
+
+@pytest.mark.slow
+def test_workers_write_the_bytes_of_one_process_also_if_one_is_killed(tmp_path, capsys):
+    frames = ["--frames", "0:40"]
+    assert cli.main([*RENDER, *frames, "-o", str(tmp_path / "one")]) == 0
+
+    def kill_one():
+        shard = tmp_path / "two" / SHARDS / "00001-of-00002"
+        while not frames_in([shard]):
+            time.sleep(0.05)
+        lock = (shard / ".tiscene.lock").read_text()
+        os.kill(int(lock.split()[1]), signal.SIGKILL)
+
+    killer = threading.Thread(target=kill_one)
+    killer.start()
+    assert cli.main([*RENDER, *frames, "--workers", "2", "-o", str(tmp_path / "two")]) == 0
+    killer.join()
+    assert contents(tmp_path / "two") == contents(tmp_path / "one")
+
+
+@pytest.mark.slow
+def test_interrupted_workers_are_continued_by_the_same_command(tmp_path):
+    command = [sys.executable, "-m", "tiscene", *RENDER, "--frames", "0:400", "--workers", "2", "-o", str(tmp_path)]
+    running = subprocess.Popen(command, stderr=subprocess.PIPE, text=True)
+    shards = [tmp_path / SHARDS / f"{number:05d}-of-00002" for number in range(2)]
+    while frames_in(shards) < 2:
+        time.sleep(0.05)
+    running.send_signal(signal.SIGINT)
+    _, errors = running.communicate(timeout=60)
+    assert running.returncode == 130
+    assert "The same command continues from there" in errors
+    done = frames_in(shards)
+    assert 2 <= done < 400
+    subprocess.run(command, check=True)
+    assert not (tmp_path / SHARDS).exists()

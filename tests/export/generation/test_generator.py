@@ -1,0 +1,149 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Data sets: complete, repeatable, continued and extended, made in shards with the same bytes."""
+
+import json
+import os
+from pathlib import Path
+
+import numpy as np
+import pytest
+from PIL import Image
+
+from tests.export.generation.test_recipe import RECIPE
+from tiscene.cli import main as cli
+from tiscene.errors import ExportError
+from tiscene.export.generation.data_set_index import DataSet
+from tiscene.export.generation.generator import finish, generate, write_scenarios
+from tiscene.export.generation.recipe import Recipe
+from tiscene.export.manifest import Manifest
+from tiscene.scenario.scenario import Scenario
+
+COUNT = 4
+
+
+def contents(folder):
+    return {str(path.relative_to(folder)): path.read_bytes() for path in folder.rglob("*") if path.is_file()}
+
+
+@pytest.fixture(scope="module")
+def recipe():
+    return Recipe.from_json(RECIPE | {"scenes": ["object_view"]})
+
+
+@pytest.fixture(scope="module")
+def whole(recipe, tmp_path_factory):
+    folder = tmp_path_factory.mktemp("whole")
+    generate(recipe, folder, COUNT)
+    return folder
+
+
+def test_data_set_has_scenarios_index_statistics_and_sheet(recipe, whole):
+    rows = [json.loads(line) for line in (whole / "index.jsonl").read_text().splitlines()]
+    assert [row["number"] for row in rows] == list(range(COUNT))
+    for row in rows:
+        folder = whole / row["split"] / f"{row['number']:06d}"
+        assert row["split"] == recipe.split(row["number"])
+        assert list(Manifest.load(folder).frames) == [0, 1, 2]
+        assert Scenario.load(folder / "scenario.json") == recipe.scenario(row["number"])
+        assert row["frames"] == 3
+        assert row["objects"]
+        assert row["difficulty"]["instances"] >= 0
+    statistics = json.loads((whole / "statistics.json").read_text())
+    assert (statistics["scenarios"], statistics["frames"], statistics["failed"]) == (COUNT, 3 * COUNT, 0)
+    assert sum(statistics["scenarios_by_split"].values()) == COUNT
+    assert sum(statistics["visible_objects_by_category"].values()) == sum(
+        statistics["visible_objects_by_size"].values()
+    )
+    sheet = np.asarray(Image.open(whole / "contact_sheet.png"))
+    assert sheet.shape[1] >= 160
+    assert sheet.std() > 5
+
+
+def test_visible_objects_are_counted_from_the_buffers(whole):
+    for row in map(json.loads, (whole / "index.jsonl").read_text().splitlines()):
+        folder = whole / row["split"] / f"{row['number']:06d}"
+        count = 0
+        for index in range(3):
+            with np.load(folder / f"{index:06d}.npz") as arrays:
+                count += len(set(np.unique(arrays["instance"])) - {0})
+        assert sum(row["visible"].values()) == count
+
+
+def test_interrupted_data_set_is_continued_and_extended_to_the_same_bytes(recipe, whole, tmp_path):
+    def interrupt(number, frame):
+        if (number, frame) == (2, 1):
+            raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        generate(recipe, tmp_path, 3, progress=interrupt)
+    done = DataSet.load(tmp_path)
+    assert done.missing() == [2]
+    rendered = set()
+    generate(recipe, tmp_path, 3, progress=lambda number, frame: rendered.add(number) if frame is not None else None)
+    assert rendered == {2}
+    generate(recipe, tmp_path, COUNT)
+    assert contents(tmp_path) == contents(whole)
+
+
+@pytest.mark.slow
+def test_shards_give_the_bytes_of_one_process(recipe, whole, tmp_path, capsys):
+    for shard in (1, 0):
+        generate(recipe, tmp_path, COUNT, shard=(shard, 3))
+    with pytest.raises(ExportError, match="2 of 4 scenarios are missing, the first is 2: generate the shards"):
+        finish(tmp_path)
+    generate(recipe, tmp_path, COUNT, shard=(2, 3))
+    assert cli.main(["merge", str(tmp_path)]) == 0
+    assert contents(tmp_path) == contents(whole)
+
+
+def test_folder_of_another_recipe_is_refused(recipe, whole):
+    other = Recipe.from_json(recipe.to_json() | {"seed": 6})
+    with pytest.raises(ExportError, match=r"data set of another recipe:\s+seed: 5 in the folder, 6 requested"):
+        generate(other, whole, COUNT)
+
+
+@pytest.mark.slow
+def test_scenario_that_cannot_be_drawn_does_not_lose_the_others(tmp_path):
+    impossible = {"scene": "object_view", "ranges": {"depth": [1e-4, 2e-4]}}
+    recipe = Recipe.from_json(RECIPE | {"scenes": ["object_view", impossible]})
+    generate(recipe, tmp_path, 4)
+    rows = [json.loads(line) for line in (tmp_path / "index.jsonl").read_text().splitlines()]
+    failed = [row for row in rows if "error" in row]
+    assert 0 < len(failed) < 4
+    assert json.loads((tmp_path / "statistics.json").read_text())["failed"] == len(failed)
+
+
+def test_commands_write_scenarios_and_data_sets(recipe, tmp_path, capsys):
+    file = tmp_path / "recipe.json"
+    file.write_text(json.dumps(recipe.to_json()))
+    assert cli.main(["sample", str(file), "-n", "2", "-o", str(tmp_path / "scenarios")]) == 0
+    printed = capsys.readouterr().out.split()
+    assert [Scenario.load(path) for path in printed] == [recipe.scenario(0), recipe.scenario(1)]
+    assert write_scenarios(recipe, tmp_path / "again", 1)[0].read_bytes() == Path(printed[0]).read_bytes()
+    assert cli.main(["generate", str(file), "-n", "1", "-o", str(tmp_path / "data")]) == 0
+    assert capsys.readouterr().out == f"{tmp_path / 'data'}\n"
+    assert (tmp_path / "data" / "index.jsonl").is_file()
+
+
+@pytest.mark.slow
+def test_memory_and_time_are_flat_over_hundreds_of_scenarios_of_three_scenes(tmp_path):
+    import time
+
+    scenes = ["object_view", "solid_benchmark", "room_02"]
+    recipe = Recipe.from_json(RECIPE | {"scenes": scenes, "frames": 2, "ranges": {"templates": ["Cube"]}})
+    memory, ends = [], [time.perf_counter()]
+
+    def measure(number, frame):
+        if frame is None:
+            pages = int(Path("/proc/self/statm").read_text().split()[1])
+            memory.append(pages * os.sysconf("SC_PAGESIZE"))
+            ends.append(time.perf_counter())
+
+    generate(recipe, tmp_path, 300, progress=measure)
+    durations = np.diff(ends)
+    print(
+        f"{memory[99] / 1e6:.0f} MB, {memory[-1] / 1e6:.0f} MB; {np.median(durations[50:150]):.3f} s per scenario, "
+        f"{np.median(durations[-100:]):.3f} s"
+    )
+    assert memory[-1] < 1.1 * memory[99]
+    assert np.median(durations[-100:]) < 1.5 * np.median(durations[50:150])

@@ -1,0 +1,180 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Rigid bodies against closed forms; seeking, checkpoints and repeatability."""
+
+import hashlib
+import math
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+
+pytest.importorskip("mujoco")
+
+from dynamics import RigidBody
+from tests.world.physics.fake_physics_world import FakePhysicsWorld, ball, box, dropped, pose
+
+FLOOR = (pose(y=-0.5), box(5, 0.5, 5))
+
+
+def digest(simulation, frames):
+    state = hashlib.sha256()
+    for frame in frames:
+        state.update(simulation.frame(frame).poses.tobytes())
+    return state.hexdigest()
+
+
+def stack(count=4):
+    """Return a stack of cubes of 20 cm, a ball that hits it, and a block that pushes it later."""
+    cubes = [(box(0.1, 0.1, 0.1), pose(y=0.1 + 0.2 * k), RigidBody()) for k in range(count)]
+    return cubes
+
+
+def test_ball_falls_on_the_parabola_and_rests_on_the_floor():
+    simulation = dropped(height=1.6).simulation()
+    for frame in range(14):
+        np.testing.assert_allclose(
+            simulation.frame(frame).poses[0, :3], (0, 1.6 - 0.5 * 9.81 * (frame / 25) ** 2, 0), atol=1e-9
+        )
+    assert simulation.frame(0).contacts == ()
+    assert any((0, "stage", 0) in simulation.frame(frame).contacts for frame in range(13, 18))
+    for frame in (60, 100, 200):
+        assert simulation.frame(frame).poses[0, 1] == pytest.approx(0.1, abs=1e-3)
+
+
+def test_thrown_ball_follows_its_parabola():
+    world = dropped(height=1.0, velocity=(2.0, 3.0, -1.0), angular_velocity=(0.0, 5.0, 0.0))
+    end = world.simulation().frame(15).poses[0]
+    np.testing.assert_allclose(end[:3], (1.2, 1.0 + 1.8 - 0.5 * 9.81 * 0.36, -0.6), atol=1e-9)
+    np.testing.assert_allclose(np.abs(end[3:]), (math.cos(1.5), 0, math.sin(1.5), 0), atol=1e-6)
+
+
+@pytest.mark.parametrize("restitution", [0.5, 0.8])
+def test_ball_bounces_to_the_height_of_its_restitution(restitution):
+    simulation = dropped(height=1.1, restitution=restitution).simulation()
+    heights = [simulation.frame(frame).poses[0, 1] - 0.1 for frame in range(40)]
+    lowest = int(np.argmin(heights[:16]))
+    assert max(heights[lowest : lowest + 24]) == pytest.approx(restitution**2, abs=0.06)
+
+
+@pytest.mark.parametrize(("degrees", "friction"), [(30.0, 0.2), (20.0, 0.0), (40.0, 0.5)])
+def test_block_slides_down_a_slope_with_the_acceleration_of_friction(degrees, friction):
+    angle = math.radians(degrees)
+    up = np.array([-math.sin(angle), math.cos(angle), 0.0])
+    turned = (0.0, 0.0, degrees)
+    slope = (pose(*(-0.5 * up), turned), box(20, 0.5, 2))
+    body = RigidBody(friction=friction)
+    world = FakePhysicsWorld([(box(0.1, 0.05, 0.1), pose(*(0.05 * up), turned), body)], [slope])
+    simulation = world.simulation()
+    start = simulation.frame(0).poses[0, :3]
+    moved = np.linalg.norm(simulation.frame(25).poses[0, :3] - start)
+    assert moved == pytest.approx(0.5 * 9.81 * (math.sin(angle) - friction * math.cos(angle)), rel=0.03)
+
+
+def test_block_stays_on_a_slope_that_friction_holds():
+    turned, up = (0.0, 0.0, 20.0), np.array([-math.sin(math.radians(20)), math.cos(math.radians(20)), 0.0])
+    world = FakePhysicsWorld(
+        [(box(0.1, 0.05, 0.1), pose(*(0.05 * up), turned), RigidBody(friction=0.6))],
+        [(pose(*(-0.5 * up), turned), box(20, 0.5, 2))],
+    )
+    simulation = world.simulation()
+    assert np.linalg.norm(simulation.frame(250).poses[0, :3] - simulation.frame(5).poses[0, :3]) < 2e-3
+
+
+def test_stack_rests():
+    simulation = FakePhysicsWorld(stack(5), [FLOOR]).simulation()
+    settled, later = simulation.frame(25).poses, simulation.frame(500).poses
+    assert np.abs(later - settled).max() < 1e-3
+    np.testing.assert_allclose(later[:, 1], 0.1 + 0.2 * np.arange(5), atol=5e-3)
+
+
+def test_mover_pushes_and_carries_others_and_is_not_pushed():
+    rigid = [(box(0.1, 0.1, 0.1), pose(x=0.5, y=0.1), RigidBody()), (ball(0.05), pose(x=-2.0, y=0.25), RigidBody())]
+    pusher = box(0.1, 0.1, 0.3), lambda time: pose(x=0.2 * time, y=0.1)
+    carrier = box(0.3, 0.05, 0.3), lambda time: pose(x=-2.0, y=0.1, z=-0.3 * time)
+    rigid[1] = (box(0.05, 0.05, 0.05), pose(x=-2.0, y=0.2), RigidBody())
+    simulation = FakePhysicsWorld(rigid, [FLOOR], [pusher, carrier]).simulation()
+    simulation.frame(50)
+    assert simulation.frame(50).poses[0, 0] == pytest.approx(0.2 * 2.0 + 0.2, abs=0.01)
+    assert simulation.frame(50).poses[1, 2] == pytest.approx(-0.6, abs=0.02)
+    assert (0, "body", 2) in simulation.frame(50).contacts
+
+
+def test_walls_hold_bodies_and_pull_them_in():
+    planes = np.array([(1, 0, 0, 1), (-1, 0, 0, 1), (0, 1, 0, 5), (0, -1, 0, 5), (0, 0, 1, 1), (0, 0, -1, 1)], float)
+    thrown = (ball(0.1), pose(y=0.1), RigidBody(velocity=(4.0, 0.0, 0.0), friction=0.0))
+    outside = (ball(0.1), pose(x=-3.0, y=0.1, z=0.5), RigidBody())
+    simulation = FakePhysicsWorld([thrown, outside], [FLOOR], planes=planes).simulation()
+    for frame in (1, 5, 10, 30, 60):
+        assert (np.abs(simulation.frame(frame).poses[:, 0]) < 0.93).all()
+    assert any((0, "wall", 1) in simulation.frame(frame).contacts for frame in range(3, 10))
+
+
+def test_seek_returns_the_same_bytes_as_playing_with_bodies_that_come_go_and_are_moved():
+    def make():
+        rigid = [*stack(3), (ball(0.1), pose(x=-1.0, y=0.3), RigidBody(velocity=(3.0, 1.0, 0.0), restitution=0.5))]
+        rigid.append((box(0.05, 0.2, 0.05), pose(x=0.05, y=1.2), RigidBody()))
+        moved = {33: {0: pose(x=1.0, y=0.5, rotation=(10.0, 20.0, 30.0))}}
+        push = [(box(0.1, 0.1, 0.1), lambda time: pose(x=-1.0 + 0.4 * time, y=0.1))]
+        return FakePhysicsWorld(rigid, [FLOOR], push, life={3: (5, 40), 4: (20, 10**9)}, moved=moved).simulation()
+
+    played = make()
+    states = [played.frame(frame) for frame in range(80)]
+    assert states[33].poses[0, 1] == 0.5 != states[33].arrivals[0, 1]
+    assert [len(state.numbers) for state in (states[4], states[5], states[20], states[41])] == [3, 4, 5, 5]
+    assert len(states[42].numbers) == 4  # one more frame than it is alive, for motion
+    for order in ([79, 3, 40, 39, 21, 33, 34], [33, 32, 20, 5, 78]):
+        sought = make()
+        for frame in order:
+            found = sought.frame(frame)
+            assert found.poses.tobytes() == states[frame].poses.tobytes(), frame
+            assert found.arrivals.tobytes() == states[frame].arrivals.tobytes()
+            assert found.contacts == states[frame].contacts
+
+
+def test_checkpoints_make_seeking_cheap_in_bounded_memory(monkeypatch):
+    from tiscene.world.physics import rigid_body_simulation
+
+    monkeypatch.setattr(rigid_body_simulation, "MAX_CHECKPOINTS", 8)
+    simulation = dropped().simulation()
+    expected = simulation.frame(299).poses.tobytes()
+    assert simulation.checkpoint_count <= 8
+    simulation.frame(0)
+    before = simulation.simulated_frames
+    assert simulation.frame(299).poses.tobytes() == expected
+    assert simulation.simulated_frames - before <= 64
+
+
+PROGRAM = """
+from tests.world.physics.test_rigid_body_simulation import FLOOR, FakePhysicsWorld, digest, stack
+print(digest(FakePhysicsWorld(stack(4), [FLOOR]).simulation(), {frames}))
+"""
+
+
+def test_two_processes_give_the_same_bytes():
+    world = FakePhysicsWorld(stack(4), [FLOOR])
+    program = PROGRAM.format(frames=[60, 10, 59])
+    done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True)
+    assert done.stdout.strip() == digest(world.simulation(), [60, 10, 59])
+
+
+def test_edit_keeps_earlier_frames_and_changes_later_ones():
+    world = dropped(height=2.0)
+    simulation = world.simulation()
+    before = [simulation.frame(frame).poses.copy() for frame in range(12)]
+    world.moved[6] = {0: pose(y=5.0)}
+    simulation.amend(6)
+    for frame in range(6):
+        assert simulation.frame(frame).poses.tobytes() == before[frame].tobytes()
+    assert simulation.frame(6).poses[0, 1] == 5.0
+    assert simulation.frame(6).arrivals.tobytes() == before[6].tobytes()
+    assert simulation.frame(8).poses[0, 1] == pytest.approx(5.0 - 0.5 * 9.81 * 0.08**2, abs=1e-9)
+
+
+def test_body_that_is_placed_inside_of_something_is_moved_out_without_a_jump():
+    cubes = [(box(0.1, 0.1, 0.1), pose(y=0.06 + 0.2 * k), RigidBody()) for k in range(3)]
+    simulation = FakePhysicsWorld(cubes, [FLOOR]).simulation()
+    heights = np.array([simulation.frame(frame).poses[:, 1] for frame in range(30)])
+    assert heights[0, 0] == 0.06
+    np.testing.assert_allclose(heights[29], 0.1 + 0.2 * np.arange(3), atol=5e-3)
+    assert (heights[:, :].max(axis=0) < 0.13 + 0.2 * np.arange(3)).all()

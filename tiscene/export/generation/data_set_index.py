@@ -1,0 +1,155 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Index, statistics and contact sheet of a data set, from the summaries of its scenarios.
+
+They are functions of the summaries alone, so that data sets that were made in parts have the same bytes.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+from collections import Counter
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from PIL import Image, ImageDraw, ImageFont
+
+from tiscene.errors import ExportError
+from tiscene.export.array_files import png
+from tiscene.export.generation.recipe import Recipe
+from tiscene.export.generation.scenario_summary import THUMBNAIL, THUMBNAIL_WIDTH, read_summary
+from tiscene.files import write_atomically
+
+DATA_SET, INDEX, STATISTICS, SHEET = "dataset.json", "index.jsonl", "statistics.json", "contact_sheet.png"
+MAX_THUMBNAILS = 48
+GAP, TEXT = 8, 16  # px
+BACKGROUND, INK = (16, 17, 21), (200, 202, 206)
+
+
+@dataclass(frozen=True)
+class DataSet:
+    """A folder of scenarios.
+
+    Attributes:
+        folder: The folder.
+        recipe: What its scenarios are drawn from.
+        count: Number of scenarios.
+    """
+
+    folder: Path
+    recipe: Recipe
+    count: int
+
+    @classmethod
+    def load(cls, folder: Path) -> DataSet | None:
+        """Read `dataset.json`; None if the folder has none. Raises ExportError if it is damaged."""
+        try:
+            content = json.loads((folder / DATA_SET).read_text())
+            return cls(folder, Recipe.from_json(content["recipe"]), int(content["count"]))
+        except FileNotFoundError:
+            return None
+        except (OSError, ValueError, KeyError, TypeError) as error:
+            raise ExportError(f"{folder / DATA_SET} is damaged ({error!r}); generate writes it again") from error
+
+    def save(self) -> None:
+        """Write `dataset.json`."""
+        content = {"count": self.count, "recipe": self.recipe.to_json()}
+        write_atomically(self.folder / DATA_SET, (json.dumps(content, indent=1) + "\n").encode())
+
+    def scenario_folder(self, number: int) -> Path:
+        """Return the folder of a scenario, in that of its split."""
+        return self.folder / self.recipe.split(number) / f"{number:06d}"
+
+    def summaries(self) -> Iterator[tuple[int, dict[str, Any] | None]]:
+        """Yield the number and the summary of each scenario; None for one that is not done."""
+        for number in range(self.count):
+            yield number, read_summary(self.scenario_folder(number))
+
+    def missing(self) -> list[int]:
+        """Return the numbers of the scenarios that are not done."""
+        return [number for number, summary in self.summaries() if summary is None]
+
+    def write_index(self) -> None:
+        """Write index, statistics and contact sheet."""
+        statistics = _Statistics()
+        lines = []
+        done = []
+        for number, summary in self.summaries():
+            if summary is not None:
+                lines.append(json.dumps(summary, separators=(",", ":")))
+                statistics.add(summary)
+                if "error" not in summary:
+                    done.append(number)
+        write_atomically(self.folder / INDEX, ("\n".join(lines) + "\n").encode())
+        text = json.dumps(statistics.result(), indent=1) + "\n"
+        write_atomically(self.folder / STATISTICS, text.encode())
+        shown = (
+            [done[place * len(done) // MAX_THUMBNAILS] for place in range(MAX_THUMBNAILS)]
+            if len(done) > MAX_THUMBNAILS
+            else done
+        )
+        if shown:
+            write_atomically(self.folder / SHEET, png(self._contact_sheet(shown)))
+
+    def _contact_sheet(self, numbers: list[int]) -> Any:
+        """Return the thumbnails of scenarios, each above its split and number: uint8 [h, w, 3]."""
+        images = [Image.open(self.scenario_folder(number) / THUMBNAIL) for number in numbers]
+        height = max(image.height for image in images)
+        columns = min(len(images), max(1, round(math.sqrt(len(images) * 1.5))))
+        rows = -(-len(images) // columns)
+        size = columns * (THUMBNAIL_WIDTH + GAP) + GAP, rows * (height + TEXT + GAP) + GAP
+        sheet = Image.new("RGB", size, BACKGROUND)
+        draw, font = ImageDraw.Draw(sheet), ImageFont.load_default(11)
+        for place, (number, image) in enumerate(zip(numbers, images, strict=True)):
+            x = GAP + place % columns * (THUMBNAIL_WIDTH + GAP)
+            y = GAP + place // columns * (height + TEXT + GAP)
+            sheet.paste(image, (x, y))
+            draw.text((x, y + height + TEXT - 3), f"{self.recipe.split(number)} {number}", INK, font, anchor="ls")
+            image.close()
+        return np.asarray(sheet)
+
+
+class _Statistics:
+    """Sums over scenarios."""
+
+    def __init__(self) -> None:
+        self._splits: Counter[str] = Counter()
+        self._scenes: Counter[str] = Counter()
+        self._visible: Counter[str] = Counter()
+        self._sizes: Counter[int] = Counter()
+        self._measures: dict[str, list[float]] = {}
+        self._frames = self._failed = 0
+
+    def add(self, summary: dict[str, Any]) -> None:
+        """Add a scenario."""
+        if "error" in summary:
+            self._failed += 1
+            return
+        self._splits[summary["split"]] += 1
+        self._scenes[summary["scene"]] += 1
+        self._frames += summary["frames"]
+        self._visible.update(summary["visible"])
+        self._sizes.update({int(step): count for step, count in summary["sizes"].items()})
+        for name, value in ({"mean_flow": summary["mean_flow"]} | summary["difficulty"]).items():
+            if isinstance(value, int | float):
+                self._measures.setdefault(name, []).append(value)
+
+    def result(self) -> dict[str, Any]:
+        """Return the statistics as JSON values."""
+        measures = {}
+        for name, values in self._measures.items():
+            low, median, high = np.percentile(values, (5, 50, 95)).tolist()
+            measures[name] = {"mean": float(np.mean(values)), "p5": low, "median": median, "p95": high}
+        return {
+            "scenarios": self._splits.total(),
+            "failed": self._failed,
+            "frames": self._frames,
+            "scenarios_by_split": dict(sorted(self._splits.items())),
+            "scenarios_by_scene": dict(sorted(self._scenes.items())),
+            "visible_objects_by_category": dict(sorted(self._visible.items())),
+            "visible_objects_by_size": {f"2^-{step}": self._sizes[step] for step in sorted(self._sizes)},
+            "measures": measures,
+        }

@@ -1,0 +1,186 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Generate a data set: draw scenarios from a recipe and render each into a folder of its own."""
+
+from __future__ import annotations
+
+import json
+import shutil
+from collections.abc import Callable, Iterable
+from pathlib import Path
+from typing import Any
+
+from tiscene.errors import ArgumentError, ExportError, ScenarioError, StageError
+from tiscene.export.exporter import export
+from tiscene.export.generation.data_set_index import DataSet
+from tiscene.export.generation.recipe import Recipe
+from tiscene.export.generation.scenario_summary import FILE, ScenarioSummary
+from tiscene.export.manifest_difference import differences
+from tiscene.files import write_atomically
+from tiscene.frame.frame import Frame
+from tiscene.scenario.scenario import Scenario
+from tiscene.stream.stream import Stream
+
+SCENARIO = "scenario.json"
+
+
+def generate(
+    recipe: Recipe,
+    folder: str | Path,
+    count: int,
+    *,
+    shard: tuple[int, int] = (0, 1),
+    arch: str | None = None,
+    progress: Callable[[int, int | None], None] | None = None,
+) -> DataSet:
+    """Render the scenarios of a recipe, in one process and in constant memory.
+
+    Scenarios that are done are not rendered again, so that the same call continues after an interruption, and a larger
+    `count` extends the data set. A scenario that cannot be drawn or read is noted in the index; the others go on.
+
+    Args:
+        recipe: What the scenarios are drawn from.
+        folder: The folder to write: `<split>/000012/` for scenario 12, with its frames, `scenario.json`, `tiscene.json`
+            and `summary.json`; and `index.jsonl`, `statistics.json`, `contact_sheet.png` and `dataset.json`.
+        count: Number of scenarios.
+        shard: (i, n): render part i of n; several processes may write into one folder at the same time. The index is
+            then written by `finish`.
+        arch: "cpu" or "cuda"; None for "cpu".
+        progress: Called with the number of a scenario and the index of its frame; None when the scenario is done.
+
+    Returns:
+        The data set.
+
+    Raises:
+        ArgumentError: An argument or a setting of the recipe is invalid.
+        ExportError: The folder has a data set of another recipe, or cannot be written.
+    """
+    if count < 1:
+        raise ArgumentError(f"count={count}: must be at least 1")
+    number, of = shard
+    if not 0 <= number < of:
+        raise ArgumentError(f"shard={number}/{of}: must be 0/N to (N-1)/N")
+    data_set = DataSet(Path(folder), recipe, count)
+    _claim(data_set)
+    numbers = range(count * number // of, count * (number + 1) // of)
+    stream: Stream | None = None
+    try:
+        for each in numbers:
+            if not (data_set.scenario_folder(each) / FILE).is_file():
+                stream = _render_scenario(data_set, each, stream, arch, progress)
+            if progress is not None:
+                progress(each, None)
+    except OSError as error:
+        raise ExportError(f"cannot write into {str(folder)!r}: {error}") from error
+    finally:
+        if stream is not None:
+            stream.close()
+    if of == 1:
+        data_set.write_index()
+    return data_set
+
+
+def finish(folder: str | Path, *, partial: bool = False) -> DataSet:
+    """Write the index of a data set whose scenarios were made in shards.
+
+    Raises:
+        ExportError: The folder has no data set, or scenarios are missing and `partial` is not given.
+    """
+    data_set = DataSet.load(Path(folder))
+    if data_set is None:
+        raise ExportError(f"{str(folder)!r} has no data set: it has no dataset.json")
+    missing = data_set.missing()
+    if missing and not partial:
+        raise ExportError(
+            f"{len(missing)} of {data_set.count} scenarios are missing, the first is {missing[0]}: generate the shards "
+            "that have them again, or index what is there with --partial"
+        )
+    data_set.write_index()
+    return data_set
+
+
+def write_scenarios(recipe: Recipe, folder: str | Path, count: int, numbers: Iterable[int] | None = None) -> list[Path]:
+    """Write scenarios of a recipe as files, `<split>/000012.json`, without rendering anything.
+
+    Returns:
+        The files. A scenario that cannot be drawn has none.
+
+    Raises:
+        ScenarioError: None of the scenarios can be drawn.
+    """
+    files, mistakes = [], []
+    for number in range(count) if numbers is None else numbers:
+        path = Path(folder) / recipe.split(number) / f"{number:06d}.json"
+        try:
+            scenario = recipe.scenario(number)
+        except ScenarioError as error:
+            mistakes.append(error)
+            continue
+        path.parent.mkdir(parents=True, exist_ok=True)
+        scenario.save(path)
+        files.append(path)
+    if mistakes and not files:
+        raise mistakes[0]
+    return files
+
+
+def _claim(data_set: DataSet) -> None:
+    """Write `dataset.json`, unless it is there; refuse one of another recipe."""
+    data_set.folder.mkdir(parents=True, exist_ok=True)
+    present = DataSet.load(data_set.folder)
+    if present is not None:
+        found = differences(present.recipe.to_json(), data_set.recipe.to_json())
+        if found:
+            listing = "".join(f"\n  {each}" for each in found)
+            raise ExportError(
+                f"{str(data_set.folder)!r} has a data set of another recipe:{listing}\nChoose another folder."
+            )
+    if present is None or present.count != data_set.count:
+        data_set.save()
+
+
+def _render_scenario(
+    data_set: DataSet,
+    number: int,
+    stream: Stream | None,
+    arch: str | None,
+    progress: Callable[[int, int | None], None] | None,
+) -> Stream | None:
+    """Render one scenario; return the stream, which is used for the next one."""
+    recipe, folder = data_set.recipe, data_set.scenario_folder(number)
+    about: dict[str, Any] = {"number": number, "split": recipe.split(number)}
+    shutil.rmtree(folder, ignore_errors=True)  # of an interrupted run: statistics are of all frames
+    folder.mkdir(parents=True)
+    try:
+        scenario = recipe.scenario(number)
+        stream = _restarted(stream, scenario, recipe, arch)
+    except (ScenarioError, StageError) as error:
+        content = {**about, "error": str(error)}
+        write_atomically(folder / FILE, (json.dumps(content, indent=1) + "\n").encode())
+        return stream
+    summary = ScenarioSummary(recipe.frames)
+
+    def add(index: int, frame: Frame | None) -> None:
+        if frame is not None:
+            summary.add(frame)
+        if progress is not None:
+            progress(number, index)
+
+    frames = range(recipe.frames)
+    manifest = export(stream, folder, format=recipe.format, frames=frames, objects=recipe.objects, progress=add)
+    scenario.save(folder / SCENARIO)
+    cameras = [camera if isinstance(camera, str) else None for camera in scenario.cameras]
+    about |= {"scene": scenario.scene, "cameras": cameras, "variants": dict(scenario.variants)}
+    about["objects"] = [each.template for each in scenario.objects]
+    summary.save(folder, about, manifest)
+    return stream
+
+
+def _restarted(stream: Stream | None, scenario: Scenario, recipe: Recipe, arch: str | None) -> Stream:
+    """Return a stream of a scenario: the given one, restarted."""
+    if stream is None:
+        try:
+            return Stream(scenario, **{**recipe.settings, "arch": arch})
+        except TypeError as error:
+            raise ArgumentError(f"recipe: settings: {error}") from error
+    stream.restart(scenario)
+    return stream

@@ -1,0 +1,142 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Surfaces as convex parts, for contacts.
+
+Each connected piece of a surface whose convex hull is within a tolerance of it is one part. Others are halved, across
+their longest side, until their pieces are. So a table has a part for its top and one for each leg, and a bowl is made
+of many thin parts along its wall, with its inside free. The result depends on the triangles alone.
+"""
+
+from __future__ import annotations
+
+import functools
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tiscene.world.physics.part_shapes import PartShape, shape_of
+
+Array = NDArray[np.float64]
+MAX_DEPTH = 9  # halvings of a piece
+MANY = 300  # of more points only those count that lie farthest in one of DIRECTIONS directions
+DIRECTIONS = 230
+TESTED = 1000  # most points whose distance from the hull is measured
+FINE = 1000  # triangles of a piece from which on it is made coarser
+_WELD = 1e-5  # m: corners closer than this are the same point
+
+
+def convex_parts(triangles: Array, tolerance: float, thickness: float) -> list[PartShape]:
+    """Return convex parts that cover a surface.
+
+    Args:
+        triangles: [m, 3, 3], counter-clockwise from outside, m.
+        tolerance: How far a part may reach from the surface, m.
+        thickness: Least thickness of a part, m; a thinner one grows at the back of its triangles.
+    """
+    area = np.cross(triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0])
+    triangles = triangles[np.linalg.norm(area, axis=1) > 1e-12]
+    if not len(triangles):
+        return []
+    parts = []
+    for piece in _connected(triangles):
+        for hull in _pieces(_coarser(piece, 0.5 * tolerance), tolerance, thickness, 0):
+            parts.append(shape_of(hull, 0.25 * tolerance))
+    return parts
+
+
+def _coarser(triangles: Array, size: float) -> Array:
+    """Return a fine piece with one point for each cell of a grid, which is the first in it; others are unchanged."""
+    if len(triangles) <= FINE:
+        return triangles
+    points = triangles.reshape(-1, 3)
+    cells = np.floor(points / size).astype(np.int64)
+    cells -= cells.min(axis=0)
+    code = (cells[:, 0] * (cells[:, 1].max() + 1) + cells[:, 1]) * (cells[:, 2].max() + 1) + cells[:, 2]
+    _, first, cell = np.unique(code, return_index=True, return_inverse=True)
+    corners = cell.reshape(-1, 3)
+    kept = (corners[:, 0] != corners[:, 1]) & (corners[:, 1] != corners[:, 2]) & (corners[:, 0] != corners[:, 2])
+    _, rows = np.unique(np.sort(corners[kept], axis=1), axis=0, return_index=True)
+    return points[first][corners[kept][np.sort(rows)]] if kept.any() else triangles[:1]
+
+
+def _connected(triangles: Array) -> list[Array]:
+    """Return the pieces of a surface that share no corner, in the order of their first triangle."""
+    from scipy.sparse import coo_matrix
+    from scipy.sparse.csgraph import connected_components
+
+    cells = np.round(triangles.reshape(-1, 3) / _WELD).astype(np.int64)
+    _, point = np.unique(cells, axis=0, return_inverse=True)
+    point = point.reshape(-1, 3)
+    rows, columns = point[:, [0, 1]].ravel(), point[:, [1, 2]].ravel()
+    count = int(point.max()) + 1
+    _, label = connected_components(coo_matrix((np.ones(len(rows), np.int8), (rows, columns)), (count, count)), False)
+    own = label[point[:, 0]]
+    _, first, group = np.unique(own, return_index=True, return_inverse=True)
+    order = np.argsort(np.argsort(first))[group]
+    sorting = np.argsort(order, kind="stable")
+    bounds = np.searchsorted(order[sorting], np.arange(len(first)))
+    return [triangles[rows] for rows in np.split(sorting, bounds[1:])]
+
+
+def _pieces(triangles: Array, tolerance: float, thickness: float, depth: int) -> list[Array]:
+    """Return the corners of the hulls of a piece, halved where its hull is too far from it."""
+    points = np.unique(triangles.reshape(-1, 3), axis=0)
+    normals = np.cross(triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0])
+    hull, is_close = _hull(points, triangles, normals, tolerance, thickness)
+    if is_close or depth == MAX_DEPTH or len(triangles) == 1:
+        return [hull]
+    centers = triangles.mean(axis=1)
+    axis = int(np.argmax(np.ptp(centers, axis=0)))
+    order = np.argsort(centers[:, axis], kind="stable")
+    middle = 0.5 * (centers[:, axis].min() + centers[:, axis].max())
+    cut = int(np.clip(np.searchsorted(centers[order, axis], middle), 1, len(order) - 1))
+    halves = (triangles[order[:cut]], triangles[order[cut:]])
+    return [each for half in halves for each in _pieces(half, tolerance, thickness, depth + 1)]
+
+
+def _hull(points: Array, triangles: Array, normals: Array, tolerance: float, thickness: float) -> tuple[Array, bool]:
+    """Return the corners of the convex hull of a piece, and whether it is close to the piece everywhere."""
+    from scipy.spatial import ConvexHull
+
+    total = normals.sum(axis=0)
+    back = _thin_direction(points, total)
+    reach = (points - points.mean(axis=0)) @ back
+    if np.ptp(reach) >= thickness:
+        if len(points) > MANY:
+            points = points[np.unique((points @ _directions().T).argmax(axis=0))]
+        hull = ConvexHull(points)
+        tested = np.concatenate([triangles.reshape(-1, 3), triangles.mean(axis=1)])
+        tested = tested[:: -(-len(tested) // TESTED)]
+        inside = -np.max(tested @ hull.equations[:, :3].T + hull.equations[:, 3], axis=1)
+        return points[hull.vertices], bool(inside.max() <= tolerance)
+    # A plate: its outline counts, then it gets its thickness at the back.
+    across = np.linalg.svd(np.eye(3) - np.outer(back, back))[0][:, :2]
+    flat = points @ across
+    if len(points) == 3:
+        corners, is_close = points, True
+    else:
+        outline = ConvexHull(flat)
+        covered = 0.5 * np.linalg.norm(normals, axis=1).sum()
+        is_close = bool(outline.volume - covered <= tolerance * outline.area) or len(triangles) == 1
+        corners = points[outline.vertices]
+    return np.concatenate([corners, corners + (thickness - np.ptp(reach)) * back]), is_close
+
+
+@functools.cache
+def _directions() -> Array:
+    """Return unit vectors [n, 3] all around: along the axes, their diagonals, and a Fibonacci lattice."""
+    axes = np.array(np.meshgrid(*[(-1.0, 0.0, 1.0)] * 3)).reshape(3, -1).T
+    axes = axes[np.abs(axes).sum(axis=1) > 0.0]
+    step = np.arange(DIRECTIONS - len(axes)) + 0.5
+    height = 1.0 - 2.0 * step / len(step)
+    turn = np.pi * (1.0 + math.sqrt(5.0)) * step
+    width = np.sqrt(1.0 - height**2)
+    lattice = np.stack([width * np.cos(turn), height, width * np.sin(turn)], axis=1)
+    return np.concatenate([axes / np.linalg.norm(axes, axis=1, keepdims=True), lattice])
+
+
+def _thin_direction(points: Array, normal: Array) -> Array:
+    """Return the direction in which points extend least, towards the back of the triangles."""
+    offset = points - points.mean(axis=0)
+    direction = np.linalg.svd(offset.T @ offset)[0][:, 2]
+    return np.asarray(-direction if direction @ normal > 0.0 else direction)

@@ -1,0 +1,270 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Bodies and their surroundings as a MuJoCo model.
+
+Rigid bodies fall and collide. Movers follow poses that are given: they are free bodies of great mass whose position and
+velocity are set before every step, so that they carry and push others and nothing pushes them. The surroundings and the
+walls do not move others than by being in their way.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dynamics.rigid_body import RigidBody
+from dynamics.rotation import matrix_from_quaternion
+from tiscene.world.physics.part_shapes import PartShape
+
+Array = NDArray[np.float64]
+STEP = 0.002  # s: longest step of the engine
+CONTACT_TIME = 0.006  # s: time constant of a contact
+MOVER_MASS = 1e5  # kg
+SEPARATIONS = 40  # most moves of bodies that are placed inside of something
+SLOP = 5e-4  # m: bodies that overlap by less are not moved
+STATIC, RIGID, MOVER, WALL = 1, 2, 4, 8  # bits of collision
+WALLS = 6
+
+
+@dataclass(frozen=True, eq=False)
+class PhysicsBody:
+    """A body of a simulation.
+
+    Attributes:
+        number: Its number, which stays the same in all models.
+        parts: Its shape.
+        rigid: Its properties; None for a mover, whose poses are given.
+        limited: Whether walls hold it.
+    """
+
+    number: int
+    parts: Sequence[PartShape]
+    rigid: RigidBody | None
+    limited: bool
+
+
+@dataclass(frozen=True, eq=False)
+class Surroundings:
+    """What stands around the bodies.
+
+    Attributes:
+        placed: Pose [7] and parts of each thing, with its number in contacts.
+        gravity: m/s2, world.
+    """
+
+    placed: Sequence[tuple[int, Array, Sequence[PartShape]]]
+    gravity: tuple[float, float, float]
+
+
+class PhysicsModel:
+    """A compiled model and its state.
+
+    Attributes:
+        bodies: The bodies in the order of their rows.
+        walled: Whether there are walls.
+    """
+
+    def __init__(self, bodies: Sequence[PhysicsBody], around: Surroundings, walled: bool, step: float) -> None:
+        """Compile a model.
+
+        Args:
+            bodies: The bodies.
+            around: What stands around them.
+            walled: Whether there are walls.
+            step: Length of a step, s.
+        """
+        import mujoco
+
+        self.bodies, self.walled = tuple(bodies), walled
+        self._engine: Any = mujoco
+        spec = mujoco.MjSpec()
+        option = spec.option
+        option.timestep, option.gravity = step, list(around.gravity)
+        option.cone, option.impratio = mujoco.mjtCone.mjCONE_ELLIPTIC, 10.0
+        option.noslip_iterations, option.iterations = 4, 100
+        self._owners: list[tuple[str, int]] = []
+        for number, pose, parts in around.placed:
+            for part in parts:
+                self._add(spec, spec.worldbody, part, ("stage", number), contype=STATIC, conaffinity=0, pose=pose)
+        for row, body in enumerate(self.bodies):
+            self._add_body(spec, row, body)
+        if walled:
+            for wall in range(WALLS):
+                holder = spec.worldbody.add_body(mocap=True)
+                holder.add_geom(
+                    type=mujoco.mjtGeom.mjGEOM_PLANE,
+                    size=[0.0, 0.0, 1.0],
+                    contype=WALL,
+                    conaffinity=0,
+                    friction=[0.0] * 3,
+                )
+                self._owners.append(("wall", wall))
+        self._model = spec.compile()
+        masses = [
+            float(self._model.body_mass[1 + row]) for row, body in enumerate(self.bodies) if body.rigid is not None
+        ]
+        self._model.stat.meaninertia = sum(masses) / len(masses) if masses else 1.0
+        self._data = mujoco.MjData(self._model)
+        self._state_size = mujoco.mj_stateSize(self._model, mujoco.mjtState.mjSTATE_INTEGRATION)
+
+    def _add_body(self, spec: Any, row: int, body: PhysicsBody) -> None:
+        """Add a body with its parts."""
+        made = spec.worldbody.add_body()
+        made.add_freejoint()
+        if body.rigid is None:
+            made.explicitinertial, made.mass = True, MOVER_MASS
+            made.inertia, made.gravcomp = [MOVER_MASS] * 3, 1.0
+            named: dict[str, Any] = {"contype": MOVER, "conaffinity": 0}
+        else:
+            damping = _damping_of(body.rigid.restitution)
+            named = {
+                "contype": RIGID,
+                "conaffinity": STATIC | RIGID | MOVER | (WALL if body.limited else 0),
+                "density": body.rigid.density,
+                "friction": [body.rigid.friction, 0.005, 0.0002],
+                "solref": [CONTACT_TIME / damping, damping],
+                "condim": 6 if body.rigid.friction > 0.0 else 1,
+                "priority": 1,
+            }
+        for part in body.parts:
+            self._add(spec, made, part, ("body", row), **named)
+
+    def _add(
+        self, spec: Any, body: Any, part: PartShape, owner: tuple[str, int], pose: Array | None = None, **named: Any
+    ) -> None:
+        """Add a part to a body, at a pose or in the axes of the body."""
+        kinds = self._engine.mjtGeom
+        turn = np.array([1.0, 0.0, 0.0, 0.0]) if pose is None else pose[3:]
+        position = part.center.copy() if part.kind != "hull" else np.zeros(3)
+        if pose is not None:
+            position = matrix_from_quaternion(turn) @ position + pose[:3]
+        match part.kind:
+            case "box":
+                shape: dict[str, Any] = {"type": kinds.mjGEOM_BOX, "size": part.half.tolist()}
+            case "sphere":
+                shape = {"type": kinds.mjGEOM_SPHERE, "size": [float(part.half[0]), 0.0, 0.0]}
+            case "cylinder":
+                shape = {"type": kinds.mjGEOM_CYLINDER, "size": [float(part.half[0]), float(part.half[1]), 0.0]}
+                w, x, y, z = turn.tolist()
+                half = math.sqrt(0.5)  # MuJoCo's axis is z: turn about x by -90 degrees first
+                turn = half * np.array([w + x, x - w, y - z, z + y])
+            case _:
+                name = f"part_{len(self._owners)}"
+                mesh = spec.add_mesh(name=name)
+                mesh.uservert = part.points.ravel().tolist()
+                mesh.inertia = self._engine.mjtMeshInertia.mjMESH_INERTIA_CONVEX
+                shape = {"type": kinds.mjGEOM_MESH, "meshname": name}
+        body.add_geom(pos=position.tolist(), quat=turn.tolist(), **shape, **named)
+        self._owners.append(owner)
+
+    # State
+
+    def save(self) -> Array:
+        """Return everything that the next steps depend on."""
+        state = np.empty(self._state_size)
+        self._engine.mj_getState(self._model, self._data, state, self._engine.mjtState.mjSTATE_INTEGRATION)
+        return state
+
+    def restore(self, state: Array) -> None:
+        """Return to a state that was saved."""
+        self._engine.mj_setState(self._model, self._data, state, self._engine.mjtState.mjSTATE_INTEGRATION)
+
+    def reset(self) -> None:
+        """Forget the state before, of which contacts would keep a trace."""
+        self._engine.mj_resetData(self._model, self._data)
+
+    def pose(self, row: int) -> Array:
+        """Return the pose [7] of a body."""
+        return np.array(self._data.qpos[7 * row : 7 * row + 7])
+
+    def motion(self, row: int) -> Array:
+        """Return linear (world) and angular velocity (own axes) of a body, [6], as the engine keeps them."""
+        return np.array(self._data.qvel[6 * row : 6 * row + 6])
+
+    def place(self, row: int, pose: Array, motion: Array) -> None:
+        """Set pose [7] and motion [6] of a body."""
+        self._data.qpos[7 * row : 7 * row + 7] = pose
+        self._data.qvel[6 * row : 6 * row + 6] = motion
+
+    def separate(self, rows: Sequence[int]) -> None:
+        """Move rigid bodies out of what they are placed inside of, without giving them speed.
+
+        Args:
+            rows: The bodies that may move.
+        """
+        movable = set(rows)
+        for _ in range(SEPARATIONS if movable else 0):
+            self._engine.mj_fwdPosition(self._model, self._data)
+            shifts: dict[int, Array] = {}
+            for number in range(self._data.ncon):
+                contact = self._data.contact[number]
+                if contact.dist > -SLOP:
+                    continue
+                owners = [self._owners[geom] for geom in contact.geom.tolist()]
+                sides = [(row, sign) for (kind, row), sign in zip(owners, (-1.0, 1.0), strict=True) if kind == "body"]
+                sides = [(row, sign) for row, sign in sides if row in movable]
+                for row, sign in sides:
+                    shift = sign * (-contact.dist / len(sides)) * np.array(contact.frame[:3])
+                    before = shifts.get(row)
+                    if before is None or shift @ shift > before @ before:
+                        shifts[row] = shift
+            if not shifts:
+                return
+            for row, shift in shifts.items():
+                self._data.qpos[7 * row : 7 * row + 3] += shift
+
+    def place_walls(self, planes: Array) -> None:
+        """Move the walls to planes [6, 4]; inside is n . x + d >= 0."""
+        for wall, (x, y, z, d) in enumerate(planes.tolist()):
+            self._data.mocap_pos[wall] = (-d * x, -d * y, -d * z)
+            self._data.mocap_quat[wall] = _towards(np.array([x, y, z]))
+
+    def step(self) -> list[tuple[int, tuple[str, int]]]:
+        """Advance by a step; return row of a rigid body and owner of the other part for each contact."""
+        self._engine.mj_step(self._model, self._data)
+        touching = []
+        for one, other in self._data.contact.geom.tolist()[: self._data.ncon]:
+            for mine, theirs in ((one, other), (other, one)):
+                kind, row = self._owners[mine]
+                if kind == "body" and self.bodies[row].rigid is not None:
+                    touching.append((row, self._owners[theirs]))
+        return touching
+
+
+def start_motion(rigid: RigidBody, pose: Array, gravity: Sequence[float], step: float, *, still: bool = False) -> Array:
+    """Return the motion [6] with which a rigid body begins.
+
+    The engine's velocities are those half a step earlier, so that free fall follows its parabola exactly.
+
+    Args:
+        rigid: The body.
+        pose: Its pose [7].
+        gravity: m/s2.
+        step: Length of a step, s.
+        still: Begin at rest, whatever its initial velocities.
+    """
+    velocity = np.zeros(3) if still else np.array(rigid.velocity)
+    spin = np.zeros(3) if still else np.array(rigid.angular_velocity)
+    own = matrix_from_quaternion(pose[3:]).T @ spin
+    return np.concatenate([velocity - 0.5 * step * np.asarray(gravity), own])
+
+
+def _damping_of(restitution: float) -> float:
+    """Return the damping ratio of a contact after which a body has this fraction of its speed."""
+    if restitution <= 0.0:
+        return 1.0
+    logarithm = math.log(restitution)
+    return -logarithm / math.hypot(math.pi, logarithm)
+
+
+def _towards(normal: Array) -> Array:
+    """Return the quaternion that turns +z to a unit vector."""
+    x, y, z = normal.tolist()
+    if z < -1.0 + 1e-12:
+        return np.array([0.0, 1.0, 0.0, 0.0])
+    quaternion = np.array([1.0 + z, -y, x, 0.0])
+    return np.asarray(quaternion / np.linalg.norm(quaternion))

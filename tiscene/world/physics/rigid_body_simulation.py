@@ -1,0 +1,283 @@
+# SPDX-License-Identifier: Apache-2.0
+"""RigidBodySimulation: frames of bodies that fall, are pushed and come to rest.
+
+A frame is advanced in steps of equal length. A new model is compiled where bodies appear or go, or the surroundings
+change; the bodies that stay keep pose and velocity. Checkpoints let any earlier frame be computed again with the same
+bits, in bounded memory.
+"""
+
+from __future__ import annotations
+
+import math
+from collections import OrderedDict
+from collections.abc import Callable, Hashable, Mapping, Sequence
+from dataclasses import dataclass
+from fractions import Fraction
+from typing import NamedTuple, Protocol
+
+import numpy as np
+
+from dynamics.rotation import matrix_from_quaternion, multiply
+from tiscene.errors import requires_extra
+from tiscene.world.physics.physics_model import STEP, Array, PhysicsBody, PhysicsModel, Surroundings, start_motion
+
+CHECKPOINT = 16  # initial number of frames between checkpoints
+MAX_CHECKPOINTS = 512
+CACHED_FRAMES = 16  # results kept for repeated requests
+CACHED_MODELS = 3
+
+
+class PhysicsWorld(Protocol):
+    """What is simulated, from each frame to the next; functions of the frame and of edits up to it alone."""
+
+    def bodies(self, frame: int) -> Sequence[PhysicsBody]:
+        """Return the bodies that exist at a frame, by ascending number."""
+
+    def surroundings(self, frame: int) -> tuple[Hashable, Callable[[], Surroundings]]:
+        """Return a key of the surroundings from a frame to the next, and a function that returns them."""
+
+    def start(self, number: int) -> Array:
+        """Return the pose [7] at which a rigid body begins."""
+
+    def teleports(self, frame: int) -> Mapping[int, Array]:
+        """Return the poses [7] to which rigid bodies are moved at a frame, by number."""
+
+    def mover_poses(self, frame: int, numbers: Sequence[int]) -> tuple[Array, Array]:
+        """Return the poses [n, 7] of movers at a frame, and those planned for the next."""
+
+    def walls(self, time: Fraction) -> Array | None:
+        """Return the planes [6, 4] that hold limited bodies at a time, s; None without walls."""
+
+
+@dataclass(frozen=True, eq=False)
+class PhysicsFrame:
+    """The rigid bodies at a frame.
+
+    Attributes:
+        numbers: Their numbers, ascending.
+        poses: float64 [n, 7], position (m) and unit quaternion.
+        arrivals: The same before they are moved at this frame.
+        contacts: Number of a rigid body, kind ("stage", "body" or "wall") and number of what it has touched since the
+            frame before.
+    """
+
+    numbers: tuple[int, ...]
+    poses: Array
+    arrivals: Array
+    contacts: tuple[tuple[int, str, int], ...]
+
+
+class _Saved(NamedTuple):
+    """The state with which bodies arrive at a frame: of each rigid body, and of the engine if its model stays."""
+
+    key: Hashable
+    rigid: dict[int, tuple[Array, Array]]
+    engine: Array
+    contacts: tuple[tuple[int, str, int], ...]
+
+
+class RigidBodySimulation:
+    """Simulates rigid bodies frame by frame.
+
+    Frame k is a pure function of the world: the same bits in any order of requests on one machine and with one version
+    of the engine. A frame that is requested for the first time costs the frames since the last checkpoint.
+
+    Attributes:
+        simulated_frames: Number of frames computed so far, those computed again included.
+    """
+
+    def __init__(self, world: PhysicsWorld, fps: Fraction) -> None:
+        """Prepare; nothing is simulated yet.
+
+        Args:
+            world: What is simulated.
+            fps: Frames per second.
+
+        Raises:
+            MissingExtra: MuJoCo or SciPy is not installed.
+        """
+        with requires_extra("physics"):
+            import mujoco  # noqa: F401
+            import scipy  # noqa: F401
+        self._world, self._fps = world, fps
+        self._steps = max(1, math.ceil(1 / (fps * Fraction(str(STEP)))))
+        self._step = float(1 / (fps * self._steps))
+        self.simulated_frames = 0
+        self._current = (-1, _Saved(None, {}, np.zeros(0), ()))
+        self._checkpoints: dict[int, _Saved] = {}
+        self._interval = CHECKPOINT
+        self._results: OrderedDict[int, PhysicsFrame] = OrderedDict()
+        self._models: OrderedDict[Hashable, PhysicsModel] = OrderedDict()
+        self._loaded: tuple[Hashable, Surroundings] | None = None
+
+    @property
+    def checkpoint_count(self) -> int:
+        """Number of states that are kept."""
+        return len(self._checkpoints)
+
+    def amend(self, frame: int) -> None:
+        """Forget what edits at a frame change; states with which bodies arrive at it stay valid."""
+        for known in (self._results, self._checkpoints):
+            for number in [each for each in known if each > frame or (known is self._results and each == frame)]:
+                del known[number]
+        if self._current[0] > frame:
+            self._current = (-1, self._current[1])
+
+    def surroundings_changed(self) -> None:
+        """Compile all models anew when they are needed."""
+        self._models.clear()
+        self._loaded = None
+        self._current = (-1, self._current[1])
+
+    def frame(self, number: int) -> PhysicsFrame:
+        """Return the rigid bodies at a frame, 0 or more."""
+        if number in self._results:
+            self._results.move_to_end(number)
+            return self._results[number]
+        reached, saved = self._current
+        if not 0 <= reached <= number:
+            reached = max((each for each in self._checkpoints if each <= number), default=-1)
+            saved = self._checkpoints[reached] if reached >= 0 else _Saved(None, {}, np.zeros(0), ())
+            reached = max(reached, 0)
+        while reached < number:
+            saved = self._advance(reached, saved)
+            reached += 1
+            self._save(reached, saved)
+        self._current = (reached, saved)
+        result = self._results[number] = self._result(number, saved)
+        while len(self._results) > CACHED_FRAMES:
+            self._results.popitem(last=False)
+        return result
+
+    def _save(self, frame: int, saved: _Saved) -> None:
+        """Keep a checkpoint at intervals, which grow so that memory stays bounded."""
+        if frame % self._interval or frame in self._checkpoints:
+            return
+        self._checkpoints[frame] = saved
+        if len(self._checkpoints) > MAX_CHECKPOINTS:
+            self._interval *= 2
+            self._checkpoints = {k: state for k, state in self._checkpoints.items() if k % self._interval == 0}
+
+    def _result(self, frame: int, saved: _Saved) -> PhysicsFrame:
+        there = {body.number: body for body in self._world.bodies(frame) if body.rigid is not None}
+        numbers = tuple(sorted({*there, *saved.rigid}))  # those that are gone have arrived there too
+        arrivals = [
+            saved.rigid[number][0] if number in saved.rigid else self._world.start(number) for number in numbers
+        ]
+        moved = self._world.teleports(frame)
+        poses = [moved.get(number, pose) for number, pose in zip(numbers, arrivals, strict=True)]
+        shape = (len(numbers), 7)
+        return PhysicsFrame(numbers, np.reshape(poses, shape), np.reshape(arrivals, shape), saved.contacts)
+
+    def _arrival(self, body: PhysicsBody, saved: _Saved) -> tuple[Array, Array]:
+        """Return pose and motion with which a rigid body arrives at a frame; a new one begins there."""
+        if body.number in saved.rigid:
+            return saved.rigid[body.number]
+        assert body.rigid is not None
+        pose = self._world.start(body.number)
+        return pose, start_motion(body.rigid, pose, self._gravity(), self._step)
+
+    def _gravity(self) -> Sequence[float]:
+        if self._loaded is None:
+            key, make = self._world.surroundings(0)
+            self._loaded = key, make()
+        return self._loaded[1].gravity
+
+    def _advance(self, frame: int, saved: _Saved) -> _Saved:
+        """Simulate from a frame to the next."""
+        self.simulated_frames += 1
+        bodies = self._world.bodies(frame)
+        if not any(body.rigid is not None for body in bodies):
+            return _Saved(None, {}, np.zeros(0), ())
+        times = [Fraction(frame * self._steps + part, self._steps) / self._fps for part in range(self._steps + 1)]
+        walls = [self._world.walls(time) for time in times]
+        walled = all(planes is not None for planes in walls)
+        around, make = self._world.surroundings(frame)
+        key = (tuple((body.number, body.limited) for body in bodies), around, walled)
+        model = self._model(key, bodies, around, make, walled)
+        teleports = self._world.teleports(frame)
+        if saved.key == key:
+            model.restore(saved.engine)
+        else:
+            model.reset()
+        placed = {body.number for body in bodies if body.number in teleports or body.number not in saved.rigid}
+        for row, body in enumerate(bodies):
+            if body.rigid is None:
+                continue
+            if body.number in teleports:
+                pose = teleports[body.number]
+                motion = start_motion(body.rigid, pose, self._gravity(), self._step, still=True)
+                model.place(row, pose, motion)
+            elif saved.key != key:
+                pose, motion = self._arrival(body, saved)
+                first = body.number not in saved.rigid
+                model.place(row, _inside(pose, body, walls[0]) if first and body.limited else pose, motion)
+        movers = [(row, body.number) for row, body in enumerate(bodies) if body.rigid is None]
+        paths = self._world.mover_poses(frame, [number for _, number in movers]) if movers else None
+        if paths is not None:
+            for place, (row, _) in enumerate(movers):
+                model.place(row, *_on_the_way(paths[0][place], paths[1][place], 0, self._steps, self._step))
+        model.separate([row for row, body in enumerate(bodies) if body.rigid is not None and body.number in placed])
+        touched: dict[tuple[int, str, int], None] = {}
+        for part in range(self._steps):
+            if paths is not None:
+                for place, (row, _) in enumerate(movers):
+                    model.place(row, *_on_the_way(paths[0][place], paths[1][place], part, self._steps, self._step))
+            planes = walls[part + 1]
+            if walled and planes is not None:
+                model.place_walls(planes)
+            for row, (kind, other) in model.step():
+                number = bodies[other].number if kind == "body" else other
+                touched[bodies[row].number, kind, number] = None
+        rigid = {
+            body.number: (model.pose(row), model.motion(row))
+            for row, body in enumerate(bodies)
+            if body.rigid is not None
+        }
+        return _Saved(key, rigid, model.save(), tuple(sorted(touched)))
+
+    def _model(
+        self,
+        key: Hashable,
+        bodies: Sequence[PhysicsBody],
+        around: Hashable,
+        make: Callable[[], Surroundings],
+        walled: bool,
+    ) -> PhysicsModel:
+        """Return the model of bodies and surroundings; the least recently used ones are dropped."""
+        if key in self._models:
+            self._models.move_to_end(key)
+            return self._models[key]
+        if self._loaded is None or self._loaded[0] != around:
+            self._loaded = around, make()
+        model = self._models[key] = PhysicsModel(bodies, self._loaded[1], walled, self._step)
+        while len(self._models) > CACHED_MODELS:
+            self._models.popitem(last=False)
+        return model
+
+
+def _on_the_way(before: Array, after: Array, part: int, parts: int, step: float) -> tuple[Array, Array]:
+    """Return pose [7] and motion [6] of a mover at the start of a step on its way between two frames."""
+    turn = multiply(after[3:], before[3:] * np.array([1.0, -1.0, -1.0, -1.0]))
+    turn = -turn if turn[0] < 0.0 else turn
+    angle = 2.0 * math.atan2(float(np.linalg.norm(turn[1:])), float(turn[0]))
+    axis = turn[1:] / max(float(np.linalg.norm(turn[1:])), 1e-300)
+    share = part / parts
+    partly = np.array([math.cos(0.5 * share * angle), *(math.sin(0.5 * share * angle) * axis)])
+    rotation = multiply(partly, before[3:])
+    pose = np.concatenate([before[:3] + share * (after[:3] - before[:3]), rotation])
+    spin = matrix_from_quaternion(rotation).T @ (axis * (angle / (parts * step)))
+    return pose, np.concatenate([(after[:3] - before[:3]) / (parts * step), spin])
+
+
+def _inside(pose: Array, body: PhysicsBody, planes: Array | None) -> Array:
+    """Return a pose moved inside of the walls."""
+    if planes is None or not body.parts:
+        return pose
+    points = np.concatenate([part.points for part in body.parts]) @ matrix_from_quaternion(pose[3:]).T
+    moved = pose.copy()
+    for _ in range(2):
+        for x, y, z, d in planes.tolist():
+            gap = float(((points + moved[:3]) @ np.array([x, y, z])).min() + d)
+            moved[:3] -= min(gap, 0.0) * np.array([x, y, z])
+    return moved
