@@ -1,7 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
+import gc
+import weakref
+
 import numpy as np
 
-from tiscene.frame.buffers import BUFFERS, COLORS, LABELS, RANKS, times_needed
+from tiscene.frame.buffers import BUFFERS, COLORS, LABELS, RANKS, complete, times_needed
 from tiscene.scene.placement import CURRENT, NEXT, PREVIOUS
 
 
@@ -30,3 +33,16 @@ def test_only_occlusion_needs_other_times() -> None:
     assert times_needed(("rgb", "forward_flow", "scene_flow")) == (CURRENT,)
     assert times_needed(("forward_occlusion",)) == (CURRENT, NEXT)
     assert times_needed(("backward_occlusion", "forward_occlusion")) == (PREVIOUS, CURRENT, NEXT)
+
+
+def test_arrays_of_a_frame_are_freed_with_it_without_garbage_collection() -> None:
+    array = np.zeros((3, 4), np.float32)
+    alive = weakref.ref(array)
+    gc.disable()
+    try:
+        buffers = complete(("depth",), {"depth": array})
+        assert buffers["depth"] is array
+        del array, buffers
+        assert alive() is None
+    finally:
+        gc.enable()

@@ -138,12 +138,15 @@ def complete(names: Iterable[str], arrays: Mapping[str, NDArray[Any]]) -> dict[s
         names: buffers to return.
         arrays: the arrays of `rendered_buffers(names)`.
     """
+    return {name: _computed(name, arrays) for name in names}
 
-    def array(name: str) -> NDArray[Any]:
-        buffer = BUFFERS[name]
-        return arrays[name] if buffer.compute is None else buffer.compute(*map(array, buffer.inputs))
 
-    return {name: array(name) for name in names}
+# Not a closure in `complete`: one that calls itself is a reference cycle, which keeps arrays until the next collection.
+def _computed(name: str, arrays: Mapping[str, NDArray[Any]]) -> NDArray[Any]:
+    buffer = BUFFERS[name]
+    if buffer.compute is None:
+        return arrays[name]
+    return buffer.compute(*(_computed(each, arrays) for each in buffer.inputs))
 
 
 _OCCLUSION_TIME = {"forward_occlusion": NEXT, "backward_occlusion": PREVIOUS}

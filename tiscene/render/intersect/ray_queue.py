@@ -83,6 +83,7 @@ class RayArrays:
         self.distance: Any = None
         self.queue: Any = None
         self._subset: Any = None
+        self._subset_values = np.zeros(0, np.int32)
         self.next_queues: tuple[Any, Any] = (None, None)
         self.mirrored: tuple[Any, Any] = (None, None)
 
@@ -98,6 +99,7 @@ class RayArrays:
             self.queue = device_array(ti.i32, (self.count,))
             self.queue.from_numpy(tiled_order(width, height))
             self._subset = device_array(ti.i32, (self.count,))
+            self._subset_values = np.zeros(self.count, np.int32)  # rows past the subset's keep what they had
             self.next_queues = device_array(ti.i32, (self.count,)), device_array(ti.i32, (self.count,))
             self.mirrored = device_array(ti.i32, (self.count,)), device_array(ti.i32, (self.count,))
         return self
@@ -107,7 +109,8 @@ class RayArrays:
         order = tiled_order(self._size[0], self._size[1])
         queue = order[pixels.ravel()[order]]
         if len(queue):
-            self._subset.from_numpy(np.resize(queue, self.count))
+            self._subset_values[: len(queue)] = queue
+            self._subset.from_numpy(self._subset_values)
         return self._subset, len(queue)
 
 
