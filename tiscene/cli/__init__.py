@@ -5,7 +5,8 @@ A command is a module with `run(args)`; its arguments are in `parser`.
 
 ::
 
-    main      entry point, errors, interrupts
+    main      entry point, errors
+    interruption  Ctrl-C ends a command in time
     parser    arguments of all commands
     argument_types  types of arguments
     terminal  progress bars and notes on stderr

@@ -1,22 +1,20 @@
 # SPDX-License-Identifier: Apache-2.0
 """Entry point of the command `tiscene`.
 
-Exit status: 0 success, 1 closed output pipe, 2 user error (explained on stderr), 130 interrupted. Commands are imported
-when they run, so that `tiscene --help` is fast.
+Exit status: 0 success, 1 closed output pipe, 2 user error (explained on stderr), 130 interrupted (or ended by SIGINT,
+which shells show as 130). Commands are imported when they run, so that `tiscene --help` is fast.
 """
 
 from __future__ import annotations
 
 import importlib
 import os
-import signal
 import sys
-import threading
 import warnings
-from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Sequence
 from typing import Any
 
+from tiscene.cli import interruption
 from tiscene.cli.parser import parser
 from tiscene.errors import StageWarning, TisceneError
 
@@ -25,7 +23,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     """Run a command.
 
     Args:
-        arguments: Command-line arguments; None for those of this process.
+        arguments: Command-line arguments; None for those of this process, which is then the command's own.
 
     Returns:
         The exit status.
@@ -36,11 +34,15 @@ def main(arguments: Sequence[str] | None = None) -> int:
     if args.command is None:
         top.print_help(sys.stderr)
         return 2
+    owns_process = arguments is None
+    if owns_process and args.command != "sailenv":  # which runs a script of the user's, that may handle Ctrl-C itself
+        is_worker = getattr(args, "shard", None) is not None
+        interruption.end_after_interrupt(interruption.WORKER_GRACE if is_worker else interruption.GRACE)
     with warnings.catch_warnings():
         warnings.simplefilter("always", StageWarning)
         warnings.showwarning = _show_warning
         try:
-            with _interrupts_of_imports(exit_at_once=arguments is None):
+            with interruption.imports(exit_at_once=owns_process):
                 command = importlib.import_module(f"tiscene.cli.{args.command}")
             command.run(args)
             sys.stdout.flush()
@@ -48,41 +50,13 @@ def main(arguments: Sequence[str] | None = None) -> int:
             print(f"tiscene: {error}", file=sys.stderr)
             return 2
         except KeyboardInterrupt:
-            print("tiscene: interrupted", file=sys.stderr)
+            interruption.say_interrupted()
             return 130
         except BrokenPipeError:
             # For example `tiscene list | head`. Without this, Python reports the closed pipe once more at exit.
             os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
             return 1
     return 0
-
-
-@contextmanager
-def _interrupts_of_imports(exit_at_once: bool) -> Iterator[None]:
-    """Handle interrupts of a block that imports modules: the C++ code of pxr would swallow a KeyboardInterrupt.
-
-    Args:
-        exit_at_once: end the process, which has done nothing yet; otherwise raise KeyboardInterrupt after the block.
-    """
-    default = signal.default_int_handler
-    if threading.current_thread() is not threading.main_thread() or signal.getsignal(signal.SIGINT) is not default:
-        yield
-        return
-    received: list[int] = []
-
-    def interrupt(number: int, _: object) -> None:
-        if exit_at_once:
-            os.write(2, b"tiscene: interrupted\n")
-            os._exit(130)
-        received.append(number)
-
-    signal.signal(signal.SIGINT, interrupt)
-    try:
-        yield
-    finally:
-        signal.signal(signal.SIGINT, default)
-    if received:
-        raise KeyboardInterrupt
 
 
 def _show_warning(message: Warning | str, *_: Any, **__: Any) -> None:

@@ -1,0 +1,150 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Ctrl-C ends a command in time, also where Python cannot handle it."""
+
+import contextlib
+import os
+import signal
+import subprocess
+import sys
+import time
+
+import pytest
+
+pytestmark = pytest.mark.skipif(not hasattr(os, "fork"), reason="no fork")
+GRACE = 0.4
+# A stand-in for the module of a command.
+PROGRAM = f"""
+import atexit, importlib, itertools, os, sys, time, types
+from tiscene.cli import interruption
+from tiscene.cli.main import main
+interruption.GRACE = {GRACE}
+def swallow():
+    while True:
+        try:
+            time.sleep(60)
+        except KeyboardInterrupt:  # as C++ code does that calls Python
+            pass
+def run(args):
+    print("ready", flush=True)
+    BODY
+importlib.import_module = lambda name: types.SimpleNamespace(run=run)
+sys.argv = ["tiscene", "list"]
+sys.exit(main())
+"""
+NATIVE = "any(itertools.repeat(0))"  # C code without an end, which holds the interpreter's lock as compilers do
+
+
+@pytest.fixture
+def start():
+    """Return a function that starts a command, the leader of a process group, and waits until it runs."""
+    with contextlib.ExitStack() as commands:
+
+        def start(body: str, *wrapper: str) -> subprocess.Popen[str]:
+            program = PROGRAM.replace("BODY", body)
+            command = subprocess.Popen(
+                [*wrapper, sys.executable, "-c", program],
+                stdout=subprocess.PIPE,
+                stderr=subprocess.PIPE,
+                text=True,
+                start_new_session=True,
+            )
+            commands.enter_context(command)
+            commands.callback(command.kill)
+            assert command.stdout.readline() == "ready\n"
+            time.sleep(0.2)  # until BODY has begun
+            return command
+
+        yield start
+
+
+def interrupt(command: subprocess.Popen[str], *, group: bool = True) -> float:
+    """Press Ctrl-C and return how long the command took to end, s."""
+    began = time.monotonic()
+    if group:
+        os.killpg(command.pid, signal.SIGINT)
+    else:
+        command.send_signal(signal.SIGINT)
+    command.wait(30)
+    return time.monotonic() - began
+
+
+def is_empty(group: int) -> bool:
+    """Return whether no process of a group is left, within two seconds."""
+    for _ in range(100):
+        try:
+            os.killpg(group, 0)
+        except ProcessLookupError:
+            return True
+        time.sleep(0.02)
+    return False
+
+
+def test_interrupted_command_ends_at_once_with_one_line(start):
+    command = start("time.sleep(60)")
+    assert interrupt(command) < 5.0
+    assert command.returncode == 130
+    assert command.stderr.read() == "tiscene: interrupted\n"
+    assert is_empty(command.pid)
+
+
+@pytest.mark.parametrize("group", [True, False])
+@pytest.mark.parametrize("body", [NATIVE, "swallow()"])
+def test_command_ends_in_time_where_python_cannot_handle_the_signal(start, body, group):
+    """Whether a terminal sends it, to the whole process group, or `kill -INT`."""
+    command = start(body)
+    assert GRACE <= interrupt(command, group=group) < 5.0
+    assert command.returncode == -signal.SIGINT  # 130 in a shell
+    assert command.stderr.read() == "tiscene: interrupted\n"
+    assert is_empty(command.pid)
+
+
+def test_second_interrupt_ends_native_code_at_once(start):
+    command = start(NATIVE)
+    command.send_signal(signal.SIGINT)
+    time.sleep(0.1)
+    assert interrupt(command) < GRACE
+    assert command.returncode == -signal.SIGINT
+
+
+def test_command_that_hangs_at_its_exit_is_ended(start):
+    command = start(f"atexit.register(lambda: {NATIVE}); time.sleep(60)")
+    assert GRACE <= interrupt(command) < 5.0
+    assert command.stderr.read() == "tiscene: interrupted\n"
+    assert is_empty(command.pid)
+
+
+def test_command_that_waits_for_a_thread_at_its_exit_is_ended(start):
+    body = "import threading; threading.Thread(target=time.sleep, args=(60,)).start(); time.sleep(60)"
+    command = start(body)
+    assert GRACE <= interrupt(command) < 5.0
+    assert is_empty(command.pid)
+
+
+@pytest.mark.parametrize("body", ["pass", "os._exit(3)", "os.kill(os.getpid(), 9)"])
+def test_nothing_is_left_of_a_command_that_has_ended(start, body):
+    command = start(body)
+    command.wait(30)
+    assert command.returncode == {"pass": 0, "os._exit(3)": 3}.get(body, -9)
+    assert command.stderr.read() == ""
+    assert is_empty(command.pid)
+
+
+def test_other_signals_do_not_end_a_command(start):
+    command = start("import signal; signal.signal(signal.SIGUSR1, print); time.sleep(0.1); signal.raise_signal(10)")
+    command.wait(30)
+    assert command.returncode == 0
+
+
+def test_forked_child_does_not_keep_the_watching_process_waiting(start):
+    command = start("os.fork() or (os.close(1), os.close(2), time.sleep(1), os._exit(0))")
+    began = time.monotonic()
+    command.wait(30)
+    assert time.monotonic() - began < 1.0
+    assert command.returncode == 0
+
+
+def test_ignored_interrupt_stays_ignored(start):
+    """As under `nohup`, and in the background of a script."""
+    command = start("time.sleep(0.5)", "sh", "-c", 'trap \'\' INT; exec "$0" "$@"')
+    os.killpg(command.pid, signal.SIGINT)
+    assert command.wait(30) == 0

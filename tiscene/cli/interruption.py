@@ -1,0 +1,179 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Ctrl-C ends a command within two seconds, whatever it is doing.
+
+Python acts on a signal when its main thread executes Python code again. While Taichi compiles a kernel, that can take
+many seconds, and no other thread runs either, since the compiler holds the interpreter's lock. Therefore a small
+process beside the command waits for Ctrl-C. It leaves the command some time to end by itself, and then ends it. Nothing
+is lost by that: files have temporary names until they are complete, and a lock on a folder ends with its process.
+"""
+
+from __future__ import annotations
+
+import atexit
+import contextlib
+import ctypes
+import os
+import select
+import signal
+import sys
+import threading
+import time
+from collections.abc import Iterator
+
+GRACE = 1.4  # s, in which a command may end by itself after Ctrl-C
+WORKER_GRACE = 0.8  # s, of a process that renders a part for another command, which waits for its end
+_LAST = 0.2  # s, in which the system ends a process after a second SIGINT
+_MESSAGE = b"tiscene: interrupted\n"
+_SAID = b"\0"  # no number of a signal
+
+_pipe: int | None = None  # to the watching process
+
+
+def end_after_interrupt(grace: float = GRACE) -> None:
+    """Let Ctrl-C end this process after some time at the latest. To be called once, before threads are started.
+
+    Does nothing where processes cannot be forked (Windows), and where SIGINT is ignored or other code handles it.
+
+    Args:
+        grace: The time, s.
+    """
+    global _pipe
+    if not (hasattr(os, "fork") and _has_default_handler()):
+        return
+    watched = os.getpid()
+    reader, writer = os.pipe()
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+    watcher = os.fork()
+    if watcher == 0:
+        try:
+            os.close(writer)
+            _watch(reader, watched, grace)
+        finally:
+            os._exit(0)
+    os.close(reader)
+    os.set_blocking(writer, False)
+    _pipe = writer
+    signal.set_wakeup_fd(writer, warn_on_full_buffer=False)  # the C code of the signal handler writes to it
+    signal.pthread_sigmask(signal.SIG_SETMASK, before)
+    os.register_at_fork(after_in_child=_close)
+    atexit.register(_release, watcher)  # runs after the functions that are registered later
+
+
+def say_interrupted() -> None:
+    """Tell the user that the command was interrupted."""
+    print(_MESSAGE.decode(), end="", file=sys.stderr, flush=True)
+    if _pipe is not None:
+        atexit.unregister(_release)  # the end of the interpreter is watched too
+        with contextlib.suppress(OSError):
+            os.write(_pipe, _SAID)
+
+
+@contextlib.contextmanager
+def imports(exit_at_once: bool) -> Iterator[None]:
+    """Handle interrupts of a block that imports modules: the C++ code of pxr would swallow a KeyboardInterrupt.
+
+    Args:
+        exit_at_once: End the process, which has done nothing yet; otherwise raise KeyboardInterrupt after the block.
+    """
+    if not _has_default_handler():
+        yield
+        return
+    received: list[int] = []
+
+    def interrupt(number: int, _: object) -> None:
+        if exit_at_once:
+            os.write(2, _MESSAGE)
+            os._exit(130)
+        received.append(number)
+
+    signal.signal(signal.SIGINT, interrupt)
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGINT, signal.default_int_handler)
+        if _pipe is not None:
+            _end_at_second_signal()
+    if received:
+        raise KeyboardInterrupt
+
+
+def _has_default_handler() -> bool:
+    is_main = threading.current_thread() is threading.main_thread()
+    return is_main and signal.getsignal(signal.SIGINT) is signal.default_int_handler
+
+
+def _end_at_second_signal() -> None:
+    """Keep Python's handler of SIGINT for one signal; at the next one the system ends this process.
+
+    Without this function of the C library, a second signal is handled like the first.
+    """
+    handle_once = getattr(ctypes.CDLL(None), "sysv_signal", None)
+    if handle_once is not None:
+        handle_once.argtypes, handle_once.restype = (ctypes.c_int, ctypes.c_void_p), ctypes.c_void_p
+        handler = handle_once(signal.SIGINT, None)  # Python's
+        handle_once(signal.SIGINT, handler)
+
+
+def _watch(reader: int, watched: int, grace: float) -> None:
+    """End a process some time after it was interrupted. Return when it has ended.
+
+    Args:
+        reader: Of the pipe to which its signal handler writes numbers of signals. It closes when the process ends.
+        watched: The process, which is the parent of this one.
+        grace: The time, s.
+    """
+    nowhere = os.open(os.devnull, os.O_RDWR)
+    os.dup2(nowhere, 0)
+    os.dup2(nowhere, 1)
+    with contextlib.suppress(KeyboardInterrupt):  # a terminal sends the signal to this process too
+        signal.pthread_sigmask(signal.SIG_UNBLOCK, {signal.SIGINT})
+        received = b"?"
+        while received and signal.SIGINT not in received:
+            received = os.read(reader, 64)
+        if not received:
+            return
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    ended, said = _wait(reader, grace)
+    if ended:
+        return
+    if not said:
+        with contextlib.suppress(OSError):
+            os.write(2, _MESSAGE)
+    for number in (signal.SIGINT, signal.SIGKILL):  # the former is the second one: see `_end_at_second_signal`
+        if os.getppid() == watched:
+            os.kill(watched, number)
+        if _wait(reader, _LAST)[0]:
+            return
+
+
+def _wait(reader: int, seconds: float) -> tuple[bool, bool]:
+    """Wait for the end of the process at the other end of a pipe.
+
+    Returns:
+        Whether it has ended, and whether it has said that it was interrupted.
+    """
+    end, said = time.monotonic() + seconds, False
+    while (left := end - time.monotonic()) > 0.0:
+        if select.select([reader], [], [], left)[0]:
+            received = os.read(reader, 64)
+            if not received:
+                return True, said
+            said = said or _SAID in received
+    return False, said
+
+
+def _close() -> None:
+    """Close the pipe to the watching process."""
+    global _pipe
+    if _pipe is not None:
+        signal.set_wakeup_fd(-1)
+        os.close(_pipe)
+        _pipe = None
+
+
+def _release(watcher: int) -> None:
+    """End the watching process, as this one is about to end."""
+    signal.signal(signal.SIGINT, signal.SIG_DFL)  # all is done
+    _close()
+    os.kill(watcher, signal.SIGKILL)
+    os.waitpid(watcher, 0)
