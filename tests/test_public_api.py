@@ -43,6 +43,7 @@ PUBLIC = [
     "Waypoint",
     "World",
     "categories",
+    "distributed",
     "evaluate",
     "scenes",
     "templates",
@@ -62,7 +63,7 @@ def test_public_names_are_exactly_those_listed():
 @pytest.mark.parametrize("name", PUBLIC)
 def test_every_public_name_is_documented(name):
     value = getattr(tiscene, name)
-    assert callable(value)
+    assert callable(value) or name == "distributed"  # a module
     assert value.__doc__
     assert value is getattr(tiscene, name)
 

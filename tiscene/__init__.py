@@ -73,6 +73,7 @@ _MODULES = {
     "Waypoint": "dynamics",
     "World": "tiscene.world.world",
     "categories": "tiscene.catalog",
+    "distributed": "tiscene.export.distributed",
     "evaluate": "tiscene.learning.evaluation",
     "scenes": "tiscene.catalog",
     "templates": "tiscene.catalog",
@@ -84,7 +85,8 @@ __version__ = "0.1.0"
 def __getattr__(name: str) -> Any:
     if name not in _MODULES:
         raise AttributeError(f"module 'tiscene' has no attribute {name!r}")
-    value = getattr(importlib.import_module(_MODULES[name]), name)
+    module = importlib.import_module(_MODULES[name])
+    value = module if module.__name__.endswith(f".{name}") else getattr(module, name)
     globals()[name] = value
     return value
 

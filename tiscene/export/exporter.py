@@ -83,7 +83,7 @@ def export(
     try:
         folder.mkdir(parents=True, exist_ok=True)
         with lock_folder(folder):
-            manifest = _open_manifest(folder, provenance(stream, format, objects), overwrite)
+            manifest = open_manifest(folder, provenance(stream, format, objects), overwrite)
             _write_frames(stream, FolderWriter(folder, manifest), frames, progress, pack)
     except FolderLockedError as error:
         raise ExportError(
@@ -107,8 +107,12 @@ def provenance(stream: Stream, format: str, objects: str | None) -> dict[str, An
     }
 
 
-def _open_manifest(folder: Path, wanted: dict[str, Any], overwrite: bool) -> Manifest:
-    """Return the folder's manifest if it has the wanted provenance, else a new one."""
+def open_manifest(folder: Path, wanted: dict[str, Any], overwrite: bool) -> Manifest:
+    """Return the folder's manifest if it has the wanted provenance, else a new one.
+
+    Raises:
+        ExportError: The folder has frames of other provenance, and `overwrite` is not given.
+    """
     present = Manifest.load(folder)
     if present is None:
         return Manifest(wanted)
@@ -122,11 +126,11 @@ def _open_manifest(folder: Path, wanted: dict[str, Any], overwrite: bool) -> Man
             f"{cure(found, present.provenance)}To replace them, pass overwrite=True (--overwrite). "
             "Otherwise choose another folder."
         )
-    _remove(folder, present)
+    remove_export(folder, present)
     return Manifest(wanted)
 
 
-def _remove(folder: Path, manifest: Manifest) -> None:
+def remove_export(folder: Path, manifest: Manifest) -> None:
     """Delete the files that a manifest lists, and nothing else."""
     root = folder.resolve()
     for entry in manifest.frames.values():

@@ -9,6 +9,7 @@ from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
 
 from tiscene.errors import ExportError
+from tiscene.export.exporter import open_manifest
 from tiscene.export.folder_writer import FolderWriter
 from tiscene.export.formats import find_format
 from tiscene.export.manifest import Manifest, file_digest
@@ -24,6 +25,7 @@ def merge(
     *,
     partial: bool = False,
     unlike: bool = False,
+    overwrite: bool = False,
     progress: Callable[[int], None] | None = None,
 ) -> Manifest:
     """Merge parts of an export. Merging again, also after a kill, or with further parts, is safe.
@@ -35,6 +37,7 @@ def merge(
         parts: Folders of the parts; () for all in `shards` in that folder.
         partial: Merge although frames are missing.
         unlike: Merge parts of machines that may render other bytes.
+        overwrite: Delete the frames of another export in the folder instead of refusing.
         progress: Called with the index of each merged frame.
 
     Returns:
@@ -56,7 +59,7 @@ def merge(
     try:
         folder.mkdir(parents=True, exist_ok=True)
         with lock_folder(folder):
-            return _merge(folder, manifests, owners, progress)
+            return _merge(folder, manifests, owners, overwrite, progress)
     except FolderLockedError as error:
         raise ExportError(f"cannot write into {str(folder)!r}: {error}. Wait until it is done.") from error
     except OSError as error:
@@ -104,7 +107,7 @@ def _check_complete(places: Sequence[Path], owners: dict[int, Path], partial: bo
             f"{str(one)!r} and {str(other)!r} were made by unlike machines ({', '.join(names)}), whose color may "
             "differ in the last bits: compare some frames with `tiscene verify`, then merge with --unlike"
         )
-    wanted = {index for shard in shards.values() for index in shard.all_frames}
+    wanted = {index for frames in {shard.all_frames for shard in shards.values()} for index in frames}
     missing = sorted(wanted - owners.keys())
     if missing and not partial:
         lacking = [
@@ -125,14 +128,12 @@ def _merge(
     folder: Path,
     manifests: dict[Path, Manifest],
     owners: dict[int, Path],
+    overwrite: bool,
     progress: Callable[[int], None] | None,
 ) -> Manifest:
     """Link the files of all frames into the folder, and pack files of many frames."""
     reference = next(iter(manifests.values()))
-    merged = Manifest.load(folder) or Manifest(reference.provenance)
-    found = differences(merged.provenance, reference.provenance)
-    if found:
-        raise ExportError(f"{str(folder)!r} holds another export:" + "".join(f"\n  {each}" for each in found))
+    merged = open_manifest(folder, reference.provenance, overwrite)
     for manifest in manifests.values():
         merged.categories |= manifest.categories
         merged.materials |= manifest.materials

@@ -1,7 +1,33 @@
 # SPDX-License-Identifier: Apache-2.0
-"""One export by several processes or machines, with the bytes of one.
+"""One export or data set by several processes or machines, with the bytes of one: `ts.distributed`.
+
+`render` and `generate` run on a Ray cluster (`pip install 'tiscene[ray]'`).
 
 ::
 
+    cluster_runs      render, generate: on a Ray cluster
     worker_processes  processes on this machine, one per shard
+    frame_work, scenario_work  what the tasks of an export and of a data set do
+    task_plan         which task each worker does next
+    task_loop         keeps workers busy until all tasks are done
+    ray_pool          workers on the nodes of a Ray cluster
+    ray_worker        the actor on a node
 """
+
+from __future__ import annotations
+
+from typing import Any
+
+__all__ = ["generate", "render"]
+
+
+def __getattr__(name: str) -> Any:
+    if name not in __all__:
+        raise AttributeError(f"module 'tiscene.distributed' has no attribute {name!r}")
+    from tiscene.export.distributed import cluster_runs
+
+    return getattr(cluster_runs, name)
+
+
+def __dir__() -> list[str]:
+    return __all__

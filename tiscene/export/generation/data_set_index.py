@@ -20,7 +20,7 @@ from PIL import Image, ImageDraw, ImageFont
 from tiscene.errors import ExportError
 from tiscene.export.array_files import png
 from tiscene.export.generation.recipe import Recipe
-from tiscene.export.generation.scenario_summary import THUMBNAIL, THUMBNAIL_WIDTH, read_summary
+from tiscene.export.generation.scenario_summary import FILE, THUMBNAIL, THUMBNAIL_WIDTH, read_summary
 from tiscene.files import write_atomically
 
 DATA_SET, INDEX, STATISTICS, SHEET = "dataset.json", "index.jsonl", "statistics.json", "contact_sheet.png"
@@ -62,6 +62,10 @@ class DataSet:
     def scenario_folder(self, number: int) -> Path:
         """Return the folder of a scenario, in that of its split."""
         return self.folder / self.recipe.split(number) / f"{number:06d}"
+
+    def has(self, number: int) -> bool:
+        """Return whether a scenario is done."""
+        return (self.scenario_folder(number) / FILE).is_file()
 
     def summaries(self) -> Iterator[tuple[int, dict[str, Any] | None]]:
         """Yield the number and the summary of each scenario; None for one that is not done."""

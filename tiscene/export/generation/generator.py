@@ -60,20 +60,12 @@ def generate(
     if not 0 <= number < of:
         raise ArgumentError(f"shard={number}/{of}: must be 0/N to (N-1)/N")
     data_set = DataSet(Path(folder), recipe, count)
-    _claim(data_set)
-    numbers = range(count * number // of, count * (number + 1) // of)
-    stream: Stream | None = None
-    try:
-        for each in numbers:
-            if not (data_set.scenario_folder(each) / FILE).is_file():
-                stream = _render_scenario(data_set, each, stream, arch, progress)
+    claim(data_set)
+    with ScenarioRenderer(data_set, arch) as renderer:
+        for each in range(count * number // of, count * (number + 1) // of):
+            renderer.render(each, progress)
             if progress is not None:
                 progress(each, None)
-    except OSError as error:
-        raise ExportError(f"cannot write into {str(folder)!r}: {error}") from error
-    finally:
-        if stream is not None:
-            stream.close()
     if of == 1:
         data_set.write_index()
     return data_set
@@ -123,8 +115,8 @@ def write_scenarios(recipe: Recipe, folder: str | Path, count: int, numbers: Ite
     return files
 
 
-def _claim(data_set: DataSet) -> None:
-    """Write `dataset.json`, unless it is there; refuse one of another recipe."""
+def claim(data_set: DataSet) -> None:
+    """Write `dataset.json`, unless it is there. Raises ExportError if the folder has one of another recipe."""
     data_set.folder.mkdir(parents=True, exist_ok=True)
     present = DataSet.load(data_set.folder)
     if present is not None:
@@ -138,49 +130,78 @@ def _claim(data_set: DataSet) -> None:
         data_set.save()
 
 
-def _render_scenario(
-    data_set: DataSet,
-    number: int,
-    stream: Stream | None,
-    arch: str | None,
-    progress: Callable[[int, int | None], None] | None,
-) -> Stream | None:
-    """Render one scenario; return the stream, which is used for the next one."""
-    recipe, folder = data_set.recipe, data_set.scenario_folder(number)
-    about: dict[str, Any] = {"number": number, "split": recipe.split(number)}
-    shutil.rmtree(folder, ignore_errors=True)  # of an interrupted run: statistics are of all frames
-    folder.mkdir(parents=True)
-    try:
-        scenario = recipe.scenario(number)
-        stream = _restarted(stream, scenario, recipe, arch)
-    except (ScenarioError, StageError) as error:
-        content = {**about, "error": str(error)}
-        write_atomically(folder / FILE, (json.dumps(content, indent=1) + "\n").encode())
-        return stream
-    summary = ScenarioSummary(recipe.frames)
+class ScenarioRenderer:
+    """Renders scenarios of a data set one after another, with one stream, which keeps the scenes that it has read.
 
-    def add(index: int, frame: Frame | None) -> None:
-        if frame is not None:
-            summary.add(frame)
-        if progress is not None:
-            progress(number, index)
+    Args:
+        data_set: The data set.
+        arch: "cpu" or "cuda"; None for "cpu".
+    """
 
-    frames = range(recipe.frames)
-    manifest = export(stream, folder, format=recipe.format, frames=frames, objects=recipe.objects, progress=add)
-    scenario.save(folder / SCENARIO)
-    cameras = [camera if isinstance(camera, str) else None for camera in scenario.cameras]
-    about |= {"scene": scenario.scene, "cameras": cameras, "variants": dict(scenario.variants)}
-    about["objects"] = [each.template for each in scenario.objects]
-    summary.save(folder, about, manifest)
-    return stream
+    def __init__(self, data_set: DataSet, arch: str | None) -> None:
+        self.data_set, self._arch = data_set, arch
+        self._stream: Stream | None = None
 
+    def __enter__(self) -> ScenarioRenderer:
+        return self
 
-def _restarted(stream: Stream | None, scenario: Scenario, recipe: Recipe, arch: str | None) -> Stream:
-    """Return a stream of a scenario: the given one, restarted."""
-    if stream is None:
+    def __exit__(self, *_: object) -> None:
+        if self._stream is not None:
+            self._stream.close()
+
+    def render(self, number: int, progress: Callable[[int, int | None], None] | None = None) -> None:
+        """Render a scenario, unless it is done. One that cannot be drawn or read gets a summary with its `error`.
+
+        Args:
+            number: Of the scenario.
+            progress: Called with the number of the scenario and the index of each frame.
+
+        Raises:
+            ArgumentError: A setting of the recipe is invalid.
+            ExportError: The folder cannot be written.
+        """
+        if self.data_set.has(number):
+            return
         try:
-            return Stream(scenario, **{**recipe.settings, "arch": arch})
-        except TypeError as error:
-            raise ArgumentError(f"recipe: settings: {error}") from error
-    stream.restart(scenario)
-    return stream
+            self._render(number, progress)
+        except OSError as error:
+            raise ExportError(f"cannot write into {str(self.data_set.folder)!r}: {error}") from error
+
+    def _render(self, number: int, progress: Callable[[int, int | None], None] | None) -> None:
+        recipe, folder = self.data_set.recipe, self.data_set.scenario_folder(number)
+        about: dict[str, Any] = {"number": number, "split": recipe.split(number)}
+        shutil.rmtree(folder, ignore_errors=True)  # of an interrupted run: statistics are of all frames
+        folder.mkdir(parents=True)
+        try:
+            scenario = recipe.scenario(number)
+            stream = self._restarted(scenario)
+        except (ScenarioError, StageError) as error:
+            content = {**about, "error": str(error)}
+            write_atomically(folder / FILE, (json.dumps(content, indent=1) + "\n").encode())
+            return
+        summary = ScenarioSummary(recipe.frames)
+
+        def add(index: int, frame: Frame | None) -> None:
+            if frame is not None:
+                summary.add(frame)
+            if progress is not None:
+                progress(number, index)
+
+        frames = range(recipe.frames)
+        manifest = export(stream, folder, format=recipe.format, frames=frames, objects=recipe.objects, progress=add)
+        scenario.save(folder / SCENARIO)
+        cameras = [camera if isinstance(camera, str) else None for camera in scenario.cameras]
+        about |= {"scene": scenario.scene, "cameras": cameras, "variants": dict(scenario.variants)}
+        about["objects"] = [each.template for each in scenario.objects]
+        summary.save(folder, about, manifest)
+
+    def _restarted(self, scenario: Scenario) -> Stream:
+        """Return the stream, restarted with a scenario."""
+        if self._stream is None:
+            try:
+                self._stream = Stream(scenario, **{**self.data_set.recipe.settings, "arch": self._arch})
+            except TypeError as error:
+                raise ArgumentError(f"recipe: settings: {error}") from error
+        else:
+            self._stream.restart(scenario)
+        return self._stream
