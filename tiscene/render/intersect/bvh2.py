@@ -1,7 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
 """Closest hits and occlusion in a binary BVH, all scalar: two boxes, one triangle at a time (GPU).
 
-The tests are those of `bvh8`, operation for operation.
+The tests are those of `bvh8`, operation for operation. GPU compilers fuse a product and a sum into one operation with
+one rounding. In an edge function, a difference of two products, only one of them would be rounded: the two triangles
+at an edge would compute different values, and rays could pass between them. Products are therefore rounded by
+`rounded_product`, which cannot be fused.
 """
 
 import taichi as ti
@@ -10,6 +13,7 @@ from tiscene.device.kernel_types import Floats2, Floats3, Ints1, Ints2, Template
 from tiscene.render.intersect.ray_queue import HitIds, Hits, Rays, hit, hit_id, ray_direction, ray_origin
 
 STACK = 72  # a BLAS needs at most 48 entries, a TLAS 24 (tiscene.scene.bvh.workspace)
+UNUSED = 7  # a column of triangles that is always 0 (tiscene.scene.bvh.layout_kernels)
 SLACK = 1.000002
 INFINITY = ti.math.inf
 LARGEST = 3e38
@@ -32,22 +36,39 @@ def intersect_box(nodes: Template, node: ti.i32, at: Template, origin, inverse, 
 
 
 @ti.func
+def rounded_product(a: ti.f32, b: ti.f32, zero: ti.i32) -> ti.f32:
+    """Return a * b, rounded on its own, whatever the compiler may fuse.
+
+    Args:
+        zero: The number 0, read from memory, so that the compiler cannot see that the bits stay the same.
+    """
+    return ti.bit_cast(ti.bit_cast(a * b, ti.i32) | zero, ti.f32)
+
+
+@ti.func
+def edge_function(px: ti.f32, py: ti.f32, qx: ti.f32, qy: ti.f32, zero: ti.i32) -> ti.f32:
+    """Return on which side of the line from q to p the origin is; with p and q swapped, exactly the negative."""
+    return rounded_product(px, qy, zero) - rounded_product(py, qx, zero)
+
+
+@ti.func
 def intersect_triangle(rows: Template, at: ti.i32, o, k, sheared):
     """Return (distance, +inf for a miss; barycentrics b1, b2); the operations of `bvh8.intersect_leaf_block`."""
+    zero = ti.bit_cast(rows[at, UNUSED], ti.i32)
     ax = rows[at, k[0]] - o.x
     ay = rows[at, k[1]] - o.y
     az = rows[at, k[2]] - o.z
     bz = rows[at, 4 + k[2]] - o.z
     cz = rows[at, 8 + k[2]] - o.z
-    ex = ax - sheared.x * az
-    ey = ay - sheared.y * az
-    fx = rows[at, 4 + k[0]] - o.x - sheared.x * bz
-    fy = rows[at, 4 + k[1]] - o.y - sheared.y * bz
-    gx = rows[at, 8 + k[0]] - o.x - sheared.x * cz
-    gy = rows[at, 8 + k[1]] - o.y - sheared.y * cz
-    u = gx * fy - gy * fx
-    v = ex * gy - ey * gx
-    w = fx * ey - fy * ex
+    ex = ax - rounded_product(sheared.x, az, zero)
+    ey = ay - rounded_product(sheared.y, az, zero)
+    fx = rows[at, 4 + k[0]] - o.x - rounded_product(sheared.x, bz, zero)
+    fy = rows[at, 4 + k[1]] - o.y - rounded_product(sheared.y, bz, zero)
+    gx = rows[at, 8 + k[0]] - o.x - rounded_product(sheared.x, cz, zero)
+    gy = rows[at, 8 + k[1]] - o.y - rounded_product(sheared.y, cz, zero)
+    u = edge_function(gx, gy, fx, fy, zero)
+    v = edge_function(ex, ey, gx, gy, zero)
+    w = edge_function(fx, fy, ex, ey, zero)
     determinant = u + v + w
     scale = 1.0 / determinant
     z = (u * az + v * bz + w * cz) * scale
