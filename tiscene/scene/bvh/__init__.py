@@ -9,6 +9,7 @@
     layout_kernels  binary trees to 8-wide nodes and leaf blocks
     refit_kernels   move a deforming mesh's tree
     workspace       arrays of a build in progress
+    instance_tree   trees over instances, built on the host (GPU)
     rebraid         split large instances in the TLAS
     obstacle_tree   the same trees for collisions
 """

@@ -33,3 +33,19 @@ class Blas:
     def empty(self) -> bool:
         """Whether no triangle of the mesh can be hit."""
         return self.root == EMPTY_NODE
+
+
+def levels_below(root: int, references: NDArray[np.int32]) -> list[NDArray[np.int32]]:
+    """Return the inner nodes of a tree, level by level from its root.
+
+    Args:
+        root: Number of the first node.
+        references: int32 [n, k], references of the children of this node and the following ones; 0 for none.
+    """
+    levels = [np.array([root], np.int32)]
+    while True:
+        children = references[levels[-1] - root]
+        children = children[children > 0]
+        if not len(children):
+            return levels
+        levels.append(children)

@@ -8,7 +8,7 @@ GPUs. Builds are deterministic: the same input gives the same bytes, for any num
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Hashable, Iterator, Sequence
 from typing import Any
 
 import numpy as np
@@ -16,12 +16,13 @@ import taichi as ti
 from numpy.typing import NDArray
 
 from tiscene.device.kernel_types import float4, float8
-from tiscene.device.memory import device_array
+from tiscene.device.memory import device_array, upload
 from tiscene.errors import ArgumentError
 from tiscene.scene.bvh import layout_kernels, refit_kernels
-from tiscene.scene.bvh.blas import EMPTY_NODE, Blas
+from tiscene.scene.bvh.blas import EMPTY_NODE, Blas, levels_below
+from tiscene.scene.bvh.instance_tree import NODE_COLUMNS, median_trees, node_count
 from tiscene.scene.bvh.rebraid import SplitInstances, root_children
-from tiscene.scene.bvh.workspace import BVH8, LAYOUTS, MAX_KEPT_CAPACITY, Boxes, Workspace
+from tiscene.scene.bvh.workspace import BVH8, LAYOUTS, MAX_KEPT_CAPACITY, Boxes, Workspace, grown
 
 TLAS_COUNT = 4  # one for each time, one over the dynamic objects
 LEAF_SIZE = 4
@@ -38,7 +39,6 @@ class Bvh:
 
     Attributes:
         layout: The shape of the trees.
-        nodes: Device array of nodes (`layout_kernels`), replaced when it grows.
         leaf_blocks: Device array of triangles (`layout_kernels`), replaced when it grows.
 
     Raises:
@@ -52,15 +52,49 @@ class Bvh:
         self._work = Workspace()
         self._used_leaf_blocks = 0
         self._instance_capacity = 0
-        self._roots: dict[int, int] = {}
+        self._roots: dict[Hashable, int] = {}
         # Boxes and rows of the instances of each TLAS that exists, by root, the least recently used first.
         self._cached: dict[int, tuple[NDArray[np.float64], NDArray[np.int32]]] = {}
+        # Of the layout "bvh2": root, boxes and rows of each TLAS that is not written yet.
+        self._unwritten: dict[int, tuple[Boxes, NDArray[np.int32]]] = {}
+        self._regions = TLAS_COUNT
+        self._levels: dict[int, tuple[Any, list[int]]] = {}  # of deforming meshes, by first node
         self._used_nodes = 2  # the empty node and the guard node
-        self.nodes = self._new_nodes(self._used_nodes)
+        self._nodes = self._new_nodes(self._used_nodes)
         self.leaf_blocks = self._new_leaf_blocks(1)
         self._write_nodes(self._used_nodes, EMPTY_NODE, 0, layout_kernels.INSTANCE_LEAF)
         if self.layout is BVH8:
-            layout_kernels.write_guard(self.nodes)
+            layout_kernels.write_guard(self._nodes)
+
+    @property
+    def nodes(self) -> Any:
+        """Device array of nodes (`layout_kernels`), replaced when it grows."""
+        numbers, values = self.take_unwritten()
+        if len(numbers):
+            layout_kernels.write_rows(numbers, values, self._nodes)
+        return self._nodes
+
+    def take_unwritten(self) -> tuple[NDArray[np.int32], NDArray[np.int32]]:
+        """Return nodes of TLAS that the caller writes into `nodes`, so that they travel with its other data.
+
+        Returns:
+            int32 [n], the rows of `nodes`; int32 [n, 16], their bits. Only the layout "bvh2" has such nodes.
+        """
+        roots, trees = list(self._unwritten), list(self._unwritten.values())
+        if not trees:
+            return np.zeros(0, np.int32), np.zeros((0, NODE_COLUMNS), np.int32)
+        self._unwritten.clear()
+        sizes = np.array([len(rows) for _, rows in trees])
+        boxes, rows = (np.concatenate(parts) for parts in zip(*trees, strict=True))
+        values, numbers = median_trees(boxes, rows, np.cumsum(sizes) - sizes, np.array(roots))
+        return numbers.astype(np.int32), values.view(np.int32)
+
+    def reserve_trees(self, count: int) -> None:
+        """Make room for this number of TLAS at the same time, with names other than PREVIOUS, CURRENT, NEXT, MOVERS."""
+        if count + TLAS_COUNT > self._regions:
+            self._regions = count + TLAS_COUNT
+            self._reserve(0, 0)
+            self._drop_instances()
 
     @property
     def used_rows(self) -> tuple[int, int]:
@@ -68,7 +102,7 @@ class Bvh:
         rows = 10 if self.layout is BVH8 else 1
         return self._used_nodes * self.layout.unit, self._used_leaf_blocks * rows
 
-    def root(self, time: int) -> int:
+    def root(self, time: Hashable) -> int:
         """Return the reference of the TLAS at PREVIOUS, CURRENT or NEXT, or of the MOVERS.
 
         Raises:
@@ -171,7 +205,7 @@ class Bvh:
         if self.layout is not BVH8:
             return root_children(np.zeros((len(meshes), 8, 8), np.float32))
         roots = np.array([blas.root if blas.entry == blas.root else EMPTY_NODE for blas in meshes], np.int64)
-        return root_children(self.nodes.to_numpy().reshape(-1, 8, 8)[roots // self.layout.unit])
+        return root_children(self._nodes.to_numpy().reshape(-1, 8, 8)[roots // self.layout.unit])
 
     def refit(self, blas: Blas, vertex_position: Any, triangle_vertices: Any, offset: int) -> None:
         """Fit the boxes and triangles of a deforming mesh's tree to its present vertices.
@@ -186,12 +220,27 @@ class Bvh:
         source = vertex_position, triangle_vertices, offset
         if self.layout is BVH8:
             refit_kernels.refit_leaf_blocks(self.leaf_blocks, leaf_blocks.start, len(leaf_blocks), *source)
-            refit_kernels.refit_bvh8(self.nodes, nodes.start, len(nodes), self.leaf_blocks)
+            refit_kernels.refit_bvh8(self._nodes, nodes.start, len(nodes), self.leaf_blocks)
         else:
             refit_kernels.refit_triangles(self.leaf_blocks, leaf_blocks.start, len(leaf_blocks), *source)
-            refit_kernels.refit_bvh2(self.nodes, nodes.start, len(nodes), self.leaf_blocks)
+            for order, first, count in self._levels_of(nodes):
+                refit_kernels.refit_bvh2(self._nodes, order, first, count, self.leaf_blocks)
 
-    def placed(self) -> set[int]:
+    def _levels_of(self, rows: range) -> Iterator[tuple[Any, int, int]]:
+        """Yield the levels of a tree of the layout "bvh2", deepest first: a device array of nodes, its first and count.
+
+        A GPU would refit all nodes in one thread otherwise. The levels are found once.
+        """
+        if rows.start not in self._levels:
+            levels = levels_below(rows.start, self._nodes.to_numpy()[rows.start : rows.stop, 12:14].view(np.int32))
+            self._levels[rows.start] = upload(np.concatenate(levels)), [len(level) for level in levels]
+        order, sizes = self._levels[rows.start]
+        end = sum(sizes)
+        for size in reversed(sizes):
+            end -= size
+            yield order, end, size
+
+    def placed(self) -> set[Hashable]:
         """Return the times at which `place` was called since `clear_instances`."""
         return set(self._roots)
 
@@ -199,11 +248,11 @@ class Bvh:
         """Make all times unplaced."""
         self._roots.clear()
 
-    def place(self, time: int, boxes: NDArray[np.float64], rows: NDArray[np.int32], capacity: int) -> None:
+    def place(self, time: Hashable, boxes: NDArray[np.float64], rows: NDArray[np.int32], capacity: int) -> None:
         """Build the TLAS at a time, unless an existing one is over the same instances.
 
         Args:
-            time: PREVIOUS, CURRENT, NEXT or MOVERS.
+            time: PREVIOUS, CURRENT, NEXT or MOVERS, or another name (`reserve_trees`).
             boxes: float64 [n, 6], world boxes of the instances, m.
             rows: int32 [n], names of the instances in the leaves.
             capacity: Upper limit of n, for all times.
@@ -217,7 +266,9 @@ class Bvh:
             self._roots[time] = EMPTY_NODE
             return
         self._roots[time] = first = self._tlas_region(boxes, rows)
-        if first not in self._cached:
+        if first not in self._cached and self.layout is not BVH8:
+            self._unwritten[first] = _widened(boxes), rows
+        elif first not in self._cached:
             nodes = self._build_instances(boxes, rows)
             self._write_nodes(nodes, first // self.layout.unit, 0, layout_kernels.INSTANCE_LEAF)
         self._cached[first] = self._cached.pop(first, (boxes, rows))  # the least recently used comes first
@@ -231,7 +282,7 @@ class Bvh:
             if np.array_equal(cached_rows, rows) and np.array_equal(cached_boxes, boxes):
                 return root
         end = self._node_capacity()
-        regions = range(end - TLAS_COUNT * self._instance_capacity, end, self._instance_capacity)
+        regions = range(end - self._regions * self._instance_capacity, end, self._instance_capacity)
         roots = [first * self.layout.unit for first in regions if first * self.layout.unit not in self._cached]
         free = next(root for root in (*roots, *self._cached) if root not in self._roots.values())
         self._cached.pop(free, None)
@@ -241,15 +292,21 @@ class Bvh:
         """Drop all TLAS, since their regions move."""
         self._roots.clear()
         self._cached.clear()
+        self._unwritten.clear()
 
     def add_static_instances(self, boxes: NDArray[np.float64], rows: NDArray[np.int32]) -> int:
         """Build a tree over instances that `place` does not replace; return the reference of its first node."""
         if not len(rows):
             return EMPTY_NODE
-        nodes = self._build_instances(boxes, rows)
+        on_host = self.layout is not BVH8
+        nodes = node_count(len(rows)) if on_host else self._build_instances(boxes, rows)
         self._reserve(nodes, 0)
         first = self._used_nodes
-        self._write_nodes(nodes, first, 0, layout_kernels.INSTANCE_LEAF)
+        if on_host:
+            values, numbers = median_trees(_widened(boxes), rows, np.zeros(1, np.int64), np.array([first]))
+            layout_kernels.write_rows(numbers.astype(np.int32), values.view(np.int32), self._nodes)
+        else:
+            self._write_nodes(nodes, first, 0, layout_kernels.INSTANCE_LEAF)
         self._used_nodes += nodes
         return first * self.layout.unit
 
@@ -293,24 +350,24 @@ class Bvh:
         if self.layout is BVH8:
             rows = 10 if leaf_kind == layout_kernels.BLOCK_LEAF else 1
             layout_kernels.write_bvh8_nodes(
-                work.node_box, work.node_link, work.children, count, self.nodes, first, first_block, rows
+                work.node_box, work.node_link, work.children, count, self._nodes, first, first_block, rows
             )
         else:
             layout_kernels.write_bvh2_nodes(
-                work.node_box, work.node_link, work.children, count, self.nodes, first, first_block
+                work.node_box, work.node_link, work.children, count, self._nodes, first, first_block
             )
 
     def _reserve(self, nodes: int, leaf_blocks: int) -> None:
         """Make room for more BLAS nodes and leaf blocks. The TLAS regions are at the end of the nodes."""
-        needed = self._used_nodes + nodes + TLAS_COUNT * self._instance_capacity
+        needed = self._used_nodes + nodes + self._regions * self._instance_capacity
         if needed > layout_kernels.MAX_NODES and self.layout is BVH8:
             raise self._too_many(needed, "nodes of trees")
         if needed > self._node_capacity():
-            self.nodes = _grown(self.nodes, self._new_nodes(max(needed, 2 * self._node_capacity())))
+            self._nodes = grown(self._nodes, self._new_nodes(max(needed, 2 * self._node_capacity())))
             self._drop_instances()
         if self._used_leaf_blocks + leaf_blocks > self._leaf_block_capacity():
             needed = self._used_leaf_blocks + leaf_blocks
-            self.leaf_blocks = _grown(
+            self.leaf_blocks = grown(
                 self.leaf_blocks, self._new_leaf_blocks(max(needed, 2 * self._leaf_block_capacity()))
             )
 
@@ -321,19 +378,10 @@ class Bvh:
         return device_array(float4, 10 * count) if self.layout is BVH8 else device_array(ti.f32, (count, 12))
 
     def _node_capacity(self) -> int:
-        return int(self.nodes.shape[0]) // self.layout.unit
+        return int(self._nodes.shape[0]) // self.layout.unit
 
     def _leaf_block_capacity(self) -> int:
         return int(self.leaf_blocks.shape[0]) // (10 if self.layout is BVH8 else 1)
-
-
-def _grown(old: Any, new: Any) -> Any:
-    """Copy the values of an array to the beginning of a larger one, and return that."""
-    values = old.to_numpy()
-    filled = np.zeros((new.shape[0], *values.shape[1:]), np.float32)
-    filled[: len(values)] = values
-    new.from_numpy(filled)
-    return new
 
 
 def _widened(boxes: NDArray[np.floating]) -> Boxes:

@@ -252,3 +252,10 @@ def write_triangles(
         rows[at, 11] = 0.0
         for corner, c in ti.static(ti.ndrange(3, 3)):
             rows[at, 4 * corner + c] = positions[triangles[local, corner], c]
+
+
+@ti.kernel
+def write_rows(numbers: Ints1, values: Ints2, nodes: Floats2):
+    """Write nodes of the layout "bvh2": values[i], 16 bit patterns, to row numbers[i]."""
+    for i, column in ti.ndrange(numbers.shape[0], 16):
+        nodes[numbers[i], column] = ti.bit_cast(values[i, column], ti.f32)

@@ -1,13 +1,13 @@
 # SPDX-License-Identifier: Apache-2.0
 """Kernels that refit the tree of a deforming mesh: new vertices, the triangles in its leaves, and the boxes above them.
 
-The tree keeps its topology. Nodes are refitted from last to first, since children have higher numbers than parents
-(`layout_kernels`).
+The tree keeps its topology. Nodes of the layout "bvh8" are refitted from last to first, since children have higher
+numbers than parents (`layout_kernels`); those of the layout "bvh2", for GPUs, level by level.
 """
 
 import taichi as ti
 
-from tiscene.device.kernel_types import Float4s1, Float8s1, Floats2, Ints2
+from tiscene.device.kernel_types import Float4s1, Float8s1, Floats2, Ints1, Ints2
 from tiscene.scene.bvh.build_kernels import FAR
 
 _MARGIN = 4e-7  # of a box's largest coordinate, as in `bvh`
@@ -96,10 +96,10 @@ def refit_triangles(
 
 
 @ti.kernel
-def refit_bvh2(nodes: Floats2, first: ti.i32, count: ti.i32, rows: Floats2):
-    ti.loop_config(serialize=True)
+def refit_bvh2(nodes: Floats2, order: Ints1, first: ti.i32, count: ti.i32, rows: Floats2):
+    """Fit the boxes of the nodes order[first .. first + count), none of which is below another one."""
     for turn in range(count):
-        at = first + count - 1 - turn
+        at = order[first + turn]
         for k in ti.static(range(2)):
             child = ti.bit_cast(nodes[at, 12 + k], ti.i32)
             if child != 0:

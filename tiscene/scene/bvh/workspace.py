@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 import taichi as ti
@@ -93,3 +94,12 @@ class Workspace:
         arrays = (self.order, self.node_box, self.node_link, self.children, self.stack, self.tasks, found)
         layout_kernels.collapse(*arrays, width, leaf_kind, int(by_count))
         return found
+
+
+def grown(old: Any, new: Any) -> Any:
+    """Copy the values of an array to the beginning of a larger one, and return that."""
+    values = old.to_numpy()
+    filled = np.zeros((new.shape[0], *values.shape[1:]), np.float32)
+    filled[: len(values)] = values
+    new.from_numpy(filled)
+    return new

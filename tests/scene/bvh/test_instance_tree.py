@@ -1,0 +1,119 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The layout of GPUs needs no kernel that runs in one thread where instances are placed or meshes deform."""
+
+import ast
+from pathlib import Path
+
+import numpy as np
+import pytest
+import trimesh
+
+import tiscene
+from tests.render.tracing import placed, random_matrices, random_rays, scene_of, shape, trace_rays
+from tiscene.device.memory import upload
+from tiscene.scene.bvh import bvh, layout_kernels
+from tiscene.scene.bvh.blas import levels_below
+from tiscene.scene.bvh.bvh import Bvh
+from tiscene.scene.bvh.instance_tree import median_trees, node_count
+from tiscene.scene.bvh.workspace import Workspace
+
+ROOT = Path(tiscene.__file__).parents[1]
+BALL = shape(trimesh.creation.icosphere(subdivisions=3))
+# Kernels with a loop in one thread. `collapse` and `refit_bvh8` belong to builds and to the layout of CPUs; the others
+# scan the sums of blocks, or fill the table of the light cache.
+SERIAL = {"collapse", "refit_bvh8", "compact", "cull_rays", "find_invalidated", "select_blocked_shadow_rays"}
+SERIAL |= {"insert", "reinsert"}
+
+
+@pytest.mark.parametrize("sizes", [[1], [2], [3], [402], [1, 5, 1, 64, 17]])
+def test_every_instance_is_in_one_leaf_inside_all_boxes_above(sizes: list[int]) -> None:
+    random = np.random.default_rng(len(sizes))
+    total = sum(sizes)
+    boxes = random.uniform(-5.0, 5.0, (total, 6)).astype(np.float32)
+    boxes[:, 3:] = boxes[:, :3] + random.uniform(0.0, 2.0, (total, 3)).astype(np.float32)
+    rows = random.permutation(total).astype(np.int32)
+    starts, roots = np.cumsum([0, *sizes[:-1]]), 7 + 1000 * np.arange(len(sizes))
+    nodes, numbers = median_trees(boxes, rows, starts, roots)
+    assert len(set(numbers.tolist())) == len(nodes) == sum(map(node_count, sizes))
+    by_number = dict(zip(numbers.tolist(), nodes, strict=True))
+    for start, size, root in zip(starts.tolist(), sizes, roots.tolist(), strict=True):
+        found, pending = [], [(root, np.full(3, -np.inf), np.full(3, np.inf), 0)]
+        while pending:
+            number, low, high, depth = pending.pop()
+            assert root <= number < root + node_count(size)
+            assert depth <= np.log2(size) + 1
+            node = by_number[number]
+            for k, reference in enumerate(node[12:14].view(np.int32).tolist()):
+                child_low, child_high = node[6 * k : 6 * k + 3], node[6 * k + 3 : 6 * k + 6]
+                if reference == 0:
+                    assert size == 1
+                    assert np.isinf(child_low).all()
+                    continue
+                assert (child_low >= low).all()
+                assert (child_high <= high).all()
+                if reference > 0:
+                    pending.append((reference, child_low, child_high, depth + 1))
+                else:
+                    row = (-1 - reference) // 4
+                    found.append(row)
+                    at = start + int(np.flatnonzero(rows[start : start + size] == row)[0])
+                    np.testing.assert_array_equal(node[6 * k : 6 * k + 6], boxes[at])
+        assert sorted(found) == sorted(rows[start : start + size].tolist())
+
+
+@pytest.mark.usefixtures("taichi")
+def test_placing_instances_builds_nothing_in_a_kernel(monkeypatch: pytest.MonkeyPatch) -> None:
+    random = np.random.default_rng(2)
+    scene = scene_of((BALL,), placed([0] * 50, random_matrices(random, 50, 4.0)), "bvh2")
+    rays = random_rays(random, 2000, 6.0)
+    expected = trace_rays(scene_of((BALL,), moved := placed([0] * 50, random_matrices(random, 50, 4.0))), rays)
+
+    def grow(*_args: object) -> None:
+        raise AssertionError("a tree is built by one thread")
+
+    monkeypatch.setattr(Workspace, "grow", grow)
+    writes = []
+    write = layout_kernels.write_rows
+    monkeypatch.setattr(bvh.layout_kernels, "write_rows", lambda *args: writes.append(len(args[0])) or write(*args))
+    scene.place(moved, (0, 1, 2))
+    found = trace_rays(scene, rays)
+    assert (found.instance >= 0).sum() > 500
+    for one, other in zip(found, expected, strict=True):
+        np.testing.assert_array_equal(one, other)
+    assert len(writes) <= 1
+
+
+@pytest.mark.usefixtures("taichi")
+def test_refitting_by_level_equals_refitting_from_last_to_first() -> None:
+    tree = Bvh("bvh2")
+    blas = tree.add_mesh(BALL.positions, BALL.triangles, 0, deforms=True)
+    moved = (BALL.positions * [1.0, 0.3, 2.0] + 0.1).astype(np.float32)
+    tree.refit(blas, upload(moved), upload(BALL.triangles), 0)
+    nodes, rows = tree.nodes.to_numpy(), tree.leaf_blocks.to_numpy()
+    references = nodes[:, 12:14].view(np.int32)
+    for number in reversed(blas.nodes):
+        for k, reference in enumerate(references[number].tolist()):
+            if reference > 0:
+                below = nodes[reference, :12].reshape(2, 2, 3)
+                low, high = below[:, 0].min(axis=0), below[:, 1].max(axis=0)
+            else:
+                first, more = divmod(-1 - reference, 4)
+                corners = rows[first : first + more + 1].reshape(-1, 4)[:, :3]
+                low, high = corners.min(axis=0), corners.max(axis=0)
+                margin = np.float32(max(np.float32(4e-7) * np.abs([low, high]).max(), np.float32(1e-12)))
+                low, high = low - margin, high + margin
+            np.testing.assert_array_equal(nodes[number, 6 * k : 6 * k + 3], low)
+            np.testing.assert_array_equal(nodes[number, 6 * k + 3 : 6 * k + 6], high)
+    levels = levels_below(blas.nodes.start, references[blas.nodes.start : blas.nodes.stop])
+    assert sorted(np.concatenate(levels).tolist()) == list(blas.nodes)
+
+
+def test_no_other_kernel_has_a_serial_loop() -> None:
+    found = set()
+    for file in [*ROOT.glob("tiscene/**/*.py"), *ROOT.glob("dynamics/**/*.py")]:
+        source = file.read_text(encoding="utf-8")
+        if "serialize=True" in source:
+            for node in ast.walk(ast.parse(source)):
+                if isinstance(node, ast.FunctionDef) and "serialize=True" in ast.unparse(node):
+                    found.add(node.name)
+    assert found <= SERIAL
