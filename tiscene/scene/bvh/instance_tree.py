@@ -33,6 +33,8 @@ def median_trees(
     sizes = end - begin
     order = np.arange(len(rows))
     centers = boxes[:, :3] + boxes[:, 3:]
+    bits = centers.view(np.int32)
+    keys = np.where(bits < 0, bits ^ 0x7FFFFFFF, bits).astype(np.int64)  # integers in the order of the numbers
     nodes, numbers = [], []
     single = sizes == 1
     if single.any():
@@ -49,8 +51,7 @@ def median_trees(
         here = order[places]
         center = centers[here]
         extent = np.maximum.reduceat(center, offsets) - np.minimum.reduceat(center, offsets)
-        key = center[np.arange(len(here)), extent.argmax(axis=1)[owner]]
-        here = here[np.lexsort((key, owner))]
+        here = here[np.argsort((owner << 32) + keys[here, extent.argmax(axis=1)[owner]])]
         order[places] = here
         middle = (begin + end) // 2
         halves = np.stack([offsets, offsets + middle - begin], axis=1).ravel()
