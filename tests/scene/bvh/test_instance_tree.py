@@ -21,7 +21,7 @@ ROOT = Path(tiscene.__file__).parents[1]
 BALL = shape(trimesh.creation.icosphere(subdivisions=3))
 # Kernels with a loop in one thread. `collapse` and `refit_bvh8` belong to builds and to the layout of CPUs; the others
 # scan the sums of blocks, or fill the table of the light cache.
-SERIAL = {"collapse", "refit_bvh8", "compact", "cull_rays", "find_invalidated", "select_blocked_shadow_rays"}
+SERIAL = {"collapse", "refit_bvh8", "compact_queue", "cull_rays", "find_invalidated", "select_blocked_shadow_rays"}
 SERIAL |= {"insert", "reinsert"}
 
 

@@ -36,6 +36,7 @@ DROPPED = 9
 # Stream compaction works on chunks of up to CHUNK entries. Short queues use smaller chunks, since Taichi gives a thread
 # at least 512 iterations of a loop and there would be too few chunks for all threads.
 CHUNK, CHUNKS = 128, 1 << 10
+SCAN_BLOCKS = 128  # of chunks, whose counts a GPU sums up in parallel
 
 
 @ti.func
@@ -45,8 +46,8 @@ def chunk_size(count: ti.i32) -> ti.i32:
 
 
 def chunks_for(count: int) -> int:
-    """Return the largest number of chunks of any queue of up to `count` entries, plus one for the total."""
-    return max(count // CHUNK, CHUNKS + CHUNKS // 8) + 2
+    """Return the largest number of chunks of any queue of up to `count` entries, plus the total, plus SCAN_BLOCKS."""
+    return max(count // CHUNK, CHUNKS + CHUNKS // 8) + 2 + SCAN_BLOCKS
 
 
 @ti.func

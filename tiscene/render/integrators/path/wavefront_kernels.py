@@ -5,8 +5,11 @@ Each thread owns the rows, chunks or pixels that it writes, and sums are evaluat
 same bytes for any number of threads and any batch size.
 """
 
+from typing import Any
+
 import taichi as ti
 
+from tiscene.device import runtime
 from tiscene.device.kernel_types import Floats1, Floats2, Floats3, Ints1, Ints2, Template, uint3, vec3
 from tiscene.render.integrators.path.path_state import (
     DIRECT,
@@ -18,6 +21,7 @@ from tiscene.render.integrators.path.path_state import (
     PDF,
     RADIANCE,
     RELATIVE_IOR2,
+    SCAN_BLOCKS,
     SPREAD,
     THROUGHPUT,
     States,
@@ -125,19 +129,28 @@ def start_paths(
             queue[i] = i
 
 
+def compact(status: Any, queue: Any, count: int, live: Any, shadows: Any, chunks: Any) -> int:
+    """Call `compact_queue` with the scan for the device."""
+    result: int = compact_queue(status, queue, count, live, shadows, chunks, runtime.running() == "cuda")
+    return result
+
+
 @ti.kernel
-def compact(
+def compact_queue(
     status: Ints1,
     queue: Ints1,
     count: ti.i32,
     live: Ints1,
     shadows: Ints1,
     chunks: Ints2,
+    in_blocks: Template,
 ) -> ti.i64:
     """Compact queue[0..count): live paths to `live`, paths with LIGHT_PENDING to `shadows`, both in queue order.
 
     Args:
         chunks: Scratch, i32 [chunks_for(count), 2].
+        in_blocks: Scan the counts of chunks in SCAN_BLOCKS blocks, of which one thread scans the totals only. A GPU
+            thread takes milliseconds for all; a CPU has the result sooner than it starts its threads.
 
     Returns:
         Their numbers in one integer: live + shadows * 2^32.
@@ -154,14 +167,33 @@ def compact(
                 shadow_count += 1
         chunks[chunk, 0] = live_count
         chunks[chunk, 1] = shadow_count
+    scanned = chunk_count  # rows that one thread scans; with blocks, those of their totals
+    first = 0
+    if ti.static(in_blocks):
+        scanned = SCAN_BLOCKS
+        first = chunk_count + 1
+        for block, column in ti.ndrange(SCAN_BLOCKS, 2):
+            block_size = (chunk_count + SCAN_BLOCKS - 1) // SCAN_BLOCKS
+            total = 0
+            for chunk in range(block * block_size, ti.min(chunk_count, (block + 1) * block_size)):
+                total += chunks[chunk, column]
+            chunks[chunk_count + 1 + block, column] = total
     ti.loop_config(serialize=True)
     for column in range(2):
         total = 0
-        for chunk in range(chunk_count):
+        for chunk in range(first, first + scanned):
             size_of_chunk = chunks[chunk, column]
             chunks[chunk, column] = total
             total += size_of_chunk
         chunks[chunk_count, column] = total
+    if ti.static(in_blocks):
+        for block, column in ti.ndrange(SCAN_BLOCKS, 2):
+            block_size = (chunk_count + SCAN_BLOCKS - 1) // SCAN_BLOCKS
+            total = chunks[chunk_count + 1 + block, column]
+            for chunk in range(block * block_size, ti.min(chunk_count, (block + 1) * block_size)):
+                size_of_chunk = chunks[chunk, column]
+                chunks[chunk, column] = total
+                total += size_of_chunk
     for chunk in range(chunk_count):
         live_count, shadow_count = chunks[chunk, 0], chunks[chunk, 1]
         for k in range(chunk * size, ti.min(count, (chunk + 1) * size)):
