@@ -27,6 +27,7 @@ from taichi.types.annotations import template
 from taichi.types.ndarray_type import NdarrayType
 
 from tiscene.device import restart
+from tiscene.device.taichi_patches import fence
 
 # Kinds of parameters. UNTYPED: an array of any element type and number of axes.
 SCALAR_ARRAY, VECTOR_ARRAY, UNTYPED, INTEGER, REAL = range(5)
@@ -207,6 +208,8 @@ def _plan(kernel: Any) -> LaunchPlan:
     integers = (primitive_types.i32,), (primitive_types.i64,)
     returns_integer = kernel.return_type is not None and tuple(kernel.return_type) in integers
     unsupported = LaunchPlan(kernel.runtime, supported=False)
+    if not fence.on_this_device():
+        return unsupported
     if kernel.classkernel or kernel.autodiff_mode != kernel_impl.AutodiffMode.NONE:
         return unsupported
     if kernel.return_type is not None and not returns_integer:

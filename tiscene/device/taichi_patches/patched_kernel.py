@@ -41,6 +41,9 @@ class PatchedKernel(Kernel):  # type: ignore[misc]  # Taichi has no types
         """Create the kernel's AST for arguments of the given types, from a recording if there is one."""
         if key is not None and key in self.compiled_kernels:
             return
+        if not fence.on_this_device():
+            super().materialize(key=key, args=args, arg_features=arg_features)
+            return
         with _compilation, frontend.patched_frontend():
             if key is None or key not in self.compiled_kernels:  # another thread may have created it meanwhile
                 ast_recorder.materialize(self, key, args, arg_features)
