@@ -28,6 +28,9 @@ class RenderSettings:
         incremental: whether frames with a static camera are rendered incrementally.
         base_spp: samples per pixel of the base image of the static scene, in incremental rendering.
         near_spp: samples per pixel added to `spp` where movers are visible, in incremental rendering.
+        cell_spp: paths per cell of the light cache for moving cameras, in incremental rendering; 0: no such cache.
+        cell_width: largest width of a cell, px.
+        moving_spp: least samples per pixel of frames that use the light cache.
         downscale: light is traced in an image smaller by this factor along each axis, and upsampled along the surfaces
             that the labels show. Incremental rendering denoises at full size where much changes only.
         relative_error: sample each pixel until the standard error of its luminance is estimated to be at most this
@@ -43,13 +46,17 @@ class RenderSettings:
     incremental: bool = False
     base_spp: int = 256
     near_spp: int = 0
+    cell_spp: int = 0
+    cell_width: float = 1.0
+    moving_spp: int = 1
     downscale: int = 1
     relative_error: float | None = None
     clamp: float | None = None
     pixel_filter: str = "box"
 
     def __post_init__(self) -> None:
-        for name, least in (("spp", 1), ("max_depth", 1), ("base_spp", 1), ("near_spp", 0), ("downscale", 1)):
+        for name in ("spp", "max_depth", "base_spp", "near_spp", "cell_spp", "moving_spp", "downscale"):
+            least = 0 if name in ("near_spp", "cell_spp") else 1
             most = MAX_DEPTH if name == "max_depth" else sys.maxsize
             object.__setattr__(self, name, argument_checks.integer(getattr(self, name), name, least, most))
         for name in ("relative_error", "clamp"):
@@ -68,6 +75,11 @@ class RenderSettings:
         """Whether paths can be kept: each must count for itself, and as much as any other."""
         return self.relative_error is None and self.clamp is None and self.pixel_filter != "mitchell"
 
+    @property
+    def uses_light_cache(self) -> bool:
+        """Whether frames with a moving camera use the light cache."""
+        return self.incremental and self.cell_spp > 0
+
     def to_json(self, cache_bytes: int) -> dict[str, Any]:
         """Return the settings that pixels depend on, as JSON values.
 
@@ -83,12 +95,25 @@ class RenderSettings:
             "downscale": self.downscale,
             "denoiser": self.denoiser if self.denoise else None,
             "incremental": [self.base_spp, self.near_spp, cache_bytes] if self.incremental else None,
+            "light_cache": [self.cell_spp, self.cell_width, self.moving_spp] if self.uses_light_cache else None,
         }
 
 
 PRESETS = {
-    "fast": RenderSettings(spp=1, max_depth=4, denoiser="fast", incremental=True, base_spp=64, near_spp=4, downscale=2),
-    "preview": RenderSettings(spp=4, max_depth=4, denoiser="fast", incremental=True, base_spp=64),
+    "fast": RenderSettings(
+        spp=1,
+        max_depth=4,
+        denoiser="fast",
+        incremental=True,
+        base_spp=64,
+        near_spp=4,
+        cell_spp=32,
+        moving_spp=4,
+        downscale=2,
+    ),
+    "preview": RenderSettings(
+        spp=4, max_depth=4, denoiser="fast", incremental=True, base_spp=64, cell_spp=0, moving_spp=4
+    ),
     "standard": RenderSettings(spp=16, max_depth=6),
     "photo": RenderSettings(spp=256, max_depth=12, denoiser="high", base_spp=1024),
 }

@@ -25,6 +25,7 @@ from tiscene.render.integrators.incremental.base_image_cache import BaseImageCac
 from tiscene.render.integrators.incremental.incremental_pass import CACHE_BYTES, IncrementalPass
 from tiscene.render.integrators.labels.label_pass import LabelPass
 from tiscene.render.integrators.labels.surface_labels import FILTERED_ALBEDO
+from tiscene.render.integrators.light_cache.moving_camera_pass import MovingCameraPass
 from tiscene.render.integrators.path.path_pass import PathImage, PathPass
 from tiscene.render.render_settings import RenderSettings
 from tiscene.render.view import View
@@ -91,6 +92,13 @@ class Renderer:
             scene, width, height,
             memory_limit=cache_bytes, images=BaseImageCache(), progress=progress, paths=self._full_size_paths,
         )  # fmt: skip
+        self._moving_camera = MovingCameraPass(
+            self._paths,
+            cell_spp=settings.cell_spp,
+            cell_width=settings.cell_width,
+            memory_limit=cache_bytes,
+            progress=progress or (lambda stage, done: None),
+        )
 
     def render(
         self,
@@ -102,6 +110,7 @@ class Renderer:
         seed: int,
         exposure: float,
         moving: NDArray[np.bool_] | None = None,
+        camera_moves: bool = False,
         shutter_samples: Iterable[ShutterSample] = (),
     ) -> dict[str, NDArray[Any]]:
         """Render the buffers of a frame.
@@ -113,8 +122,9 @@ class Renderer:
             frame_index: Frame number; with `seed` it selects the random numbers.
             seed: Seed of the random numbers.
             exposure: Exposure of `rgb`, stops.
-            moving: bool [n], the movers, if camera and lights are static: color is rendered incrementally if that is
-                estimated to be cheaper. None: color is path traced.
+            moving: bool [n], the movers, if lights are static: color is rendered incrementally if that is estimated to
+                be cheaper. None: color is path traced.
+            camera_moves: Whether the camera moves; then a light cache takes the place of the base image.
             shutter_samples: Color is the mean over these times, path traced at full size; empty: the frame's time.
 
         Returns:
@@ -125,6 +135,9 @@ class Renderer:
         colored = not COLORS.isdisjoint(buffers)
         labels = [name for name in buffers if name not in COLORS]
         sampling: dict[str, int] = {"seed": seed, "max_depth": settings.max_depth}
+        seen_moving = moving if camera_moves else None
+        if camera_moves:
+            moving = None
         if colored and moving is not None and not self._incremental.is_cheaper(view, placement, moving, **sampling):
             moving = None
         if colored and moving is not None:
@@ -138,7 +151,7 @@ class Renderer:
         result = self._labels.render(view, labels)
         if colored:
             blurred = self._trace_shutter(shutter_samples, frame_index, seed)
-            result |= self._color(view, frame_index, seed, exposure, buffers, moving, result, blurred)
+            result |= self._color(view, frame_index, seed, exposure, buffers, moving, seen_moving, result, blurred)
         return {name: result[name] for name in buffers}
 
     def auto_exposure(self, view: View, placement: Placement, *, seed: int) -> float:
@@ -165,6 +178,7 @@ class Renderer:
         exposure: float,
         buffers: Sequence[str],
         moving: NDArray[np.bool_] | None,
+        seen_moving: NDArray[np.bool_] | None,
         labels: dict[str, NDArray[Any]],
         blurred: PathImage | None,
     ) -> dict[str, NDArray[Any]]:
@@ -177,6 +191,7 @@ class Renderer:
             exposure: Exposure of `rgb`, stops.
             buffers: Names of the requested buffers.
             moving: The movers of an incremental frame; None: path tracing.
+            seen_moving: The movers of a frame whose camera moves and that uses the light cache; None: path tracing.
             labels: Rendered labels, with UPSAMPLING_GUIDES if light is traced at reduced size.
             blurred: Image over the shutter interval, if the shutter is open.
         """
@@ -196,7 +211,8 @@ class Renderer:
         else:
             if downscale > 1:
                 view = replace(view, width=self._paths.width, height=self._paths.height)
-            image = blurred or self._trace(view, frame_index, seed)
+            image = blurred or self._trace_from_cache(view, frame_index, seed, seen_moving)
+            image = image or self._trace(view, frame_index, seed)
             guides = image.albedo, image.normal
             if downscale > 1:
                 guides = labels[UPSAMPLING_GUIDES[0]], labels[UPSAMPLING_GUIDES[1]]
@@ -231,6 +247,19 @@ class Renderer:
             first += sample.spp
             self.spp = float(first)
         return image
+
+    def _trace_from_cache(
+        self, view: View, frame_index: int, seed: int, moving: NDArray[np.bool_] | None
+    ) -> PathImage | None:
+        """Return the image of a moving camera with light from the cache; None where it is to be path traced."""
+        if moving is None:
+            return None
+        spp = max(self.settings.spp, self.settings.moving_spp)
+        self.spp = float(spp)
+        return self._moving_camera.render(
+            view, self.scene.placement, moving,
+            frame_index=frame_index, seed=seed, spp=spp, max_depth=self.settings.max_depth,
+        )  # fmt: skip
 
     def _trace(self, view: View, frame_index: int, seed: int) -> PathImage:
         """Path trace an image, adaptively if a relative error is set."""

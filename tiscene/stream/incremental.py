@@ -19,9 +19,14 @@ def is_static_view(view: View) -> bool:
     return view.previous == view.current == view.next
 
 
-def movers(state: WorldState) -> NDArray[np.bool_] | None:
+def movers(state: WorldState, *, several_light_groups: bool = True) -> NDArray[np.bool_] | None:
     """Return which instances of a state move; None if its lights are not those of the stream's start.
 
-    Lights that only change their intensity count as the same lights.
+    Args:
+        state: of the world, at the frame to render.
+        several_light_groups: whether lights that only change their intensity count as the same lights.
     """
-    return state.movers if state.starting_lights else None
+    groups = state.placement.light_groups
+    if not state.starting_lights or (not several_light_groups and groups is not None and len(groups.factors) > 1):
+        return None
+    return state.movers

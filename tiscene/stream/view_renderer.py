@@ -179,7 +179,10 @@ class ViewRenderer:
                 self.world, state, view, self._shutter, spp=self.settings.spp, seed=self._seed, camera_row=camera_row
             )
         incremental = self.settings.incremental if incremental is None else incremental
-        moving = movers(state) if colored and incremental and samples is None and is_static_view(view) else None
+        camera_moves = not is_static_view(view)
+        moving = None
+        if colored and incremental and samples is None and (not camera_moves or self.settings.uses_light_cache):
+            moving = movers(state, several_light_groups=not camera_moves)
         exposure = view.current.exposure
         if exposure is None:
             exposure = self.exposure(*main_size) if "rgb" in buffers else 0.0
@@ -194,6 +197,7 @@ class ViewRenderer:
             seed=self._seed,
             exposure=exposure,
             moving=moving,
+            camera_moves=camera_moves,
             shutter_samples=samples or (),
         )
         return Pixels(complete(names, rendered), rendered.get("instance"), renderer.spp if colored else 0.0)

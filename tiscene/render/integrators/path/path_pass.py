@@ -14,15 +14,17 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
+import taichi as ti
 from numpy.typing import NDArray
 
-from tiscene.device.memory import upload
+from tiscene.device.memory import device_array, upload
 from tiscene.device.vector_mode import vector_mode
 from tiscene.errors import ArgumentError
 from tiscene.render.bsdfs.energy_tables import energy_tables
+from tiscene.render.integrators.light_cache.cells import VALUE_COLUMNS, Cells
 from tiscene.render.integrators.path import wavefront_kernels as kernels
 from tiscene.render.integrators.path.last_segment import finish_at_lights
-from tiscene.render.integrators.path.path_scene import MAX_ALPHA_LAYERS, PathScene, SceneArrays
+from tiscene.render.integrators.path.path_scene import MAX_ALPHA_LAYERS, CellLookup, PathScene, SceneArrays
 from tiscene.render.integrators.path.path_state import CHUNK, FILM_COLUMNS, PathSamples, PathState
 from tiscene.render.integrators.path.shading import shade
 from tiscene.render.integrators.path.shadow_rays import continue_shadow_rays
@@ -37,6 +39,7 @@ from tiscene.scene.lights.light_table import LightArrays
 from tiscene.scene.placement import CURRENT
 
 FloatImage = NDArray[np.float32]
+
 
 # Paths in flight. Smaller batches would fit a CPU's cache, but threads would wait for each other more often: 2^15 was
 # measured to take a third longer.
@@ -71,6 +74,9 @@ class PathPass:
 
     Attributes:
         background: Radiance of camera rays that hit nothing, or SKY; that of the view rendered last.
+        order: i32 [pixels], y * width + x, in the order in which paths are traced.
+        pixels: The same on the device, see `upload_pixels`.
+        film: f32 [pixels, FILM_COLUMNS] on the device, sums over the samples.
         nonfinite: Number of infinite or NaN samples in the last image. They are left out of the means.
 
     Raises:
@@ -99,10 +105,12 @@ class PathPass:
         self.pixel_filter_name = pixel_filter
         self.pixel_filter = upload(pixel_filter_named(pixel_filter).table())
         self._clamp = math.inf if clamp is None else clamp
-        self._pixels = upload_pixels(tiled_order(width, height), width, height)
-        self._film = upload(np.zeros((width * height, FILM_COLUMNS), np.float32))
+        self.order = tiled_order(width, height)
+        self.pixels = upload_pixels(self.order, width, height)
+        self.film = upload(np.zeros((width * height, FILM_COLUMNS), np.float32))
         self._energy: Any = None
-        self._energy_iors: tuple[float, ...] | None = None
+        self._no_cells = Cells(device_array(ti.i32, (1, 2)), device_array(ti.f32, (1, VALUE_COLUMNS)))
+        self._energy_key: tuple[Any, ...] | None = None
 
     def render(
         self,
@@ -148,7 +156,7 @@ class PathPass:
             first_sample=sample_range[0] if sample_range else 0,
             scene=scene,
         )
-        return self._developed(sum(sample_range) if sample_range else spp)
+        return self.developed(sum(sample_range) if sample_range else spp)
 
     def sums(self, view: View, pixels: NDArray[np.int32], *, spp: int, key: int, max_depth: int) -> NDArray[np.float32]:
         """Trace `spp` paths through each of some pixels and return their film rows, float32 [n, FILM_COLUMNS].
@@ -163,7 +171,7 @@ class PathPass:
         self._check(view, spp, max_depth)
         with self.restricted_to(upload_pixels(pixels, self.width, self.height)):
             self._trace(view, len(pixels), PathSamples(spp, index_bits(spp), key), max_depth)
-        rows: NDArray[np.float32] = self._film.to_numpy()[pixels]
+        rows: NDArray[np.float32] = self.film.to_numpy()[pixels]
         return rows
 
     def warm_up(self, view: View, emission: Callable[[], bool]) -> Iterator[None]:
@@ -177,25 +185,25 @@ class PathPass:
         self._trace_batch(scene, view, state, 0, 0, samples, 0, 1)
         closest(self.scene, CURRENT, state.rays, state.queue, 0, state.hits, state.hit_ids)
         self.cast_shadows(scene, state, 0, 0, 0, samples)
-        self._developed(1)
+        self.developed(1)
         yield
         self.advance(replace(scene, any_emission=emission()), state, 0, 0, 0, samples, 1, 1)
 
     @contextlib.contextmanager
     def restricted_to(self, pixels: Any) -> Iterator[None]:
         """Number paths by these pixels, made by `upload_pixels`, instead of by all pixels of the image."""
-        all_pixels, self._pixels = self._pixels, pixels
+        all_pixels, self.pixels = self.pixels, pixels
         try:
             yield
         finally:
-            self._pixels = all_pixels
+            self.pixels = all_pixels
 
     def start(self, view: View, state: PathState, first: int, count: int, samples: PathSamples) -> None:
         """Generate the camera rays of paths first .. first + count - 1 and queue them."""
         spp, bits, key = samples
         with self.vector_mode():
             kernels.start_paths(
-                view.array(), self.pixel_filter, self._pixels, self.width, self.height, first, count, spp, bits, key,
+                view.array(), self.pixel_filter, self.pixels, self.width, self.height, first, count, spp, bits, key,
                 state.rays, state.state, state.status, state.queue, state.first_sample,
             )  # fmt: skip
 
@@ -209,6 +217,7 @@ class PathPass:
         samples: PathSamples,
         max_depth: int,
         mis: int,
+        lookup: CellLookup | None = None,
     ) -> tuple[int, int]:
         """Intersect and shade one segment of the first `live` paths of the queue.
 
@@ -221,6 +230,7 @@ class PathPass:
             samples: Random numbers of the paths.
             max_depth: See `render`.
             mis: 0 samples lights only, see `render`.
+            lookup: Light cache whose cells replace the light of wide lobes; None: none.
 
         Returns:
             The number of paths that continue, at the head of the queue, and the number of shadow rays to cast, in
@@ -234,12 +244,18 @@ class PathPass:
                     state.queue, live, state.rays, state.shadow_rays, state.occluded, state.state, state.status,
                 )  # fmt: skip
         else:
-            closest(self.scene, CURRENT, state.rays, state.queue, live, state.hits, state.hit_ids, coherent=step == 0)
+            tree = scene.tree
+            closest(self.scene, tree, state.rays, state.queue, live, state.hits, state.hit_ids, coherent=step == 0)
+            cells: tuple[Any, ...] = (*self._no_cells, 1.0, 0, False)
+            if lookup:
+                cells = lookup.cells_for(scene, state, live, first, step, samples)
             with self.vector_mode():
                 shade(
-                    *scene.arrays, self._pixels, first, spp, bits, key, step, max_depth, mis, *self.background,
+                    *scene.arrays, self.pixels, first, spp, bits, key, step, max_depth, mis, *self.background,
                     state.queue, live, state.rays, state.hits, state.hit_ids, state.shadow_rays, state.occluded,
                     state.state, state.features, state.status, state.first_sample, scene.any_emission,
+                    scene.any_extended,
+                    *cells,
                 )  # fmt: skip
         counts = kernels.compact(state.status, state.queue, live, state.next_queue, state.shadow_queue, state.chunks)
         state.swap_queues()
@@ -253,7 +269,7 @@ class PathPass:
         first: int,
         step: int,
         samples: PathSamples,
-        tree: int = CURRENT,
+        tree: int | None = None,
     ) -> None:
         """Trace the first `count` shadow rays of the shadow queue and set `state.occluded`.
 
@@ -264,8 +280,9 @@ class PathPass:
             first: Number of the path in row 0.
             step: Number of times the paths were advanced before.
             samples: Random numbers of the paths, used by partially opaque surfaces.
-            tree: CURRENT for all instances, MOVERS for movers only.
+            tree: MOVERS for movers only; None: that of `scene`.
         """
+        tree = scene.tree if tree is None else tree
         if not scene.any_coverage:
             occluded(self.scene, tree, state.shadow_rays, state.shadow_queue, count, state.occluded)
             return
@@ -274,7 +291,7 @@ class PathPass:
         for layer in range(MAX_ALPHA_LAYERS):
             closest(self.scene, tree, state.shadow_rays, state.shadow_queue, count, hits, hit_ids)
             continued = continue_shadow_rays(
-                *scene.arrays, self._pixels, first, spp, key, step, layer, state.shadow_queue, count,
+                *scene.arrays, self.pixels, first, spp, key, step, layer, state.shadow_queue, count,
                 state.shadow_rays, hits, hit_ids, state.occluded, state.first_sample,
             )  # fmt: skip
             if not continued:
@@ -291,10 +308,11 @@ class PathPass:
             lights: Lights to sample; None: all lights of the scene.
         """
         scene = self.scene
-        iors = tuple(scene.materials.glass_iors)
-        if iors != self._energy_iors:
-            self._energy = upload(energy_tables(iors))
-            self._energy_iors = iors
+        materials = scene.materials
+        key = (*materials.glass_iors, materials.any_extended)
+        if key != self._energy_key:
+            self._energy = upload(energy_tables(materials.glass_iors, extended=materials.any_extended))
+            self._energy_key = key
         arrays = SceneArrays(
             *geometry_of(scene),
             *scene.materials.arrays(),
@@ -302,9 +320,10 @@ class PathPass:
             *(lights or scene.lights.arrays(scene.textures)),
             self._energy,
         )
-        materials = scene.materials
         ends_at_lights = not (materials.any_coverage or materials.any_emission)
-        return PathScene(arrays, materials.any_coverage, materials.any_emission, ends_at_lights)
+        return PathScene(
+            arrays, materials.any_coverage, materials.any_emission, materials.any_extended, ends_at_lights
+        )
 
     def _check(self, view: View, spp: int, max_depth: int) -> None:
         if spp < 1 or max_depth < 1:
@@ -330,7 +349,7 @@ class PathPass:
         first_sample: int = 0,
         scene: PathScene | None = None,
     ) -> None:
-        """Trace paths through the first `pixel_count` of `self._pixels`, in batches, and add them to the film."""
+        """Trace paths through the first `pixel_count` of `self.pixels`, in batches, and add them to the film."""
         total = pixel_count * samples.spp
         size = min(self._batch_size, -(-total // CHUNK) * CHUNK)
         if self._state is None or self._state.size < size:
@@ -365,15 +384,15 @@ class PathPass:
             if not live:
                 break
         kernels.accumulate(
-            self.pixel_filter, self._clamp, self._pixels, first, count, spp, bits, key,
-            state.status, state.occluded, state.state, state.features, self._film, state.first_sample,
+            self.pixel_filter, self._clamp, self.pixels, first, count, spp, bits, key,
+            state.status, state.occluded, state.state, state.features, self.film, state.first_sample,
         )  # fmt: skip
 
-    def _developed(self, spp: int) -> PathImage:
+    def developed(self, spp: int) -> PathImage:
         """Return the film as images."""
         shape = (self.height, self.width)
         hdr, albedo, normal = (np.empty((*shape, 3), np.float32) for _ in range(3))
         dropped = np.empty(shape, np.int32)
-        kernels.develop(self._film, self.width, self.height, spp, hdr, albedo, normal, dropped)
+        kernels.develop(self.film, self.width, self.height, spp, hdr, albedo, normal, dropped)
         self.nonfinite = int(dropped.sum())
         return PathImage(hdr, albedo, normal)

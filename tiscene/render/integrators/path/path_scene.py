@@ -2,7 +2,10 @@
 """Scene data for the path tracing kernels: device arrays in the order of kernel arguments, and what they contain."""
 
 from dataclasses import dataclass
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, Protocol
+
+from tiscene.render.integrators.path.path_state import PathSamples, PathState
+from tiscene.scene.placement import CURRENT
 
 # Alpha-rejected surfaces that a path passes without counting them as path depth.
 MAX_ALPHA_LAYERS = 16
@@ -49,15 +52,29 @@ class PathScene:
         arrays: Device arrays.
         any_coverage: Whether a material is partially opaque (alpha), so that hits may be rejected.
         any_emission: Whether a material is emissive.
+        any_extended: Whether a material has extended lobes.
         ends_at_lights: Whether the last segment of a path contributes only if it reaches a light: no surface emits and
             no hit is ever rejected.
+        tree: Tree that paths are traced through: CURRENT for all instances.
     """
 
     arrays: SceneArrays
     any_coverage: bool
     any_emission: bool
+    any_extended: bool
     ends_at_lights: bool
+    tree: int = CURRENT
 
     def steps(self, max_depth: int) -> int:
         """Return how many times paths may be advanced."""
         return max_depth + (MAX_ALPHA_LAYERS if self.any_coverage else 0)
+
+
+class CellLookup(Protocol):
+    """What `PathPass.advance` needs of a light cache."""
+
+    def cells_for(
+        self, scene: PathScene, state: PathState, live: int, first: int, step: int, samples: PathSamples
+    ) -> tuple[Any, ...]:
+        """Return the last arguments of `shade`, with all cells at the hits of the first `live` paths of the queue."""
+        ...

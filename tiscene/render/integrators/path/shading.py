@@ -10,9 +10,13 @@ combined by multiple importance sampling. See Physically Based Rendering, 4th ed
 import taichi as ti
 
 from tiscene.device.argument_bundles import bundled
-from tiscene.device.kernel_types import Float8s1, Floats1, Floats2, Ints1, Template, vec2, vec3
+from tiscene.device.kernel_types import Float8s1, Floats1, Floats2, Ints1, Template, vec2, vec3, vec4
+from tiscene.render.bsdfs import extended_surface_bsdf as extended_bsdf
 from tiscene.render.bsdfs import preview_surface_bsdf as bsdf
+from tiscene.render.bsdfs.lobe_inputs import transmittance
 from tiscene.render.bsdfs.material_inputs import Materials, is_mirror_like, shaded_material_at, shading_normal
+from tiscene.render.integrators.light_cache.cells import Cells, cell_for, lit_slot, own_cell
+from tiscene.render.integrators.light_cache.wide_lobes import wide_reflectance
 from tiscene.render.integrators.path.path_state import (
     ALBEDO,
     DEPTH_MASK,
@@ -49,7 +53,7 @@ from tiscene.render.sampling.sobol import combine, draw, set_key, set_keys
 from tiscene.render.texture_lookup import Textures
 from tiscene.scene.lights.light_kinds import MESH
 from tiscene.scene.lights.light_table import KIND, SHADOWLESS
-from tiscene.scene.material_table import COVERAGE, EMITS, FLAGS, GLASS, MATTE
+from tiscene.scene.material_table import COVERAGE, EMITS, FLAGS, GLASS, MATTE, TRANSLUCENT
 from tiscene.scene.placement import CURRENT
 
 # Sets of random numbers of each segment, offsets from FIRST_STEP_SET + SETS * step.
@@ -107,6 +111,11 @@ def shade(
     status: Ints1,
     first_sample: ti.i32,
     any_emission: Template,
+    any_extended: Template,
+    cells: Cells,
+    cell_width: ti.f32,
+    keeps_rays: ti.i32,
+    looks_up: Template,
 ):
     """Shade the hits of the paths in queue[0..count) and generate their next segments and shadow rays.
 
@@ -125,6 +134,12 @@ def shade(
             the lights at infinity.
         first_sample: Number of the first of the `spp` samples in each pixel.
         any_emission: Compile-time: whether a material is emissive.
+        any_extended: Compile-time: whether a material has extended lobes.
+        cells: The light cache.
+        cell_width: Width of its cells over that of a ray's footprint.
+        keeps_rays: 1 generates the rays of all lobes also where cells replace their light, to test them against movers.
+        looks_up: Compile-time: whether wide lobes reflect the cells' light, where there is any. All lobes do at the
+            second vertex that is not mirror-like, where the path ends.
     """
     lights = ti.static(lights_of(light_values, light_nodes, light_distribution, geometry, materials, any_emission))
     first_set = FIRST_STEP_SET + SETS * step
@@ -174,24 +189,53 @@ def shade(
                     if material.flags & EMITS:
                         emits, triangle, emission, distance = True, hit_ids[i][1], material.emissive_color, hits[i][0]
                 depth += 1
+                if ti.static(any_extended):
+                    throughput *= transmittance(materials, surface, hits[i][0])
                 wo = -1.0 * direction
                 normal = shading_normal(surface, material, wo)
+                looked_up, is_all = False, False
+                if ti.static(looks_up):
+                    if depth < max_depth and is_mirror_like(material) == 0:
+                        jitter = draw(set_keys(frame_key, first_set + TEXTURE_SET), index)
+                        width = footprint_width * cell_width
+                        slot = lit_slot(cells, cell_for(instance, width, surface, direction, jitter))
+                        if slot < 0:
+                            slot = lit_slot(cells, own_cell(instance, width, surface, direction))
+                        if slot >= 0:
+                            looked_up = True
+                            whole = ti.cast((status_bits & FEATURES_WRITTEN) != 0, ti.i32)
+                            reflectance, is_all = wide_reflectance(surface, material, energy, normal, wo, whole)
+                            radiance += throughput * reflectance * read3(cells.values, slot, 0)
                 if (status_bits & FEATURES_WRITTEN) == 0 and is_mirror_like(material) == 0:
                     status_bits |= FEATURES_WRITTEN
                     write3(features, i, ALBEDO, material.diffuse_color)
                     write3(features, i, NORMAL, normal)
-                if depth < max_depth:
+                if depth < max_depth and (not is_all or keeps_rays != 0):
                     light_u = draw(set_keys(frame_key, first_set + LIGHT_SET), index)
                     # Glass receives light from both sides: a zero normal excludes no light.
-                    lit_normal = normal * ti.cast((material.flags & GLASS) == 0, ti.f32)
+                    lit_normal = normal * ti.cast((material.flags & (GLASS | TRANSLUCENT)) == 0, ti.f32)
                     light_sample = dispatch.sample(lights, textures, surface.position, lit_normal, light_u)
                     bsdf_u = draw(set_keys(frame_key, first_set + DIRECTION_SET), index)
                     lobe_and_survival = vec2(0.0)
-                    if (material.flags & MATTE) == 0 or depth >= RUSSIAN_ROULETTE_DEPTH:
+                    if (material.flags & MATTE) == 0 or depth >= RUSSIAN_ROULETTE_DEPTH or looked_up:
                         lobe_and_survival = draw(set_keys(frame_key, first_set + LOBE_SET), index)
-                    scattering = bsdf.scatter(
-                        surface, material, energy, normal, wo, light_sample.direction, vec3(bsdf_u, lobe_and_survival.x)
-                    )
+                    scattering_u = vec3(bsdf_u, lobe_and_survival.x)
+                    scattering = (
+                        extended_bsdf.scatter(
+                            materials, textures, surface, material, energy, normal, direction, footprint_width,
+                            combine(texture_key, index), light_sample.direction, scattering_u,
+                        )
+                        if ti.static(any_extended)
+                        else bsdf.scatter(surface, material, energy, normal, wo, light_sample.direction, scattering_u)
+                    )  # fmt: skip
+
+                    if ti.static(looks_up):
+                        if looked_up and not is_all:
+                            kept = 1.0 - scattering.diffuse_parts
+                            towards, onward = scattering.towards_light, scattering.onward
+                            scattering.towards_light = vec4(towards.xyz * kept.x, towards.w)
+                            scattering.onward = vec4(onward.xyz * kept.y, onward.w)
+                            scattering.diffuse_parts = vec2(0.0)
 
                     # Direct lighting: the shadow ray decides at the next step whether DIRECT counts.
                     if light_sample.pdf > 0.0:
@@ -203,7 +247,8 @@ def shade(
                         if mis != 0 and light_sample.delta == 0 and not shadowless:
                             direct *= power_heuristic(light_sample.mis_pdf, scattering.towards_light.w)
                         if shadowless:
-                            radiance += direct
+                            if not is_all:
+                                radiance += direct
                         elif direct.max() > 0.0:
                             towards, reach = light_sample.direction, light_sample.distance
                             start = offset_origin(surface, towards)
@@ -216,7 +261,7 @@ def shade(
                                     towards = aim / ti.max(reach, 1e-20)
                             reach *= 1.0 - LIGHT_FRONT
                             if is_blocked_by_light(lights, light_row, start, towards, reach * (1.0 - LIGHT_FRONT)) == 0:
-                                sampled = LIGHT_PENDING
+                                sampled = 0 if is_all else LIGHT_PENDING
                                 write_ray(shadow_rays, i, start, towards, reach)
                                 set3(state, i, DIRECT, direct)
 
@@ -228,11 +273,20 @@ def shade(
                             ior2 *= scattering.eta * scattering.eta
                             state[i][RELATIVE_IOR2] = ior2
                         survival = 1.0
-                        if depth >= RUSSIAN_ROULETTE_DEPTH:
+                        if depth >= RUSSIAN_ROULETTE_DEPTH or looked_up:
                             # The square root minimizes cost times error: the remaining radiance of a path varies more
                             # than its throughput.
                             survival = ti.min(ti.sqrt(throughput_onward.max() * ior2), MAX_SURVIVAL)
-                        if lobe_and_survival.y < survival and throughput_onward.max() > 0.0:
+                        if ti.static(looks_up):
+                            if looked_up:
+                                write_ray(
+                                    rays,
+                                    i,
+                                    offset_origin(surface, scattering.direction),
+                                    scattering.direction,
+                                    ti.math.inf,
+                                )
+                        if lobe_and_survival.y < survival and throughput_onward.max() > 0.0 and not is_all:
                             continues = True
                             set3(state, i, THROUGHPUT, throughput_onward * (1.0 / survival))
                             state[i][PDF] = scattering.onward.w
