@@ -61,14 +61,51 @@ FloatInput = float | TextureLookup
 
 
 @dataclass(frozen=True)
+class ExtendedLobes:
+    """Lobes that UsdPreviewSurface lacks, of MaterialX and glTF materials. The defaults have no effect.
+
+    Attributes:
+        transmission_color: Factor of light that crosses the surface of glass, once for each crossing.
+        absorption: Absorption coefficients of the solid that glass encloses, 1/m: Beer and Lambert's law.
+        thin_walled: The surface is a sheet without thickness: light passes it without refraction.
+        sheen_color: Factor of the sheen of cloth, above all lobes except the coat.
+        sheen_roughness: Roughness r of Estevez and Kulla's sheen.
+        anisotropy: 1 - alpha_y / alpha_x of specular reflection, 0..1. alpha_x, along u, is `roughness`² times the root
+            of 2 / (1 + (1 - anisotropy)²), as in OpenPBR: the mean of the squares is roughness⁴.
+        rotation: Of the direction of alpha_x from that of u towards that of v, turns.
+        specular: Factor of specular reflection of dielectrics, at all angles.
+        specular_tint: Factor of their reflectance at normal incidence.
+        coat_color: Factor of the light from below the coat.
+        translucency: Fraction of diffuse light that leaves on the other side.
+        translucent_color: Its color.
+    """
+
+    transmission_color: ColorInput = (1.0, 1.0, 1.0)
+    absorption: Color = (0.0, 0.0, 0.0)
+    thin_walled: bool = False
+    sheen_color: ColorInput = (0.0, 0.0, 0.0)
+    sheen_roughness: FloatInput = 0.3
+    anisotropy: FloatInput = 0.0
+    rotation: FloatInput = 0.0
+    specular: FloatInput = 1.0
+    specular_tint: ColorInput = (1.0, 1.0, 1.0)
+    coat_color: ColorInput = (1.0, 1.0, 1.0)
+    translucency: FloatInput = 0.0
+    translucent_color: ColorInput = (1.0, 1.0, 1.0)
+
+
+@dataclass(frozen=True)
 class Material:
     """UsdPreviewSurface; the inputs have its names and defaults.
 
     Attributes:
         name: Name of the prim.
+        opacity_mode: "presence": opacity is coverage. "transmission": the rest, even of a texture, enters the solid.
+            "transparent": see `material_table.flags_of`.
         normal: Normal map in tangent space. None: the mesh's shading normals.
         prim_path: Path on the stage; in a template's file such as "Chair 01/Looks/Oak". "" for the default material of
             meshes without one.
+        lobes: Further lobes; None: none.
     """
 
     name: str
@@ -81,8 +118,9 @@ class Material:
     clearcoat: FloatInput = 0.0
     clearcoat_roughness: FloatInput = 0.01
     opacity: FloatInput = 1.0
-    opacity_mode: Literal["transparent", "presence"] = "transparent"
+    opacity_mode: Literal["transparent", "presence", "transmission"] = "transparent"
     opacity_threshold: float = 0.0
     ior: float = 1.5
     normal: TextureLookup | None = None
     prim_path: str = ""
+    lobes: ExtendedLobes | None = None

@@ -16,6 +16,8 @@ from functools import cache
 import numpy as np
 from numpy.typing import NDArray
 
+from tiscene.render.bsdfs.sheen_tables import sheen_table
+
 # Alpha of perfect mirrors and panes: 0.06 degrees, below the resolution of a pixel.
 SMALLEST_ALPHA = 1e-3
 # Layout. Reflection: [roughness][cosine](A, B) with E = F0 A + F90 B for Schlick's Fresnel term; then [roughness](means
@@ -29,9 +31,11 @@ GLASS_SIZE = 2 * GLASS_ROUGHNESSES * GLASS_COSINES
 Array = NDArray[np.float64]
 
 
-def energy_tables(glass_iors: Sequence[float]) -> NDArray[np.float32]:
-    """Return the array that kernels read: reflection tables, then glass tables, float32."""
+def energy_tables(glass_iors: Sequence[float], *, extended: bool = False) -> NDArray[np.float32]:
+    """Return the array that kernels read, float32: reflection, glass, and for extended lobes the sheen table."""
     tables = [reflection_tables(), *(glass_table(ior) for ior in glass_iors)]
+    if extended:
+        tables.append(sheen_table())
     return np.concatenate(tables).astype(np.float32)
 
 
