@@ -39,7 +39,7 @@ from tiscene.render.integrators.path.path_state import (
 from tiscene.render.integrators.path.wavefront_kernels import FIRST_STEP_SET, path_index
 from tiscene.render.intersect.ray_queue import HitIds, Hits, Pixels, Rays, ray_direction, ray_origin, write_ray
 from tiscene.render.intersect.surface_interaction import Geometry, offset_origin, surface_at
-from tiscene.render.lights import dispatch
+from tiscene.render.lights import dispatch, distant
 from tiscene.render.lights.intersect import (
     LIGHT_FRONT,
     is_blocked_by_light,
@@ -48,12 +48,13 @@ from tiscene.render.lights.intersect import (
     response,
     weighted_emission,
 )
-from tiscene.render.lights.light_sample import lights_of
+from tiscene.render.lights.light_sample import FAR, lights_of
 from tiscene.render.sampling.sobol import combine, draw, set_key, set_keys
+from tiscene.render.sampling.warp import INV_PI
 from tiscene.render.texture_lookup import Textures
 from tiscene.scene.lights.light_kinds import MESH
 from tiscene.scene.lights.light_table import KIND, SHADOWLESS
-from tiscene.scene.material_table import COVERAGE, EMITS, FLAGS, GLASS, MATTE, TRANSLUCENT
+from tiscene.scene.material_table import COVERAGE, EMITS, EXTENDED, FLAGS, GLASS, MATTE, TRANSLUCENT
 from tiscene.scene.placement import CURRENT
 
 # Sets of random numbers of each segment, offsets from FIRST_STEP_SET + SETS * step.
@@ -115,6 +116,9 @@ def shade(
     cells: Cells,
     cell_width: ti.f32,
     keeps_rays: ti.i32,
+    sharp_light: ti.i32,
+    sharp_rays: Rays,
+    sharp_radiance: Floats2,
     looks_up: Template,
 ):
     """Shade the hits of the paths in queue[0..count) and generate their next segments and shadow rays.
@@ -138,6 +142,9 @@ def shade(
         cells: The light cache.
         cell_width: Width of its cells over that of a ray's footprint.
         keeps_rays: 1 generates the rays of all lobes also where cells replace their light, to test them against movers.
+        sharp_light: Row of the distant light that is not in the cells; -1: none.
+        sharp_rays: Output, shadow rays to that light where a cell was looked up.
+        sharp_radiance: Output, f32 [n, 3], what these paths gain if that ray is not blocked.
         looks_up: Compile-time: whether wide lobes reflect the cells' light, where there is any. All lobes do at the
             second vertex that is not mirror-like, where the path ends.
     """
@@ -195,7 +202,8 @@ def shade(
                 normal = shading_normal(surface, material, wo)
                 looked_up, is_all = False, False
                 if ti.static(looks_up):
-                    if depth < max_depth and is_mirror_like(material) == 0:
+                    is_wide = is_mirror_like(material) == 0 and (material.flags & EXTENDED) == 0
+                    if depth < max_depth and is_wide:
                         jitter = draw(set_keys(frame_key, first_set + TEXTURE_SET), index)
                         width = footprint_width * cell_width
                         slot = lit_slot(cells, cell_for(instance, width, surface, direction, jitter))
@@ -206,6 +214,16 @@ def shade(
                             whole = ti.cast((status_bits & FEATURES_WRITTEN) != 0, ti.i32)
                             reflectance, is_all = wide_reflectance(surface, material, energy, normal, wo, whole)
                             radiance += throughput * reflectance * read3(cells.values, slot, 0)
+                            if sharp_light >= 0:
+                                u = draw(set_keys(frame_key, first_set + LIGHT_SET), index)
+                                sun = distant.sample(lights, textures, sharp_light, surface.position, u)
+                                cosine = normal.dot(sun.direction)
+                                if cosine > 0.0 and surface.geometric_normal.dot(sun.direction) > 0.0:
+                                    gain = throughput * reflectance * sun.radiance
+                                    gain *= cosine * INV_PI / sun.pdf * response(light_values, sharp_light, 1.0, depth)
+                                    write3(sharp_radiance, i, 0, gain)
+                                    start = offset_origin(surface, sun.direction)
+                                    write_ray(sharp_rays, i, start, sun.direction, FAR)
                 if (status_bits & FEATURES_WRITTEN) == 0 and is_mirror_like(material) == 0:
                     status_bits |= FEATURES_WRITTEN
                     write3(features, i, ALBEDO, material.diffuse_color)
