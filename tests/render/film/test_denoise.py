@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Open Image Denoise: less noise, reproducible bytes, no output, clear errors."""
 
+import gc
 import subprocess
 import sys
 
@@ -8,6 +9,7 @@ import numpy as np
 import pytest
 
 from tiscene.errors import ArgumentError
+from tiscene.render.film import denoise as module
 from tiscene.render.film.denoise import QUALITIES, denoise
 
 
@@ -41,6 +43,42 @@ def test_other_sizes_in_between_do_not_change_result() -> None:
     first = denoise(image, albedo, normal)
     denoise(image[:32, :32], albedo[:32, :32], normal[:32, :32])
     assert (denoise(image, albedo, normal) == first).all()
+
+
+@pytest.mark.parametrize("clean", [True, False])
+def test_images_in_device_memory_give_the_same_bytes(clean: bool, monkeypatch: pytest.MonkeyPatch) -> None:
+    """On the CPU's device, whose buffers are used as a card's."""
+    _, image, albedo, normal = noisy()
+    expected = denoise(image, albedo, normal, clean=clean)
+    device, _ = module._oidn_device()
+    monkeypatch.setattr(module, "_denoisers", {})
+    monkeypatch.setattr(module, "_device", (device, module._DeviceImage))
+    assert module.denoiser_device() == "cuda"
+    for _ in range(2):
+        np.testing.assert_array_equal(denoise(image, albedo, normal, clean=clean), expected)
+    mirrored = [each[:, ::-1] for each in (image, albedo, normal)]  # not contiguous
+    assert denoise(*mirrored, clean=clean).shape == (48, 64, 3)
+
+
+def test_cpu_denoises_where_the_library_finds_no_card(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(module, "_device", None)
+    monkeypatch.setattr(module.runtime, "running", lambda: "cuda")
+    assert module.denoiser_device() == "cpu"
+
+
+def test_filters_that_are_dropped_are_released(monkeypatch: pytest.MonkeyPatch) -> None:
+    import pyoidn
+
+    released = []
+    release = pyoidn.Filter.release
+    monkeypatch.setattr(pyoidn.Filter, "release", lambda self: released.append(self) or release(self))
+    monkeypatch.setattr(module, "_denoisers", {})
+    monkeypatch.setattr(module, "MAX_FILTERS", 2)
+    _, image, albedo, normal = noisy()
+    for height in (16, 17, 18, 19):
+        denoise(image[:height], albedo[:height], normal[:height])
+    gc.collect()
+    assert len(released) == 2
 
 
 def test_denoising_prints_nothing() -> None:

@@ -3,15 +3,21 @@
 
 One device, and a cache of filters by image size. The result is bitwise reproducible on one machine; other processors
 may round differently.
+
+Where Taichi runs on CUDA, so does the denoiser, if the library finds the card: its images are then in buffers in the
+card's memory, which are written and read once a frame. They belong to the library: memory of Taichi may be in another
+CUDA context.
 """
 
 from __future__ import annotations
 
+import weakref
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from tiscene.device import runtime
 from tiscene.errors import ArgumentError, DeviceError
 
 FloatImage = NDArray[np.float32]
@@ -19,22 +25,59 @@ QUALITIES = ("fast", "balanced", "high")
 MAX_FILTERS = 48  # in the cache, each with its images
 
 
+class _HostImage:
+    """An image in memory of the host that a filter reads or writes in place."""
+
+    def __init__(self, device: Any, height: int, width: int) -> None:
+        self.shared = self.values = np.zeros((height, width, 3), np.float32)
+
+    def write(self, values: FloatImage) -> None:
+        self.values[...] = values
+
+    def read(self) -> FloatImage:
+        return self.values.copy()
+
+
+class _DeviceImage:
+    """An image in a buffer in the device's memory."""
+
+    def __init__(self, device: Any, height: int, width: int) -> None:
+        import pyoidn
+
+        self._shape = height, width, 3
+        self._size = 4 * height * width * 3
+        self.shared = pyoidn.Buffer(device, self._size, pyoidn.OIDN_STORAGE_DEVICE)
+        _check(device)
+        weakref.finalize(self, self.shared.release).atexit = False
+
+    def write(self, values: FloatImage) -> None:
+        self.shared.write(0, self._size, np.ascontiguousarray(values, np.float32))
+
+    def read(self) -> FloatImage:
+        values = np.empty(self._shape, np.float32)
+        self.shared.read(0, self._size, values)
+        return values
+
+
 class _Denoiser:
     """A committed OIDN filter and the images of one size that it reads and writes."""
 
-    def __init__(self, device: Any, height: int, width: int, quality: str, clean: bool) -> None:
+    def __init__(
+        self, device: Any, image: type[_HostImage | _DeviceImage], height: int, width: int, quality: str, clean: bool
+    ) -> None:
         import pyoidn
 
         self.device = device
-        self.color, self.albedo, self.normal, self.output = (np.zeros((height, width, 3), np.float32) for _ in range(4))
+        self.color, self.albedo, self.normal, self.output = (image(device, height, width) for _ in range(4))
         self.filter = pyoidn.Filter(device, pyoidn.OIDN_FILTER_TYPE_RT)
-        for name, image in (
+        weakref.finalize(self, self.filter.release).atexit = False
+        for name, each in (
             (pyoidn.OIDN_IMAGE_COLOR, self.color),
             (pyoidn.OIDN_IMAGE_ALBEDO, self.albedo),
             (pyoidn.OIDN_IMAGE_NORMAL, self.normal),
             (pyoidn.OIDN_IMAGE_OUTPUT, self.output),
         ):
-            self.filter.set_image(name, image, pyoidn.OIDN_FORMAT_FLOAT3)
+            self.filter.set_image(name, each.shared, pyoidn.OIDN_FORMAT_FLOAT3, width, height)
         self.filter.set_bool("hdr", True)
         self.filter.set_bool("cleanAux", clean)
         self.filter.set_int("quality", getattr(pyoidn, f"OIDN_QUALITY_{quality.upper()}"))
@@ -42,13 +85,15 @@ class _Denoiser:
         _check(device)
 
     def __call__(self, hdr: FloatImage, albedo: FloatImage, normal: FloatImage) -> FloatImage:
-        self.color[...], self.albedo[...], self.normal[...] = hdr, albedo, normal
+        for image, values in ((self.color, hdr), (self.albedo, albedo), (self.normal, normal)):
+            image.write(values)
         self.filter.execute()
+        result = self.output.read()
         _check(self.device)
-        return self.output.copy()
+        return result
 
 
-_device: Any = None
+_device: tuple[Any, type[_HostImage | _DeviceImage]] | None = None  # and where its images are
 _denoisers: dict[tuple[int, int, str, bool], _Denoiser] = {}
 
 
@@ -77,23 +122,31 @@ def denoise(
         raise ArgumentError(f"images of shapes {hdr.shape}, {albedo.shape} and {normal.shape}: all must be (h, w, 3)")
     height, width, _ = hdr.shape
     key = (height, width, quality, clean)
-    filter = _denoisers.pop(key, None) or _Denoiser(_oidn_device(), height, width, quality, clean)
+    filter = _denoisers.pop(key, None) or _Denoiser(*_oidn_device(), height, width, quality, clean)
     _denoisers[key] = filter
     if len(_denoisers) > MAX_FILTERS:
         del _denoisers[next(iter(_denoisers))]  # least recently used
     return filter(hdr, albedo, normal)
 
 
-def _oidn_device() -> Any:
+def denoiser_device() -> str:
+    """Return where images are denoised: "cpu" or "cuda"."""
+    return "cuda" if _oidn_device()[1] is _DeviceImage else "cpu"
+
+
+def _oidn_device() -> tuple[Any, type[_HostImage | _DeviceImage]]:
     global _device
     if _device is None:
         import pyoidn
 
-        device = pyoidn.Device(pyoidn.OIDN_DEVICE_TYPE_CPU)
-        device.set_bool("setAffinity", False)  # Taichi's threads share the cores: pinning would slow both
+        if runtime.running() == "cuda" and pyoidn.Device.is_cuda_available():
+            device, image = pyoidn.Device(pyoidn.OIDN_DEVICE_TYPE_CUDA), _DeviceImage
+        else:
+            device, image = pyoidn.Device(pyoidn.OIDN_DEVICE_TYPE_CPU), _HostImage
+            device.set_bool("setAffinity", False)  # Taichi's threads share the cores: pinning would slow both
         device.commit()
         _check(device)
-        _device = device
+        _device = device, image
     return _device
 
 
