@@ -7,17 +7,36 @@ import argparse
 from typing import Any
 
 
-def add_parts(command: argparse.ArgumentParser) -> None:
-    """Add the arguments by which several processes write one export."""
-    command.add_argument(
+def add_parts(command: argparse.ArgumentParser, place: str) -> None:
+    """Add the arguments by which several processes write one export or data set.
+
+    Args:
+        command: The command.
+        place: The folder that a shard writes.
+    """
+    parts = command.add_mutually_exclusive_group()
+    parts.add_argument(
         "--shard",
         metavar="I/N",
         type=shard,
-        help="render part I of N (0/8 to 7/8) into DIR/shards, for `tiscene merge DIR`; on any machine, in any order",
+        help=f"render part I of N (0/8 to 7/8) into {place}, for `tiscene merge DIR`; on any machine, in any order",
     )
-    command.add_argument(
+    parts.add_argument(
         "--workers", metavar="N", type=int, default=1, help="processes on this machine (default: %(default)s)"
     )
+    parts.add_argument(
+        "--ray",
+        metavar="ADDRESS",
+        nargs="?",
+        const="",
+        type=ray_address,
+        help="render on the nodes of a Ray cluster, HOST:PORT; without ADDRESS that in RAY_ADDRESS, else the one on "
+        "this machine, else a new one of this machine; DIR must be on a file system that all nodes share",
+    )
+    command.add_argument(
+        "--worker-cpus", metavar="N", type=int, help="processors of each worker of --ray (default: all of its node)"
+    )
+    command.add_argument("--unlike", action="store_true", help="let nodes of --ray be unlike machines")
 
 
 def add_verify(commands: Any) -> None:
@@ -71,9 +90,7 @@ def add_generate(commands: Any) -> None:
         "with an index, statistics and a contact sheet. The same command continues after an interruption.",
     )
     _add_recipe(generate)
-    generate.add_argument(
-        "--shard", metavar="I/N", type=shard, help="render part I of N into the same folder; then `tiscene merge DIR`"
-    )
+    add_parts(generate, "the same DIR")
     generate.add_argument("--arch", metavar="NAME", help="cpu or cuda (default: cpu)")
 
 
@@ -82,6 +99,13 @@ def _add_recipe(command: argparse.ArgumentParser) -> None:
     command.add_argument("recipe", metavar="RECIPE", help="a JSON file: scenes, ranges, frames, settings, splits")
     command.add_argument("-n", "--count", metavar="N", type=int, required=True, help="number of scenarios")
     command.add_argument("-o", "--output", metavar="DIR", required=True, help="folder to write")
+
+
+def ray_address(text: str) -> str:
+    """Return the address of a Ray cluster."""
+    if text in ("", "auto", "local") or ":" in text:
+        return text
+    raise argparse.ArgumentTypeError(f"{text!r} is not an address, such as 10.0.0.5:6379; --ray alone goes last")
 
 
 def shard(text: str) -> tuple[int, int]:

@@ -4,28 +4,69 @@
 from __future__ import annotations
 
 import argparse
+from pathlib import Path
 
-from tiscene.cli.terminal import note, progress
-from tiscene.export.generation.generator import generate
+from tiscene.cli.terminal import note, progress, total_shown
+from tiscene.export import distributed
+from tiscene.export.distributed.worker_processes import run_workers, shard_commands
+from tiscene.export.generation.data_set_index import DataSet
+from tiscene.export.generation.generator import claim, finish, generate
 from tiscene.export.generation.recipe import Recipe
 
 
 def run(args: argparse.Namespace) -> None:
     """Generate, and print the folder. An interrupted run is continued by the same command."""
     recipe = Recipe.load(args.recipe)
-    number, of = args.shard or (0, 1)
-    count = args.count * (number + 1) // of - args.count * number // of
     try:
-        with progress("reading the first scene", count) as step:
-            generate(
-                recipe,
-                args.output,
-                args.count,
-                shard=(number, of),
-                arch=args.arch,
-                progress=lambda scenario, frame: step(int(frame is None), task=f"scenario {scenario}"),
-            )
+        if args.ray is not None:
+            _generate_on_ray(args, recipe)
+        elif args.workers > 1:
+            _generate_with_workers(args, recipe)
+        else:
+            _generate(args, recipe)
     except KeyboardInterrupt:
         note(f"Interrupted: the same command continues the data set in {args.output}.")
         raise
     print(args.output)
+
+
+def _generate(args: argparse.Namespace, recipe: Recipe) -> None:
+    """Generate in this process."""
+    number, of = args.shard or (0, 1)
+    count = args.count * (number + 1) // of - args.count * number // of
+    with progress("reading the first scene", count) as step:
+        generate(
+            recipe,
+            args.output,
+            args.count,
+            shard=(number, of),
+            arch=args.arch,
+            progress=lambda scenario, frame: step(int(frame is None), task=f"scenario {scenario}"),
+        )
+
+
+def _generate_with_workers(args: argparse.Namespace, recipe: Recipe) -> None:
+    """Generate shards in processes of their own, and write the index."""
+    data_set = DataSet(Path(args.output), recipe, args.count)
+    claim(data_set)
+    with progress(f"{args.workers} workers", args.count) as step:
+        show = total_shown(step)
+        run_workers(shard_commands(args.arguments, args.workers), lambda: show(data_set.done()))
+        step(0, task="index")
+        finish(args.output)
+
+
+def _generate_on_ray(args: argparse.Namespace, recipe: Recipe) -> None:
+    """Generate on a Ray cluster."""
+    with progress("connecting to Ray", args.count) as step:
+        show = total_shown(step)
+        distributed.generate(
+            recipe,
+            args.output,
+            args.count,
+            arch=args.arch,
+            address=args.ray or None,
+            cpus=args.worker_cpus,
+            unlike=args.unlike,
+            progress=lambda count: show(count, "scenarios"),
+        )

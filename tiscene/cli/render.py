@@ -6,11 +6,13 @@ from __future__ import annotations
 import argparse
 import shutil
 from pathlib import Path
+from typing import Any
 
-from tiscene.cli.terminal import note, progress
+from tiscene.cli.terminal import note, progress, total_shown
 from tiscene.errors import ArgumentError
-from tiscene.export.distributed.worker_processes import frames_in, run_workers
-from tiscene.export.exporter import export
+from tiscene.export import distributed
+from tiscene.export.distributed.worker_processes import frames_in, run_workers, shard_commands
+from tiscene.export.exporter import export, open_manifest, provenance
 from tiscene.export.formats import find_format
 from tiscene.export.merging import merge
 from tiscene.export.shards import SHARDS, Shard, machine
@@ -30,8 +32,12 @@ def run(args: argparse.Namespace) -> None:
         args.source, (width, height), received = capture_scenario(Path(args.source), frames[-1] + 1, fps=args.fps)
         args.width, args.height = args.width or width, args.height or height
         frames = frames[: sum(index < received for index in frames)]
-    if args.workers > 1:
-        _render_with_workers(args, frames)
+    settings = stream_settings(args, buffers)
+    if args.ray is not None or args.workers > 1:
+        if args.ray is not None:
+            _render_on_ray(args, frames, settings)
+        else:
+            _render_with_workers(args, frames)
         print(args.output)
         return
     folder = Path(args.output)
@@ -43,32 +49,11 @@ def run(args: argparse.Namespace) -> None:
         with progress(f"reading {args.source}", len(frames)) as step:
             stream = Stream(
                 args.source,
-                width=args.width,
-                height=args.height,
-                fps=args.fps,
-                buffers=buffers,
-                quality=args.quality,
-                spp=args.spp,
-                max_depth=args.max_depth,
-                denoise=args.denoise,
-                relative_error=args.relative_error,
-                clamp=args.clamp,
-                pixel_filter=args.pixel_filter,
-                incremental=args.incremental,
-                seed=args.seed,
-                camera=args.camera[0] if args.camera and len(args.camera) == 1 else args.camera,
-                shutter=args.shutter,
-                time_code=args.time_code,
-                variants=dict(args.variant),
-                taxonomy=args.taxonomy,
-                categories=args.categories,
-                root=args.root,
-                untrusted=args.untrusted,
-                strict=args.strict,
-                subdivision=args.subdivision,
-                arch=args.arch,
+                **settings,
                 progress=lambda task, fraction: step(0, task=f"{task}: {fraction:.0%}"),
             )
+            if args.shard and not args.overwrite:  # now, not at the merge
+                open_manifest(Path(args.output), provenance(stream, args.format, args.objects), False)
             step(0, task="first frame")
 
             def frame_done(index: int, frame: Frame | None) -> None:
@@ -94,30 +79,74 @@ def run(args: argparse.Namespace) -> None:
     print(folder)
 
 
+def stream_settings(args: argparse.Namespace, buffers: tuple[str, ...]) -> dict[str, Any]:
+    """Return the arguments of Stream that the command line gives."""
+    return {
+        "width": args.width,
+        "height": args.height,
+        "fps": args.fps,
+        "buffers": buffers,
+        "quality": args.quality,
+        "spp": args.spp,
+        "max_depth": args.max_depth,
+        "denoise": args.denoise,
+        "relative_error": args.relative_error,
+        "clamp": args.clamp,
+        "pixel_filter": args.pixel_filter,
+        "incremental": args.incremental,
+        "seed": args.seed,
+        "camera": args.camera[0] if args.camera and len(args.camera) == 1 else args.camera,
+        "shutter": args.shutter,
+        "time_code": args.time_code,
+        "variants": dict(args.variant),
+        "taxonomy": args.taxonomy,
+        "categories": args.categories,
+        "root": args.root,
+        "untrusted": args.untrusted,
+        "strict": args.strict,
+        "subdivision": args.subdivision,
+        "arch": args.arch,
+    }
+
+
 def _render_with_workers(args: argparse.Namespace, frames: range) -> None:
     """Render shards in processes of their own, and merge them. Interrupted, the shards stay and are continued."""
     shards = [Shard(number, args.workers, (frames.start, frames.stop, frames.step)) for number in range(args.workers)]
     folders = [each.folder(args.output) for each in shards]
-    arguments = [each for each in args.arguments if not each.startswith("--workers=")]
-    while "--workers" in arguments:
-        place = arguments.index("--workers")
-        del arguments[place : place + 2]
     try:
         with progress(f"{args.workers} workers", len(frames)) as step:
-            shown = 0
-
-            def show() -> None:
-                nonlocal shown
-                shown, before = frames_in(folders), shown
-                step(shown - before)
-
-            run_workers([[*arguments, "--shard", f"{each.number}/{each.count}"] for each in shards], show)
+            show = total_shown(step)
+            commands = shard_commands(args.arguments, args.workers)
+            run_workers(commands, lambda: show(frames_in(folders)))
             step(0, task="merging")
-            merge(args.output, folders)
+            merge(args.output, folders, overwrite=args.overwrite)
     except KeyboardInterrupt:
         note(f"Interrupted: the shards are in {Path(args.output) / SHARDS}. The same command continues from there.")
         raise
     shutil.rmtree(Path(args.output) / SHARDS)
+
+
+def _render_on_ray(args: argparse.Namespace, frames: range, settings: dict[str, Any]) -> None:
+    """Render on a Ray cluster. Interrupted, the shards stay and are continued."""
+    try:
+        with progress("connecting to Ray", len(frames)) as step:
+            show = total_shown(step)
+            distributed.render(
+                args.source,
+                args.output,
+                frames=frames,
+                format=args.format,
+                objects=args.objects,
+                overwrite=args.overwrite,
+                address=args.ray or None,
+                cpus=args.worker_cpus,
+                unlike=args.unlike,
+                progress=lambda count: show(count, "frames"),
+                **settings,
+            )
+    except KeyboardInterrupt:
+        note(f"Interrupted: the shards are in {Path(args.output) / SHARDS}. The same command continues from there.")
+        raise
 
 
 def selected_frames(frames: slice | None, count: int | None) -> range:

@@ -53,7 +53,7 @@ def add_render(commands: Any) -> None:
         choices=("moving", "visible", "all"),
         help="write the table of the moving, visible or all objects of each frame (default: no table)",
     )
-    add_parts(render)
+    add_parts(render, "DIR/shards")
     render.add_argument("--overwrite", action="store_true", help="replace frames that were made with other settings")
     add_size(render, width=None, height=None)
     render.add_argument(

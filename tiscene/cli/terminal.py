@@ -38,6 +38,22 @@ def progress(task: str, total: int) -> Iterator[Callable[..., None]]:
         yield step
 
 
+def total_shown(step: Callable[..., None]) -> Callable[..., None]:
+    """Return a function that sets a progress bar to a number of steps, `show(count, task=None)`.
+
+    Args:
+        step: That of the bar.
+    """
+    shown = 0
+
+    def show(count: int, task: str | None = None) -> None:
+        nonlocal shown
+        step(max(0, count - shown), task=task)
+        shown = max(shown, count)
+
+    return show
+
+
 def note(text: str) -> None:
     """Print a line to stderr."""
     Console(stderr=True, highlight=False, soft_wrap=True).print(text, markup=False)

@@ -11,7 +11,6 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from dynamics.argument_checks import integer
 from tiscene.errors import ArgumentError, DeviceError, ExportError
 from tiscene.export.distributed.frame_work import FrameWork
 from tiscene.export.distributed.ray_pool import RayPool, connected
@@ -33,7 +32,6 @@ if TYPE_CHECKING:
     from tiscene.scenario.scenario import Scenario
 
 RUN_FILE = ".tiscene-run-"  # its name begins so; workers stop when it is gone
-MAX_CPUS = 1 << 16
 
 
 def render(
@@ -81,8 +79,8 @@ def render(
         DeviceError: There is no such cluster, or a worker failed; the message has its error.
         KeyboardInterrupt: The workers have been stopped. The shards stay.
     """
-    cpus = None if cpus is None else integer(cpus, "cpus", 1, MAX_CPUS)
-    folder = Path(folder).resolve()
+    _check_counts(cpus=cpus)
+    folder = Path(folder).absolute()
     if not len(frames):
         raise ArgumentError(f"frames={frames!r}: has no frames")
     packs = hasattr(find_format(format).writer(), "pack")
@@ -139,8 +137,8 @@ def generate(
         TisceneError: As `render` does.
         KeyboardInterrupt: The workers have been stopped. Scenarios that are done stay.
     """
-    cpus = None if cpus is None else integer(cpus, "cpus", 1, MAX_CPUS)
-    data_set = DataSet(Path(folder).resolve(), recipe, integer(count, "count", 1, 10**9))
+    _check_counts(cpus=cpus, count=count)
+    data_set = DataSet(Path(folder).absolute(), recipe, count)
     claim(data_set)
     work = ScenarioWork(data_set, arch)
     done = [task for task in range(work.count) if work.steps(task) == work.size(task)]
@@ -183,6 +181,13 @@ def _run(
         raise DeviceError(f"the connection to the Ray cluster was lost: {error}") from error
     except OSError as error:
         raise ExportError(f"cannot write into {str(folder)!r}: {error}") from error
+
+
+def _check_counts(**counts: int | None) -> None:
+    """Raise ArgumentError for a count that is not a whole number from 1 on; None is permitted."""
+    for name, count in counts.items():
+        if count is not None and (not isinstance(count, int) or count < 1):
+            raise ArgumentError(f"{name}={count!r}: must be a whole number from 1 on")
 
 
 class _StepCount:

@@ -74,6 +74,15 @@ def run_workers(commands: Sequence[Sequence[str]], progress: Callable[[], None] 
         _stop(workers)
 
 
+def shard_commands(arguments: Sequence[str], count: int) -> list[list[str]]:
+    """Return the command of each of some workers: a command with `--workers`, with `--shard` in its place."""
+    kept = [each for each in arguments if not each.startswith("--workers=")]
+    while "--workers" in kept:
+        place = kept.index("--workers")
+        del kept[place : place + 2]
+    return [[*kept, "--shard", f"{number}/{count}"] for number in range(count)]
+
+
 def _has_succeeded(worker: _Worker, threads: int) -> bool:
     """Return whether a worker has ended well; start it again if it has died."""
     status = worker.process.poll() if worker.process is not None else None

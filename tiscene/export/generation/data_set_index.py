@@ -67,6 +67,10 @@ class DataSet:
         """Return whether a scenario is done."""
         return (self.scenario_folder(number) / FILE).is_file()
 
+    def done(self) -> int:
+        """Return the number of scenarios that are done."""
+        return sum(1 for split in self.recipe.splits for _ in (self.folder / split).glob(f"*/{FILE}"))
+
     def summaries(self) -> Iterator[tuple[int, dict[str, Any] | None]]:
         """Yield the number and the summary of each scenario; None for one that is not done."""
         for number in range(self.count):
