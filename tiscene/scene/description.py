@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 from tiscene.errors import CameraNotFound
 from tiscene.scene.animation import Deformation, InstanceTrack
 from tiscene.scene.camera import Camera, Vector3
+from tiscene.scene.input_track import InputTrack
 from tiscene.scene.light_description import (
     CylinderLight,
     DiskLight,
@@ -36,7 +37,6 @@ from tiscene.scene.material_description import (
     VERTEX_COLORS,
     Color,
     ColorInput,
-    ExtendedLobes,
     FloatInput,
     Material,
     Texture,
@@ -53,7 +53,6 @@ __all__ = [
     "DiskLight",
     "DistantLight",
     "DomeLight",
-    "ExtendedLobes",
     "FloatArray",
     "FloatInput",
     "Instance",
@@ -174,6 +173,8 @@ class SceneDescription:
         templates: Templates that are defined on the stage.
         colliders: Meshes for collisions alone.
         tracks: Instances that move, appear and disappear by the stage's own time samples.
+        material_tracks: Inputs of materials that vary over time.
+        light_tracks: Inputs of lights that vary over time, except their poses.
         rooms: Volumes of rooms.
         resolution: Width and height of the image that the stage's RenderSettings ask for, px. None: none.
     """
@@ -192,11 +193,15 @@ class SceneDescription:
     tracks: tuple[InstanceTrack, ...] = ()
     rooms: tuple[RoomVolume, ...] = ()
     resolution: tuple[int, int] | None = None
+    material_tracks: tuple[InputTrack, ...] = ()
+    light_tracks: tuple[InputTrack, ...] = ()
 
     @property
     def is_dark(self) -> bool:
-        """Whether there is neither a light nor an emissive material."""
-        return not self.lights and all(material.emissive_color == (0.0, 0.0, 0.0) for material in self.materials)
+        """Whether there is neither a light nor an emissive material at any time."""
+        emission = [material.emissive_color for material in self.materials]
+        emission += [color for track in self.material_tracks for color in track.values("emissive_color")]
+        return not self.lights and all(color == (0.0, 0.0, 0.0) for color in emission)
 
     @property
     def up(self) -> Vector3:

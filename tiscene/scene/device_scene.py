@@ -19,8 +19,8 @@ from tiscene.scene.bvh.obstacle_tree import MeshTrees
 from tiscene.scene.bvh.rebraid import INFO_PARTS, MAX_SPLIT, PARTS, ROW_BITS, instances_to_split
 from tiscene.scene.deforming_mesh import BLOCKS, TIMES, DeformingMesh
 from tiscene.scene.description import Mesh, SceneDescription
+from tiscene.scene.lights.emissive_meshes import EmissiveMeshes
 from tiscene.scene.lights.light_table import LightTable
-from tiscene.scene.lights.mesh_lights import MeshLight, build_mesh_light, mean_emission
 from tiscene.scene.material_table import MaterialTable
 from tiscene.scene.placement import CURRENT, MOVERS, NEXT, PREVIOUS, Placement
 from tiscene.scene.textures.atlas import TextureAtlas
@@ -78,10 +78,11 @@ class DeviceScene:
         self.descriptions: list[tuple[int, SceneDescription]] = []
         self._meshes: list[Mesh] = []
         self._blas: list[Blas] = []
-        self._mesh_lights: list[MeshLight | None] = []
+        self._emissive = EmissiveMeshes()
         self._triangle_materials: list[NDArray[np.int32]] = []
         self._first_triangles: list[int] = [0]
         self._first_textures: list[int] = []  # by description
+        self._first_materials: list[int] = []
         self._mesh_table = np.zeros((0, 5), np.int32)
         self._first_vertices = np.zeros(1, np.int64)
         self._boxes = np.zeros((3, 0, 2, 3))
@@ -133,6 +134,12 @@ class DeviceScene:
         """Whether some mesh deforms."""
         return bool(self._deforming)
 
+    def changing_meshes(self) -> NDArray[np.bool_]:
+        """Return for each mesh whether it deforms, or one of its materials varies over time."""
+        result = np.array(self._emissive.varying, bool)
+        result[list(self._deforming)] = True
+        return result
+
     def vertex_rows(self, mesh: int) -> range:
         """Return the rows of `vertex_position` of a mesh at CURRENT."""
         first = int(self._first_vertices[mesh])
@@ -151,16 +158,15 @@ class DeviceScene:
         self.descriptions.append((first_mesh, description))
         first_texture = self.textures.append(description.textures)
         self._first_textures.append(first_texture)
-        first_material = self.materials.append(description.materials, first_texture=first_texture)
+        first_material = self.materials.append(description.materials, first_texture, description.material_tracks)
+        self._first_materials.append(first_material)
         self.lights.append(description.lights, first_texture=first_texture)
         positions = [np.ascontiguousarray(mesh.positions, np.float32) for mesh in description.meshes]
         triangles = [np.ascontiguousarray(mesh.triangles, np.int32) for mesh in description.meshes]
         self._blas += self._bvh.add_meshes(positions, triangles, self._first_triangles[-1])
-        emission = np.array([mean_emission(material, description.textures) for material in description.materials])
+        self._emissive.add(description)
         for row, mesh in enumerate(description.meshes):
             first_triangle = self._first_triangles[-1]
-            emitted = emission[mesh.materials] if len(emission) else np.zeros(0)
-            self._mesh_lights.append(build_mesh_light(mesh, emitted) if emitted.any() else None)
             if mesh.deformation is not None:
                 shape = positions[row], triangles[row], first_triangle
                 copies = [self._bvh.add_mesh(*shape, deforms=True) for _ in TIMES]
@@ -199,6 +205,9 @@ class DeviceScene:
         if placement.lights is not None:
             descriptions, lights = zip(*placement.lights, strict=True) if placement.lights else ((), ())
             self.lights.place(lights, [self._first_textures[row] for row in descriptions])
+        varying = placement.materials or ()
+        self.materials.place((self._first_materials[place] + row, each) for place, row, each in varying)
+        self._emissive.place(varying)
         for row, deforming in self._deforming.items():
             first = int(self._first_vertices[row])
             deforming.move(placement.seconds, first, self.vertex_position, self.vertex_normal)
@@ -239,10 +248,9 @@ class DeviceScene:
 
     def _place_mesh_lights(self) -> None:
         placement = self.placement
-        emits = np.array([light is not None for light in self._mesh_lights], bool)
-        rows = np.flatnonzero(self._hittable[CURRENT] & emits[placement.mesh])
+        rows = np.flatnonzero(self._hittable[CURRENT] & self._emissive.of(placement.mesh))
         found = [(int(row), int(placement.mesh[row])) for row in rows]
-        lights = [(row, light, self._first_triangles[m]) for row, m in found if (light := self._mesh_lights[m])]
+        lights = [(row, light, self._first_triangles[m]) for row, m in found if (light := self._emissive.lights[m])]
         self.lights.place_meshes(lights, placement.world_from_object[CURRENT, rows])
 
     def place_movers(self, moving: NDArray[np.bool_]) -> NDArray[np.float64]:

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from tiscene.scene.description import Light
 from tiscene.scene.lights.light_groups import LightGroups
+from tiscene.scene.material_description import Material
 
 PREVIOUS, CURRENT, NEXT = 0, 1, 2  # the frames k-1, k and k+1
 MOVERS = 3  # names the tree over the dynamic objects alone, at CURRENT
@@ -32,6 +33,8 @@ class Placement:
         seconds: float64 [3], the times of the frames, for deforming meshes, s.
         light_groups: The same lights, as static lights with an intensity factor for each group. None: all lights that
             were added.
+        materials: Materials that vary over time, each with the row of its description and its own row in that. None:
+            none do.
     """
 
     mesh: NDArray[np.int32]
@@ -44,6 +47,7 @@ class Placement:
     part: NDArray[np.int32] | None = None
     seconds: NDArray[np.float64] = field(default_factory=lambda: np.zeros(3))
     light_groups: LightGroups | None = None
+    materials: tuple[tuple[int, int, Material], ...] | None = None
 
     def since(self, earlier: Placement) -> Placement:
         """Return this placement with PREVIOUS at the time of an earlier one, so that flow spans the frames between.

@@ -14,6 +14,7 @@
     category_ids      ids of semantic categories
     stage_objects     edits of the stage's own objects
     stage_animation   instances that move by the stage's time samples
+    material_animation  materials that vary by the stage's time samples
     trajectories      poses of objects, cameras and lights; collisions
     physics_trajectories  the same with rigid bodies
     physics           rigid bodies, simulated by MuJoCo

@@ -22,6 +22,7 @@ from tiscene.scene.lights.light_groups import LightGroups
 from tiscene.scene.placement import Placement
 from tiscene.world.event_detector import detect_changes
 from tiscene.world.lights import WorldLights, same_lights
+from tiscene.world.material_animation import MaterialAnimation
 from tiscene.world.object_registry import ObjectRegistry, ObjectSelection, WorldObject
 from tiscene.world.overlap_detector import OverlapDetector
 from tiscene.world.room_finder import RoomFinder
@@ -40,6 +41,7 @@ class FrameEvaluator:
         registry: what no frame changes of the objects.
         stage_objects: the stage's own objects.
         lights: the lights.
+        materials: the materials that vary over time.
         trajectories: poses of objects, cameras and lights.
         overlaps: finds what objects are placed inside of.
         fps: frames per second.
@@ -50,6 +52,7 @@ class FrameEvaluator:
     registry: ObjectRegistry
     stage_objects: StageObjects
     lights: WorldLights
+    materials: MaterialAnimation
     trajectories: Trajectories
     overlaps: OverlapDetector
     fps: float
@@ -99,6 +102,7 @@ class FrameEvaluator:
             part=columns.part.copy(),
             seconds=seconds,
             light_groups=None if lights is None else self.lights.groups(lights),
+            materials=self.materials.at(float(seconds[1])) or None,
         )
         for array in vars(placement).values():
             if isinstance(array, np.ndarray):
@@ -155,20 +159,27 @@ class FrameEvaluator:
 
     def has_dynamic_lights(self, frame: int) -> bool:
         """Return whether any light is known at a frame to move, appear, vanish or change at some frame."""
-        if self.lights.motions or self.lights.is_edited:
+        if self.lights.has_changes:
             return True
         starts = self.registry.first_light_frame, self.stage_objects.first_edit_frame
         return any(start is not None and start <= frame for start in starts)
 
-    def are_starting_lights(self, groups: LightGroups | None) -> bool:
-        """Return whether lights are those of frames 0 and 1 as planned at frame 0, except for their intensity.
+    def are_starting_lights(self, frame: int, groups: LightGroups | None) -> bool:
+        """Return whether the lights of a frame are those of frames 0 and 1 as planned at frame 0, except for intensity.
 
         One frame at which a moving lamp stands as at the start does not count: frame 1 must be like it too.
+
+        Args:
+            frame: the frame.
+            groups: its lights; None: those of the stage, which never change.
         """
-        if self._starting_lights is None:
+        emission, *starting = (self.materials.stage_emission_at(each / self.fps) for each in (frame, 0, 1))
+        if any(each != emission for each in starting):
+            return False
+        if self._starting_lights is None and groups is not None:
             starts = self._lights_at(0), self._lights_at(0, following=True)
             self._starting_lights = tuple(self.lights.groups(lights) for lights in starts)
-        return groups is not None and all(same_lights(groups, start) for start in self._starting_lights)
+        return groups is None or all(same_lights(groups, start) for start in self._starting_lights or ())
 
     def forget_starting_lights(self) -> None:
         """Compute the lights of frames 0 and 1 again, after an edit at frame 0 or a replacement of a light."""

@@ -15,6 +15,7 @@ from tiscene.errors import LightNotFound, StageWarning
 from tiscene.scenario.light_motion import Color, LightMotion
 from tiscene.scene.camera import quaternion_from_matrix
 from tiscene.scene.description import Light, SceneDescription
+from tiscene.scene.input_track import InputTrack, by_row
 from tiscene.scene.lights.light_groups import LightGroups, emission_of, with_emission
 
 Array = NDArray[np.float64]
@@ -44,12 +45,14 @@ class AttachedLight:
         number: index among the object's lights.
         description: row of the template's description.
         light: the light, in the object's axes.
+        track: how its inputs vary over time; None: they do not.
     """
 
     object: int
     number: int
     description: int
     light: Light
+    track: InputTrack | None = None
 
 
 class WorldLights:
@@ -70,11 +73,13 @@ class WorldLights:
         self._rows = {light.prim_path: row for row, light in enumerate(stage.lights)}
         self._replaced: dict[int, Light] = {}
         self._known: dict[tuple[int, int, int], tuple[bytes, Light]] = {}
+        self._tracks = by_row(stage.light_tracks)
+        self._sampled: dict[tuple[int, int, int], tuple[tuple[int, float], Light]] = {}
 
     @property
-    def is_edited(self) -> bool:
-        """Whether `replace_light` was called."""
-        return bool(self._replaced)
+    def has_changes(self) -> bool:
+        """Whether a light of the stage moves or varies over time, or `replace_light` was called."""
+        return bool(self.motions or self._tracks or self._replaced)
 
     def replace_light(self, row: int, light: Light) -> None:
         """Replace the stage's light in that row by another of the same kind."""
@@ -111,9 +116,11 @@ class WorldLights:
         result = []
         moved = dict(zip(self.motions, matrices, strict=True))
         for row, authored in enumerate(self.stage.lights):
-            light = self._replaced.get(row, authored)
-            by = edited(light.prim_path)
-            if by is None:
+            light: Light | None = self._replaced.get(row)
+            if light is None:
+                light = self._at((_NOW, 0, row), authored, self._tracks.get(row), time)
+            by = None if light is None else edited(light.prim_path)
+            if light is None or by is None:
                 continue
             motion = self._motions.get(row)
             pose, shines = by @ light.world_from_light, emission_of(light)
@@ -123,13 +130,27 @@ class WorldLights:
             result.append((0, self._settled((_NOW, 0, row), light, pose, shines)))
         if len(self._known) > 2 * (2 * len(self.stage.lights) + len(carried)):
             self._known = {key: each for key, each in self._known.items() if key[0] < 0 or key[0] in objects}
+            self._sampled = {key: each for key, each in self._sampled.items() if key[0] < 0 or key[0] in objects}
         for each in carried:
             where = objects.get(each.object)
-            if where is not None:
-                key = each.object, each.description, each.number
-                pose = where @ each.light.world_from_light
-                result.append((each.description, self._settled(key, each.light, pose, emission_of(each.light))))
+            key = each.object, each.description, each.number
+            light = None if where is None else self._at(key, each.light, each.track, time)
+            if where is not None and light is not None:
+                pose = where @ light.world_from_light
+                result.append((each.description, self._settled(key, light, pose, emission_of(light))))
         return tuple(result)
+
+    def _at(self, key: tuple[int, int, int], light: Light, track: InputTrack | None, time: float) -> Light | None:
+        """Return a light with its inputs at a time; None if it is off. An unchanged one is the same object."""
+        if track is None:
+            return light
+        moment = track.moment(time)
+        if not track.is_present(moment):
+            return None
+        known = self._sampled.get(key)
+        if known is None or known[0] != moment:
+            known = self._sampled[key] = moment, track.applied(light, moment)
+        return known[1]
 
     def groups(self, lights: Sequence[tuple[int, Light]]) -> LightGroups:
         """Group the result of `at` by common changes of intensity; a single group if there would be too many."""
@@ -161,10 +182,12 @@ class WorldLights:
         return LightGroups(tuple(steady), tuple(group), of_groups)
 
     def _settled(self, key: tuple[int, int, int], light: Light, pose: Array, shines: Color) -> Light:
-        """Return the light with a pose and a radiance; the same object as the last time if both are unchanged."""
+        """Return the light with a pose and a radiance; the same object as before if nothing of it has changed."""
         if np.array_equal(pose, light.world_from_light) and shines == emission_of(light):
             return light
-        state = pose.tobytes() + np.array(shines).tobytes()
+        sampled = self._sampled.get((_NOW, *key[1:]) if key[0] < 0 else key)
+        moment = (0, 0.0) if sampled is None else sampled[0]
+        state = pose.tobytes() + np.array([*shines, *moment]).tobytes()
         known = self._known.get(key)
         if known is None or known[0] != state:
             known = self._known[key] = state, with_emission(replace(light, world_from_light=pose), shines)

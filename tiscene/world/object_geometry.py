@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -12,6 +13,7 @@ from tiscene.scene.animation import InstanceTrack
 from tiscene.scene.assembly import ObjectParts, bounding_box, box_matrices, corners
 from tiscene.scene.camera import Vector3
 from tiscene.scene.description import Light, SceneDescription
+from tiscene.scene.input_track import InputTrack, by_row
 from tiscene.world.stage_animation import AnimatedInstances, box_over_time, changing, scaled
 
 
@@ -26,6 +28,7 @@ class ObjectGeometry:
         tracks: authored animation of the parts.
         changing: bool [parts], whether a part is animated or deforms.
         lights: its lights.
+        light_tracks: how some of them vary over time, by their places in `lights`.
     """
 
     description: int
@@ -34,6 +37,7 @@ class ObjectGeometry:
     tracks: tuple[InstanceTrack, ...]
     changing: NDArray[np.bool_]
     lights: tuple[Light, ...]
+    light_tracks: Mapping[int, InputTrack]
 
     @classmethod
     def of(cls, description: SceneDescription, row: int, first_mesh: int, scale: Vector3) -> ObjectGeometry:
@@ -62,7 +66,8 @@ class ObjectGeometry:
             np.array([instance.part for instance in description.instances], dtype=np.int32),
         )
         lights = tuple(_scaled(light, scale) for light in description.lights)
-        return cls(row, parts, corners(box), tracks, changing(description), lights)
+        light_tracks = by_row(description.light_tracks)
+        return cls(row, parts, corners(box), tracks, changing(description), lights, light_tracks)
 
 
 def _scaled(light: Light, scale: Vector3) -> Light:

@@ -153,7 +153,7 @@ class ObjectRegistry:
             self.category_ids.of(category)
         self.stage_rows, stage_parts = self._settle_stage()
         self.stage_owner = stage_parts.owner
-        self._stage_changing = changing(stage)[self._stage_order]
+        self._stage_changing = changing(stage, is_stage=True)[self._stage_order]
         self._stage_columns = PlacementColumns(
             len(stage_parts.mesh),
             stage_parts.mesh,
@@ -278,7 +278,7 @@ class ObjectRegistry:
             for track in geometry.tracks
         ]
         lights = [
-            AttachedLight(row, number, geometry.description, light)
+            AttachedLight(row, number, geometry.description, light, geometry.light_tracks.get(number))
             for row, (_, geometry) in zip(rows, entries, strict=True)
             for number, light in enumerate(geometry.lights)
         ]

@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import replace
+from dataclasses import fields, replace
 from typing import Protocol, TypeVar
 
 import numpy as np
@@ -17,6 +17,7 @@ from tiscene.scenario.overrides import CameraOverride, LightOverride, MaterialOv
 from tiscene.scene.assembly import rigid
 from tiscene.scene.camera import Camera
 from tiscene.scene.description import Collider, Instance, Light, Material, SceneDescription, TextureLookup
+from tiscene.scene.input_track import InputTrack
 from tiscene.scene.lights.light_groups import emission_of, with_emission
 
 Array = NDArray[np.float64]
@@ -60,7 +61,12 @@ def overridden(stage: SceneDescription, overrides: Sequence[Override]) -> SceneD
                 cameras[stage.cameras.index(camera)] = _seen(camera, each)
             else:  # of a stage without cameras
                 cameras = [_seen(camera, each)]
-    stage = replace(stage, lights=tuple(lights), cameras=tuple(cameras))
+    light_tracks = [
+        each if lights[each.row] is stage.lights[each.row] else each.without(("radiance", "irradiance"))
+        for each in stage.light_tracks
+    ]
+    varying = tuple(each for each in light_tracks if each is not None)
+    stage = replace(stage, lights=tuple(lights), light_tracks=varying, cameras=tuple(cameras))
     for each in overrides:
         if isinstance(each, ObjectOverride):
             stage = _arranged(stage, each)
@@ -82,7 +88,32 @@ def with_materials(description: SceneDescription, overrides: Sequence[Override])
         if row is not None:
             assert isinstance(each, MaterialOverride)
             materials[row] = _painted(materials[row], each, description)
-    return replace(description, materials=tuple(materials)) if materials != list(description.materials) else description
+    if materials == list(description.materials):
+        return description
+    return replace(
+        description, materials=tuple(materials), material_tracks=_kept_tracks(description, overrides, materials)
+    )
+
+
+def _kept_tracks(
+    description: SceneDescription, overrides: Sequence[Override], materials: Sequence[Material]
+) -> tuple[InputTrack, ...]:
+    """Return the tracks of a description's materials without the inputs that overrides replace."""
+    rows = {
+        row: each
+        for each in overrides
+        if isinstance(each, MaterialOverride) and (row := _row(description.materials, each.prim)) is not None
+    }
+    kept = []
+    for track in description.material_tracks:
+        override = rows.get(track.row)
+        if override is not None and override.like is not None:
+            continue
+        before, after = description.materials[track.row], materials[track.row]
+        names = [field.name for field in fields(before) if getattr(before, field.name) != getattr(after, field.name)]
+        rest = track.without(names)
+        kept += [] if rest is None else [rest]
+    return tuple(kept)
 
 
 def check_materials(descriptions: Sequence[SceneDescription], overrides: Sequence[Override]) -> None:
@@ -177,11 +208,14 @@ def _without(stage: SceneDescription, number: int, own: NDArray[np.bool_]) -> Sc
     """Return a stage without the instances, colliders and lights of an object, which keeps its row."""
     rows = np.cumsum(~own) - 1
     path = stage.objects[number].prim_path
+    left = [row for row, each in enumerate(stage.lights) if not each.prim_path.startswith(f"{path}/")]
+    light_tracks = [replace(each, row=left.index(each.row)) for each in stage.light_tracks if each.row in left]
     return replace(
         stage,
         instances=tuple(each for each in stage.instances if each.object != number),
         colliders=tuple(each for each in stage.colliders if each.object != number),
-        lights=tuple(each for each in stage.lights if not each.prim_path.startswith(f"{path}/")),
+        lights=tuple(stage.lights[row] for row in left),
+        light_tracks=tuple(light_tracks),
         tracks=tuple(replace(track, instances=rows[track.instances].astype(np.int32)) for track in stage.tracks),
     )
 

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from tiscene.scene.animation import InstanceTrack
 from tiscene.scene.assembly import bounding_box, rigid
 from tiscene.scene.description import SceneDescription
+from tiscene.world.material_animation import emissive_rows, varying_rows
 
 Array = NDArray[np.float64]
 
@@ -53,11 +54,20 @@ class AnimatedInstances:
         return [(matrices[rows], present[rows]) for matrices, present in moments]
 
 
-def changing(description: SceneDescription) -> NDArray[np.bool_]:
-    """Return for every instance of a description whether it is animated or its mesh deforms."""
+def changing(description: SceneDescription, is_stage: bool = False) -> NDArray[np.bool_]:
+    """Return for every instance of a description whether it is animated, deforms, or has a material that varies.
+
+    Args:
+        description: a stage or a template.
+        is_stage: whether to leave out materials that emit, whose changes count as changes of the stage's lights.
+    """
     tracked = {row for track in description.tracks for row in track.instances.tolist()}
-    deforms = [mesh.deformation is not None for mesh in description.meshes]
-    return np.array([deforms[each.mesh] or row in tracked for row, each in enumerate(description.instances)], np.bool_)
+    varying = varying_rows(description) - (emissive_rows(description) if is_stage else set())
+    changes = [
+        mesh.deformation is not None or (bool(varying) and bool(np.isin(mesh.materials, list(varying)).any()))
+        for mesh in description.meshes
+    ]
+    return np.array([changes[each.mesh] or row in tracked for row, each in enumerate(description.instances)], np.bool_)
 
 
 def scaled(track: InstanceTrack, scale: Array) -> InstanceTrack:

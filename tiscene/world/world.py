@@ -30,6 +30,7 @@ from tiscene.world.camera_edits import CameraEdits
 from tiscene.world.category_ids import CategoryIds
 from tiscene.world.frame_evaluator import FrameEvaluator
 from tiscene.world.lights import WorldLights
+from tiscene.world.material_animation import MaterialAnimation
 from tiscene.world.object_registry import ObjectRegistry, WorldObject
 from tiscene.world.overlap_detector import OverlapDetector
 from tiscene.world.overridden_stage import check_materials, overridden, with_materials
@@ -131,6 +132,7 @@ class World(CameraEdits):
             registry,
             self._stage_objects,
             self._lights,
+            MaterialAnimation(registry.descriptions),
             self.trajectories,
             overlaps,
             self.fps,
@@ -212,7 +214,7 @@ class World(CameraEdits):
             lights=self.stage.lights if lights is None else tuple(light for _, light in lights),
             movers=self._evaluator.movers(frame),
             has_dynamic_lights=self._evaluator.has_dynamic_lights(frame),
-            starting_lights=lights is None or self._evaluator.are_starting_lights(placement.light_groups),
+            starting_lights=self._evaluator.are_starting_lights(frame, placement.light_groups),
             changes=self._evaluator.changes(frame),
             volumes=self.stage.rooms,
             previous_bounds=previous,

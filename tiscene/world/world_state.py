@@ -112,10 +112,11 @@ class WorldState:
         placement: transforms of all instances at frames k - 1, k and k + 1, and the lights.
         objects: the live objects, by ascending id.
         lights: the lights at frame k, with their poses and radiance.
-        movers: bool [instances of `placement`], True for an instance that is known at frame k to move, deform, appear
-            or vanish at some frame of the stream.
+        movers: bool [instances of `placement`], True for an instance that is known at frame k to move, deform, appear,
+            vanish, or vary its material at some frame of the stream.
         has_dynamic_lights: whether any light is known at frame k to move, appear, vanish or change at some frame.
-        starting_lights: whether the lights are those of frames 0 and 1, except for their intensity.
+        starting_lights: whether the lights are those of frames 0 and 1, except for their intensity, and the stage's
+            emissive materials too.
         changes: spawns, despawns and contacts since frame k - 1.
         volumes: volumes of rooms on the stage.
         previous_bounds: bounds of the objects that were live at frame k - 1; at frame 0 those of the stage's objects.

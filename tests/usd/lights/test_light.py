@@ -296,20 +296,20 @@ HIDES = 'token visibility.timeSamples = { 0: "inherited", 9: "invisible" }'
 
 
 @pytest.mark.parametrize(
-    ("body", "expected", "count"),
+    ("body", "inputs", "present"),
     [
-        (LAMP % "float inputs:radius.timeSamples = { 0: 1, 9: 2 }", "radius of a light has time samples", 1),
-        (
-            LAMP % HIDES,
-            "visibility of a light has time samples, and is drawn as it is at the time read: </Lamp>",
-            1,
-        ),
-        (LAMP % HIDES.replace("9:", "-1:"), "the visibility of a light has time samples", 0),
-        (f'def Xform "G"\n{{\n{HIDES}\n{LAMP % ""}\n}}', "the visibility of a light has time samples.*: </G/Lamp>", 1),
+        (LAMP % "float inputs:radius.timeSamples = { 0: 1, 9: 2 }", ["radius"], ()),
+        (LAMP % HIDES, [], (True, False)),
+        (LAMP % HIDES.replace("9:", "-1:"), [], (False, True)),
+        (f'def Xform "G"\n{{\n{HIDES}\n{LAMP % ""}\n}}', [], (True, False)),
     ],
 )
-def test_inputs_that_do_not_animate_are_reported(tmp_path, body, expected, count):
-    assert len(read_with_warning(tmp_path, body, expected).lights) == count
+def test_animated_inputs_and_visibility_become_a_track(tmp_path, body, inputs, present):
+    description = read(tmp_path, body)
+    (track,) = description.light_tracks
+    assert len(description.lights) == 1
+    assert [name for name, _ in track.inputs] == inputs
+    assert track.present == present
 
 
 def test_light_with_constant_time_samples_is_static(tmp_path):

@@ -9,5 +9,6 @@
     light_bvh           bounding boxes for intersecting lights
     image_distribution  importance sampling of light textures
     mesh_lights         emissive triangles of meshes
+    emissive_meshes     the emissive meshes of a scene, while materials vary
     light_groups        static lights with per-group intensity factors
 """

@@ -34,7 +34,11 @@ def shape_times(prim: Usd.Prim, report: StageReport) -> list[float]:
     """Return the time codes at which a gprim's shape is authored; empty if it is constant or cannot be played."""
     if not report.reads_animation:
         return []
-    unsupported = [name for name in _UNSUPPORTED_ATTRIBUTES if is_time_varying(prim.GetAttribute(name))]
+    unsupported = [
+        name
+        for name in _UNSUPPORTED_ATTRIBUTES
+        if is_time_varying(prim.GetAttribute(name)) and not _is_constant_color(prim, name)
+    ]
     if unsupported:
         report.frozen(prim.GetPath(), f"{', '.join(unsupported)} of a {prim.GetTypeName()}")
     moving = [name for name in _SHAPE_ATTRIBUTES if is_time_varying(prim.GetAttribute(name))]
@@ -43,6 +47,12 @@ def shape_times(prim: Usd.Prim, report: StageReport) -> list[float]:
         report.frozen(prim.GetPath(), f"a {prim.GetTypeName()} whose topology changes ({', '.join(topology)})")
         return []
     return sorted({time for name in moving for time in prim.GetAttribute(name).GetTimeSamples()})
+
+
+def _is_constant_color(prim: Usd.Prim, name: str) -> bool:
+    """Return whether an attribute is a displayColor or displayOpacity of one value, which plays as a material."""
+    primvar = UsdGeom.Primvar(prim.GetAttribute(name))
+    return name.startswith("primvars:display") and primvar.GetInterpolation() == UsdGeom.Tokens.constant
 
 
 def is_time_varying(attribute: Usd.Attribute) -> bool:

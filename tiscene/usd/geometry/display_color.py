@@ -73,6 +73,21 @@ def varies_over_surface(gprim: Usd.Prim, name: str, time: Usd.TimeCode, *, withi
     return len(values) > 1 and bool((values != values[0]).any())
 
 
+def display_color_times(gprim: Usd.Prim, report: StageReport) -> list[float]:
+    """Return the time codes of a gprim's constant displayColor and displayOpacity; empty if they do not vary.
+
+    Those that vary over the surface are not played, which `deforming.shape_times` reports.
+    """
+    if not report.reads_animation:
+        return []
+    times: set[float] = set()
+    for name in _DEFAULTS:
+        primvar = UsdGeom.PrimvarsAPI(gprim).FindPrimvarWithInheritance(name)
+        if primvar and not _is_not_constant(primvar) and primvar.ValueMightBeTimeVarying():
+            times.update(primvar.GetTimeSamples())
+    return sorted(times)
+
+
 def read_element_colors(gprim: Usd.Prim, time: Usd.TimeCode, report: StageReport) -> Floats | None:
     """Return color and opacity [elements, 4] of each face, point or curve; None if neither primvar varies."""
     if not any(_is_not_constant(UsdGeom.PrimvarsAPI(gprim).FindPrimvarWithInheritance(name)) for name in _DEFAULTS):

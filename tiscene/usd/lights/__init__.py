@@ -4,6 +4,7 @@
 ::
 
     light    light prims in radiometric units
+    animated_light  inputs and visibility with time samples
     shaping  ShapingAPI: cones, focus, IES profiles; unsupported controls
     ies      IES photometric files
 """

@@ -30,7 +30,6 @@ from tiscene.scene.description import (
 from tiscene.scene.lights.light_kinds import UsdLightInputs, usd_reader
 from tiscene.usd.core.report import StageReport
 from tiscene.usd.core.transform import to_matrix, unscaled
-from tiscene.usd.geometry.deforming import is_time_varying
 from tiscene.usd.lights.shaping import is_seen_by_camera, light_input, read_shaping, report_unsupported
 from tiscene.usd.materials.texture import TextureTable
 
@@ -63,13 +62,14 @@ class LightReader:
         self._meters = meters_per_unit
         self._up_axis = up_axis
 
-    def add_point(self, prim: Usd.Prim, world_from_prim: NDArray[np.float64], point: str) -> None:
-        """Read a light of a prototype at one point of its instancer; `point` is appended to its name and path."""
-        count = len(self.lights)
-        self.add(prim, world_from_prim)
-        for row in range(count, len(self.lights)):
-            light = self.lights[row]
-            self.lights[row] = dataclasses.replace(light, name=light.name + point, prim_path=light.prim_path + point)
+    def at(self, time: Usd.TimeCode) -> LightReader:
+        """Return a reader of the same stage at another time, without lights so far."""
+        return LightReader(self._textures, time, self._report, self._meters, self._up_axis)
+
+    def rename_last(self, suffix: str) -> None:
+        """Append a suffix to the name and path of the light read last."""
+        light = self.lights[-1]
+        self.lights[-1] = dataclasses.replace(light, name=light.name + suffix, prim_path=light.prim_path + suffix)
 
     def add(self, prim: Usd.Prim, world_from_prim: NDArray[np.float64]) -> None:
         """Read a light; `world_from_prim` is 4x4 for column vectors, its translation in meters."""
@@ -78,10 +78,6 @@ class LightReader:
         if emission is None or not (any(emission) or self._is_animated(prim)):
             return
         report_unsupported(prim, self._time, self._report)
-        inputs = (each for each in prim.GetAuthoredAttributes() if each.GetName().startswith("inputs:"))
-        frozen = [each.GetBaseName() for each in inputs if each.GetBaseName() not in EMISSION and is_time_varying(each)]
-        if frozen:
-            self._report.frozen(path, f"{', '.join(frozen)} of a light")
         pose = unscaled(world_from_prim)
         if pose is None:
             self._report.problem(path, "light", "its transform is singular or not finite")

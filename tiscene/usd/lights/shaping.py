@@ -21,7 +21,7 @@ from tiscene.usd.materials.image import read_file
 from tiscene.usd.materials.texture import TextureTable
 
 # Attributes of renderers that hide a prim from the camera where they are false, 0 or "-primary".
-_CAMERA_VISIBILITY = (
+CAMERA_VISIBILITY = (
     "visibleInPrimaryRay",
     "primvars:ri:attributes:visibility:camera",
     "ri:attributes:visibility:camera",
@@ -104,7 +104,7 @@ def is_seen_by_camera(prim: Usd.Prim, time: Usd.TimeCode) -> bool:
 
     UsdLux has no such attribute; those of RenderMan, Arnold, Karma, Cycles and Omniverse are read.
     """
-    for name in _CAMERA_VISIBILITY:
+    for name in CAMERA_VISIBILITY:
         attribute = prim.GetAttribute(name)
         value = attribute.Get(time) if attribute and attribute.HasAuthoredValue() else None
         if isinstance(value, str):

@@ -4,6 +4,7 @@
 ::
 
     material         the material table: bound materials and displayColor
+    animated_material  materials with time samples
     preview_surface  shader networks, UsdPreviewSurface
     materialx_document    .mtlx files as USD layers
     materialx_surface     standard_surface, open_pbr_surface, gltf_pbr as materials

@@ -7,7 +7,7 @@ depends on. Prims without a readable material get one of their displayColor and 
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
 from typing import Any, Literal, cast
 
@@ -16,19 +16,23 @@ from numpy.typing import NDArray
 from pxr import Sdf, Usd, UsdShade
 
 from tiscene.scene.description import VERTEX_COLORS, Color, ColorInput, Material, TextureLookup
+from tiscene.scene.input_track import InputTrack
 from tiscene.usd.core.report import StageReport
 from tiscene.usd.geometry.display_color import (
     constant_primvar,
+    display_color_times,
     quantize_colors,
     read_element_colors,
     varies_over_surface,
 )
 from tiscene.usd.geometry.primvar import NO_PRIMVARS, PrimvarNames
+from tiscene.usd.materials.animated_material import material_times, material_track
 from tiscene.usd.materials.preview_surface import NetworkReader
 from tiscene.usd.materials.texture import TextureTable
 from tiscene.usd.materials.texture_borders import UnwrappedTexture, report_black_borders
 
 _DEFAULT = Material("default")
+_BLACK: Color = (0.0, 0.0, 0.0)
 
 
 @dataclass(frozen=True)
@@ -56,10 +60,12 @@ class MaterialTableBuilder:
 
     Attributes:
         materials: the rows read so far.
+        tracks: how some of them vary over time.
     """
 
     def __init__(self, textures: TextureTable, time: Usd.TimeCode, report: StageReport) -> None:
         self.materials: list[Material] = []
+        self.tracks: list[InputTrack] = []
         self._textures = textures
         self._time = time
         self._report = report
@@ -88,30 +94,49 @@ class MaterialTableBuilder:
                 previous = material.GetPath()
         return self._of_display_color(gprim)
 
-    def emitter(self, prim: Usd.Prim, radiance: Color) -> Binding:
+    def emitter(self, prim: Usd.Prim, radiance: Color, over_time: Sequence[tuple[float, Color]] = ()) -> Binding:
         """Return the material of a mesh light: black with an emission, or the bound one as materialSyncMode says.
 
         Args:
             prim: the mesh light.
             radiance: emitted radiance of the light, W/(m² sr).
+            over_time: the same at time codes, if it varies.
         """
         mode = prim.GetAttribute("light:materialSyncMode").Get(self._time)
         material, _ = UsdShade.MaterialBindingAPI(prim).ComputeBoundMaterial(UsdShade.Tokens.preview)
-        if mode not in ("materialGlowTintsLight", "independent") or not material:
-            black = Material(prim.GetName(), diffuse_color=(0.0, 0.0, 0.0), emissive_color=radiance)
-            return self._row(("emitter", radiance), black)
-        bound = self.binding(prim, prim)
-        emission = self.materials[bound.row].emissive_color
-        is_dark = emission == (0.0, 0.0, 0.0)
-        if is_dark and mode == "materialGlowTintsLight":
-            text = "the material of a mesh light has no emission, so that it does not tint the light"
-            self._report.omission(prim.GetPath(), text)
-        if is_dark or mode == "independent":
-            emissive = _affine_color((1.0, 1.0, 1.0), emission, radiance)
-        else:
-            emissive = _affine_color(radiance, emission, (0.0, 0.0, 0.0))
-        lit = replace(self.materials[bound.row], emissive_color=emissive)
-        return self._row(("emitter", bound, mode, radiance), lit, bound.primvars)
+        bound = None
+        if mode in ("materialGlowTintsLight", "independent") and material:
+            bound = self.binding(prim, prim)
+            if mode != "independent" and self.materials[bound.row].emissive_color == _BLACK:
+                text = "the material of a mesh light has no emission, so that it does not tint the light"
+                self._report.omission(prim.GetPath(), text)
+
+        def lit(radiance: Color) -> Material:
+            if bound is None:
+                return Material(prim.GetName(), diffuse_color=_BLACK, emissive_color=radiance)
+            own = self.materials[bound.row]
+            if own.emissive_color == _BLACK or mode == "independent":
+                emissive = _affine_color((1.0, 1.0, 1.0), own.emissive_color, radiance)
+            else:
+                emissive = _affine_color(radiance, own.emissive_color, _BLACK)
+            return replace(own, emissive_color=emissive)
+
+        key = ("emitter", bound, mode if bound else "", radiance, tuple(over_time))
+        is_new = key not in self._bindings
+        binding = self._row(key, lit(radiance), bound.primvars if bound else NO_PRIMVARS)
+        if is_new and over_time:
+            colors = {Usd.TimeCode(time): color for time, color in over_time}
+            times = [time for time, _ in over_time]
+            self._animate(prim, binding.row, times, lambda code: lit(colors[code]))
+        return binding
+
+    def _animate(
+        self, prim: Usd.Prim, row: int, times: Sequence[float], read: Callable[[Usd.TimeCode], Material | None]
+    ) -> None:
+        """Add the track of the material in a row, which `read` returns at time codes."""
+        if times:
+            track = material_track(prim.GetStage(), row, times, read)
+            self.tracks += [] if track is None else [track]
 
     def by_element(self, gprim: Usd.Prim) -> list[tuple[Binding, NDArray[np.int64]]]:
         """Return materials for a gprim whose displayColor or displayOpacity varies, with the elements that use each.
@@ -145,9 +170,25 @@ class MaterialTableBuilder:
         ]
         if varying:
             return self._vertex_colors("displayOpacity" in varying)
-        color = self._constant_primvar(gprim, "displayColor", 3, report=False)
-        opacity = self._constant_primvar(gprim, "displayOpacity", 1, report=False)
-        return self._display_color(cast(Any, color or _DEFAULT.diffuse_color), 1.0 if opacity is None else opacity[0])
+        times = display_color_times(gprim, self._report)
+        if not times:
+            return self._display_color(*self._constant_color(gprim, self._time))
+
+        def read_at(code: Usd.TimeCode) -> Material:
+            return replace(_of_color(*self._constant_color(gprim, code)), opacity_mode="presence")
+
+        key = ("displayColor over time", _source_path(gprim))
+        is_new = key not in self._bindings
+        binding = self._row(key, read_at(self._time), is_display_color=True)
+        if is_new:
+            self._animate(gprim, binding.row, times, read_at)
+        return binding
+
+    def _constant_color(self, gprim: Usd.Prim, time: Usd.TimeCode) -> tuple[Color, float]:
+        """Return the mean displayColor and displayOpacity of a gprim."""
+        color = constant_primvar(gprim, "displayColor", 3, time, self._report, report_varying=False)
+        opacity = constant_primvar(gprim, "displayOpacity", 1, time, self._report, report_varying=False)
+        return cast(Any, color or _DEFAULT.diffuse_color), 1.0 if opacity is None else opacity[0]
 
     def _vertex_colors(self, opacity: bool) -> Binding:
         """Return the material of a mesh whose displayColor varies within faces, as Hydra draws it."""
@@ -160,14 +201,7 @@ class MaterialTableBuilder:
 
     def _display_color(self, color: Color, opacity: float) -> Binding:
         """Return a material of one color, as Hydra draws prims without one; partial opacity is coverage."""
-        mode: Literal["transparent", "presence"] = "transparent" if opacity == 1.0 else "presence"
-        material = Material("displayColor", diffuse_color=color, opacity=opacity, opacity_mode=mode)
-        return self._row(("displayColor", color, opacity), material, is_display_color=True)
-
-    def _constant_primvar(
-        self, gprim: Usd.Prim, name: str, width: int, report: bool = True
-    ) -> tuple[float, ...] | None:
-        return constant_primvar(gprim, name, width, self._time, self._report, report_varying=report)
+        return self._row(("displayColor", color, opacity), _of_color(color, opacity), is_display_color=True)
 
     def _read_material(self, material: UsdShade.Material, prim: Usd.Prim, gprim: Usd.Prim) -> Binding | None:
         """Return a material's binding; None, with the reason reported, if none of its surface shaders is supported."""
@@ -183,7 +217,13 @@ class MaterialTableBuilder:
             if read is None:
                 self._bindings[key] = None
             else:
-                self._row(key, read, reader.primvars)
+                binding = self._row(key, read, reader.primvars)
+                times = material_times(material.GetPrim(), self._report)
+
+                def read_at(code: Usd.TimeCode) -> Material | None:
+                    return NetworkReader(gprim, self._textures, code, self._report).read(material)
+
+                self._animate(gprim, binding.row, times, read_at)
         for texture in self._unwrapped[path]:
             use = (_source_path(prim), texture)
             if use not in self._checked_uses:
@@ -194,9 +234,17 @@ class MaterialTableBuilder:
     def _primvar_values(self, gprim: Usd.Prim, names: Iterable[str]) -> tuple[Any, ...]:
         """Return the gprim's values of the primvars that a material reads as constants: part of the cache key."""
         return tuple(
-            "varies" if varies_over_surface(gprim, name, self._time) else self._constant_primvar(gprim, name, 3)
+            "varies"
+            if varies_over_surface(gprim, name, self._time)
+            else constant_primvar(gprim, name, 3, self._time, self._report)
             for name in names
         )
+
+
+def _of_color(color: Color, opacity: float) -> Material:
+    """Return the material of a displayColor and displayOpacity."""
+    mode: Literal["transparent", "presence"] = "transparent" if opacity == 1.0 else "presence"
+    return Material("displayColor", diffuse_color=color, opacity=opacity, opacity_mode=mode)
 
 
 def _source_path(prim: Usd.Prim) -> Sdf.Path:

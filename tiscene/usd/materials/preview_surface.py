@@ -97,9 +97,6 @@ class NetworkReader:
         for output in material.GetDisplacementOutputs():
             if output.HasConnectedSource():
                 self._report.omission(material.GetPath(), "displacement is not applied")
-        for each in inputs.values():
-            if each.source is None and each.attribute.ValueMightBeTimeVarying():
-                self._report.frozen(self._path, f"{each.attribute.GetBaseName()} of a material")
         network = MaterialXNetwork(self._textures, self._time, self._report, self._vertex_signal)
         mapped = MaterialXSurface(surface, MODELS[name], inputs, network, self._report, self._uv_set)
         return mapped.material(str(material.GetPrim().GetName()), str(material.GetPath()))
@@ -191,8 +188,6 @@ class NetworkReader:
         if connection is None:
             return None
         if connection.source is None:
-            if connection.attribute.ValueMightBeTimeVarying():
-                self._report.frozen(self._path, f"{name} of a material")
             return self._numbers(connection.value, name)
         source = connection.source
         if source.id == "UsdUVTexture":

@@ -13,10 +13,12 @@ import numpy as np
 from pxr import Sdf, Usd
 
 from tiscene.scene.description import Matrix
+from tiscene.scene.input_track import InputTrack
 from tiscene.usd.core.report import StageReport
 from tiscene.usd.core.semantics import asset_name, direct_label, inherited_label, name_label
-from tiscene.usd.core.time_samples import TransformSamples
+from tiscene.usd.core.time_samples import NOT_ANIMATED, AnimatedAncestors, TransformSamples
 from tiscene.usd.core.transform import range_fault, to_matrix
+from tiscene.usd.lights.animated_light import light_track
 from tiscene.usd.lights.light import LightReader
 from tiscene.usd.read.object_builder import StageObject, StageObjectTable, is_rigid_body
 from tiscene.usd.read.point_instancer import (
@@ -43,6 +45,7 @@ class PointInstancerReader:
         """Start outside of any prototype."""
         self._parts: list[PrototypePart] | None = None  # of the prototype that is traversed, so far
         self._prototype_lights: list[tuple[Usd.Prim, Matrix]] = []
+        self._light_tracks: list[InputTrack] = []
         self._prototype_root = Sdf.Path.absoluteRootPath
         self._open_instancers: list[Any] = []  # being read: a prototype may not contain its own instancer
 
@@ -119,7 +122,37 @@ class PointInstancerReader:
                     if self._parts is not None:
                         self._prototype_lights.append((light, placed))
                     else:
-                        self._lights.add_point(light, placed, f"[{prim.GetName()} {points.ids[row]}]")
+                        self._add_light(light, placed, suffix=f"[{prim.GetName()} {points.ids[row]}]")
+
+    def _add_light(
+        self,
+        prim: Usd.Prim,
+        matrix: Matrix,
+        ancestors: AnimatedAncestors = NOT_ANIMATED,
+        *,
+        emission: bool = True,
+        suffix: str = "",
+    ) -> None:
+        """Read a light and how it varies over time, unless it is never visible.
+
+        Args:
+            prim: the light.
+            matrix: its world transform.
+            ancestors: ancestors with animated visibility.
+            emission: whether to read how its emission varies.
+            suffix: appended to its name and path.
+        """
+        row = len(self._lights.lights)
+        self._lights.add(prim, matrix)
+        if len(self._lights.lights) == row:
+            return
+        track = light_track(self._lights, row, prim, matrix, ancestors, self._report, emission=emission)
+        if track is None and not ancestors.is_visible(self._time):
+            self._lights.lights.pop()
+            return
+        if track is not None:
+            self._light_tracks.append(track)
+        self._lights.rename_last(suffix)
 
     def _instances_at(
         self, prim: Usd.Prim, times: Sequence[float], known: Mapping[Usd.TimeCode, PointInstances] | None = None

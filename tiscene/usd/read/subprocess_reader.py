@@ -44,6 +44,7 @@ _SCENE_MODULES = (
     "tiscene.scene.animation",
     "tiscene.scene.camera",
     "tiscene.scene.description",
+    "tiscene.scene.input_track",
     "tiscene.scene.light_description",
     "tiscene.scene.material_description",
     "tiscene.scene.room_volume",

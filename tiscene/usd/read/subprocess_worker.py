@@ -110,7 +110,10 @@ def _probe_emission(path: str, variants: Any, file: Path) -> Usd.Stage | None:
             stage = open_stage(path, variants)
             prims = (prim for root in (stage.GetPseudoRoot(), *stage.GetPrototypes()) for prim in Usd.PrimRange(root))
             colors = (prim.GetAttribute("inputs:emissiveColor") for prim in prims)
-            emits = any(each and (each.HasAuthoredConnections() or any(each.Get() or ())) for each in colors)
+            emits = any(
+                each and (each.HasAuthoredConnections() or each.GetNumTimeSamples() or any(each.Get() or ()))
+                for each in colors
+            )
     except Exception:
         return None
     write_atomically(file, b"emits" if emits else b"")

@@ -13,13 +13,13 @@ from typing import Any, Literal, cast
 from pxr import Sdf, Tf, Usd, UsdGeom, UsdLux, UsdSkel
 
 from tiscene.scene.camera import Camera
-from tiscene.scene.description import SceneDescription, Template
+from tiscene.scene.description import Matrix, SceneDescription, Template
 from tiscene.usd.core.report import StageReport
 from tiscene.usd.core.semantics import direct_label, is_component, is_object_instance, taxonomies_of
 from tiscene.usd.core.time_samples import TransformSamples
 from tiscene.usd.core.transform import is_singular, range_fault, to_matrix
-from tiscene.usd.geometry.deforming import is_time_varying
 from tiscene.usd.geometry.skinning import is_unskinned
+from tiscene.usd.lights.animated_light import mesh_emission_over_time
 from tiscene.usd.lights.light import LightReader, is_light
 from tiscene.usd.lights.shaping import is_seen_by_camera
 from tiscene.usd.materials.material import Binding, MaterialTableBuilder
@@ -77,6 +77,8 @@ class StageReader(PointInstancerReader):
             cameras=tuple(with_unique_names(self._settings.main_first(self._cameras, lambda each: each[0]))),
             colliders=self._objects.colliders(),
             tracks=self._objects.tracks(),
+            material_tracks=tuple(self._materials.tracks),
+            light_tracks=tuple(self._light_tracks),
             up_axis=self.up_axis,
             templates=templates,
             resolution=self._settings.resolution,
@@ -113,7 +115,9 @@ class StageReader(PointInstancerReader):
             visibility = imageable.GetVisibilityAttr()
             hides = False
             if self._report.reads_animation and self._is_animated_by_scenario(prim, inherited, is_object):
+                hides = is_light(prim) and not prim.IsA(UsdGeom.Gprim) and visibility.ValueMightBeTimeVarying()
                 animated = replace(animated, movers=(), base=None)
+                animated = replace(animated, hiders=(*animated.hiders, prim)) if hides else animated
             elif self._report.reads_animation:
                 hides = visibility.ValueMightBeTimeVarying()
                 animated = animated.with_child(prim, inherited.world, hides)
@@ -154,8 +158,6 @@ class StageReader(PointInstancerReader):
             self._read_camera(prim, here)
             return True
         lights = is_light(prim)
-        if lights and (here.animated.hiders or is_time_varying(UsdGeom.Imageable(prim).GetVisibilityAttr())):
-            self._report.frozen(prim.GetPath(), "the visibility of a light")
         if prim.IsA(UsdGeom.PointInstancer):
             if here.is_drawn:
                 self._read_instancer(prim, here)
@@ -167,8 +169,7 @@ class StageReader(PointInstancerReader):
         if prim.IsPseudoRoot():
             return True
         if lights:
-            if here.animated.is_visible(self._time):
-                self._read_light(prim, here)
+            self._read_light(prim, here)
         elif is_drawable(prim):
             self._read_gprim(prim, here)
         elif not prim.IsA(UsdLux.PortalLight):  # portals are read with their dome light
@@ -193,15 +194,24 @@ class StageReader(PointInstancerReader):
             self._cameras.append((prim.GetPath(), camera))
 
     def _read_light(self, prim: Usd.Prim, here: TraversalContext) -> None:
-        if self._parts is not None and not prim.IsA(UsdGeom.Gprim):
-            self._prototype_lights.append((prim, to_matrix(here.world, self._meters)))
-        elif prim.IsA(UsdGeom.Gprim):
-            area = self._meshes.area(prim, to_matrix(here.world, self._meters)[:3, :3])
-            emission = self._lights.mesh_emission(prim, area) if area > 0.0 else None
-            if emission is not None:
-                self._read_gprim(prim, here, self._materials.emitter(prim, emission))
-        else:
-            self._lights.add(prim, to_matrix(here.world, self._meters))
+        matrix = to_matrix(here.world, self._meters)
+        if prim.IsA(UsdGeom.Gprim):
+            self._read_mesh_light(prim, here, matrix)
+        elif self._parts is not None:
+            if here.animated.hiders:
+                self._report.frozen(prim.GetPath(), "the visibility of a light in a point instancer's prototype")
+            if here.animated.is_visible(self._time):
+                self._prototype_lights.append((prim, matrix))
+        else:  # the emission of the stage's own lights is played by the scenario
+            self._add_light(prim, matrix, here.animated, emission=self._top != Sdf.Path.absoluteRootPath)
+
+    def _read_mesh_light(self, prim: Usd.Prim, here: TraversalContext, matrix: Matrix) -> None:
+        """Read a gprim with MeshLightAPI as a mesh that emits."""
+        area = self._meshes.area(prim, matrix[:3, :3])
+        emission = self._lights.mesh_emission(prim, area) if area > 0.0 else None
+        if emission is not None:
+            over_time = mesh_emission_over_time(self._lights, prim, area, self._report)
+            self._read_gprim(prim, here, self._materials.emitter(prim, emission, over_time))
 
     def _read_gprim(self, prim: Usd.Prim, here: TraversalContext, emitter: Binding | None = None) -> None:
         mesh = self._meshes.row(prim, emitter)

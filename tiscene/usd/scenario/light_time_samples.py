@@ -22,7 +22,10 @@ from tiscene.usd.materials.texture import TextureTable
 from tiscene.usd.scenario.motion_schema import read_dynamic
 
 _LINEAR = ("inputs:intensity", "inputs:color")
-_NONLINEAR = ("inputs:exposure", "inputs:colorTemperature")  # radiance is not proportional to these
+_NONLINEAR = (  # radiance is not proportional to these; sizes matter where it is normalized, angles always
+    *("inputs:exposure", "inputs:colorTemperature"),
+    *("inputs:radius", "inputs:width", "inputs:height", "inputs:length", "inputs:angle"),
+)
 
 
 def read_light_motion(prim: Usd.Prim, units: Units, report: StageReport) -> dict[str, Any] | None:

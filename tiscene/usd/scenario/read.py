@@ -154,10 +154,27 @@ class _ScenarioReader:
         with self._report.guard(prim.GetPath()):
             inside = Usd.PrimRange(prim) if _is_stage_object(prim) and not is_object else [prim]
             for each in inside:
-                motion = read_light_motion(each, self._units, self._report) if _is_light_only(each) else None
+                shown = _is_light_only(each) and self._is_shown(each)
+                motion = read_light_motion(each, self._units, self._report) if shown else None
                 if motion is not None:
                     lights.append(motion)
         return lights
+
+    def _is_shown(self, light: Usd.Prim) -> bool:
+        """Return whether a light is read as one of the stage: visible at some time, and in no prototype of points."""
+        prim = light
+        while prim and not prim.IsPseudoRoot():
+            if prim.IsA(UsdGeom.PointInstancer):
+                return False
+            visibility = UsdGeom.Imageable(prim).GetVisibilityAttr() if prim.IsA(UsdGeom.Imageable) else None
+            if (
+                visibility
+                and not visibility.ValueMightBeTimeVarying()
+                and visibility.Get(self._time) == UsdGeom.Tokens.invisible
+            ):
+                return False
+            prim = prim.GetParent()
+        return UsdGeom.Imageable(light).ComputePurpose() in (UsdGeom.Tokens.default_, UsdGeom.Tokens.render)
 
     def _walk(self) -> Iterator[tuple[Usd.Prim, bool]]:
         """Yield each prim and whether it is an object of the scenario. Prims within an object are left out."""

@@ -109,8 +109,7 @@ class StaticLabelCache:
         record = self._records.pop(key, None)
         is_new = record is None
         if record is None:
-            deforms = np.array([mesh.deformation is not None for mesh in self.scene.meshes], bool)
-            record = _ViewRecord(placement, ~deforms[placement.mesh])
+            record = _ViewRecord(placement, ~self.scene.changing_meshes()[placement.mesh])
             if len(self._records) >= MAX_VIEWS:
                 del self._records[next(iter(self._records))]
         self._records[key] = record

@@ -1,0 +1,91 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Lights whose inputs or visibility have time samples, as `InputTrack`s.
+
+The pose of a light, and the emission of a stage's own lights, become a LightMotion of the scenario instead
+(`scenario.light_time_samples`).
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+from pxr import Usd, UsdGeom
+
+from tiscene.scene.description import Color
+from tiscene.scene.input_track import InputTrack
+from tiscene.usd.core.report import StageReport
+from tiscene.usd.core.time_samples import AnimatedAncestors, dense_times, in_seconds
+from tiscene.usd.geometry.deforming import is_time_varying
+from tiscene.usd.lights.light import LightReader
+from tiscene.usd.lights.shaping import CAMERA_VISIBILITY
+
+_EMISSION = ("radiance", "irradiance")
+_CONSTANT = ("name", "prim_path", "world_from_light", "portals")
+_OTHERS = (*CAMERA_VISIBILITY, "treatAsPoint", "treatAsLine")
+
+
+def light_track(
+    reader: LightReader,
+    row: int,
+    prim: Usd.Prim,
+    world_from_prim: NDArray[np.float64],
+    ancestors: AnimatedAncestors,
+    report: StageReport,
+    *,
+    emission: bool,
+) -> InputTrack | None:
+    """Return how the inputs and the visibility of a light vary over time; None if they do not.
+
+    Args:
+        reader: has read the light.
+        row: row of the light in `reader.lights`.
+        prim: the light.
+        world_from_prim: its transform, as for `LightReader.add`.
+        ancestors: ancestors with animated visibility, the light itself included.
+        report: says whether the stage plays.
+        emission: whether to include the emission.
+    """
+    if not report.reads_animation:
+        return None
+    varying = [
+        each
+        for each in prim.GetAuthoredAttributes()
+        if (each.GetName().startswith("inputs:") or each.GetName() in _OTHERS) and is_time_varying(each)
+    ]
+    times = {time for each in varying for time in each.GetTimeSamples()}
+    if emission and varying:  # not linear in exposure, temperature and sizes
+        times = set(dense_times(times))
+    for hider in ancestors.hiders:
+        times.update(UsdGeom.Imageable(hider).GetVisibilityAttr().GetTimeSamples())
+    if not times:
+        return None
+    codes = sorted(times)
+    samples, light = [], reader.lights[row]
+    for code in codes:
+        other = reader.at(Usd.TimeCode(code))
+        if varying:
+            other.add(prim, world_from_prim)
+        light = other.lights[0] if other.lights and type(other.lights[0]) is type(light) else light
+        samples.append(light)
+    present = tuple(ancestors.is_visible(Usd.TimeCode(code)) for code in codes)
+    excluded = _CONSTANT if emission else (*_CONSTANT, *_EMISSION)
+    return InputTrack.of(row, in_seconds(prim.GetStage(), codes), samples, present, excluded)
+
+
+def mesh_emission_over_time(
+    reader: LightReader, prim: Usd.Prim, area: float, report: StageReport
+) -> list[tuple[float, Color]]:
+    """Return the radiance of a mesh light at the time codes at which its inputs are authored; empty if it is constant.
+
+    Args:
+        reader: reads lights.
+        prim: a gprim with MeshLightAPI.
+        area: of its triangles, stage units squared.
+        report: says whether the stage plays.
+    """
+    if not report.reads_animation:
+        return []
+    authored = [each for each in prim.GetAuthoredAttributes() if each.GetName().startswith("inputs:")]
+    times = {time for each in authored if is_time_varying(each) for time in each.GetTimeSamples()}
+    read = [(time, reader.at(Usd.TimeCode(time)).mesh_emission(prim, area)) for time in dense_times(times)]
+    return [(time, color) for time, color in read if color is not None]
