@@ -13,7 +13,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from tiscene.device.memory import upload
-from tiscene.scene.description import VERTEX_COLORS, Material, TextureLookup
+from tiscene.scene.description import VERTEX_COLORS, ExtendedLobes, Material, TextureLookup
 from tiscene.scene.input_track import InputTrack, by_row
 
 # Columns of `values`: the first of each input (3 for a color, 1 for a number).
@@ -21,9 +21,10 @@ VALUE_COLUMNS = 20
 DIFFUSE, EMISSIVE, SPECULAR, METALLIC, ROUGHNESS, CLEARCOAT, CLEARCOAT_ROUGHNESS, OPACITY = 0, 3, 6, 9, 10, 11, 12, 13
 THRESHOLD, IOR = 14, 15
 
-# Columns of `info`: flags, row of the glass energy tables, first row and number of rows of `lookups`.
-INFO_COLUMNS = 4
-FLAGS, GLASS_INDEX, FIRST_LOOKUP, LOOKUP_COUNT = range(INFO_COLUMNS)
+# Columns of `info`: flags, row of the glass energy tables, first row and number of rows of `lookups`, number of the
+# rows of extended inputs, which follow.
+INFO_COLUMNS = 5
+FLAGS, GLASS_INDEX, FIRST_LOOKUP, LOOKUP_COUNT, EXTENDED_LOOKUP_COUNT = range(INFO_COLUMNS)
 INPUTS = (
     ("diffuse_color", DIFFUSE),
     ("emissive_color", EMISSIVE),
@@ -35,6 +36,24 @@ INPUTS = (
     ("opacity", OPACITY),
 )
 NORMAL = VALUE_COLUMNS  # the input that has no constant
+
+# Further columns of `values` in scenes with `ExtendedLobes`.
+EXTENDED_COLUMNS = 48
+TINT, ABSORPTION, SHEEN, SHEEN_ROUGHNESS, ANISOTROPY, ROTATION = 24, 27, 30, 33, 34, 35
+SPECULAR_WEIGHT, SPECULAR_TINT, COAT_COLOR, TRANSLUCENCY, TRANSLUCENT_COLOR = 36, 37, 40, 43, 44
+EXTENDED_INPUTS = (
+    ("transmission_color", TINT),
+    ("absorption", ABSORPTION),
+    ("sheen_color", SHEEN),
+    ("sheen_roughness", SHEEN_ROUGHNESS),
+    ("anisotropy", ANISOTROPY),
+    ("rotation", ROTATION),
+    ("specular", SPECULAR_WEIGHT),
+    ("specular_tint", SPECULAR_TINT),
+    ("coat_color", COAT_COLOR),
+    ("translucency", TRANSLUCENCY),
+    ("translucent_color", TRANSLUCENT_COLOR),
+)
 
 # Columns of `lookups`. LOOKUP_INPUT: the column of `values` that it replaces, or NORMAL. LOOKUP_SCALED_AREA: the factor
 # by which the transform scales areas. LOOKUP_TEXTURE: below 0 (VERTEX_COLORS) for vertex colors. UNIT_NORMAL is the
@@ -55,6 +74,10 @@ EMITS = 32
 COATED = 64
 PLAIN = 128  # matte, constant and opaque: kernels read nothing else of it
 MAY_MIRROR = 256  # may show clear reflections somewhere, and is not glass
+EXTENDED = 512  # has ExtendedLobes
+THIN = 1024  # is a sheet without thickness
+TRANSLUCENT = 2048  # diffuse light passes
+ABSORBS = 4096  # the solid absorbs light
 
 # Limits of MAY_MIRROR: roughness is below, and metallic or (in the specular workflow) specular color is above.
 MIRROR_ROUGHNESS, MIRROR_METALLIC, MIRROR_SPECULAR = 0.15, 0.5, 0.5
@@ -64,8 +87,8 @@ class MaterialArrays(NamedTuple):
     """Device arrays of a material table; the columns are named by the constants of this module.
 
     Attributes:
-        values: f32 [n, 20].
-        info: i32 [n, 4].
+        values: f32 [n, 20], [n, 48] with extended lobes.
+        info: i32 [n, 5].
         lookups: f32 [k, 20].
     """
 
@@ -79,7 +102,8 @@ def flags_of(material: Material) -> int:
 
     UsdPreviewSurface does not define partial opacity. Here it is coverage (alpha) where the author chose it (mode
     "presence", or a threshold), where it is a texture (leaves, lace, decals), and where nothing refracts (ior 1). Else
-    the material is glass: the fraction `1 - opacity` of the light enters the solid that the mesh encloses.
+    the material is glass: the fraction `1 - opacity` of the light enters the solid that the mesh encloses. Materials of
+    other models say which of the two it is: mode "presence" or "transmission".
     """
     flags = 0
     textured = [name for name, _ in INPUTS if isinstance(getattr(material, name), TextureLookup)]
@@ -91,8 +115,8 @@ def flags_of(material: Material) -> int:
         as_coverage = (
             material.opacity_mode == "presence"
             or material.opacity_threshold > 0.0
-            or isinstance(material.opacity, TextureLookup)
-            or material.ior == 1.0
+            or (isinstance(material.opacity, TextureLookup) and material.opacity_mode != "transmission")
+            or (material.ior == 1.0 and not (material.lobes and material.lobes.thin_walled))
         )
         flags |= COVERAGE if as_coverage else GLASS
     if material.emissive_color != (0.0, 0.0, 0.0):
@@ -101,13 +125,26 @@ def flags_of(material: Material) -> int:
         flags |= COATED
     reflects = material.specular_color != (0.0, 0.0, 0.0) if material.use_specular_workflow else material.ior != 1.0
     metal = material.metallic != 0.0 and not material.use_specular_workflow
-    if not (reflects or metal or flags & (COATED | GLASS)):
+    if material.lobes is not None:
+        flags |= _flags_of_lobes(material.lobes, flags)
+    if not (reflects or metal or flags & (COATED | GLASS | EXTENDED)):
         flags |= MATTE
         if not flags & (TEXTURED | COVERAGE):
             flags |= PLAIN
     if not flags & GLASS and _may_mirror(material):
         flags |= MAY_MIRROR
     return flags
+
+
+def _flags_of_lobes(lobes: ExtendedLobes, flags: int) -> int:
+    found = EXTENDED
+    if lobes.thin_walled:
+        found |= THIN
+    elif flags & GLASS and lobes.absorption != (0.0, 0.0, 0.0):
+        found |= ABSORBS
+    if lobes.translucency != 0.0:
+        found |= TRANSLUCENT
+    return found
 
 
 def _may_mirror(material: Material) -> bool:
@@ -187,6 +224,11 @@ class MaterialTable:
         return any(flags & COVERAGE for flags in self.possible_flags)
 
     @property
+    def any_extended(self) -> bool:
+        """Whether some material ever has extended lobes."""
+        return any(flags & EXTENDED for flags in self.possible_flags)
+
+    @property
     def any_emission(self) -> bool:
         """Whether some material is ever emissive."""
         return any(flags & EMITS for flags in self.possible_flags)
@@ -204,23 +246,22 @@ class MaterialTable:
         return self._label_array
 
     def _upload(self) -> MaterialArrays:
-        values = np.zeros((len(self.materials), VALUE_COLUMNS), np.float32)
+        columns = EXTENDED_COLUMNS if self.any_extended else VALUE_COLUMNS
+        values = np.zeros((len(self.materials), columns), np.float32)
         info = np.zeros((len(self.materials), INFO_COLUMNS), np.int32)
         lookups: list[list[float]] = []
         glass_iors = self.glass_iors
         for row, material in enumerate(self.materials):
             flags = self.flags[row]
             info[row, FLAGS], info[row, FIRST_LOOKUP] = flags, len(lookups)
-            for name, column in INPUTS:
-                value = getattr(material, name)
-                if isinstance(value, TextureLookup):
-                    lookups.append(_lookup_row(value, column, self._first_texture[row]))
-                else:
-                    constant = np.atleast_1d(np.asarray(value, np.float32))
-                    values[row, column : column + len(constant)] = constant
+            lookups += self._constants(values, row, material, INPUTS)
             if material.normal is not None:
                 lookups.append(_lookup_row(material.normal, NORMAL, self._first_texture[row]))
             info[row, LOOKUP_COUNT] = len(lookups) - info[row, FIRST_LOOKUP]
+            if material.lobes is not None:
+                further = self._constants(values, row, material.lobes, EXTENDED_INPUTS)
+                info[row, EXTENDED_LOOKUP_COUNT] = len(further)
+                lookups += further
             values[row, THRESHOLD] = material.opacity_threshold
             values[row, IOR] = material.ior
             if flags & GLASS:
@@ -228,6 +269,20 @@ class MaterialTable:
         return MaterialArrays(
             upload(values), upload(info), upload(np.array(lookups, np.float32).reshape(-1, LOOKUP_COLUMNS))
         )
+
+    def _constants(
+        self, values: Any, row: int, inputs: Material | ExtendedLobes, names: Iterable[tuple[str, int]]
+    ) -> list[list[float]]:
+        """Write the constant inputs to a row of `values`. Return the lookups of the others."""
+        lookups = []
+        for name, column in names:
+            value = getattr(inputs, name)
+            if isinstance(value, TextureLookup):
+                lookups.append(_lookup_row(value, column, self._first_texture[row]))
+            else:
+                constant = np.atleast_1d(np.asarray(value, np.float32))
+                values[row, column : column + len(constant)] = constant
+        return lookups
 
 
 def _lookup_row(lookup: TextureLookup, column: int, first_texture: int) -> list[float]:
