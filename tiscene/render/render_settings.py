@@ -86,6 +86,9 @@ class RenderSettings:
         Args:
             cache_bytes: memory limit of kept paths, on which incremental rendering depends.
         """
+        incremental: list[float] = [self.base_spp, self.near_spp, cache_bytes]
+        if self.uses_light_cache:
+            incremental += [self.cell_spp, self.cell_width, self.moving_spp]
         return {
             "spp": self.spp,
             "max_depth": self.max_depth,
@@ -94,8 +97,7 @@ class RenderSettings:
             "pixel_filter": self.pixel_filter,
             "downscale": self.downscale,
             "denoiser": self.denoiser if self.denoise else None,
-            "incremental": [self.base_spp, self.near_spp, cache_bytes] if self.incremental else None,
-            "light_cache": [self.cell_spp, self.cell_width, self.moving_spp] if self.uses_light_cache else None,
+            "incremental": incremental if self.incremental else None,
         }
 
 

@@ -114,6 +114,7 @@ def start_cell_paths(
     spp: ti.i32,
     bits: ti.i32,
     key: ti.i32,
+    sharp_light: ti.i32,
     pixels: Pixels,
     probes: Rays,
     probe_hits: Hits,
@@ -127,7 +128,8 @@ def start_cell_paths(
 ):
     """Start `spp` paths at each cell, after their first vertex: a shadow ray to a light, and the next segment.
 
-    Path c * spp + s starts at cell first_cell + c. Paths of cells without surface end at once.
+    The light in row `sharp_light` is left out at the first vertex. Path c * spp + s starts at cell first_cell + c.
+    Paths of cells without surface end at once.
     """
     lights = ti.static(lights_of(light_values, light_nodes, light_distribution, geometry, materials, any_emission))
     for i in range(count):
@@ -157,7 +159,8 @@ def start_cell_paths(
             light_u = draw(set_keys(key, FIRST_STEP_SET + LIGHT_SET), index)
             sample = dispatch.sample(lights, textures, surface.position, normal, light_u)
             cosine = normal.dot(sample.direction)
-            if sample.pdf > 0.0 and cosine > 0.0 and surface.geometric_normal.dot(sample.direction) > 0.0:
+            is_kept = sample.pdf > 0.0 and sample.row != sharp_light
+            if is_kept and cosine > 0.0 and surface.geometric_normal.dot(sample.direction) > 0.0:
                 density = cosine * warp.INV_PI
                 direct = sample.radiance * (density * response(light_values, sample.row, 1.0, 1) / sample.pdf)
                 shadowless = light_values[sample.row, SHADOWLESS] > 0.0

@@ -23,7 +23,7 @@ from tiscene.render.integrators.path.path_pass import PathPass
 from tiscene.render.integrators.path.path_scene import PathScene
 from tiscene.render.integrators.path.path_state import PathSamples, PathState, chunks_for
 from tiscene.render.integrators.path.wavefront_kernels import accumulate
-from tiscene.render.intersect.ray_queue import ray, upload_pixels
+from tiscene.render.intersect.ray_queue import hit, hit_id, ray, upload_pixels
 from tiscene.render.intersect.surface_interaction import geometry_of
 from tiscene.render.intersect.trace import occluded
 from tiscene.render.view import View
@@ -68,6 +68,22 @@ class FrameScene:
         return self._paths.scene.place_movers(self._moving)
 
 
+class SharpShadows:
+    """Shadow rays to the sharp light, in the form that `PathPass.cast_shadows` takes.
+
+    Attributes:
+        radiance: f32 [size, 3], what each path gains.
+    """
+
+    def __init__(self, size: int) -> None:
+        self.first_sample = 0
+        self.shadow_rays = device_array(ray, size)
+        self.occluded = device_array(ti.i32, (size,))
+        self.radiance = device_array(ti.f32, (size, 3))
+        self.shadow_hits = device_array(hit, size), device_array(hit_id, size)
+        self.shadow_queue: Any = None
+
+
 class FrameBatch:
     """Traces batches of a frame's paths.
 
@@ -85,6 +101,7 @@ class FrameBatch:
         self._missing, self._missing_count = device_array(cell, 2 * size), device_array(ti.i32, (1,))
         self._near, self._blocked, self._touched = (device_array(ti.i32, (size,)) for _ in range(3))
         self._chunks = device_array(ti.i32, (chunks_for(size),))
+        self._sharp = SharpShadows(size)
         self._retraced: PathState | None = None
 
     def trace(
@@ -111,23 +128,31 @@ class FrameBatch:
         Returns:
             The number of pixels that movers changed.
         """
-        paths, state = self._paths, self._state
+        paths, state, sharp = self._paths, self._state, self._sharp
         self._cache, self._keeps_rays = cache, int(scene.has_movers)
         self._touched.fill(0)
         static = scene.static()
         paths.start(view, state, first, count, samples)
         live = count
         for step in range(static.steps(max_depth)):
+            cleared = [sharp.shadow_rays]
             if scene.has_movers:
-                kernels.clear_rays(self._segments, count)
-                kernels.clear_rays(state.shadow_rays, count)
+                cleared += [self._segments, state.shadow_rays]
+            for rays in cleared:
+                kernels.clear_rays(rays, count)
+            tested, sharp.shadow_queue = live, state.queue
             live, shadows = paths.advance(static, state, live, first, step, samples, max_depth, 1, self)
             if scene.has_movers:
-                for rays in (self._segments, state.rays, state.shadow_rays):
+                for rays in (self._segments, state.rays, state.shadow_rays, sharp.shadow_rays):
                     self._test(scene, rays, count)
                 static = scene.static()
             if shadows:
                 paths.cast_shadows(static, state, shadows, first, step, samples)
+            if cache.sharp_light >= 0:
+                paths.cast_shadows(static, sharp, tested, first, step, samples)
+                kernels.add_sharp_light(
+                    sharp.shadow_queue, tested, sharp.shadow_rays, sharp.occluded, sharp.radiance, state.state
+                )
             if not live:
                 break
         changed = self._changed_pixels(count, samples.spp) if scene.has_movers else np.zeros(0, np.int32)
@@ -158,7 +183,11 @@ class FrameBatch:
             complete = count == 0 or self._cache.add(distinct(self._missing.to_numpy()[:count]), scene)
         if self._keeps_rays:
             kernels.move_segments(state.rays, state.hits, state.queue, live, self._segments)
-        return (*self._cache.cells, width, self._keeps_rays, True)
+        sharp = self._sharp
+        return (
+            *self._cache.cells, width, self._keeps_rays,
+            self._cache.sharp_light, sharp.shadow_rays, sharp.radiance, True,
+        )  # fmt: skip
 
     def _test(self, scene: FrameScene, rays: Any, count: int) -> None:
         """Mark the paths whose ray a mover blocks."""

@@ -18,12 +18,16 @@ from tiscene.render.integrators.path.wavefront_kernels import compact
 from tiscene.render.intersect.ray_queue import hit, hit_id, pixel, ray
 from tiscene.render.intersect.trace import closest
 from tiscene.render.sampling.sobol import frame_key, index_bits
+from tiscene.scene.light_description import DistantLight
+from tiscene.scene.lights.light_table import LightTable
 
 CELLS_FRAME = -7  # frame number of the random numbers of cells
 FILL_PATHS = 1 << 17  # paths in flight while cells are filled
 LEAST_CAPACITY = 1 << 16  # slots
 SLOT_BYTES = 4 * (2 + VALUE_COLUMNS)
 PROGRESS_CELLS = 4 * FILL_PATHS  # fewer paths are not reported
+
+SHARP = 0.1  # rad, largest angle of a light whose shadows are sharp
 
 CellRows = NDArray[np.int32]  # [n, CELL_COLUMNS], see `cells`
 
@@ -40,6 +44,7 @@ class LightCache:
         progress: Called with "light cache" and the completed fraction, where it takes long.
 
     Attributes:
+        sharp_light: Row of the light that is not in the cells, see the function of this name.
         cells: The table on the device.
         count: Number of cells in the table.
     """
@@ -50,6 +55,7 @@ class LightCache:
         self._paths = paths
         self._samples = PathSamples(spp, index_bits(spp), frame_key(seed, CELLS_FRAME))
         self._max_depth = max_depth
+        self.sharp_light = sharp_light(paths.scene.lights)
         self._progress = progress
         # Tables are at most half full.
         self.limit = max(memory_limit // SLOT_BYTES // 2, LEAST_CAPACITY // 2)
@@ -123,7 +129,7 @@ class LightCache:
         with paths.restricted_to(pixels):
             with paths.vector_mode():
                 kernels.start_cell_paths(
-                    *scene.arrays, cells, 0, total, spp, bits, key, pixels,
+                    *scene.arrays, cells, 0, total, spp, bits, key, self.sharp_light, pixels,
                     self._probe_rays, self._probe_hits, self._probe_ids,
                     state.rays, state.shadow_rays, state.state, state.status, state.queue, scene.any_emission,
                 )  # fmt: skip
@@ -152,3 +158,16 @@ def _table(capacity: int) -> Cells:
     cells = Cells(device_array(ti.i32, (capacity, 2)), device_array(ti.f32, (capacity, VALUE_COLUMNS)))
     cells.keys.fill(0)
     return cells
+
+
+def sharp_light(lights: LightTable) -> int:
+    """Return the row of the brightest light at infinity that casts sharp shadows, -1 for none.
+
+    Its light is sampled at every pixel, since cells would blur its shadows.
+    """
+    rows = [
+        (max(light.irradiance), int(row))
+        for light, row in zip(lights.lights, lights.rows(), strict=True)
+        if isinstance(light, DistantLight) and light.angle <= SHARP and light.casts_shadows
+    ]
+    return max(rows)[1] if rows else -1

@@ -28,6 +28,16 @@ def clear_rays(rays: Rays, count: ti.i32):
 
 
 @ti.kernel
+def add_sharp_light(queue: Ints1, count: ti.i32, rays: Rays, occluded: Ints1, radiance: Floats2, state: States):
+    """Add the light of unblocked rays to the paths in a queue."""
+    for k in range(count):
+        i = queue[k]
+        if rays[i][7] > 0.0 and occluded[i] == 0:
+            for c in ti.static(range(3)):
+                state[i][RADIANCE + c] += radiance[i, c]
+
+
+@ti.kernel
 def move_segments(rays: Rays, hits: Hits, queue: Ints1, count: ti.i32, segments: Rays):
     """Copy the rays in a queue up to their hits, and make the originals empty but for origin and direction."""
     for k in range(count):

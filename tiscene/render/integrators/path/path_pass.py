@@ -28,7 +28,7 @@ from tiscene.render.integrators.path.path_scene import MAX_ALPHA_LAYERS, CellLoo
 from tiscene.render.integrators.path.path_state import CHUNK, FILM_COLUMNS, PathSamples, PathState
 from tiscene.render.integrators.path.shading import shade
 from tiscene.render.integrators.path.shadow_rays import continue_shadow_rays
-from tiscene.render.intersect.ray_queue import tiled_order, upload_pixels
+from tiscene.render.intersect.ray_queue import ray, tiled_order, upload_pixels
 from tiscene.render.intersect.surface_interaction import geometry_of
 from tiscene.render.intersect.trace import closest, occluded
 from tiscene.render.sampling.pixel_filter import pixel_filter as pixel_filter_named
@@ -109,7 +109,8 @@ class PathPass:
         self.pixels = upload_pixels(self.order, width, height)
         self.film = upload(np.zeros((width * height, FILM_COLUMNS), np.float32))
         self._energy: Any = None
-        self._no_cells = Cells(device_array(ti.i32, (1, 2)), device_array(ti.f32, (1, VALUE_COLUMNS)))
+        no_cells = Cells(device_array(ti.i32, (1, 2)), device_array(ti.f32, (1, VALUE_COLUMNS)))
+        self._no_lookup = (*no_cells, 1.0, 0, -1, device_array(ray, 1), device_array(ti.f32, (1, 3)), False)
         self._energy_key: tuple[Any, ...] | None = None
 
     def render(
@@ -246,7 +247,7 @@ class PathPass:
         else:
             tree = scene.tree
             closest(self.scene, tree, state.rays, state.queue, live, state.hits, state.hit_ids, coherent=step == 0)
-            cells: tuple[Any, ...] = (*self._no_cells, 1.0, 0, False)
+            cells = self._no_lookup
             if lookup:
                 cells = lookup.cells_for(scene, state, live, first, step, samples)
             with self.vector_mode():
@@ -321,9 +322,7 @@ class PathPass:
             self._energy,
         )
         ends_at_lights = not (materials.any_coverage or materials.any_emission)
-        return PathScene(
-            arrays, materials.any_coverage, materials.any_emission, materials.any_extended, ends_at_lights
-        )
+        return PathScene(arrays, materials.any_coverage, materials.any_emission, materials.any_extended, ends_at_lights)
 
     def _check(self, view: View, spp: int, max_depth: int) -> None:
         if spp < 1 or max_depth < 1:
