@@ -139,6 +139,7 @@ def _oidn_device() -> tuple[Any, type[_HostImage | _DeviceImage]]:
     if _device is None:
         import pyoidn
 
+        image: type[_HostImage | _DeviceImage]
         if runtime.running() == "cuda" and pyoidn.Device.is_cuda_available():
             device, image = pyoidn.Device(pyoidn.OIDN_DEVICE_TYPE_CUDA), _DeviceImage
         else:

@@ -8,6 +8,7 @@ the hierarchy was built. The traversal is `scene.traversal`: "bvh8" or "bvh2".
 
 from __future__ import annotations
 
+from contextlib import nullcontext
 from typing import Any
 
 from tiscene.device.vector_mode import vector_mode
@@ -19,7 +20,15 @@ __all__ = ["closest", "occluded", "occluded_by_instance"]
 
 
 def closest(
-    scene: DeviceScene, time: int, rays: Any, queue: Any, count: int, hits: Any, hit_ids: Any, coherent: bool = False
+    scene: DeviceScene,
+    time: int,
+    rays: Any,
+    queue: Any,
+    count: int,
+    hits: Any,
+    hit_ids: Any,
+    coherent: bool = False,
+    rays_per_frame: int = 0,
 ) -> None:
     """Find the closest hit of each ray.
 
@@ -34,10 +43,18 @@ def closest(
         hit_ids: [n] of 2; receives instance row and global triangle, -1 for a miss.
         coherent: Faster, with the same result, if most runs of sixteen rays in the queue start at one point and go
             through one pixel.
+        rays_per_frame: Rows of rays of each frame that `DeviceScene.place_frames` has placed; 0: one frame is placed.
 
     Raises:
         ArgumentError: The scene is not placed at `time`.
     """
+    if rays_per_frame:
+        frames = scene.frame_roots(time), rays_per_frame
+        shared = scene.nodes, scene.leaf_blocks, scene.instance_from_world, scene.instance_info, time
+        with vector_mode() if scene.traversal == "bvh8" else nullcontext():
+            stacked = bvh8 if scene.traversal == "bvh8" else bvh2
+            stacked.closest_in_frames(*shared, *frames, rays, queue, count, hits, hit_ids)
+        return
     arrays = _arrays(scene, time)
     if scene.traversal == "bvh8":
         with vector_mode():

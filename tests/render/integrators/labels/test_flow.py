@@ -9,7 +9,7 @@ import trimesh
 from numpy.typing import NDArray
 
 from tests.render.label_scenes import PlacedMesh, Stage, crowd, mesh_of, pose, static_view
-from tiscene.render.integrators.labels.label_pass import instance_motion
+from tiscene.render.integrators.labels.label_frames import instance_motion
 from tiscene.render.view import View
 from tiscene.scene.camera import Camera
 from tiscene.scene.placement import CURRENT, NEXT, PREVIOUS

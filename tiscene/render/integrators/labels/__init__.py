@@ -4,6 +4,7 @@
 ::
 
     label_pass      LabelPass, the host side
+    label_frames    LabelFrames: cameras and motion of one frame, or of several
     label_kernels   kernels for rays, motion and occlusion
     first_hits      first hit, skipping alpha-rejected surfaces
     surface_labels  the kernel that writes label buffers at the hits

@@ -27,7 +27,14 @@ TRAVELED = 3  # column of a ray: distance of its origin from the original one
 
 
 def first_hits(
-    scene: DeviceScene, time: int, rays: RayArrays | RayWave, queue: Any, count: int, *, coherent: bool = False
+    scene: DeviceScene,
+    time: int,
+    rays: RayArrays | RayWave,
+    queue: Any,
+    count: int,
+    *,
+    coherent: bool = False,
+    rays_per_frame: int = 0,
 ) -> None:
     """Trace rays and write their hits and hit_ids, skipping alpha-rejected surfaces.
 
@@ -39,8 +46,9 @@ def first_hits(
         rays: The rays and their hits.
         queue: i32 rows on the device; count: their number.
         coherent: See `closest`.
+        rays_per_frame: See `closest`.
     """
-    closest(scene, time, rays.rays, queue, count, rays.hits, rays.hit_ids, coherent=coherent)
+    closest(scene, time, rays.rays, queue, count, rays.hits, rays.hit_ids, coherent, rays_per_frame)
     if not scene.materials.any_coverage:
         return
     for layer in range(MAX_LAYERS):
@@ -62,7 +70,7 @@ def first_hits(
         queue, count = next_queue, int(found[0])
         if count == 0:
             return
-        closest(scene, time, rays.rays, queue, count, rays.hits, rays.hit_ids)
+        closest(scene, time, rays.rays, queue, count, rays.hits, rays.hit_ids, rays_per_frame=rays_per_frame)
 
 
 @ti.kernel

@@ -44,6 +44,30 @@ def rotate(rows: Template, row: ti.i32, v: vec3) -> vec3:
 
 
 @ti.func
+def first_camera(y: ti.i32, height: ti.i32, stacked: Template) -> ti.i32:
+    """Return the first of three rows of the cameras of the frame that image row y belongs to.
+
+    Args:
+        y: Row of an image, or of the images of several frames below each other.
+        height: Rows of one frame.
+        stacked: Static; whether there are several frames.
+    """
+    row = 0
+    if ti.static(stacked):
+        row = 3 * (y // height)
+    return row
+
+
+@ti.func
+def row_in_frame(y: ti.i32, height: ti.i32, stacked: Template) -> ti.i32:
+    """Return the row within its frame of image row y; arguments as of `first_camera`."""
+    row = y
+    if ti.static(stacked):
+        row = y % height
+    return row
+
+
+@ti.func
 def from_principal_point(p: vec3, camera_motion: Template, time: ti.i32) -> vec2:
     """Project a point in camera coordinates: px right and down of the image center."""
     scale = camera_motion[time, FOCAL_LENGTH]
@@ -60,12 +84,13 @@ def camera_point(
     towards: vec3,
     instance_motion: Template,
     camera_motion: Template,
+    first: ti.i32,
 ) -> vec3:
-    """Return a pixel's surface point in the coordinates of the camera at a time.
+    """Return a pixel's surface point in the coordinates of the camera at a time. first: of `first_camera`.
 
     The background (row < 0) is infinitely far: its direction is only rotated.
     """
-    point = rotate(camera_motion, time, towards)
+    point = rotate(camera_motion, first + time, towards)
     if row >= 0:
         point = affine(instance_motion, row, 12 * time, object_point)
     return point
@@ -91,12 +116,16 @@ def deformed_point(
 
 
 @ti.kernel
-def primary_rays(queue: Ints1, count: ti.i32, view: Floats2, width: ti.i32, height: ti.i32, rays: Rays):
-    """Generate the rays through the centers of the queued pixels."""
+def primary_rays(
+    queue: Ints1, count: ti.i32, view: Floats2, width: ti.i32, height: ti.i32, rays: Rays, stacked: Template
+):
+    """Generate the rays through the centers of the queued pixels. stacked: see `first_camera`."""
     for i in range(count):
         pixel = queue[i]
+        y = pixel // width
+        time = first_camera(y, height, stacked) + CURRENT
         origin, direction = camera_ray(
-            view, CURRENT, ti.cast(pixel % width, ti.f32), ti.cast(pixel // width, ti.f32), width, height
+            view, time, ti.cast(pixel % width, ti.f32), ti.cast(row_in_frame(y, height, stacked), ti.f32), width, height
         )
         write_ray(rays, pixel, origin, direction, ti.math.inf)
 
@@ -119,17 +148,20 @@ def occlusion_rays(
     height: ti.i32,
     rays: Rays,
     expected: Floats1,
+    stacked: Template,
 ):
     """Generate rays from the camera of another time to where each pixel's surface point is at that time.
 
     Args:
+        stacked: See `first_camera`.
         expected: Output, f32 [pixels], distance of the point, m; -1, and t_max 0, if it is outside of that image.
     """
     for i in range(count):
         pixel = queue[i]
         row = hit_ids[pixel][0]
-        origin = view_vector(view, time, POSITION)
-        direction = view_vector(view, time, FORWARD)
+        camera = first_camera(pixel // width, height, stacked) + time
+        origin = view_vector(view, camera, POSITION)
+        direction = view_vector(view, camera, FORWARD)
         t_max, length = 0.0, -1.0
         if row >= 0:
             moved = vertex_offset(instance_info, row, time)
@@ -137,7 +169,7 @@ def occlusion_rays(
                 vertex_position, triangle_vertices, hit_ids[pixel][1], hits[pixel][1], hits[pixel][2], moved
             )
             target_in_camera = affine(instance_motion, row, 12 * time, object_point)
-            projected = from_principal_point(target_in_camera, camera_motion, time)
+            projected = from_principal_point(target_in_camera, camera_motion, camera)
             inside = (
                 ti.abs(projected.x) < 0.5 * width
                 and ti.abs(projected.y) < 0.5 * height
@@ -145,7 +177,7 @@ def occlusion_rays(
             )
             if inside and instance_motion[row, PRESENT + time] > 0.0:
                 target = transform_point(world_from_instance, time, row, object_point)
-                if camera_motion[time, ORTHOGRAPHIC] == 0.0:
+                if camera_motion[camera, ORTHOGRAPHIC] == 0.0:
                     length = (target - origin).norm()
                     direction = (target - origin) / length
                 else:

@@ -17,6 +17,7 @@ from tiscene.frame.buffers import BUFFERS, LABELS, times_needed
 from tiscene.render.integrators.labels import label_kernels as kernels
 from tiscene.render.integrators.labels.coverage import COVERAGES, CoverageLabels, CoverageSamples
 from tiscene.render.integrators.labels.first_hits import first_hits
+from tiscene.render.integrators.labels.label_frames import LabelFrames
 from tiscene.render.integrators.labels.static_labels import StaticImage, StaticLabelCache
 from tiscene.render.integrators.labels.surface_labels import (
     FILTERED_ALBEDO,
@@ -28,7 +29,7 @@ from tiscene.render.intersect.ray_queue import RayArrays
 from tiscene.render.intersect.surface_interaction import geometry_of
 from tiscene.render.view import View
 from tiscene.scene.device_scene import DeviceScene
-from tiscene.scene.placement import CURRENT, NEXT, PREVIOUS, Placement
+from tiscene.scene.placement import CURRENT, NEXT, PREVIOUS
 
 MAX_MIRRORS = 4  # a mirror behind this many others is labeled itself
 _BUFFERS = BUFFERS | {FILTERED_ALBEDO: BUFFERS["albedo"]}
@@ -77,14 +78,14 @@ class LabelPass:
         if cached is None:
             rays = self._rays.resized(view.width, view.height)
             arrays = _empty(view, buffers)
-            self._draw(view, rays.queue, rays.count, arrays)
+            self._draw(self._frame(view), rays.queue, rays.count, arrays)
         else:
             image, changed, moving = cached
             arrays = {name: image.arrays[name].copy() for name in buffers}
             queue, count = self._rays.resized(view.width, view.height).queue_of(changed)
             if count and not arrays.keys().isdisjoint(COVERAGES):
                 self.scene.place_movers(moving)
-            self._draw(view, queue, count, arrays, static=image.samples)
+            self._draw(self._frame(view), queue, count, arrays, static=image.samples)
         return arrays
 
     def _draw_static(self, view: View, buffers: Sequence[str]) -> StaticImage:
@@ -94,12 +95,15 @@ class LabelPass:
         arrays = _empty(view, buffers)
         samples = None if arrays.keys().isdisjoint(COVERAGES) else CoverageSamples.empty(rays.count)
         image = StaticImage(arrays, np.empty(shape, np.float32), np.zeros(shape, bool), samples)
-        self._draw(view, rays.queue, rays.count, arrays, image)
+        self._draw(self._frame(view), rays.queue, rays.count, arrays, image)
         return image
+
+    def _frame(self, view: View) -> LabelFrames:
+        return LabelFrames.of([view], [self.scene.placement])
 
     def _draw(
         self,
-        view: View,
+        frames: LabelFrames,
         queue: Any,
         count: int,
         arrays: dict[str, NDArray[Any]],
@@ -109,7 +113,7 @@ class LabelPass:
         """Write the queued pixels.
 
         Args:
-            view: Camera and image size.
+            frames: What is rendered: one frame, or several without coverage.
             queue: i32 pixel numbers on the device.
             count: Number of queued pixels.
             arrays: Output, buffers by name.
@@ -119,40 +123,37 @@ class LabelPass:
         if not count:
             return
         self.traced_pixels += count
-        rays = self._rays
-        kernels.primary_rays(queue, count, view.array(), view.width, view.height, rays.rays)
-        first_hits(self.scene, CURRENT, rays, queue, count)
+        rays, pixels = self._rays, frames.pixels
+        kernels.primary_rays(queue, count, frames.cameras, frames.width, frames.height, rays.rays, frames.stacked)
+        first_hits(self.scene, CURRENT, rays, queue, count, rays_per_frame=pixels)
         if image is not None:
             image.max_distance[...] = rays.hits.to_numpy()[:, 0].reshape(image.max_distance.shape)
 
         if not arrays.keys().isdisjoint(COVERAGES):
+            view = frames.views[0]
             max_distance = np.zeros((view.height, view.width), np.float32) if image is None else image.max_distance
             samples = None if image is None else image.samples
             self._coverage.render(view, queue, count, arrays, max_distance, static, samples)
 
-        motion = instance_motion(self.scene.placement, view)
-        cameras = camera_motion(view)
-        mirrors = self._draw_surfaces(view, queue, count, motion, cameras, arrays, SURFACE_BUFFERS, 0)
+        mirrors = self._draw_surfaces(frames, queue, count, arrays, SURFACE_BUFFERS, 0)
         for name, time in _OCCLUSIONS:
             if name in arrays:
-                self._draw_occlusion(view, queue, count, time, motion, cameras, arrays[name])
+                self._draw_occlusion(frames, queue, count, time, arrays[name])
         # Last: reflected rays overwrite the hits.
         followed = 0
         while mirrors:
             queue, count = rays.mirrored[followed % 2], mirrors
             if image is not None and followed == 0:
                 image.mirrors.ravel()[queue.to_numpy()[:count]] = True
-            first_hits(self.scene, CURRENT, rays, queue, count)
+            first_hits(self.scene, CURRENT, rays, queue, count, rays_per_frame=pixels)
             followed += 1
-            mirrors = self._draw_surfaces(view, queue, count, motion, cameras, arrays, MATERIAL_BUFFERS, followed)
+            mirrors = self._draw_surfaces(frames, queue, count, arrays, MATERIAL_BUFFERS, followed)
 
     def _draw_surfaces(
         self,
-        view: View,
+        frames: LabelFrames,
         queue: Any,
         count: int,
-        motion: NDArray[np.float32],
-        cameras: NDArray[np.float32],
         arrays: dict[str, NDArray[Any]],
         buffers: Sequence[str],
         followed: int,
@@ -160,11 +161,9 @@ class LabelPass:
         """Write those of `buffers` that are among the arrays; return the number of rays that mirrors reflected.
 
         Args:
-            view: Camera and image size.
+            frames: What is rendered.
             queue: i32 pixel numbers on the device.
             count: Number of queued pixels.
-            motion: See `instance_motion`.
-            cameras: See `camera_motion`.
             arrays: Output, buffers by name.
             buffers: Names of the buffers to write.
             followed: Number of mirrors that reflected the rays before.
@@ -185,31 +184,30 @@ class LabelPass:
             *self.scene.textures.arrays(),
             self.scene.box_from_instance,
             self.scene.triangle_part,
-            motion,
-            cameras,
-            view.array(),
-            view.width,
-            view.height,
+            frames.instance_motion,
+            frames.camera_motion,
+            frames.cameras,
+            frames.width,
+            frames.height,
             int(followed < MAX_MIRRORS),
             rays.mirrored[followed % 2],
             mirrors,
             wanted,
             *(arrays.get(name, _placeholder(name)) for name in SURFACE_BUFFERS),
+            frames.stacked,
         )
         return int(mirrors[0])
 
     def _draw_occlusion(
         self,
-        view: View,
+        frames: LabelFrames,
         queue: Any,
         count: int,
         time: int,
-        motion: NDArray[np.float32],
-        cameras: NDArray[np.float32],
         occluded: NDArray[np.bool_],
     ) -> None:
         """Write whether the queued pixels' surface points are occluded from the camera at another time."""
-        rays, other = self._rays, self._occlusion_rays.resized(view.width, view.height)
+        rays, other = self._rays, self._occlusion_rays.resized(frames.width, frames.height * len(frames.views))
         kernels.occlusion_rays(
             queue,
             count,
@@ -220,18 +218,18 @@ class LabelPass:
             self.scene.triangle_vertices,
             self.scene.instance_info,
             self.scene.world_from_instance,
-            motion,
-            cameras,
-            view.array(),
-            view.width,
-            view.height,
+            frames.instance_motion,
+            frames.camera_motion,
+            frames.cameras,
+            frames.width,
+            frames.height,
             other.rays,
             other.distance,
+            frames.stacked,
         )
-        first_hits(self.scene, time, other, queue, count)
-        kernels.occlusion_labels(
-            queue, count, rays.hit_ids, other.distance, other.hits, other.hit_ids, view.width, occluded.view(np.uint8)
-        )
+        first_hits(self.scene, time, other, queue, count, rays_per_frame=frames.pixels)
+        hits = rays.hit_ids, other.distance, other.hits, other.hit_ids
+        kernels.occlusion_labels(queue, count, *hits, frames.width, occluded.view(np.uint8))
 
 
 def _empty(view: View, buffers: Sequence[str]) -> dict[str, NDArray[Any]]:
@@ -247,46 +245,3 @@ def _placeholder(name: str) -> NDArray[Any]:
     if name not in _PLACEHOLDERS:
         _PLACEHOLDERS[name] = _BUFFERS[name].empty(1, 1)
     return _PLACEHOLDERS[name]
-
-
-def instance_motion(placement: Placement, view: View) -> NDArray[np.float32]:
-    """Return the kernels' description of each instance's motion, float32 [max(n, 1), 51].
-
-    Columns: 0-35 mesh to camera coordinates (x right, y down, z forward) at k-1, k, k+1, each 3x4; 36-47 world
-    displacement from k to k+1, 3x4; 48-50 whether the instance is present at k-1, k, k+1.
-    """
-    world = placement.world_from_object
-    count = world.shape[1]
-    motion = np.zeros((max(count, 1), kernels.MOTION_COLUMNS), np.float32)
-    for time, camera in enumerate(view.cameras):
-        pose = camera.world_from_camera()
-        relative = world[time].copy()
-        relative[:, :, 3] -= pose[:3, 3]
-        motion[:count, 12 * time : 12 * time + 12] = _product(pose[:3, :3].T, relative).reshape(count, 12)
-    motion[:count, kernels.DISPLACEMENT : kernels.PRESENT] = (world[NEXT] - world[CURRENT]).reshape(count, 12)
-    motion[:count, kernels.PRESENT :] = placement.present.T
-    return motion
-
-
-def camera_motion(view: View) -> NDArray[np.float32]:
-    """Return the kernels' description of the camera's motion, float32 [3, 11], one row per time.
-
-    Columns: 0-8 rotation from the current camera's coordinates to that camera's, 3x3; 9 focal length, px; 10 whether it
-    is orthographic.
-    """
-    rotations = view.camera_from_world()[:, :, :3]
-    motion = np.empty((3, 11), np.float32)
-    for time in (PREVIOUS, CURRENT, NEXT):
-        motion[time, :9] = _product(rotations[time], rotations[CURRENT].T).ravel()
-    motion[:, kernels.FOCAL_LENGTH] = view.focal_lengths()
-    motion[:, kernels.ORTHOGRAPHIC] = [camera.orthographic_height is not None for camera in view.cameras]
-    return motion
-
-
-def _product(a: NDArray[np.float64], b: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return the matrix product [..., 3, 3] x [..., 3, m] with a fixed order of summation.
-
-    Equal poses give equal bytes on every machine and in every row of an array, unlike with BLAS or SIMD sums.
-    """
-    columns = [a[..., :, axis, None] * b[..., axis, None, :] for axis in range(3)]
-    return columns[0] + columns[1] + columns[2]

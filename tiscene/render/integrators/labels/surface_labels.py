@@ -24,7 +24,9 @@ from tiscene.render.integrators.labels.label_kernels import (
     affine,
     camera_point,
     deformed_point,
+    first_camera,
     from_principal_point,
+    row_in_frame,
 )
 from tiscene.render.intersect.ray_queue import HitIds, Hits, Rays, ray_direction, write_ray
 from tiscene.render.intersect.surface_interaction import (
@@ -136,10 +138,12 @@ def surface_labels(
     roughness: Floats2,
     metallic: Floats2,
     filtered_albedo: Floats3,
+    stacked: Template,
 ):
     """Write the label buffers at the hits of the rays in the queue.
 
-    The arguments from `depth` on are the buffers, in the order of SURFACE_BUFFERS, of one pixel where not wanted.
+    The arguments from `depth` to `filtered_albedo` are the buffers, in the order of SURFACE_BUFFERS, of one pixel where
+    not wanted.
 
     Args:
         instance_motion, camera_motion: See the functions of these names in `label_pass`.
@@ -147,15 +151,18 @@ def surface_labels(
             ray is replaced by its reflection and appended to `mirrored`.
         mirrored_count: i32 [1], number of reflected rays, incremented.
         wanted: i32 [len(SURFACE_BUFFERS)], 1 for the buffers to write.
+        stacked: See `label_kernels.first_camera`.
     """
     for i in range(count):
         pixel = queue[i]
         x, y = pixel % width, pixel // width
         row = hit_ids[pixel][0]
-        focal = camera_motion[CURRENT, FOCAL_LENGTH]
+        first = first_camera(y, height, stacked)
+        focal = camera_motion[first + CURRENT, FOCAL_LENGTH]
         # The background of an orthographic camera has no direction per pixel: it only turns with the image.
-        ahead = 1.0 - camera_motion[CURRENT, ORTHOGRAPHIC]
-        towards = vec3((x - 0.5 * (width - 1)) / focal, (y - 0.5 * (height - 1)) / focal, ahead)
+        ahead = 1.0 - camera_motion[first + CURRENT, ORTHOGRAPHIC]
+        down = row_in_frame(y, height, stacked)
+        towards = vec3((x - 0.5 * (width - 1)) / focal, (down - 0.5 * (height - 1)) / focal, ahead)
         object_point = vec3(0.0)
         if row >= 0:
             object_point = object_point_at(
@@ -167,8 +174,8 @@ def surface_labels(
                 0,
             )
         triangle, b1, b2 = hit_ids[pixel][1], hits[pixel][1], hits[pixel][2]
-        camera_space = camera_point(CURRENT, row, object_point, towards, instance_motion, camera_motion)
-        image_point = from_principal_point(camera_space, camera_motion, CURRENT)
+        camera_space = camera_point(CURRENT, row, object_point, towards, instance_motion, camera_motion, first)
+        image_point = from_principal_point(camera_space, camera_motion, first + CURRENT)
 
         if wanted[OF_DEPTH]:
             depth[y, x] = camera_space.z if row >= 0 else ti.math.inf
@@ -185,12 +192,12 @@ def surface_labels(
             )
         if wanted[OF_FORWARD_FLOW]:
             moved_point = deformed_point(geometry, row, triangle, b1, b2, object_point, NEXT)
-            after = camera_point(NEXT, row, moved_point, towards, instance_motion, camera_motion)
-            write2(forward_flow, y, x, from_principal_point(after, camera_motion, NEXT) - image_point)
+            after = camera_point(NEXT, row, moved_point, towards, instance_motion, camera_motion, first)
+            write2(forward_flow, y, x, from_principal_point(after, camera_motion, first + NEXT) - image_point)
         if wanted[OF_BACKWARD_FLOW]:
             moved_point = deformed_point(geometry, row, triangle, b1, b2, object_point, PREVIOUS)
-            before = camera_point(PREVIOUS, row, moved_point, towards, instance_motion, camera_motion)
-            write2(backward_flow, y, x, from_principal_point(before, camera_motion, PREVIOUS) - image_point)
+            before = camera_point(PREVIOUS, row, moved_point, towards, instance_motion, camera_motion, first)
+            write2(backward_flow, y, x, from_principal_point(before, camera_motion, first + PREVIOUS) - image_point)
         if wanted[OF_SCENE_FLOW]:
             displacement = vec3(0.0)
             if row >= 0:
@@ -235,7 +242,9 @@ def surface_labels(
                         is_needed, reads, footprint = unfiltered != 0 or may_mirror, inputs, Footprint()
                         if filtered == 1:
                             is_needed, reads = wanted[OF_FILTERED_ALBEDO] != 0 and not is_mirror, 1 << DIFFUSE
-                            footprint_width = 2.0 * (view[CURRENT, TANGENT] + view[CURRENT, HALF_HEIGHT]) / height
+                            footprint_width = (
+                                2.0 * (view[first + CURRENT, TANGENT] + view[first + CURRENT, HALF_HEIGHT]) / height
+                            )
                             if ahead > 0.0:
                                 footprint_width *= hits[pixel][0]
                             footprint = footprint_at(surface, direction, footprint_width, ti.u32(0))
@@ -257,8 +266,9 @@ def surface_labels(
             if wanted[OF_GEOMETRIC_NORMAL]:
                 write3(geometric_normal, y, x, geometric)
             if wanted[OF_NORMAL_CAMERA]:
-                right, up = view_vector(view, CURRENT, RIGHT), view_vector(view, CURRENT, UP)
-                forward = view_vector(view, CURRENT, FORWARD)
+                camera = first + CURRENT
+                right, up = view_vector(view, camera, RIGHT), view_vector(view, camera, UP)
+                forward = view_vector(view, camera, FORWARD)
                 write3(normal_camera, y, x, vec3(shading.dot(right), -shading.dot(up), shading.dot(forward)))
             if wanted[OF_UV]:
                 write2(uv, y, x, texture)

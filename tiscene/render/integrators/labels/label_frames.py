@@ -1,0 +1,114 @@
+# SPDX-License-Identifier: Apache-2.0
+"""LabelFrames: what label kernels read of a frame besides the scene, or of several frames that are rendered at once.
+
+The images of several frames are stacked below each other, and the rows of their instances follow each other
+(`DeviceScene.place_frames`).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tiscene.device.memory import upload
+from tiscene.render.integrators.labels import label_kernels as kernels
+from tiscene.render.view import View
+from tiscene.scene.placement import CURRENT, NEXT, PREVIOUS, Placement
+
+
+@dataclass(frozen=True, eq=False)
+class LabelFrames:
+    """Frames that are rendered at once.
+
+    Attributes:
+        views: Their views, of one image size.
+        cameras: Device array, the rows of all views (`View.rows`).
+        instance_motion: float32 [max(n, 1), 51], of all their instances, see the function.
+        camera_motion: float32 [3 f, 11], see the function.
+    """
+
+    views: Sequence[View]
+    cameras: Any
+    instance_motion: NDArray[np.float32]
+    camera_motion: NDArray[np.float32]
+
+    @classmethod
+    def of(cls, views: Sequence[View], placements: Sequence[Placement]) -> LabelFrames:
+        """Return the frames with these views and placements."""
+        if len(views) == 1:
+            cameras, (view,), (placement,) = views[0].array(), views, placements
+            return cls(views, cameras, instance_motion(placement, view), camera_motion(view))
+        pairs = list(zip(placements, views, strict=True))
+        motion = [instance_motion(placement, view)[: len(placement.mesh)] for placement, view in pairs]
+        empty = np.zeros((0 if any(map(len, motion)) else 1, kernels.MOTION_COLUMNS), np.float32)
+        cameras = upload(np.concatenate([view.rows() for view in views]))
+        return cls(
+            views, cameras, np.concatenate([*motion, empty]), np.concatenate([camera_motion(view) for view in views])
+        )
+
+    @property
+    def width(self) -> int:
+        """Width of a frame, px."""
+        return self.views[0].width
+
+    @property
+    def height(self) -> int:
+        """Height of a frame, px."""
+        return self.views[0].height
+
+    @property
+    def stacked(self) -> bool:
+        """Whether there are several frames."""
+        return len(self.views) > 1
+
+    @property
+    def pixels(self) -> int:
+        """Pixels of a frame, if there are several; 0 for one frame."""
+        return self.width * self.height if self.stacked else 0
+
+
+def instance_motion(placement: Placement, view: View) -> NDArray[np.float32]:
+    """Return the kernels' description of each instance's motion, float32 [max(n, 1), 51].
+
+    Columns: 0-35 mesh to camera coordinates (x right, y down, z forward) at k-1, k, k+1, each 3x4; 36-47 world
+    displacement from k to k+1, 3x4; 48-50 whether the instance is present at k-1, k, k+1.
+    """
+    world = placement.world_from_object
+    count = world.shape[1]
+    motion = np.zeros((max(count, 1), kernels.MOTION_COLUMNS), np.float32)
+    for time, camera in enumerate(view.cameras):
+        pose = camera.world_from_camera()
+        relative = world[time].copy()
+        relative[:, :, 3] -= pose[:3, 3]
+        motion[:count, 12 * time : 12 * time + 12] = _product(pose[:3, :3].T, relative).reshape(count, 12)
+    motion[:count, kernels.DISPLACEMENT : kernels.PRESENT] = (world[NEXT] - world[CURRENT]).reshape(count, 12)
+    motion[:count, kernels.PRESENT :] = placement.present.T
+    return motion
+
+
+def camera_motion(view: View) -> NDArray[np.float32]:
+    """Return the kernels' description of the camera's motion, float32 [3, 11], one row per time.
+
+    Columns: 0-8 rotation from the current camera's coordinates to that camera's, 3x3; 9 focal length, px; 10 whether it
+    is orthographic.
+    """
+    rotations = view.camera_from_world()[:, :, :3]
+    motion = np.empty((3, 11), np.float32)
+    for time in (PREVIOUS, CURRENT, NEXT):
+        motion[time, :9] = _product(rotations[time], rotations[CURRENT].T).ravel()
+    motion[:, kernels.FOCAL_LENGTH] = view.focal_lengths()
+    motion[:, kernels.ORTHOGRAPHIC] = [camera.orthographic_height is not None for camera in view.cameras]
+    return motion
+
+
+def _product(a: NDArray[np.float64], b: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return the matrix product [..., 3, 3] x [..., 3, m] with a fixed order of summation.
+
+    Equal poses give equal bytes on every machine and in every row of an array, unlike with BLAS or SIMD sums.
+    """
+    columns = [a[..., :, axis, None] * b[..., axis, None, :] for axis in range(3)]
+    return columns[0] + columns[1] + columns[2]
