@@ -110,5 +110,6 @@ def transmittance(materials: Template, surface: Template, distance: ti.f32) -> v
     result = vec3(1.0)
     row = surface.material
     if surface.front == 0 and (materials.info[row, FLAGS] & ABSORBS) != 0:
-        result = ti.exp(-distance * _color(ti.static(materials.values), row, ABSORPTION))
+        for c in ti.static(range(3)):
+            result[c] = ti.exp(-distance * materials.values[row, ABSORPTION + c])
     return result
