@@ -15,6 +15,7 @@ from tiscene.device.memory import device_array, upload
 from tiscene.errors import ArgumentError
 from tiscene.scene.bvh.blas import Blas
 from tiscene.scene.bvh.bvh import Bvh
+from tiscene.scene.bvh.bvh_copy import BvhCopy
 from tiscene.scene.bvh.obstacle_tree import MeshTrees
 from tiscene.scene.bvh.rebraid import INFO_PARTS, MAX_SPLIT, PARTS, ROW_BITS, instances_to_split
 from tiscene.scene.deforming_mesh import BLOCKS, TIMES, DeformingMesh
@@ -37,6 +38,7 @@ class DeviceScene:
 
     Args:
         traversal: Layout of the trees, "bvh8" or "bvh2". None: the layout for the device.
+        stage_trees: Trees of the first description to be added, if another scene has built them.
 
     Attributes:
         traversal: The layout.
@@ -68,10 +70,11 @@ class DeviceScene:
         ArgumentError: The layout is unknown.
     """
 
-    def __init__(self, traversal: str | None = None) -> None:
+    def __init__(self, traversal: str | None = None, stage_trees: MeshTrees | None = None) -> None:
         architecture = runtime.start()
         self.traversal = traversal or ("bvh2" if architecture == "cuda" else "bvh8")
-        self._bvh = Bvh(self.traversal)
+        self._stage_trees = stage_trees
+        self._bvh = Bvh(self.traversal) if stage_trees is None else BvhCopy(stage_trees.bvh)
         self.materials = MaterialTable()
         self.textures = TextureAtlas()
         self.lights = LightTable()
@@ -125,6 +128,11 @@ class DeviceScene:
         """The trees of the meshes, for collisions."""
         return MeshTrees(self._bvh, self._blas)
 
+    def copied_stage_trees(self) -> MeshTrees:
+        """Return the trees of the first description, for other scenes that begin with it."""
+        count = len(self.descriptions[0][1].meshes)
+        return self._stage_trees or MeshTrees(BvhCopy(self._bvh, self._stage_rows), self._blas[:count])
+
     def instances_at(self, time: int) -> Any:
         """Return `instance_info` for rays at a time; deforming meshes have a tree for each time."""
         return self._info_at.get(time, self.instance_info)
@@ -163,7 +171,12 @@ class DeviceScene:
         self.lights.append(description.lights, first_texture=first_texture)
         positions = [np.ascontiguousarray(mesh.positions, np.float32) for mesh in description.meshes]
         triangles = [np.ascontiguousarray(mesh.triangles, np.int32) for mesh in description.meshes]
-        self._blas += self._bvh.add_meshes(positions, triangles, self._first_triangles[-1])
+        if self._stage_trees is not None and len(self.descriptions) == 1:
+            self._blas += self._stage_trees.blas
+        else:
+            self._blas += self._bvh.add_meshes(positions, triangles, self._first_triangles[-1])
+        if len(self.descriptions) == 1:
+            self._stage_rows = self._bvh.used_rows
         self._emissive.add(description)
         for row, mesh in enumerate(description.meshes):
             first_triangle = self._first_triangles[-1]

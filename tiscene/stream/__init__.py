@@ -9,6 +9,7 @@
     incremental    decide which frames are rendered incrementally
     shutter        sample times while the shutter is open (motion blur)
     stage_cache    stages that were read last
+    warm_trees     trees of those stages
     render_ahead   render the next frames in a worker process
     loaders        data sets of PyTorch, Grain and Hugging Face
     stream_output  methods for USD programs and notebooks

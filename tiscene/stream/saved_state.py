@@ -1,13 +1,15 @@
 # SPDX-License-Identifier: Apache-2.0
-"""SavedState: the position of a stream as a dict, and the check of one before a stream continues from it."""
+"""SavedState: the position of a stream as a dict, the check of one before a stream continues from it, and pickling."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
 from typing import Any, Protocol
 
+from tiscene.device import runtime
 from tiscene.errors import ArgumentError
 from tiscene.scenario.scenario import Scenario
+from tiscene.stream.progress import ProgressBar
 from tiscene.stream.stage_cache import file_digests
 from tiscene.world.world import World
 
@@ -31,11 +33,26 @@ class StatefulSource(Protocol):
     @property
     def world(self) -> World: ...
     def settings(self) -> dict[str, Any]: ...
+    @property
+    def arch(self) -> str | None: ...
+    def restart(self, scenario: Scenario) -> None: ...
     def seek(self, index: int) -> Any: ...
 
 
 class SavedState:
-    """The methods of a stream for checkpoints."""
+    """The methods of a stream for checkpoints and for worker processes."""
+
+    def __getstate__(self: StatefulSource) -> dict[str, Any]:
+        """Return everything except device arrays, which are made anew, and the progress callback."""
+        kept = {name: value for name, value in vars(self).items() if name not in ("world", "_renderer")}
+        return kept | {"_progress": ProgressBar(), "scenario": self.scenario}
+
+    def __setstate__(self: StatefulSource, state: dict[str, Any]) -> None:
+        scenario, position = state.pop("scenario"), state["_position"]
+        vars(self).update(state)
+        runtime.start(self.arch)
+        self.restart(scenario)
+        self.seek(position)
 
     def state_dict(self: StatefulSource) -> dict[str, Any]:
         """Return the stream's position and settings as JSON-ready values below 1 kB."""

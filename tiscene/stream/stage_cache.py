@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""StageCache: the stages that a stream has read last, so that restarting into one of them reads nothing."""
+"""StageCache: the stages that a stream has read last, so that restarting into one of them reads and builds nothing."""
 
 from __future__ import annotations
 
@@ -15,6 +15,7 @@ from tiscene.render.render_settings import RenderSettings
 from tiscene.scenario.scenario import Scenario
 from tiscene.scene.description import SceneDescription, Template
 from tiscene.stream.loading import load
+from tiscene.stream.warm_trees import WarmTrees
 from tiscene.usd.core.layers import scene_digests
 from tiscene.usd.core.limits import Limits
 from tiscene.usd.read.template import read_template
@@ -24,6 +25,9 @@ MAX_STAGES = 3
 
 class StageCache:
     """Reads the stages and templates of scenarios, in one way.
+
+    Attributes:
+        trees: trees of the stages that are kept.
 
     Args:
         buffers: of the frames to come; they decide which kernels are compiled while the first stage is read.
@@ -62,6 +66,7 @@ class StageCache:
         self._options: dict[str, Any] = {"taxonomy": taxonomy, "time_code": time_code, "root": root}
         self._options |= {"strict": strict, "subdivision": subdivision}
         self._stages: dict[tuple[Any, ...], SceneDescription] = {}
+        self.trees = WarmTrees()
 
     @property
     def subdivision(self) -> int | None:
@@ -82,7 +87,7 @@ class StageCache:
             stage, self.arch = load(file, arch=self.arch, **self._loading, **options)
         self._stages[key] = stage
         while len(self._stages) > MAX_STAGES:
-            del self._stages[next(iter(self._stages))]
+            self.trees.drop(self._stages.pop(next(iter(self._stages))))
         return stage
 
     def without_empty_objects(self, scenario: Scenario) -> Scenario:

@@ -195,7 +195,7 @@ class Stream(LoaderMethods, StreamOutput, SavedState, Iterator[Frame]):
     def restart(self, scenario: Scenario, *, width: int | None = None, height: int | None = None) -> None:
         """Start again at frame 0 with another scenario, of the same scene or of another one.
 
-        A scene that was read recently is not read again.
+        A scene that was read recently is not read again, nor are its trees built again (`StageCache`).
 
         Args:
             scenario: the scenario; its scene and variants may differ.
@@ -213,8 +213,8 @@ class Stream(LoaderMethods, StreamOutput, SavedState, Iterator[Frame]):
         load_template = partial(self.stages.template, scenario=scenario, stage=stage)
         ids = CategoryIds(catalog.categories(), catalog.FIRST_UNREGISTERED_ID, self._selected_categories)
         world = World(scenario, stage, load_template, self.fps, width / height, renderer.mesh_trees, ids, self.seed)
-        renderer.set_world(world)
-        self.close()
+        self._release()
+        renderer.set_world(world, self.stages.trees.get(world.stage))
         self.world, self._renderer = world, renderer
         self.width, self.height = width, height
         self._digest: tuple[int, str] | None = None
@@ -222,10 +222,16 @@ class Stream(LoaderMethods, StreamOutput, SavedState, Iterator[Frame]):
 
     def close(self) -> None:
         """Free the memory of the device and of caches. `restart` makes the stream usable again."""
+        self._release()
+        self.stages.trees.clear()
+
+    def _release(self) -> None:
+        """End the present world; the trees of its stage are kept."""
         self._ahead.close()
         vars(self).pop("world", None)
         renderer = vars(self).pop("_renderer", None)
         if renderer is not None:
+            self.stages.trees.keep(renderer)
             renderer.close()
 
     def __enter__(self) -> Stream:
@@ -238,18 +244,6 @@ class Stream(LoaderMethods, StreamOutput, SavedState, Iterator[Frame]):
         if name in ("world", "_renderer"):
             raise ArgumentError("this stream is closed; make a new one, or restart it with a scenario")
         raise AttributeError(f"{type(self).__name__!r} object has no attribute {name!r}")
-
-    def __getstate__(self) -> dict[str, Any]:
-        """For worker processes: everything except device arrays, which are made anew, and the progress callback."""
-        kept = {name: value for name, value in vars(self).items() if name not in ("world", "_renderer")}
-        return kept | {"_progress": ProgressBar(), "scenario": self.scenario}
-
-    def __setstate__(self, state: dict[str, Any]) -> None:
-        scenario, position = state.pop("scenario"), state["_position"]
-        vars(self).update(state)
-        runtime.start(self.arch)
-        self.restart(scenario)
-        self.seek(position)
 
     def __repr__(self) -> str:
         return f"<Stream of {self.scenario.scene} at frame {self._position}: {', '.join(self.buffers)}>"

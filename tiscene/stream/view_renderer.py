@@ -73,9 +73,7 @@ class ViewRenderer:
         self._shutter = shutter
         self._cache_bytes = cache_bytes
         self._progress = progress
-        self._scene = DeviceScene()
         self._session = runtime.session()
-        self._measurer = Measurer(self._scene)
         self._renderers: dict[tuple[int, int], Renderer] = {}
         self._exposure: float | None = None
 
@@ -83,9 +81,16 @@ class ViewRenderer:
         """Raise DeviceError if this process is a fork, or if the user's code has restarted Taichi."""
         runtime.check_session(self._session)
 
-    def set_world(self, world: World) -> None:
-        """Render this world from now on. The scene's arrays are made anew when they are needed."""
+    def set_world(self, world: World, stage_trees: MeshTrees | None) -> None:
+        """Render a world. The scene's arrays are made when they are needed.
+
+        Args:
+            world: the world.
+            stage_trees: trees of its stage's meshes, if they are known.
+        """
         self.world = world
+        self._scene = DeviceScene(stage_trees=stage_trees)
+        self._measurer = Measurer(self._scene)
         self._exposure = world.camera.exposure
 
     def close(self) -> None:
@@ -96,6 +101,11 @@ class ViewRenderer:
         """Return the bounding volume hierarchies of the meshes, which serve collisions too."""
         self._upload_descriptions()
         return self._scene.trees
+
+    def stage_trees(self) -> MeshTrees | None:
+        """Return the trees of the stage's meshes alone; None if they were not needed, or Taichi was restarted."""
+        is_built = self._session is runtime.session() and self._scene.descriptions
+        return self._scene.copied_stage_trees() if is_built else None
 
     def exposure(self, width: int, height: int) -> float:
         """Return the main camera's exposure in stops, with the scenario's compensation.

@@ -4,6 +4,7 @@
 ::
 
     bvh             Bvh: build, place and refit the trees
+    bvh_copy        BvhCopy: the trees of meshes that another scene begins with
     blas            Blas: the tree of one mesh
     build_kernels   binned surface-area heuristic
     layout_kernels  binary trees to 8-wide nodes and leaf blocks

@@ -99,8 +99,12 @@ class Bvh:
     @property
     def used_rows(self) -> tuple[int, int]:
         """Rows of `nodes` and of `leaf_blocks` that hold BLAS and static instances; the others change or are free."""
-        rows = 10 if self.layout is BVH8 else 1
-        return self._used_nodes * self.layout.unit, self._used_leaf_blocks * rows
+        return self._used_nodes * self.layout.unit, self._used_leaf_blocks * self.rows_of_block
+
+    @property
+    def rows_of_block(self) -> int:
+        """Rows of `leaf_blocks` of one leaf block."""
+        return 10 if self.layout is BVH8 else 1
 
     def root(self, time: Hashable) -> int:
         """Return the reference of the TLAS at PREVIOUS, CURRENT or NEXT, or of the MOVERS.

@@ -1,0 +1,34 @@
+# SPDX-License-Identifier: Apache-2.0
+"""BvhCopy: the mesh trees of a Bvh without its instances, from which further scenes begin."""
+
+from __future__ import annotations
+
+from tiscene.scene.bvh.bvh import Bvh
+
+
+class BvhCopy(Bvh):
+    """Trees of another Bvh, to which more can be added.
+
+    The arrays of a copy have no free rows: what is added goes into larger arrays, so that a copy of all rows of a copy
+    shares its arrays.
+
+    Args:
+        source: The other Bvh.
+        rows: Its `used_rows` when the trees were complete; None: all, of a BvhCopy to which nothing was added.
+    """
+
+    def __init__(self, source: Bvh, rows: tuple[int, int] | None = None) -> None:
+        super().__init__(source.layout.name)
+        nodes, blocks = source.used_rows if rows is None else rows
+        self._used_nodes = nodes // self.layout.unit
+        self._used_leaf_blocks = blocks // source.rows_of_block
+        if rows is None:
+            self._nodes = source.nodes
+        else:
+            self._nodes = self._new_nodes(self._used_nodes)
+            self._nodes.from_numpy(source.nodes.to_numpy()[:nodes])
+        if blocks and rows is None:
+            self.leaf_blocks = source.leaf_blocks
+        elif blocks:
+            self.leaf_blocks = self._new_leaf_blocks(self._used_leaf_blocks)
+            self.leaf_blocks.from_numpy(source.leaf_blocks.to_numpy()[:blocks])
