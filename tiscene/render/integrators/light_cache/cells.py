@@ -26,6 +26,9 @@ GRID_SHIFT = 0.37
 # Normals are divided by their largest component's axis and sign, and by thirds of the other two components.
 TILT = 0.35
 LEAST_COSINE = 0.1
+# Least width of a cell that is seen in a reflection, as a fraction of the distance to what reflects it. Smaller cells
+# would be needed once only, since each frame traces other rays.
+REFLECTED_WIDTH = 0.1
 VALUE_COLUMNS = 4
 VALID = 3  # column of a value: 1 if the cell has light, 0 if no point of its surface was found
 NOT_FOUND = -1
@@ -47,6 +50,22 @@ class Cells(NamedTuple):
 def level_for(width: ti.f32) -> ti.i32:
     """Return the level of the largest cube that is not larger than a width, m: the exponent of the number."""
     return ti.math.clamp((ti.bit_cast(width, ti.i32) >> 23) - 127, LEAST_LEVEL, LARGEST_LEVEL)
+
+
+@ti.func
+def lookup_width(distance: ti.f32, spread: ti.f32, cell_width: ti.f32, reflected: ti.i32) -> ti.f32:
+    """Return the width of the cells that a ray looks up, m.
+
+    Args:
+        distance: Of the hit, m.
+        spread: Of the ray cone, m per m.
+        cell_width: Width of a cell over that of the footprint.
+        reflected: 1 after a vertex that is not mirror-like.
+    """
+    width = distance * spread * cell_width
+    if reflected != 0:
+        width = ti.max(width, REFLECTED_WIDTH * distance)
+    return width
 
 
 @ti.func

@@ -176,7 +176,8 @@ class FrameBatch:
             self._missing_count.fill(0)
             collect_missing(
                 *geometry_of(self._paths.scene), *self._cache.cells, width, self._paths.pixels, first, spp, bits, key,
-                step, state.queue, live, state.rays, state.hits, state.hit_ids, state.state, state.first_sample,
+                step, state.queue, live, state.rays, state.hits, state.hit_ids, state.state, state.status,
+                state.first_sample,
                 self._missing, self._missing_count,
             )  # fmt: skip
             count = int(self._missing_count.to_numpy()[0])

@@ -57,8 +57,8 @@ class LightCache:
         self._max_depth = max_depth
         self.sharp_light = sharp_light(paths.scene.lights)
         self._progress = progress
-        # Tables are at most half full.
-        self.limit = max(memory_limit // SLOT_BYTES // 2, LEAST_CAPACITY // 2)
+        # Tables are at most half full, and their capacities are powers of two.
+        self.limit = max(memory_limit // SLOT_BYTES // 4, LEAST_CAPACITY // 2)
         self._state: PathState | None = None
         self.clear()
 

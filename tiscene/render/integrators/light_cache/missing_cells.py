@@ -5,8 +5,8 @@ import taichi as ti
 
 from tiscene.device.argument_bundles import bundled
 from tiscene.device.kernel_types import Ints1, vec2
-from tiscene.render.integrators.light_cache.cells import CellList, Cells, cell_for, find
-from tiscene.render.integrators.path.path_state import SPREAD, States
+from tiscene.render.integrators.light_cache.cells import CellList, Cells, cell_for, find, lookup_width
+from tiscene.render.integrators.path.path_state import FEATURES_WRITTEN, SPREAD, States
 from tiscene.render.integrators.path.shading import SETS, TEXTURE_SET
 from tiscene.render.integrators.path.wavefront_kernels import FIRST_STEP_SET, path_index
 from tiscene.render.intersect.ray_queue import HitIds, Hits, Pixels, Rays, ray_direction
@@ -33,6 +33,7 @@ def collect_missing(
     hits: Hits,
     hit_ids: HitIds,
     state: States,
+    status: Ints1,
     first_sample: ti.i32,
     missing: CellList,
     missing_count: Ints1,
@@ -53,7 +54,8 @@ def collect_missing(
             direction = ray_direction(rays, i)
             surface = surface_at(geometry, instance, hit_ids[i][1], hits[i][1], hits[i][2], CURRENT, direction)
             index = path_index(pixels, first + i, spp, bits, first_sample)
-            width = hits[i][0] * state[i][SPREAD] * cell_width
+            reflected = ti.cast((status[i] & FEATURES_WRITTEN) != 0, ti.i32)
+            width = lookup_width(hits[i][0], state[i][SPREAD], cell_width, reflected)
             jitter = draw(set_keys(frame_key, first_set + TEXTURE_SET), index)
             for number in range(2):  # the displaced point's cell, and the point's own, as in `shade`
                 each = cell_for(instance, width, surface, direction, jitter if number == 0 else vec2(0.5))

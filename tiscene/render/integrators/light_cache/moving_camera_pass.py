@@ -26,6 +26,8 @@ from tiscene.render.integrators.path.path_pass import PathImage, PathPass
 from tiscene.render.integrators.path.path_state import PathSamples
 from tiscene.render.sampling.sobol import frame_key, index_bits
 from tiscene.render.view import View
+from tiscene.scene.lights.light_kinds import MESH
+from tiscene.scene.lights.light_table import INSTANCE, KIND
 from tiscene.scene.placement import CURRENT, Placement
 
 MAX_CACHES = 2  # static scenes whose light is kept
@@ -41,7 +43,7 @@ class MovingCameraPass:
         paths: Path pass of the image size.
         cell_spp: Paths per cell.
         cell_width: Width of a cell, px; cells have up to this width, and more than half of it.
-        memory_limit: Limit of the memory of cells, bytes.
+        memory_limit: Limit of the memory of cells, bytes; an attribute as well.
         progress: Called with the name of a stage and its completed fraction, 0..1.
     """
 
@@ -50,7 +52,7 @@ class MovingCameraPass:
     ) -> None:
         self._paths, self.scene = paths, paths.scene
         self._cell_spp, self._cell_width = cell_spp, cell_width
-        self._memory_limit = memory_limit
+        self.memory_limit = memory_limit
         self._progress = progress
         self._caches: dict[Hashable, LightCache] = {}  # least recently used first
         self.width, self.height = paths.width, paths.height
@@ -84,12 +86,14 @@ class MovingCameraPass:
             max_depth: Largest number of segments of a path.
 
         Returns:
-            The image; None if movers change so much that path tracing costs no more.
+            The image; None if movers change so much that path tracing costs no more, or emit light.
         """
         paths = self._paths
         paths.background = view.background
         present = placement.present[CURRENT]
         still, moving = present & ~moving, present & moving
+        if self._emits(moving):
+            return None
         cache = self._cache(placement, still, seed, max_depth)
         scene = FrameScene(paths, moving, still)
         samples = PathSamples(spp, index_bits(spp), frame_key(seed, frame_index))
@@ -103,6 +107,13 @@ class MovingCameraPass:
             if changed > MAX_CHANGED * self.width * self.height:
                 return None
         return paths.developed(spp)
+
+    def _emits(self, moving: NDArray[np.bool_]) -> bool:
+        """Return whether a mover is a light."""
+        if not (self.scene.materials.any_emission and moving.any()):
+            return False
+        values = self.scene.lights.arrays(self.scene.textures).values.to_numpy()
+        return bool(moving[values[values[:, KIND] == MESH, INSTANCE].astype(int)].any())
 
     def _cache(self, placement: Placement, still: NDArray[np.bool_], seed: int, max_depth: int) -> LightCache:
         """Return the cache of the static part of a placement."""
@@ -120,7 +131,7 @@ class MovingCameraPass:
             seed=seed,
             spp=self._cell_spp,
             max_depth=max_depth,
-            memory_limit=self._memory_limit // MAX_CACHES,
+            memory_limit=self.memory_limit // MAX_CACHES,
             progress=self._progress,
         )
         self._caches[key] = cache

@@ -15,7 +15,7 @@ from tiscene.render.bsdfs import extended_surface_bsdf as extended_bsdf
 from tiscene.render.bsdfs import preview_surface_bsdf as bsdf
 from tiscene.render.bsdfs.lobe_inputs import transmittance
 from tiscene.render.bsdfs.material_inputs import Materials, is_mirror_like, shaded_material_at, shading_normal
-from tiscene.render.integrators.light_cache.cells import Cells, cell_for, lit_slot, own_cell
+from tiscene.render.integrators.light_cache.cells import Cells, cell_for, lit_slot, lookup_width, own_cell
 from tiscene.render.integrators.light_cache.wide_lobes import wide_reflectance
 from tiscene.render.integrators.path.path_state import (
     ALBEDO,
@@ -205,13 +205,13 @@ def shade(
                     is_wide = is_mirror_like(material) == 0 and (material.flags & EXTENDED) == 0
                     if depth < max_depth and is_wide:
                         jitter = draw(set_keys(frame_key, first_set + TEXTURE_SET), index)
-                        width = footprint_width * cell_width
+                        whole = ti.cast((status_bits & FEATURES_WRITTEN) != 0, ti.i32)
+                        width = lookup_width(hits[i][0], state[i][SPREAD], cell_width, whole)
                         slot = lit_slot(cells, cell_for(instance, width, surface, direction, jitter))
                         if slot < 0:
                             slot = lit_slot(cells, own_cell(instance, width, surface, direction))
                         if slot >= 0:
                             looked_up = True
-                            whole = ti.cast((status_bits & FEATURES_WRITTEN) != 0, ti.i32)
                             reflectance, is_all = wide_reflectance(surface, material, energy, normal, wo, whole)
                             radiance += throughput * reflectance * read3(cells.values, slot, 0)
                             if sharp_light >= 0:
