@@ -12,6 +12,7 @@ from PIL import Image
 from tests.export.fake_stream import FakeStream
 from tiscene.errors import ExportError
 from tiscene.export import png
+from tiscene.export.array_files import resolved
 from tiscene.frame.buffers import BUFFERS
 
 
@@ -32,7 +33,7 @@ def frame(**buffers):
 
 def test_every_buffer_is_read_back():
     original = FakeStream()[12]
-    files = png.encode(original)
+    files = resolved(png.encode(original))
     assert len(files) == len(BUFFERS)
     for name, data in files.items():
         folder, file = name.split("/")
@@ -50,7 +51,7 @@ def test_every_buffer_is_read_back():
 
 
 def test_suffixes_are_those_of_the_documentation():
-    suffixes = {name.split("/")[0]: name.rpartition(".")[2] for name in png.encode(FakeStream()[0])}
+    suffixes = {name.split("/")[0]: name.rpartition(".")[2] for name in resolved(png.encode(FakeStream()[0]))}
     assert {name for name, suffix in suffixes.items() if suffix == "flo"} == {"forward_flow", "backward_flow"}
     assert {name for name, suffix in suffixes.items() if suffix == "png"} == {
         *("rgb", "depth", "distance", "semantic", "instance", "part", "forward_occlusion", "backward_occlusion")
@@ -59,16 +60,16 @@ def test_suffixes_are_those_of_the_documentation():
 
 def test_depth_is_rounded_to_millimeters_and_clipped():
     depth = np.array([[0.0001, 0.0015, 65.5349, 65.535, 1e6, np.inf]], np.float32)
-    loaded = read("x.png", png.encode(frame(depth=depth))["depth/000003.png"])
+    loaded = read("x.png", resolved(png.encode(frame(depth=depth)))["depth/000003.png"])
     assert loaded.tolist() == [[1, 2, 65535, 65535, 65535, 0]]
 
 
 def test_id_beyond_16_bits_raises_export_error():
     ids = np.array([[0, 65535]], np.int32)
-    assert read("x.png", png.encode(frame(instance=ids))["instance/000003.png"]).tolist() == [[0, 65535]]
+    assert read("x.png", resolved(png.encode(frame(instance=ids)))["instance/000003.png"]).tolist() == [[0, 65535]]
     with pytest.raises(ExportError, match=r"'instance' has the id 65536.*exr or npz"):
-        png.encode(frame(instance=ids + 1))
+        resolved(png.encode(frame(instance=ids + 1)))
     with pytest.raises(ExportError, match=r"'semantic' has the id 70000; this format holds ids 0\.\.65535"):
-        png.encode(frame(semantic=np.array([[70_000]], np.int32)))
+        resolved(png.encode(frame(semantic=np.array([[70_000]], np.int32))))
     with pytest.raises(ExportError, match=r"'instance' has the id -1"):
-        png.encode(frame(instance=ids - 1))
+        resolved(png.encode(frame(instance=ids - 1)))

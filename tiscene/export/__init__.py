@@ -8,6 +8,7 @@
     manifest        tiscene.json: provenance, and digests of frames, buffers and files
     manifest_difference  settings that keep an export from being continued
     folder_writer   frames of one export into its folder
+    encoding_threads  frames written while the next ones are rendered
     packing         files of many frames from the pieces of each
     shards, merging  exports in parts, and one export of them
     verification    files as recorded, frames that render as recorded

@@ -5,8 +5,8 @@ from __future__ import annotations
 
 import io
 import zipfile
-from collections.abc import Mapping
-from typing import Any
+from collections.abc import Callable, Mapping
+from typing import Any, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,6 +14,14 @@ from PIL import Image
 
 # The date of all members: the oldest one that a zip file can hold.
 EPOCH = (1980, 1, 1, 0, 0, 0)
+
+# Of a file. A function makes them in another thread, while the next frame is rendered.
+Contents: TypeAlias = bytes | Callable[[], bytes]
+
+
+def resolved(contents: Mapping[str, Contents]) -> dict[str, bytes]:
+    """Return contents by name, with functions called."""
+    return {name: content() if callable(content) else content for name, content in contents.items()}
 
 
 def npy(array: NDArray[Any]) -> bytes:

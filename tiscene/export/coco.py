@@ -12,13 +12,14 @@ from __future__ import annotations
 
 import json
 from collections.abc import Iterable
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from tiscene.export.array_files import png
+from tiscene.export.array_files import Contents, png
 
 if TYPE_CHECKING:
     from tiscene.export.packing import ExportRun, FramePieces
@@ -29,15 +30,27 @@ FRAMES_PER_FILE = None
 STUFF = frozenset({"ceiling", "cornice", "floor", "skirting", "wall"})  # categories without countable instances
 
 
-def encode(frame: Frame) -> dict[str, bytes]:
+def encode(frame: Frame) -> dict[str, Contents]:
     """Return the pictures of a frame by name."""
-    ids = frame.instance.astype(np.uint32)
-    panoptic = np.stack([ids >> shift & 255 for shift in (0, 8, 16)], axis=2).astype(np.uint8)
-    return {f"images/{frame.index:06d}.png": png(frame.rgb), f"panoptic/{frame.index:06d}.png": png(panoptic)}
+    return {
+        f"images/{frame.index:06d}.png": partial(png, frame.rgb),
+        f"panoptic/{frame.index:06d}.png": partial(_panoptic, frame.instance),
+    }
 
 
-def pieces(frame: Frame, labels: dict[str, Any], stream: Stream) -> dict[str, bytes]:
+def _panoptic(instance: NDArray[np.int32]) -> bytes:
+    """Return the picture of the ids of segments."""
+    ids = np.ascontiguousarray(instance, "<i4").view(np.uint8).reshape(*instance.shape, 4)
+    return png(np.ascontiguousarray(ids[..., :3]))
+
+
+def pieces(frame: Frame, labels: dict[str, Any], stream: Stream) -> dict[str, Contents]:
     """Return the image and the annotations of a frame as JSON; ids of annotations are given by `pack`."""
+    return {"coco.json": lambda: _annotations(frame)}
+
+
+def _annotations(frame: Frame) -> bytes:
+    """Return what a frame adds to the two JSON files."""
     height, width = frame.instance.shape
     names = {"id": frame.index + 1, "width": width, "height": height, "frame_index": frame.index}
     image = names | {"file_name": f"images/{frame.index:06d}.png", "video_id": 1, "time": frame.time}
@@ -65,7 +78,7 @@ def pieces(frame: Frame, labels: dict[str, Any], stream: Stream) -> dict[str, by
         if row.category not in STUFF
     ]
     content = {"image": image, "annotations": annotations, "panoptic": panoptic, "tracks": tracks}
-    return {"coco.json": json.dumps(content, separators=(",", ":")).encode()}
+    return json.dumps(content, separators=(",", ":")).encode()
 
 
 def pack(frames: Iterable[FramePieces], run: ExportRun, folder: Path) -> None:
@@ -143,18 +156,18 @@ def rle(counts: NDArray[np.int64]) -> str:
     Each number has groups of 5 bits, lowest first, with a sixth bit where more follow, as characters from "0" on
     (the format of `rleToString` in COCO's API).
     """
-    text = bytearray()
-    lengths = counts.tolist()
-    for place, length in enumerate(lengths):
-        number = length - lengths[place - 2] if place > 2 else length
-        while True:
-            bits = number & 31
-            number >>= 5
-            more = number != (-1 if bits & 16 else 0)
-            text.append((bits | 32 if more else bits) + 48)
-            if not more:
-                break
-    return text.decode()
+    rest = counts.copy()
+    rest[3:] -= counts[1:-2]
+    groups: list[NDArray[np.int64]] = []
+    goes_on = np.ones(len(rest), bool)
+    while goes_on.any():
+        bits = rest & 31
+        rest = rest >> 5
+        ends = rest == np.where(bits & 16, -1, 0)
+        groups.append(np.where(goes_on, np.where(ends, bits, bits | 32) + 48, 0))
+        goes_on &= ~ends
+    text = np.stack(groups, axis=1).astype(np.uint8)
+    return text[text > 0].tobytes().decode()
 
 
 def _content(frame: FramePieces) -> dict[str, Any]:

@@ -16,8 +16,9 @@ from __future__ import annotations
 
 import io
 import json
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -26,6 +27,7 @@ from numpy.typing import NDArray
 
 from tiscene.errors import ExportError, MissingFile
 from tiscene.export import exr
+from tiscene.export.array_files import Contents
 
 if TYPE_CHECKING:
     from tiscene.frame.frame import Frame
@@ -57,10 +59,8 @@ class Mattes:
         return result
 
 
-def encode(frame: Frame) -> dict[str, bytes]:
+def encode(frame: Frame) -> dict[str, Contents]:
     """Return the file of a frame by its name. Raises BufferNotFound without one of its buffers."""
-    import OpenEXR
-
     objects = {row.id: _object_name(row) for row in frame.objects}
     layers = (
         ("CryptoObject", frame.coverage, objects),
@@ -68,11 +68,25 @@ def encode(frame: Frame) -> dict[str, bytes]:
         ("CryptoMaterial", frame.material_coverage, {id: name for id, name in frame.materials.items() if name}),
         ("CryptoCategory", frame.coverage, {row.id: row.category for row in frame.objects if row.category}),
     )
+    beauty = {name: frame.buffers[name] for name in ("hdr", "rgb") if name in frame.buffers}
+    return {f"{frame.index:06d}.exr": partial(_file, layers, beauty)}
+
+
+def _file(
+    layers: Iterable[tuple[str, NDArray[np.float32], Mapping[int, str]]], beauty: Mapping[str, NDArray[Any]]
+) -> bytes:
+    """Return a file.
+
+    Args:
+        layers: Of each set of mattes its name, a coverage buffer, and the names of the ids.
+        beauty: The first of these buffers is the image; empty for none.
+    """
+    import OpenEXR
+
     header: dict[str, Any] = {"compression": OpenEXR.ZIP_COMPRESSION, "type": OpenEXR.scanlineimage}
     channels: dict[str, NDArray[Any]] = {}
-    beauty = next((name for name in ("hdr", "rgb") if name in frame.buffers), None)
-    if beauty is not None:
-        channels |= exr.channels(beauty, frame.buffers[beauty])
+    for name, buffer in list(beauty.items())[:1]:
+        channels |= exr.channels(name, buffer)
     for layer, coverage, names in layers:
         hashes = {name: hash_of(name) for name in names.values()}
         ids, weights = _ranked(coverage, {id: hashes[name] for id, name in names.items()})
@@ -80,7 +94,7 @@ def encode(frame: Frame) -> dict[str, bytes]:
         header |= _attributes(layer, hashes)
     data = io.BytesIO()
     OpenEXR.File([OpenEXR.Part(header, channels, name="cryptomatte")]).write(data)
-    return {f"{frame.index:06d}.exr": data.getvalue()}
+    return data.getvalue()
 
 
 def decode(path: str | Path) -> dict[str, Mattes]:

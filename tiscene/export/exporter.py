@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Any
 import tiscene
 from tiscene.errors import ArgumentError, ExportError
 from tiscene.export import frame_json
+from tiscene.export.encoding_threads import EncodingThreads
 from tiscene.export.folder_writer import FolderWriter
 from tiscene.export.formats import find_format
 from tiscene.export.manifest import NAME, Manifest
@@ -152,20 +153,25 @@ def _write_frames(
     pack: bool,
 ) -> None:
     """Render and write the frames that are not in the folder yet, and save the manifest now and then."""
+    again: set[int] = set()
+
+    def finish(index: int, frame: Frame | None) -> None:
+        writer.done(index)
+        if progress is not None and index not in again:
+            progress(index, frame)
+        writer.save_now_and_then()
+
     try:
-        if pack:
-            indices = list(indices)
-            for index in writer.plan(indices):
-                writer.write(stream[index], stream)
-                writer.done(index)
-        for index in indices:
-            frame = None
-            if not writer.holds(index):
-                frame = stream[index]
-                writer.write(frame, stream)
-            writer.done(index)
-            if progress is not None:
-                progress(index, frame)
-            writer.save_now_and_then()
+        with EncodingThreads(writer, finish) as threads:
+            if pack:
+                indices = list(indices)
+                again.update(writer.plan(indices))
+                for index in sorted(again):
+                    threads.write(stream[index], stream)
+            for index in indices:
+                if writer.holds(index):
+                    threads.skip(index)
+                else:
+                    threads.write(stream[index], stream)
     finally:
         writer.finish()

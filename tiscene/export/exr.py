@@ -21,11 +21,14 @@ The bytes of `rgb` are recovered exactly: encode the half floats with the sRGB c
 from __future__ import annotations
 
 import io
+from collections.abc import Mapping
+from functools import partial
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from tiscene.export.array_files import Contents
 from tiscene.scene.color import decode_srgb
 
 if TYPE_CHECKING:
@@ -35,15 +38,20 @@ COLORS = ("rgb", "hdr", "denoised", "albedo")
 MAX_HALF = 65504.0
 
 
-def encode(frame: Frame) -> dict[str, bytes]:
+def encode(frame: Frame) -> dict[str, Contents]:
     """Return the file of a frame by its name."""
+    return {f"{frame.index:06d}.exr": partial(_multi_part, frame.buffers)}
+
+
+def _multi_part(buffers: Mapping[str, NDArray[Any]]) -> bytes:
+    """Return buffers as the parts of a file."""
     import OpenEXR
 
     header = {"compression": OpenEXR.ZIP_COMPRESSION, "type": OpenEXR.scanlineimage}
-    parts = [OpenEXR.Part(dict(header), channels(name, buffer), name=name) for name, buffer in frame.buffers.items()]
+    parts = [OpenEXR.Part(dict(header), channels(name, buffer), name=name) for name, buffer in buffers.items()]
     data = io.BytesIO()
     OpenEXR.File(parts).write(data)
-    return {f"{frame.index:06d}.exr": data.getvalue()}
+    return data.getvalue()
 
 
 def channels(name: str, buffer: NDArray[Any]) -> dict[str, NDArray[Any]]:

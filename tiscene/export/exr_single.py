@@ -17,11 +17,13 @@ Values are those of the multi-part format (`exr`).
 from __future__ import annotations
 
 import io
+from functools import partial
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from tiscene.export.array_files import Contents
 from tiscene.export.exr import channels
 
 if TYPE_CHECKING:
@@ -30,17 +32,21 @@ if TYPE_CHECKING:
 _NAMES = {"X": "R", "Y": "G", "Z": "B", "U": "R", "V": "G"}
 
 
-def encode(frame: Frame) -> dict[str, bytes]:
+def encode(frame: Frame) -> dict[str, Contents]:
     """Return the files of a frame by name."""
+    return {
+        f"{name}/{frame.index:06d}.exr": partial(_single_part, name, buffer) for name, buffer in frame.buffers.items()
+    }
+
+
+def _single_part(name: str, buffer: NDArray[Any]) -> bytes:
+    """Return a buffer as a file."""
     import OpenEXR
 
-    files = {}
-    for name, buffer in frame.buffers.items():
-        header = {"compression": OpenEXR.ZIP_COMPRESSION, "type": OpenEXR.scanlineimage}
-        data = io.BytesIO()
-        OpenEXR.File([OpenEXR.Part(header, _renamed(channels(name, buffer)), name=name)]).write(data)
-        files[f"{name}/{frame.index:06d}.exr"] = data.getvalue()
-    return files
+    header = {"compression": OpenEXR.ZIP_COMPRESSION, "type": OpenEXR.scanlineimage}
+    data = io.BytesIO()
+    OpenEXR.File([OpenEXR.Part(header, _renamed(channels(name, buffer)), name=name)]).write(data)
+    return data.getvalue()
 
 
 def _renamed(planes: dict[str, NDArray[Any]]) -> dict[str, NDArray[Any]]:

@@ -4,13 +4,16 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from tiscene.export import frame_json
+from tiscene.export.array_files import Contents, resolved
 from tiscene.export.formats import find_format
-from tiscene.export.manifest import Manifest, views_by_folder
+from tiscene.export.manifest import Manifest, frame_entry, views_by_folder
 from tiscene.export.packing import ExportRun, content_digest, has_pieces, pack_group, pieces_file, remove_leftovers
 from tiscene.files import write_atomically
 
@@ -21,6 +24,21 @@ if TYPE_CHECKING:
 MIN_SAVE_INTERVAL = 2.0  # s between two writes of the manifest
 MAX_SAVE_SHARE = 0.05  # of the time, spent on writing the manifest
 MAX_DIGESTS = 64  # files whose digests are kept while frames are checked
+
+
+@dataclass(frozen=True)
+class WrittenFrame:
+    """What the manifest gets to know of a frame whose files are there.
+
+    Attributes:
+        entry: Its entry in `Manifest.frames`.
+        categories: The names of the ids in `semantic`.
+        materials: The names of the ids in `material_coverage`.
+    """
+
+    entry: dict[str, Any]
+    categories: Mapping[int, str]
+    materials: Mapping[int, str]
 
 
 class FolderWriter:
@@ -72,24 +90,29 @@ class FolderWriter:
         files = entry["files"] if entry else {}
         return bool(files) and all(self._digest(name) == digest for name, digest in files.items())
 
-    def write(self, frame: Frame, stream: Stream) -> None:
-        """Write the files of a frame, and record them in the manifest."""
-        files: dict[str, bytes] = {}
+    def writing(self, frame: Frame, stream: Stream) -> Callable[[], WrittenFrame]:
+        """Return a function that writes the files of a frame, in any thread; `record` takes what it returns.
+
+        What needs the renderer, such as the boxes of objects, is computed here.
+        """
+        contents: dict[str, Contents] = {}
         for camera, view in views_by_folder(frame).items():
-            written = self._format.encode(view) if hasattr(self._format, "encode") else {}
+            files = dict(self._format.encode(view)) if hasattr(self._format, "encode") else {}
             if self._packs:
                 labels = frame_json.frame_labels(view, self._objects)
-                written |= pieces_file(view.index, self._format.pieces(view, labels, stream))
+                files |= pieces_file(view.index, self._format.pieces(view, labels, stream))
             if not getattr(self._format, "HOLDS_LABELS", False):
-                written |= frame_json.encode(view, self._objects)
-            files |= {f"{camera}{name}": data for name, data in written.items()}
-        for name, data in files.items():
-            write_atomically(self.folder / name, data)
-        self.forget(files)
-        self.manifest.categories = dict(stream.categories)
-        if "material_coverage" in stream.buffers:
-            self.manifest.materials = dict(frame.materials)
-        self.manifest.record(frame, files)
+                files |= frame_json.encode(view, self._objects)
+            contents |= {f"{camera}{name}": content for name, content in files.items()}
+        materials = dict(frame.materials) if "material_coverage" in stream.buffers else {}
+        return partial(_write, self.folder, frame, contents, dict(stream.categories), materials)
+
+    def record(self, index: int, written: WrittenFrame) -> None:
+        """List a frame in the manifest."""
+        self.forget(written.entry["files"])
+        self.manifest.categories = dict(written.categories)
+        self.manifest.materials = dict(written.materials)
+        self.manifest.frames[index] = written.entry
 
     def forget(self, files: Iterable[str]) -> None:
         """Forget the digests of files that have been written."""
@@ -134,3 +157,17 @@ class FolderWriter:
                 del self._digests[next(iter(self._digests))]
             self._digests[name] = content_digest(self._format, self.folder / name)
         return self._digests[name]
+
+
+def _write(
+    folder: Path,
+    frame: Frame,
+    contents: Mapping[str, Contents],
+    categories: Mapping[int, str],
+    materials: Mapping[int, str],
+) -> WrittenFrame:
+    """Write the files of a frame."""
+    files = resolved(contents)
+    for name, data in files.items():
+        write_atomically(folder / name, data)
+    return WrittenFrame(frame_entry(frame, files), categories, materials)

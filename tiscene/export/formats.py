@@ -5,7 +5,7 @@ A format is a module. It is imported when the format is first used, so that no l
 The module has, as far as they apply:
 
 ==============================  ====================================================================================
-`encode(frame)`                 the files of a frame by name: `{"rgb/000012.png": bytes}`
+`encode(frame)`                 the files of a frame by name: `{"rgb/000012.png": bytes}`, or functions (see below)
 `pieces(frame, labels, stream)` what a frame adds to files of many frames, by any name; kept on disk until `pack`
 `HOLDS_LABELS`                  True: the pieces have `labels`, the frame's metadata, and no file of its own has it
 `FRAMES_PER_FILE`               file g has the frames g * FRAMES_PER_FILE and on; None: all frames are in one file
@@ -13,6 +13,9 @@ The module has, as far as they apply:
 `content_digest(path)`          digest of a file whose bytes are not a function of its contents; None: of its bytes
 `SUMMARY`, `summary(run)`       names and contents of files about all frames, which are written again at each export
 ==============================  ====================================================================================
+
+In place of bytes, `encode` and `pieces` may return a function without arguments that makes them. It is called in
+another thread while the next frame is rendered. It must not use what is rendered on demand, such as boxes of objects.
 
 All are functions of the frames alone: no time stamps, no random names. So an export that was killed or split into
 shards ends with the same bytes.

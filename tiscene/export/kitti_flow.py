@@ -18,12 +18,14 @@ from __future__ import annotations
 
 import struct
 import zlib
+from functools import cache, partial
 from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
-from tiscene.export.array_files import png
+from tiscene.export.array_files import Contents, png
+from tiscene.export.png import mask8
 
 if TYPE_CHECKING:
     from tiscene.frame.frame import Frame
@@ -31,14 +33,15 @@ if TYPE_CHECKING:
 SCALE, OFFSET = 64.0, 32768.0
 
 
-def encode(frame: Frame) -> dict[str, bytes]:
+def encode(frame: Frame) -> dict[str, Contents]:
     """Return the files of a frame by name."""
-    picture, name = png(frame.rgb), f"{frame.index:06d}"
-    files = {
+    flow, occlusion = frame.forward_flow, frame.forward_occlusion
+    picture, name = cache(partial(png, frame.rgb)), f"{frame.index:06d}"
+    files: dict[str, Contents] = {
         f"image_2/{name}_10.png": picture,
-        f"flow_occ/{name}_10.png": png48(kitti(frame.forward_flow)),
-        f"flow_noc/{name}_10.png": png48(kitti(frame.forward_flow, ~frame.forward_occlusion)),
-        f"occlusions/{name}.png": png(frame.forward_occlusion.astype(np.uint8) * np.uint8(255)),
+        f"flow_occ/{name}_10.png": lambda: png48(kitti(flow)),
+        f"flow_noc/{name}_10.png": lambda: png48(kitti(flow, ~occlusion)),
+        f"occlusions/{name}.png": lambda: png(mask8(occlusion)),
     }
     if frame.index > 0:
         files[f"image_2/{frame.index - 1:06d}_11.png"] = picture
@@ -52,12 +55,15 @@ def kitti(flow: NDArray[np.float32], valid: NDArray[np.bool_] | None = None) -> 
         flow: float32 [h, w, 2], px.
         valid: bool [h, w], pixels to keep; None: all whose flow can be represented.
     """
-    steps = np.round(flow.astype(np.float64) * SCALE + OFFSET)
-    valid = np.ones(flow.shape[:2], bool) if valid is None else valid
-    valid = valid & np.isfinite(steps).all(axis=2) & (steps >= 0.0).all(axis=2) & (steps <= 65535.0).all(axis=2)
-    encoded = np.zeros((*flow.shape[:2], 3), np.uint16)
-    encoded[valid, :2] = steps[valid].astype(np.uint16)
-    encoded[valid, 2] = 1
+    # Scaling by a power of two is exact, and the offset is even: both leave the rounding of ties as it is.
+    steps = np.rint(flow * np.float32(SCALE))
+    low, high = -OFFSET, 65535.0 - OFFSET
+    inside = (steps >= low) & (steps <= high)  # False for nan
+    valid = inside[..., 0] & inside[..., 1] & (True if valid is None else valid)
+    encoded = np.empty((*flow.shape[:2], 3), np.uint16)
+    for axis in range(2):
+        encoded[..., axis] = np.where(valid, steps[..., axis] + np.float32(OFFSET), np.float32(0.0))
+    encoded[..., 2] = valid
     return encoded
 
 

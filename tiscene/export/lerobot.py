@@ -17,13 +17,14 @@ from __future__ import annotations
 
 import json
 from collections.abc import Iterable
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from tiscene.export.array_files import from_npy, npy
+from tiscene.export.array_files import Contents, from_npy, npy
 from tiscene.export.video import VideoWriter
 
 if TYPE_CHECKING:
@@ -38,10 +39,10 @@ FIRST = PLACE.format(chunk_index=0, file_index=0)
 POSE = ["x", "y", "z", "qw", "qx", "qy", "qz"]
 
 
-def pieces(frame: Frame, labels: dict[str, Any], stream: Stream) -> dict[str, bytes]:
+def pieces(frame: Frame, labels: dict[str, Any], stream: Stream) -> dict[str, Contents]:
     """Return the picture and the pose of the camera."""
     pose = np.array((*frame.camera.position, *frame.camera.rotation), np.float32)
-    return {"rgb": npy(frame.rgb), "pose": npy(pose)}
+    return {"rgb": partial(npy, frame.rgb), "pose": npy(pose)}
 
 
 def pack(frames: Iterable[FramePieces], run: ExportRun, folder: Path) -> None:

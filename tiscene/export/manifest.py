@@ -9,7 +9,7 @@ from __future__ import annotations
 import hashlib
 import json
 import re
-from collections.abc import Iterator, MutableMapping
+from collections.abc import Iterator, Mapping, MutableMapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -115,20 +115,6 @@ class Manifest:
         head = json.dumps(content, indent=1).encode().removesuffix(b"\n}")
         write_atomically(folder / NAME, head + b',\n "frames": ' + self.frames.text() + b"\n}\n")
 
-    def record(self, frame: Frame, files: dict[str, bytes]) -> None:
-        """Add a frame whose files have been written.
-
-        Args:
-            frame: The frame.
-            files: The contents of its files, by path relative to the folder.
-        """
-        buffers = buffer_digests(frame)
-        self.frames[frame.index] = {
-            "digest": _digest_of(buffers),
-            "buffers": buffers,
-            "files": {name: hashlib.sha256(data).hexdigest() for name, data in files.items()},
-        }
-
     @property
     def folders(self) -> list[str]:
         """The folders of the cameras, each with a "/" at its end; [""] for a single camera."""
@@ -137,11 +123,27 @@ class Manifest:
         return sorted({"".join(name.rpartition("/")[:2]) for name in names}) or [""]
 
 
+def frame_entry(frame: Frame, files: Mapping[str, bytes]) -> dict[str, Any]:
+    """Return the entry of a frame in `Manifest.frames`.
+
+    Args:
+        frame: The frame.
+        files: The contents of its files, by path relative to the folder.
+    """
+    buffers = buffer_digests(frame)
+    return {
+        "digest": _digest_of(buffers),
+        "buffers": buffers,
+        "files": {name: hashlib.sha256(data).hexdigest() for name, data in files.items()},
+    }
+
+
 def buffer_digest(buffer: NDArray[Any]) -> str:
     """Return the digest of the dtype, shape and little-endian bytes of an array."""
     array = np.ascontiguousarray(buffer, dtype=buffer.dtype.newbyteorder("<"))
-    header = f"{array.dtype.str} {array.shape}\n"
-    return hashlib.sha256(header.encode() + array.tobytes()).hexdigest()
+    digest = hashlib.sha256(f"{array.dtype.str} {array.shape}\n".encode())
+    digest.update(array.reshape(-1).view(np.uint8))
+    return digest.hexdigest()
 
 
 def frame_digest(frame: Frame) -> str:

@@ -20,18 +20,20 @@ from __future__ import annotations
 import base64
 import json
 from collections.abc import Iterable
+from functools import lru_cache, partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from tiscene.export.array_files import npy, png
-from tiscene.export.png import ids16
+from tiscene.export.array_files import Contents, npy, png
+from tiscene.export.png import ids16, mask8
 
 if TYPE_CHECKING:
     from tiscene.export.packing import ExportRun, FramePieces
     from tiscene.frame.frame import Frame
+    from tiscene.frame.object_table import OrientedBox
     from tiscene.stream.stream import Stream
 
 FRAMES_PER_FILE = None
@@ -109,7 +111,7 @@ SCHEMAS: dict[str, dict[str, Any]] = {
 }
 
 
-def pieces(frame: Frame, labels: dict[str, Any], stream: Stream) -> dict[str, bytes]:
+def pieces(frame: Frame, labels: dict[str, Any], stream: Stream) -> dict[str, Contents]:
     """Return the messages of a frame; names are "topic schema"."""
     nanoseconds = round(frame.index * 1_000_000_000 / stream.fps)
     time = {"sec": nanoseconds // 1_000_000_000, "nsec": nanoseconds % 1_000_000_000}
@@ -118,20 +120,20 @@ def pieces(frame: Frame, labels: dict[str, Any], stream: Stream) -> dict[str, by
         "/labels tiscene.Labels": labels,
         "/tf foxglove.FrameTransform": _transform(frame, time),
         "/camera/calibration foxglove.CameraCalibration": stamp | _calibration(frame),
-        "/objects foxglove.SceneUpdate": _scene(frame, time),
     }
+    encoded: dict[str, Contents] = {name: _json(message) for name, message in messages.items()}
+    encoded["/objects foxglove.SceneUpdate"] = _scene(frame, time)
     for name, buffer in frame.buffers.items():
         if name == "rgb":
-            picture = {"data": _text(png(buffer)), "format": "png"}
-            messages["/camera/rgb foxglove.CompressedImage"] = stamp | picture
+            encoded["/camera/rgb foxglove.CompressedImage"] = partial(_picture, stamp, buffer)
         elif name == "position":
-            messages["/camera/points foxglove.PointCloud"] = {"timestamp": time, "frame_id": WORLD} | _cloud(frame)
+            world = {"timestamp": time, "frame_id": WORLD}
+            encoded["/camera/points foxglove.PointCloud"] = partial(_cloud, world, buffer, frame.buffers.get("rgb"))
         elif buffer.ndim == 2:
-            messages[f"/camera/{name} foxglove.RawImage"] = stamp | _raw_image(name, buffer)
+            encoded[f"/camera/{name} foxglove.RawImage"] = partial(_raw_image, stamp, name, buffer)
         else:
-            array = {"timestamp": time, "format": "npy", "data": _text(npy(buffer))}
-            messages[f"/camera/{name}.npy tiscene.Array"] = array
-    return {name: json.dumps(message, separators=(",", ":")).encode() for name, message in messages.items()}
+            encoded[f"/camera/{name}.npy tiscene.Array"] = partial(_array, time, buffer)
+    return encoded
 
 
 def pack(frames: Iterable[FramePieces], run: ExportRun, folder: Path) -> None:
@@ -189,47 +191,59 @@ def _calibration(frame: Frame) -> dict[str, Any]:
     }
 
 
-def _scene(frame: Frame, time: dict[str, int]) -> dict[str, Any]:
+def _scene(frame: Frame, time: dict[str, int]) -> bytes:
     """Return the boxes of all objects; those of the frame before are deleted."""
-    entities = []
-    for row in frame.objects:
-        box = row.box_3d
-        pose = {"position": _vector(box.center), "orientation": _quaternion(box.rotation)}
-        hue = row.id * 0.618033988749895 % 1.0
-        color = dict(zip("rgba", (*_rgb(hue), 0.4), strict=True))
-        text = {"pose": pose, "billboard": True, "font_size": 12.0, "scale_invariant": True, "text": row.name}
-        entities.append(
-            {
-                "timestamp": time,
-                "frame_id": WORLD,
-                "id": str(row.id),
-                "lifetime": {"sec": 0, "nsec": 0},
-                "frame_locked": False,
-                "cubes": [{"pose": pose, "size": _vector(box.size), "color": color}],
-                "texts": [text | {"color": {"r": 1.0, "g": 1.0, "b": 1.0, "a": 1.0}}],
-            }
-        )
-    return {"deletions": [{"timestamp": time, "type": 1, "id": ""}], "entities": entities}  # type 1: all
+    stamp = json.dumps(time, separators=(",", ":"))
+    entities = ",".join(f'{{"timestamp":{stamp},{_entity(row.id, row.name, row.box_3d)}' for row in frame.objects)
+    return f'{{"deletions":[{{"timestamp":{stamp},"type":1,"id":""}}],"entities":[{entities}]}}'.encode()  # type 1: all
 
 
-def _raw_image(name: str, buffer: NDArray[Any]) -> dict[str, Any]:
+@lru_cache(maxsize=8192)
+def _entity(id: int, name: str, box: OrientedBox) -> str:
+    """Return the JSON of an object's box after its time. Most objects stand still: it is the same in each frame."""
+    pose = {"position": _vector(box.center), "orientation": _quaternion(box.rotation)}
+    hue = id * 0.618033988749895 % 1.0
+    color = dict(zip("rgba", (*_rgb(hue), 0.4), strict=True))
+    text = {"pose": pose, "billboard": True, "font_size": 12.0, "scale_invariant": True, "text": name}
+    entity = {
+        "frame_id": WORLD,
+        "id": str(id),
+        "lifetime": {"sec": 0, "nsec": 0},
+        "frame_locked": False,
+        "cubes": [{"pose": pose, "size": _vector(box.size), "color": color}],
+        "texts": [text | {"color": {"r": 1.0, "g": 1.0, "b": 1.0, "a": 1.0}}],
+    }
+    return json.dumps(entity, separators=(",", ":"))[1:]
+
+
+def _picture(stamp: dict[str, Any], rgb: NDArray[np.uint8]) -> bytes:
+    """Return a picture as PNG."""
+    return _json(stamp | {"format": "png"}, png(rgb))
+
+
+def _array(time: dict[str, int], buffer: NDArray[Any]) -> bytes:
+    """Return a buffer as .npy."""
+    return _json({"timestamp": time, "format": "npy"}, npy(buffer))
+
+
+def _raw_image(stamp: dict[str, Any], name: str, buffer: NDArray[Any]) -> bytes:
     """Return a buffer [h, w] as an image, little endian."""
     if buffer.dtype == np.bool_:
-        pixels, encoding = buffer.astype(np.uint8) * np.uint8(255), "mono8"
+        pixels, encoding = mask8(buffer), "mono8"
     elif np.issubdtype(buffer.dtype, np.integer):
         pixels, encoding = ids16(name, buffer).astype("<u2"), "mono16"
     else:
         pixels, encoding = buffer.astype("<f4"), "32FC1"
     height, width = buffer.shape
     size = {"width": width, "height": height, "step": width * pixels.itemsize}
-    return size | {"encoding": encoding, "data": _text(pixels.tobytes())}
+    return _json(stamp | size | {"encoding": encoding}, pixels.tobytes())
 
 
-def _cloud(frame: Frame) -> dict[str, Any]:
+def _cloud(world: dict[str, Any], position: NDArray[np.float32], rgb: NDArray[np.uint8] | None) -> bytes:
     """Return the points that pixels show: x, y, z as float32, and red, green, blue, alpha as uint8."""
-    points = frame.position.reshape(-1, 3)
+    points = position.reshape(-1, 3)
     hit = np.isfinite(points).all(axis=1)
-    colors = frame.rgb.reshape(-1, 3) if "rgb" in frame else np.full((len(points), 3), 255, np.uint8)
+    colors = np.full((len(points), 3), 255, np.uint8) if rgb is None else rgb.reshape(-1, 3)
     packed = np.zeros(int(hit.sum()), [("point", "<f4", 3), ("color", "u1", 3), ("alpha", "u1")])
     packed["point"], packed["color"], packed["alpha"] = points[hit], colors[hit], 255
     floats = [{"name": name, "offset": 4 * place, "type": 7} for place, name in enumerate("xyz")]
@@ -237,7 +251,7 @@ def _cloud(frame: Frame) -> dict[str, Any]:
         {"name": name, "offset": 12 + place, "type": 1} for place, name in enumerate(("red", "green", "blue", "alpha"))
     ]
     origin = {"position": _vector((0.0, 0.0, 0.0)), "orientation": _quaternion((1.0, 0.0, 0.0, 0.0))}
-    return {"pose": origin, "point_stride": 16, "fields": floats + bytes_, "data": _text(packed.tobytes())}
+    return _json(world | {"pose": origin, "point_stride": 16, "fields": floats + bytes_}, packed.tobytes())
 
 
 def _vector(values: Iterable[float]) -> dict[str, float]:
@@ -253,5 +267,12 @@ def _rgb(hue: float) -> tuple[float, float, float]:
     return red, green, blue
 
 
-def _text(data: bytes) -> str:
-    return base64.b64encode(data).decode()
+def _json(message: dict[str, Any], data: bytes | None = None) -> bytes:
+    """Return a message as JSON.
+
+    Args:
+        message: Its properties.
+        data: The value of a further one, `data`, which is encoded as base64; None for a message without.
+    """
+    text = json.dumps(message, separators=(",", ":")).encode()
+    return text if data is None else text[:-1] + b',"data":"' + base64.b64encode(data) + b'"}'

@@ -8,13 +8,17 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from tiscene.export.array_files import archive, npy
+from tiscene.export.array_files import Contents, archive, npy
 
 if TYPE_CHECKING:
     from tiscene.frame.frame import Frame
 
 
-def encode(frame: Frame) -> dict[str, bytes]:
+def encode(frame: Frame) -> dict[str, Contents]:
     """Return the file of a frame by its name."""
-    members = {f"{name}.npy": npy(buffer) for name, buffer in frame.buffers.items()}
-    return {f"{frame.index:06d}.npz": archive(members, compress=True)}
+    buffers = frame.buffers
+    return {
+        f"{frame.index:06d}.npz": lambda: archive(
+            {f"{name}.npy": npy(buffer) for name, buffer in buffers.items()}, compress=True
+        )
+    }

@@ -19,7 +19,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from tiscene.export.array_files import archive
+from tiscene.export.array_files import Contents, archive, resolved
 from tiscene.export.manifest import Manifest, file_digest
 
 PIECES, PACKING = "pieces", ".packing"
@@ -84,9 +84,9 @@ class GroupFrames:
                 yield FramePieces(index, {name: source.read(name) for name in source.namelist()})
 
 
-def pieces_file(index: int, members: Mapping[str, bytes]) -> dict[str, bytes]:
+def pieces_file(index: int, members: Mapping[str, Contents]) -> dict[str, Contents]:
     """Return the file of a frame's pieces by its name."""
-    return {f"{PIECES}/{index:06d}.zip": archive(members, compress=False)}
+    return {f"{PIECES}/{index:06d}.zip": lambda: archive(resolved(members), compress=False)}
 
 
 def is_pieces(name: str) -> bool:

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Iterable, Iterator
+from functools import partial
 from itertools import chain, islice
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -16,7 +17,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from tiscene.export.array_files import from_npy, npy, png
+from tiscene.export.array_files import Contents, from_npy, npy, png
 from tiscene.frame.buffers import BUFFERS
 
 if TYPE_CHECKING:
@@ -30,10 +31,10 @@ HOLDS_LABELS = True
 SUMMARY = ("README.md",)
 
 
-def pieces(frame: Frame, labels: dict[str, Any], stream: Stream) -> dict[str, bytes]:
+def pieces(frame: Frame, labels: dict[str, Any], stream: Stream) -> dict[str, Contents]:
     """Return the cells of a frame's row."""
-    cells = {"labels": json.dumps(labels, allow_nan=False, separators=(",", ":")).encode()}
-    return cells | {name: png(buffer) if name == "rgb" else npy(buffer) for name, buffer in frame.buffers.items()}
+    cells: dict[str, Contents] = {"labels": json.dumps(labels, allow_nan=False, separators=(",", ":")).encode()}
+    return cells | {name: partial(png if name == "rgb" else npy, buffer) for name, buffer in frame.buffers.items()}
 
 
 def pack(frames: Iterable[FramePieces], run: ExportRun, folder: Path) -> None:
@@ -48,7 +49,9 @@ def pack(frames: Iterable[FramePieces], run: ExportRun, folder: Path) -> None:
     path = folder / "data" / f"train-{first.index // FRAMES_PER_FILE:06d}.parquet"
     path.parent.mkdir(parents=True)
     rows_per_group = max(1, ROW_GROUP_BYTES // max(1, sum(map(len, first.members.values()))))
-    with pq.ParquetWriter(path, schema, compression="zstd", compression_level=1, use_dictionary=False) as writer:
+    options: dict[str, Any] = {"compression": "zstd", "compression_level": 1, "data_page_size": 8 << 20}
+    options |= {"use_dictionary": False, "write_statistics": ["index", "time"]}
+    with pq.ParquetWriter(path, schema, **options) as writer:
         for group in _batches(chain([first], rows), rows_per_group):
             columns = [_column(field, group, run) for field in schema]
             writer.write_table(pa.Table.from_arrays(columns, schema=schema), row_group_size=len(group))

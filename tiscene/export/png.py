@@ -14,6 +14,7 @@ every other buffer (float32)            .npy, unchanged
 from __future__ import annotations
 
 import struct
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -21,7 +22,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tiscene.errors import ExportError, export_errors
-from tiscene.export.array_files import npy, png
+from tiscene.export.array_files import Contents, npy, png
 from tiscene.files import write_atomically
 
 if TYPE_CHECKING:
@@ -30,28 +31,33 @@ if TYPE_CHECKING:
 FLO_TAG = 202021.25  # the magic number of .flo files; its bytes are "PIEH"
 
 
-def encode(frame: Frame) -> dict[str, bytes]:
-    """Return the files of a frame by name. Raises ExportError for an id beyond unsigned 16 bits."""
-    files = {}
+def encode(frame: Frame) -> dict[str, Contents]:
+    """Return the files of a frame by name. They raise ExportError for an id beyond unsigned 16 bits."""
+    files: dict[str, Contents] = {}
     for name, buffer in frame.buffers.items():
-        suffix, data = encode_buffer(name, buffer)
+        suffix, data = encoded_buffer(name, buffer)
         files[f"{name}/{frame.index:06d}{suffix}"] = data
     return files
 
 
-def encode_buffer(name: str, buffer: NDArray[Any]) -> tuple[str, bytes]:
+def encoded_buffer(name: str, buffer: NDArray[Any]) -> tuple[str, Contents]:
     """Return suffix and contents of the file of a buffer."""
     if buffer.dtype == np.uint8:
-        return ".png", png(buffer)
+        return ".png", partial(png, buffer)
     if buffer.dtype == np.bool_:
-        return ".png", png(buffer.astype(np.uint8) * np.uint8(255))
+        return ".png", lambda: png(mask8(buffer))
     if np.issubdtype(buffer.dtype, np.integer):
-        return ".png", png(ids16(name, buffer))
+        return ".png", lambda: png(ids16(name, buffer))
     if name in ("depth", "distance"):
-        return ".png", png(millimeters(buffer))
+        return ".png", lambda: png(millimeters(buffer))
     if name in ("forward_flow", "backward_flow"):
-        return ".flo", flo(buffer)
-    return ".npy", npy(buffer)
+        return ".flo", partial(flo, buffer)
+    return ".npy", partial(npy, buffer)
+
+
+def mask8(mask: NDArray[np.bool_]) -> NDArray[np.uint8]:
+    """Return a mask as 8-bit gray: 255 is True."""
+    return mask.view(np.uint8) * np.uint8(255)
 
 
 def ids16(name: str, buffer: NDArray[Any]) -> NDArray[np.uint16]:

@@ -26,7 +26,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from tiscene.export.array_files import archive, from_npy, npy
+from tiscene.export.array_files import Contents, archive, from_npy, npy
 from tiscene.render.view import View
 
 if TYPE_CHECKING:
@@ -39,7 +39,7 @@ QUERY_FRAMES = (0, 12)  # of a clip
 POINTS = 128  # per query frame
 
 
-def pieces(frame: Frame, labels: dict[str, Any], stream: Stream) -> dict[str, bytes]:
+def pieces(frame: Frame, labels: dict[str, Any], stream: Stream) -> dict[str, Contents]:
     """Return the picture, and where the clip's points are in the frame."""
     clip = frame.index // FRAMES_PER_FILE
     names = [step[1].name for step in stream.world.state(frame.index).cameras]

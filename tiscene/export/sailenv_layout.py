@@ -20,6 +20,7 @@ import gzip
 import io
 import json
 from dataclasses import dataclass
+from functools import lru_cache, partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -28,7 +29,7 @@ from numpy.typing import NDArray
 from PIL import Image
 
 from tiscene.errors import ExportError, MissingFile
-from tiscene.export.array_files import npy, png
+from tiscene.export.array_files import Contents, npy, png
 from tiscene.sailenv.recorded_classes import RecordedClasses
 from tiscene.sailenv.unity_coordinates import flow_of
 
@@ -40,7 +41,7 @@ SUMMARY = ("frames/fps.json", "sup/map.json")
 FILES_PER_FOLDER = 100
 
 
-def encode(frame: Frame) -> dict[str, bytes]:
+def encode(frame: Frame) -> dict[str, Contents]:
     """Return the files of a frame by name. Raises BufferNotFound without a buffer that the format requires."""
     table = RecordedClasses.of_ids(frame.categories).table(frame.categories, int(frame.semantic.max(initial=0)) + 1)
     return frame_files(frame.index, frame.rgb, flow_of(frame.backward_flow), table[frame.semantic])
@@ -48,7 +49,7 @@ def encode(frame: Frame) -> dict[str, bytes]:
 
 def frame_files(
     index: int, rgb: NDArray[np.uint8], flow: NDArray[np.float32], classes: NDArray[np.int32]
-) -> dict[str, bytes]:
+) -> dict[str, Contents]:
     """Return the files of a frame by name.
 
     Args:
@@ -59,10 +60,10 @@ def frame_files(
     """
     name = file_name(index)
     return {
-        f"frames/{name}.png": png(rgb),
-        f"motion/{name}.bin": _packed(flow),
-        f"sup/{name}.targets.bin": _packed(classes.ravel()),
-        f"sup/{name}.indices.bin": _packed(np.arange(classes.size, dtype=np.int32)),
+        f"frames/{name}.png": partial(png, rgb),
+        f"motion/{name}.bin": partial(_packed, flow),
+        f"sup/{name}.targets.bin": partial(_packed, classes.ravel()),
+        f"sup/{name}.indices.bin": partial(_indices, classes.size),
     }
 
 
@@ -150,6 +151,12 @@ class Recording:
         except ValueError as error:
             raise ExportError(f"{self.folder / name} is not valid JSON: {error}") from error
         return content
+
+
+@lru_cache(maxsize=4)
+def _indices(count: int) -> bytes:
+    """Return the file of the indices of all pixels, which is the same for each frame."""
+    return _packed(np.arange(count, dtype=np.int32))
 
 
 def _packed(array: NDArray[Any]) -> bytes:

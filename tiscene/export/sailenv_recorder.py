@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tiscene.errors import ExportError
+from tiscene.export.array_files import resolved
 from tiscene.export.focus_of_attention import focus_file, focus_path
 from tiscene.export.sailenv_layout import Recording, frame_files, summary_files
 from tiscene.files import write_atomically
@@ -63,7 +64,7 @@ class SailenvRecorder:
             categories: Names of its numbers.
         """
         classes = self._classes.table(categories, 256)[category]
-        self._write(frame_files(self.count, rgb, flow, classes))
+        self._write(resolved(frame_files(self.count, rgb, flow, classes)))
         self.count += 1
 
     def finish(self, *, focus: bool = True) -> None:

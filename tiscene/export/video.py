@@ -20,6 +20,7 @@ from __future__ import annotations
 from collections.abc import Iterable
 from contextlib import ExitStack
 from fractions import Fraction
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -27,9 +28,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tiscene.errors import ExportError
-from tiscene.export.array_files import from_npy, npy
+from tiscene.export.array_files import Contents, from_npy, npy
 from tiscene.export.kitti_flow import kitti
-from tiscene.export.png import ids16, millimeters
+from tiscene.export.png import ids16, mask8, millimeters
 
 if TYPE_CHECKING:
     from tiscene.export.packing import ExportRun, FramePieces
@@ -92,13 +93,13 @@ class VideoWriter:
         self._container.close()
 
 
-def pieces(frame: Frame, labels: dict[str, Any], stream: Stream) -> dict[str, bytes]:
+def pieces(frame: Frame, labels: dict[str, Any], stream: Stream) -> dict[str, Contents]:
     """Return the pixels of each buffer.
 
     Raises:
         ExportError: A buffer has no form as video.
     """
-    return {name: npy(pixels(name, buffer)) for name, buffer in frame.buffers.items()}
+    return {name: partial(_piece, name, buffer) for name, buffer in frame.buffers.items()}
 
 
 def pack(frames: Iterable[FramePieces], run: ExportRun, folder: Path) -> None:
@@ -114,12 +115,16 @@ def pack(frames: Iterable[FramePieces], run: ExportRun, folder: Path) -> None:
                 target.write(from_npy(frame.members["rgb" if name == PREVIEW else name]))
 
 
+def _piece(name: str, buffer: NDArray[Any]) -> bytes:
+    return npy(pixels(name, buffer))
+
+
 def pixels(name: str, buffer: NDArray[Any]) -> NDArray[Any]:
     """Return a buffer as pixels of a video: uint8 or uint16, [h, w] or [h, w, 3]."""
     if buffer.dtype == np.uint8:
         return buffer
     if buffer.dtype == np.bool_:
-        return buffer.astype(np.uint8) * np.uint8(255)
+        return mask8(buffer)
     if np.issubdtype(buffer.dtype, np.integer):
         return ids16(name, buffer)
     if name in ("depth", "distance"):

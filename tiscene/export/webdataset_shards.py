@@ -11,11 +11,12 @@ import io
 import json
 import tarfile
 from collections.abc import Iterable
+from functools import partial
 from itertools import chain
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from tiscene.export.array_files import npy, png
+from tiscene.export.array_files import Contents, npy, png
 
 if TYPE_CHECKING:
     from tiscene.export.packing import ExportRun, FramePieces
@@ -26,14 +27,14 @@ FRAMES_PER_FILE = 1000
 HOLDS_LABELS = True
 
 
-def pieces(frame: Frame, labels: dict[str, Any], stream: Stream) -> dict[str, bytes]:
+def pieces(frame: Frame, labels: dict[str, Any], stream: Stream) -> dict[str, Contents]:
     """Return the members of a sample by extension."""
-    members = {"json": json.dumps(labels, allow_nan=False, separators=(",", ":")).encode()}
+    members: dict[str, Contents] = {"json": json.dumps(labels, allow_nan=False, separators=(",", ":")).encode()}
     for name, buffer in frame.buffers.items():
         if name == "rgb":
-            members["rgb.png"] = png(buffer)
+            members["rgb.png"] = partial(png, buffer)
         else:
-            members[f"{name}.npy"] = npy(buffer)
+            members[f"{name}.npy"] = partial(npy, buffer)
     return members
 
 
