@@ -7,6 +7,7 @@
     material_description  Material, Texture
     light_description     one class for each kind of light
     animation             deforming meshes and moving instances
+    skinning              skinned meshes, computed on demand
     input_track           inputs of materials and lights over time
     assembly              objects of several meshes; bounding boxes
     room_volume           volumes of rooms, and which room a point is in
@@ -14,6 +15,9 @@
     color                 sRGB transfer function
     placement             transforms of all instances around one frame
     device_scene          DeviceScene: what kernels read
+    instance_upload       arrays of instances in one upload; several frames at once
+    vertex_rows           rows of the arrays that all meshes share
+    affine_maps           inverses; boxes around transformed boxes
     deforming_mesh        a deforming mesh on the device
     material_table        materials as arrays
     bvh                   bounding volume hierarchies

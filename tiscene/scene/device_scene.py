@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from tiscene.device import runtime
 from tiscene.device.memory import device_array, upload
 from tiscene.errors import ArgumentError
+from tiscene.scene.affine_maps import inverted, transformed_boxes
 from tiscene.scene.bvh.blas import Blas
 from tiscene.scene.bvh.bvh import Bvh
 from tiscene.scene.bvh.bvh_copy import BvhCopy
@@ -20,11 +21,13 @@ from tiscene.scene.bvh.obstacle_tree import MeshTrees
 from tiscene.scene.bvh.rebraid import INFO_PARTS, MAX_SPLIT, PARTS, ROW_BITS, instances_to_split
 from tiscene.scene.deforming_mesh import BLOCKS, TIMES, DeformingMesh
 from tiscene.scene.description import Mesh, SceneDescription
+from tiscene.scene.instance_upload import NO_INSTANCES, stacked, upload_packed
 from tiscene.scene.lights.emissive_meshes import EmissiveMeshes
 from tiscene.scene.lights.light_table import LightTable
 from tiscene.scene.material_table import MaterialTable
 from tiscene.scene.placement import CURRENT, MOVERS, NEXT, PREVIOUS, Placement
 from tiscene.scene.textures.atlas import TextureAtlas
+from tiscene.scene.vertex_rows import color_rows, stack_rows
 
 HAS_NORMALS, HAS_UV, MIRRORED, HAS_COLORS = 1, 2, 4, 8  # bits of `instance_info` column 5
 INFO_COLUMNS = 17
@@ -91,11 +94,13 @@ class DeviceScene:
         self._boxes = np.zeros((3, 0, 2, 3))
         self._deforming: dict[int, DeformingMesh] = {}  # by mesh row
         self.instance_count = 0
-        self.placement = _NO_INSTANCES
+        self.placement = NO_INSTANCES
         self.bounds: NDArray[np.float64] = np.zeros((2, 3))
         self._hittable = np.zeros((3, 0), bool)
         self._instance_boxes = np.zeros((3, 0, 6))
         self.instance_info: Any = None
+        self._frame_roots: dict[int, Any] = {}
+        self._pending: list[NDArray[Any]] | None = None  # values of the arrays of instances, not on the device yet
         self._info_at: dict[int, Any] = {}  # at other times than CURRENT, if a mesh deforms
         self.world_from_instance: Any = None
         self.instance_from_world: Any = None
@@ -227,21 +232,70 @@ class DeviceScene:
             self._boxes[:, row] = deforming.boxes
             for time in times & set(TIMES):
                 deforming.refit(time, self._bvh, self.vertex_position, self.triangle_vertices)
-        inverse, determinant = _inverted(placement.world_from_object)
-        self.placement = placement
-        self._upload_instances(inverse, determinant)
-        self._hittable = hittable = placement.present & (determinant != 0.0) & ~self._mesh_is_empty[placement.mesh]
+        self._place_instances(placement)
         self._place_mesh_lights()
-        self._instance_boxes = boxes = _transformed(self._boxes[:, placement.mesh], placement.world_from_object)
-        self._bvh.clear_instances()
+        hittable = self._hittable
         for time in sorted(times):
             names = self._split_instances(time, np.flatnonzero(hittable[time]).astype(np.int32))
             self._bvh.place(time, *names, capacity=count + PARTS * MAX_SPLIT)
-        here = boxes[CURRENT, hittable[CURRENT]]
+        self._write_instances()
+        here = self._instance_boxes[CURRENT, hittable[CURRENT]]
         if len(here):
             self.bounds = np.stack([here[:, :3].min(axis=0), here[:, 3:].max(axis=0)])
         else:
             self.bounds = np.zeros((2, 3))
+
+    def place_frames(self, placements: Sequence[Placement], times: Iterable[int] = (CURRENT,)) -> None:
+        """Place the instances of several frames at once: those of a frame follow those of the one before.
+
+        Their trees are in `frame_roots`. For labels: lights, varying materials and deforming meshes stay as they are.
+
+        Args:
+            placements: The instances of each frame.
+            times: PREVIOUS, CURRENT and NEXT, as needed.
+        """
+        if self._mesh_arrays_are_stale:
+            self._upload_meshes()
+        times = sorted(times)
+        self._place_instances(stacked(placements))
+        self._bvh.reserve_trees(len(placements) * len(times))
+        ends = np.cumsum([len(each.mesh) for each in placements]).tolist()
+        for frame, (end, each) in enumerate(zip(ends, placements, strict=True)):
+            for time in times:
+                rows = end - len(each.mesh) + np.flatnonzero(self._hittable[time, end - len(each.mesh) : end])
+                names = self._split_instances(time, rows.astype(np.int32))
+                self._bvh.place((time, frame), *names, capacity=len(each.mesh) + PARTS * MAX_SPLIT)
+        self._write_instances()
+        roots = {time: [self._bvh.root((time, frame)) for frame in range(len(placements))] for time in times}
+        self._frame_roots = {time: upload(np.array(each, np.int32)) for time, each in roots.items()}
+
+    def frame_roots(self, time: int) -> Any:
+        """Return the references of the TLAS of each frame of `place_frames` at a time, an i32 device array.
+
+        Raises:
+            ArgumentError: It was not placed at that time.
+        """
+        if time not in self._frame_roots or (time, 0) not in self._bvh.placed():
+            raise ArgumentError(f"time={time}: no frames are placed there; name it in place_frames(..., times=...)")
+        return self._frame_roots[time]
+
+    def _place_instances(self, placement: Placement) -> None:
+        inverse, determinant = inverted(placement.world_from_object)
+        self.placement = placement
+        self._upload_instances(inverse, determinant)
+        self._hittable = placement.present & (determinant != 0.0) & ~self._mesh_is_empty[placement.mesh]
+        self._instance_boxes = transformed_boxes(self._boxes[:, placement.mesh], placement.world_from_object)
+        self._bvh.clear_instances()
+
+    def _write_instances(self) -> None:
+        """Upload what `_upload_instances` has left to be uploaded together with the TLAS: all, for a GPU."""
+        if self._pending is not None:
+            tree = self._bvh.take_unwritten()
+            upload_packed(self._pending, tree, self._instance_arrays(), self._bvh.nodes)
+            self._pending = None
+
+    def _instance_arrays(self) -> tuple[Any, ...]:
+        return self.instance_info, self.world_from_instance, self.instance_from_world, self.box_from_instance
 
     def _split_instances(self, time: int, rows: NDArray[np.int32]) -> tuple[NDArray[np.float64], NDArray[np.int32]]:
         """Return world boxes and names for the TLAS: of the instances, and of the parts of large ones instead."""
@@ -253,7 +307,7 @@ class DeviceScene:
         large = large[self._parts.entries[meshes].any(axis=1)]
         meshes = self.placement.mesh[rows[large]]
         matrices = np.repeat(self.placement.world_from_object[time, rows[large]][None], PARTS, axis=0)
-        part_boxes = _transformed(self._parts.boxes[meshes].swapaxes(0, 1), matrices)
+        part_boxes = transformed_boxes(self._parts.boxes[meshes].swapaxes(0, 1), matrices)
         names = rows[large] | np.arange(1, PARTS + 1, dtype=np.int32)[:, None] << ROW_BITS
         real = self._parts.entries[meshes].T != 0
         left = np.delete(np.arange(len(rows)), large)
@@ -279,15 +333,15 @@ class DeviceScene:
         stored = [mesh for mesh, count in zip(meshes, copies, strict=True) for _ in range(count)]
         vertex_counts = np.array([len(mesh.positions) for mesh in meshes], np.int64)
         self._first_vertices = first_vertices = np.cumsum([0, *(vertex_counts * copies)])
-        self.vertex_position = upload(_stacked([mesh.positions for mesh in stored], 3, np.float32))
+        self.vertex_position = upload(stack_rows([mesh.positions for mesh in stored], 3, np.float32))
         self.vertex_normal = upload(
-            _stacked([np.zeros_like(m.positions) if m.normals is None else m.normals for m in stored], 3, np.float32)
+            stack_rows([np.zeros_like(m.positions) if m.normals is None else m.normals for m in stored], 3, np.float32)
         )
         uvs = [np.zeros((len(m.positions), 2)) if m.uv is None else m.uv for m in stored]
-        colors, first_colors = _colors(meshes, int(first_vertices[-1]))
-        self.vertex_uv = upload(_stacked([*uvs, *colors], 2, np.float32))
+        colors, first_colors = color_rows(meshes, int(first_vertices[-1]))
+        self.vertex_uv = upload(stack_rows([*uvs, *colors], 2, np.float32))
         self.triangle_vertices = upload(
-            _stacked([m.triangles + first for m, first in zip(meshes, first_vertices, strict=False)], 3, np.int32)
+            stack_rows([m.triangles + first for m, first in zip(meshes, first_vertices, strict=False)], 3, np.int32)
         )
         self.triangle_material = upload(np.concatenate([np.zeros(0, np.int32), *self._triangle_materials]))
         parts = [np.zeros(len(m.triangles), np.int32) if m.parts is None else m.parts for m in meshes]
@@ -306,13 +360,8 @@ class DeviceScene:
             self._mesh_is_empty[row] = deforming.blas[CURRENT].empty
             self._parts.entries[row] = 0
             deforming.invalidate()
-        columns = [
-            entries,
-            self._first_triangles[:-1],
-            flags,
-            deforming_vertices,
-            first_colors - 3 * first_vertices[:-1],
-        ]
+        color_offsets = first_colors - 3 * first_vertices[:-1]
+        columns = [entries, self._first_triangles[:-1], flags, deforming_vertices, color_offsets]
         self._mesh_table = np.array(columns, np.int32).T.reshape(-1, 5)
         self._mesh_arrays_are_stale = False
 
@@ -342,67 +391,10 @@ class DeviceScene:
                     then[placement.mesh == row, 0] = deforming.blas[time].entry
                 self._info_at[time] = upload(then)
         if count:
-            self.instance_info.from_numpy(info)
-            for array, matrices in (
-                (self.world_from_instance, placement.world_from_object),
-                (self.instance_from_world, inverse),
-                (self.box_from_instance, placement.box_from_object),
-            ):
-                array.from_numpy(matrices.astype(np.float32).reshape(array.shape))
-
-
-_NO_INSTANCES = Placement(
-    mesh=np.zeros(0, np.int32),
-    instance_id=np.zeros(0, np.int32),
-    category_id=np.zeros(0, np.int32),
-    world_from_object=np.zeros((3, 0, 3, 4)),
-    box_from_object=np.zeros((0, 3, 4)),
-    present=np.zeros((3, 0), bool),
-)
-
-
-def _colors(meshes: Sequence[Mesh], first: int) -> tuple[list[NDArray[np.float32]], NDArray[np.int64]]:
-    """Return rows of `vertex_uv` with second uv and colors, from row `first` on, and the first row of each mesh."""
-    blocks, starts = [], []
-    for mesh in meshes:
-        starts.append(first)
-        if mesh.colors is not None and mesh.second_uv is not None:
-            blocks.append(np.concatenate([mesh.second_uv, mesh.colors], axis=1).reshape(-1, 2))
-            first += len(blocks[-1])
-    return blocks, np.array(starts, np.int64)
-
-
-def _stacked(parts: list[Any], width: int, dtype: Any) -> NDArray[Any]:
-    return np.concatenate([np.zeros((0, width), dtype), *(np.asarray(part, dtype) for part in parts)])
-
-
-def _inverted(matrices: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Return inverses of affine maps [..., 3, 4], zeros for singular ones, and determinants [...]."""
-    rows = np.moveaxis(matrices, (-2, -1), (0, 1))
-    (a, b, c, x), (d, e, f, y), (g, h, i, z) = rows
-    cofactors = np.array(
-        [
-            [e * i - f * h, c * h - b * i, b * f - c * e],
-            [f * g - d * i, a * i - c * g, c * d - a * f],
-            [d * h - e * g, b * g - a * h, a * e - b * d],
-        ]
-    )
-    determinant = a * cofactors[0, 0] + b * cofactors[1, 0] + c * cofactors[2, 0]
-    with np.errstate(divide="ignore", over="ignore", invalid="ignore"):
-        inverse = cofactors / determinant
-        offset = -(inverse[:, 0] * x + inverse[:, 1] * y + inverse[:, 2] * z)
-    result = np.moveaxis(np.concatenate([inverse, offset[:, None]], axis=1), (0, 1), (-2, -1))
-    usable = np.isfinite(result).all(axis=(-2, -1))
-    return np.where(usable[..., None, None], result, 0.0), np.where(usable, determinant, 0.0)
-
-
-def _transformed(boxes: NDArray[np.float64], matrices: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return world boxes [3, n, 6] around boxes [3, n, 2, 3] transformed by affine maps [3, n, 3, 4]."""
-    center = 0.5 * (boxes[:, :, 0] + boxes[:, :, 1])
-    half = 0.5 * (boxes[:, :, 1] - boxes[:, :, 0])
-    world_center = matrices[..., 3].copy()
-    world_half = np.zeros_like(world_center)
-    for axis in range(3):
-        world_center += matrices[..., axis] * center[:, :, axis, None]
-        world_half += np.abs(matrices[..., axis]) * half[:, :, axis, None]
-    return np.concatenate([world_center - world_half, world_center + world_half], axis=-1)
+            matrices = placement.world_from_object, inverse, placement.box_from_object
+            values = [info, *(each.astype(np.float32) for each in matrices)]
+            if self.traversal == "bvh2":
+                self._pending = values
+                return
+            for array, each in zip(self._instance_arrays(), values, strict=True):
+                array.from_numpy(each.reshape(array.shape))

@@ -1,0 +1,39 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Affine maps [..., 3, 4] of many instances: inverses, and boxes around transformed boxes."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+
+def inverted(matrices: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Return inverses of affine maps [..., 3, 4], zeros for singular ones, and determinants [...]."""
+    rows = np.moveaxis(matrices, (-2, -1), (0, 1))
+    (a, b, c, x), (d, e, f, y), (g, h, i, z) = rows
+    cofactors = np.array(
+        [
+            [e * i - f * h, c * h - b * i, b * f - c * e],
+            [f * g - d * i, a * i - c * g, c * d - a * f],
+            [d * h - e * g, b * g - a * h, a * e - b * d],
+        ]
+    )
+    determinant = a * cofactors[0, 0] + b * cofactors[1, 0] + c * cofactors[2, 0]
+    with np.errstate(divide="ignore", over="ignore", invalid="ignore"):
+        inverse = cofactors / determinant
+        offset = -(inverse[:, 0] * x + inverse[:, 1] * y + inverse[:, 2] * z)
+    result = np.moveaxis(np.concatenate([inverse, offset[:, None]], axis=1), (0, 1), (-2, -1))
+    usable = np.isfinite(result).all(axis=(-2, -1))
+    return np.where(usable[..., None, None], result, 0.0), np.where(usable, determinant, 0.0)
+
+
+def transformed_boxes(boxes: NDArray[np.float64], matrices: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return world boxes [3, n, 6] around boxes [3, n, 2, 3] transformed by affine maps [3, n, 3, 4]."""
+    center = 0.5 * (boxes[:, :, 0] + boxes[:, :, 1])
+    half = 0.5 * (boxes[:, :, 1] - boxes[:, :, 0])
+    world_center = matrices[..., 3].copy()
+    world_half = np.zeros_like(world_center)
+    for axis in range(3):
+        world_center += matrices[..., axis] * center[:, :, axis, None]
+        world_half += np.abs(matrices[..., axis]) * half[:, :, axis, None]
+    return np.concatenate([world_center - world_half, world_center + world_half], axis=-1)

@@ -1,0 +1,94 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Instances of frames: those of several frames one after the other, and their arrays in one upload.
+
+Taichi allocates memory on a GPU for each NumPy argument of a kernel, copies it there and back, and frees it. So the
+arrays of a frame's instances and the nodes above them travel as one.
+"""
+
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import taichi as ti
+from numpy.typing import NDArray
+
+from tiscene.device.kernel_types import Floats2, Floats3, Ints1, Ints2
+from tiscene.scene.placement import Placement
+
+NO_INSTANCES = Placement(
+    mesh=np.zeros(0, np.int32),
+    instance_id=np.zeros(0, np.int32),
+    category_id=np.zeros(0, np.int32),
+    world_from_object=np.zeros((3, 0, 3, 4)),
+    box_from_object=np.zeros((0, 3, 4)),
+    present=np.zeros((3, 0), bool),
+)
+
+
+def stacked(placements: Sequence[Placement]) -> Placement:
+    """Return the instances of several placements one after the other. Lights are those of the first."""
+    first = placements[0]
+    parts = [np.zeros(len(each.mesh), np.int32) if each.part is None else each.part for each in placements]
+    return replace(
+        first,
+        mesh=np.concatenate([each.mesh for each in placements]),
+        instance_id=np.concatenate([each.instance_id for each in placements]),
+        category_id=np.concatenate([each.category_id for each in placements]),
+        world_from_object=np.concatenate([each.world_from_object for each in placements], axis=1),
+        box_from_object=np.concatenate([each.box_from_object for each in placements]),
+        present=np.concatenate([each.present for each in placements], axis=1),
+        part=np.concatenate(parts),
+    )
+
+
+def upload_packed(
+    values: Sequence[NDArray[Any]],
+    tree: tuple[NDArray[np.int32], NDArray[np.int32]],
+    arrays: Sequence[Any],
+    nodes: Any,
+) -> None:
+    """Write the arrays of instances, and nodes of the layout "bvh2", with one upload and one launch.
+
+    Args:
+        values: int32 [n, k] of `instance_info`; float32 of `world_from_instance`, `instance_from_world` and
+            `box_from_instance`.
+        tree: int32 [m], int32 [m, 16], of `Bvh.take_unwritten`.
+        arrays: The device arrays of the values.
+        nodes: The device array of the nodes.
+    """
+    numbers, rows = tree
+    packed = np.concatenate([each.view(np.int32).ravel() for each in (*values, numbers, rows)])
+    unpack(packed, len(values[0]), len(numbers), *arrays, nodes)
+
+
+@ti.kernel
+def unpack(
+    packed: Ints1,
+    count: ti.i32,
+    node_count: ti.i32,
+    info: Ints2,
+    world: Floats3,
+    inverse: Floats3,
+    box: Floats2,
+    nodes: Floats2,
+):
+    """Write consecutive bit patterns into device arrays.
+
+    Args:
+        packed: The arrays from `info` to `box`, then the numbers of nodes, then 16 columns of each node.
+        count: Number of instances.
+        node_count: Number of nodes.
+    """
+    columns = info.shape[1]
+    for i, c in ti.ndrange(count, columns):
+        info[i, c] = packed[i * columns + c]
+    for time, i, c in ti.ndrange(3, count, 12):
+        at = columns * count + (time * count + i) * 12 + c
+        world[time, i, c] = ti.bit_cast(packed[at], ti.f32)
+        inverse[time, i, c] = ti.bit_cast(packed[at + 36 * count], ti.f32)
+    for i, c in ti.ndrange(count, 12):
+        box[i, c] = ti.bit_cast(packed[(columns + 72) * count + i * 12 + c], ti.f32)
+    for i, c in ti.ndrange(node_count, 16):
+        first = (columns + 84) * count
+        nodes[packed[first + i], c] = ti.bit_cast(packed[first + node_count + i * 16 + c], ti.f32)
