@@ -303,7 +303,7 @@ def test_rerun_reads_ids_depth_and_boxes(exported):
     buffers = ("rgb", "instance", "depth", "forward_flow")
     folder, frames = exported("rerun", buffers)
     batches = {}
-    for chunk in RrdReader(folder / "recording.rrd").stream():
+    for chunk in RrdReader(folder / "recording-000000.rrd").stream():
         batch = chunk.to_record_batch()
         if "frame" in batch.schema.names:
             batches[chunk.entity_path, batch.column("frame")[0].as_py()] = batch

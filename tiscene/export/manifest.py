@@ -51,12 +51,13 @@ class FrameEntries(MutableMapping[int, dict[str, Any]]):
     def __contains__(self, index: object) -> bool:
         return index in self._texts
 
-    def text(self) -> bytes:
-        """Return all entries as the value of a key in a JSON object."""
-        if not self._texts:
-            return b"{}"
-        entries = (b'\n  "%d": %b' % (index, self._texts[index]) for index in self)
-        return b"{" + b",".join(entries) + b"\n }"
+    def texts(self) -> Iterator[bytes]:
+        """Yield all entries as the parts of a JSON object."""
+        yield b"{"
+        for place, index in enumerate(self):
+            yield b'%b\n  "%d": ' % (b"," if place else b"", index)
+            yield self._texts[index]
+        yield b"\n }" if self._texts else b"}"
 
 
 @dataclass
@@ -113,7 +114,7 @@ class Manifest:
             "materials": {str(key): self.materials[key] for key in sorted(self.materials)},
         }
         head = json.dumps(content, indent=1).encode().removesuffix(b"\n}")
-        write_atomically(folder / NAME, head + b',\n "frames": ' + self.frames.text() + b"\n}\n")
+        write_atomically(folder / NAME, b"".join([head, b',\n "frames": ', *self.frames.texts(), b"\n}\n"]))
 
     @property
     def folders(self) -> list[str]:

@@ -1,5 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Rerun: `recording.rrd` with pictures, depth, labels, boxes and the camera on the timelines `frame` and `time`.
+"""Rerun: recordings of 250 frames each, with pictures, depth, labels, boxes and the camera on two timelines.
+
+`recording-000000.rrd` has the frames 0 to 249, on the timelines `frame` and `time`. All files are parts of one recording:
+`rerun out/*.rrd` shows them together.
 
 ======================================  =======================================================================
 entity                                  archetype
@@ -21,6 +24,7 @@ from __future__ import annotations
 
 import hashlib
 from collections.abc import Iterable, Iterator
+from itertools import chain
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -35,7 +39,7 @@ if TYPE_CHECKING:
     from tiscene.frame.frame import Frame
     from tiscene.stream.stream import Stream
 
-FRAMES_PER_FILE = None
+FRAMES_PER_FILE = 250  # Rerun holds a file in memory while it is written
 CAMERA = "world/camera"
 
 
@@ -97,12 +101,15 @@ def pieces(frame: Frame, labels: dict[str, Any], stream: Stream) -> dict[str, by
 
 
 def pack(frames: Iterable[FramePieces], run: ExportRun, folder: Path) -> None:
-    """Write the recording, a frame at a time."""
+    """Write one file of the recording."""
     from rerun.chunk import LazyChunkStream
 
+    rows = iter(frames)
+    first = next(rows)
+    path = folder / f"recording-{first.index // FRAMES_PER_FILE:06d}.rrd"
     identity = hashlib.sha256(repr(sorted(run.provenance["settings"].items())).encode()).hexdigest()[:32]
-    stream = LazyChunkStream.from_iter(_chunks(frames))
-    stream.write_rrd(folder / "recording.rrd", application_id="tiscene", recording_id=identity)
+    stream = LazyChunkStream.from_iter(_chunks(chain([first], rows)))
+    stream.write_rrd(path, application_id="tiscene", recording_id=identity)
 
 
 def content_digest(path: Path) -> str | None:
