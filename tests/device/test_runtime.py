@@ -1,10 +1,14 @@
 # SPDX-License-Identifier: Apache-2.0
 """Taichi is started once, with the options that were asked for, or an error says why not."""
 
+import threading
+
 import pytest
+import taichi as ti
 
 from tests.device.programs import run_python
-from tiscene.device import runtime
+from tiscene.device import memory, runtime
+from tiscene.device.taichi_patches import ast_recorder, fence
 from tiscene.errors import ArgumentError
 
 CAUGHT = """
@@ -94,3 +98,31 @@ def test_stream_in_a_fork_raises_instead_of_waiting_for_ever():
         "os._exit(0)"
     )
     assert printed.count("multiprocessing_context='spawn'") == 2
+
+
+@pytest.mark.skipif(not fence.enabled(), reason="Taichi itself compiles without a lock")
+def test_array_is_made_after_another_thread_has_compiled(monkeypatch):
+    """Taichi keeps the state of its front end in globals: an array made in between fails, or breaks the kernel."""
+    begun, order, materialize = threading.Event(), [], ast_recorder.materialize
+
+    @ti.kernel
+    def three() -> ti.i32:
+        return 3
+
+    def slowly(*arguments):
+        begun.set()
+        made.join(0.2)
+        materialize(*arguments)
+        order.append("compiled")
+
+    def make():
+        begun.wait(10.0)
+        memory.device_array(ti.f32, 4)
+        order.append("made")
+
+    monkeypatch.setattr(ast_recorder, "materialize", slowly)
+    made = threading.Thread(target=make)
+    made.start()
+    assert three() == 3
+    made.join()
+    assert order == ["compiled", "made"]

@@ -12,7 +12,10 @@ from numpy.typing import NDArray
 from taichi.lang import impl
 from taichi.lang._ndarray import ScalarNdarray
 
+from tiscene.device import runtime
 
+
+@runtime.one_thread_at_a_time
 def device_array(dtype: Any, shape: int | tuple[int, ...]) -> Any:
     """Allocate a device array whose memory is freed with the Python object.
 

@@ -10,7 +10,6 @@ import functools
 import io
 import os
 import tempfile
-import threading
 from collections.abc import Callable, Iterator
 from typing import ParamSpec, TypeVar
 
@@ -25,7 +24,7 @@ Arguments = ParamSpec("Arguments")
 Result = TypeVar("Result")
 
 _process: int | None = None  # in which `start` was called
-_lock = threading.RLock()
+_lock = patched_kernel.LOCK  # no array can be made while a kernel is compiled, by whatever thread
 
 patched_kernel.install()  # before kernel modules are imported, since their decorators gain by it
 

@@ -57,11 +57,17 @@ def load(
             SubprocessReader(read_stage, path, in_child, limits, probe_emission=True) as reading,
         ):
             arch = runtime.start(arch)
-            for _ in warm_up_steps(buffers, settings, reading.has_emission):
-                if reading.done():
-                    break
+            _warm_up(buffers, settings, reading)
             return reading.result(), arch
     return read_stage(path, untrusted=untrusted, limits=limits, **options), runtime.start(arch)
+
+
+@runtime.one_thread_at_a_time
+def _warm_up(buffers: Sequence[str], settings: RenderSettings, reading: SubprocessReader) -> None:
+    """Compile kernels until the stage has been read."""
+    for _ in warm_up_steps(buffers, settings, reading.has_emission):
+        if reading.done():
+            break
 
 
 def is_worth_a_process(buffers: Sequence[str]) -> bool:

@@ -3,6 +3,7 @@
 
 import copy
 import pickle
+import threading
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -20,6 +21,7 @@ from tests.render.label_scenes import (
     pose,
     static_view,
 )
+from tiscene.device import runtime
 from tiscene.errors import ObjectNotFound
 from tiscene.frame.object_table import ObjectTable
 from tiscene.render.annotations.amodal_masks import MAX_SAMPLES, PixelCounter
@@ -267,3 +269,21 @@ def test_pickled_table_keeps_measurements() -> None:
         assert list(twin) == list(rows)
         for name, column in rows.columns().items():
             np.testing.assert_array_equal(twin.columns()[name], column, name)
+
+
+def test_objects_are_measured_while_no_other_thread_renders() -> None:
+    """The scene is placed for a measurement: pixels of a frame that is being rendered would change."""
+    seen = table(Stage([plate(4.0, 0.5)], [PlacedMesh(0, [pose((0, 0, -2))])])).by_id(1)
+    found: list[int] = []
+    reader = threading.Thread(target=lambda: found.append(seen.amodal_pixels))
+
+    @runtime.one_thread_at_a_time
+    def render() -> None:
+        reader.start()
+        reader.join(0.2)
+        assert not found
+        assert seen.visible_pixels == 100 * 100  # the thread that renders does not wait for the reader
+
+    render()
+    reader.join(10.0)
+    assert found == [seen.amodal_pixels]

@@ -24,7 +24,7 @@ from tiscene.device.taichi_patches import ast_recorder, fence, frontend, launch,
 
 _create_kernel: Any = kernel_impl._kernel_impl
 _is_inside_class: Any = kernel_impl._inside_class
-_compilation = threading.RLock()  # Taichi's front end keeps its state in globals
+LOCK = threading.RLock()  # Taichi's front end keeps its state in globals
 
 
 class PatchedKernel(Kernel):  # type: ignore[misc]  # Taichi has no types
@@ -44,7 +44,7 @@ class PatchedKernel(Kernel):  # type: ignore[misc]  # Taichi has no types
         if not fence.on_this_device():
             super().materialize(key=key, args=args, arg_features=arg_features)
             return
-        with _compilation, frontend.patched_frontend():
+        with LOCK, frontend.patched_frontend():
             if key is None or key not in self.compiled_kernels:  # another thread may have created it meanwhile
                 ast_recorder.materialize(self, key, args, arg_features)
 

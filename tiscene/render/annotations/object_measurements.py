@@ -10,13 +10,14 @@ are measured once.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, fields
-from functools import cached_property
+from typing import Any, Generic, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
+from tiscene.device import runtime
 from tiscene.frame.object_table import AmodalMask, ObjectState, ObjectTable, OrientedBox, StoredMeasurements
 from tiscene.render.annotations.amodal_masks import PartInView, PixelCounter
 from tiscene.render.annotations.measurement_kernels import BEHIND, BOX, EXTENT_COLUMNS, IN_FRONT, WORLD, measure_extents
@@ -29,6 +30,31 @@ from tiscene.scene.placement import CURRENT, Placement
 
 KEPT_VIEWS = 4  # least recently used views are dropped
 _MAX_COORDINATE = 1e7  # px, of projections of points near the camera's plane
+Value = TypeVar("Value")
+
+
+class _Measured(Generic[Value]):
+    """A property that is computed at its first access, while no other thread renders: the scene is placed for it.
+
+    `functools.cached_property` of Python 3.11 computes under a lock of its own, for which a thread that renders, and
+    reads the property, could wait for ever.
+    """
+
+    def __init__(self, function: Callable[[Any], Value]) -> None:
+        self._function = function
+        self.__doc__ = function.__doc__
+
+    def __get__(self, instance: Any, owner: type | None = None) -> Value:
+        return self._value(instance)  # called until the instance has the value itself
+
+    @runtime.one_thread_at_a_time
+    def _value(self, instance: Any) -> Value:
+        values: dict[str, Any] = instance.__dict__
+        name = self._function.__name__
+        if name not in values:
+            values[name] = self._function(instance)
+        value: Value = values[name]
+        return value
 
 
 @dataclass(eq=False)
@@ -133,7 +159,7 @@ class SceneMeasures:
         """Pickle and copy as StoredMeasurements, since device arrays cannot leave the process."""
         return StoredMeasurements, tuple(getattr(self, field.name) for field in fields(StoredMeasurements))
 
-    @cached_property
+    @_Measured
     def _visible(self) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
         """Visible pixels [n] and the boxes around them [n, 4]."""
         image = self._instance
@@ -176,7 +202,7 @@ class SceneMeasures:
         """float64 [n, 4], px; nan where nothing is visible."""
         return self._visible[1]
 
-    @cached_property
+    @_Measured
     def _parts(self) -> list[NDArray[np.int64]]:
         """Rows of each object's instances."""
         placed = self._placement
@@ -196,7 +222,7 @@ class SceneMeasures:
             signature += repr(placed.seconds[CURRENT]).encode()
         return signature
 
-    @cached_property
+    @_Measured
     def _objects(self) -> list[_CachedMeasurements]:
         """Measurements of each object; those missing in the cache are made."""
         known = self._measurer.cache_of(self._view)
@@ -292,23 +318,23 @@ class SceneMeasures:
         pixels = points[:, :2] / depths * self._view.focal_lengths()[CURRENT] + center
         return np.concatenate([pixels.min(axis=0), pixels.max(axis=0)])
 
-    @cached_property
+    @_Measured
     def world_bounds(self) -> NDArray[np.float64]:
         """float64 [n, 2, 3], m; nan for an object without geometry."""
         return np.array([each.world_bounds for each in self._objects]).reshape(-1, 2, 3)
 
-    @property
+    @_Measured
     def box_3d(self) -> list[OrientedBox]:
         """Oriented boxes in which `object_coordinates` are measured."""
         return [each.box_3d for each in self._objects]
 
-    @cached_property
+    @_Measured
     def amodal_box(self) -> NDArray[np.float64]:
         """float64 [n, 4], px; nan where nothing is in front of the near plane."""
         boxes = [each.amodal_box if each.parts else (np.nan,) * 4 for each in self._objects]
         return np.array(boxes, np.float64).reshape(-1, 4)
 
-    @cached_property
+    @_Measured
     def amodal_masks(self) -> list[AmodalMask]:
         """Amodal mask of each object."""
         new = [row for row, each in enumerate(self._objects) if each.amodal_mask is None]
@@ -319,12 +345,12 @@ class SceneMeasures:
                 self._objects[row].amodal_mask = mask
         return [each.amodal_mask for each in self._objects if each.amodal_mask is not None]
 
-    @cached_property
+    @_Measured
     def pixels_in_frame(self) -> NDArray[np.int64]:
         """int64 [n]: pixels of the amodal mask inside the image."""
         return np.array([each.inside for each in self.amodal_masks], np.int64)
 
-    @cached_property
+    @_Measured
     def amodal_pixels(self) -> NDArray[np.int64]:
         """int64 [n]: pixels of the amodal mask on an unbounded image; subsampled outside."""
         return np.array([each.inside + each.outside for each in self.amodal_masks], np.int64)
