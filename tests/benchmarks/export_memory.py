@@ -1,8 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """Memory of this process while 20,000 small label frames are exported, for each format in a process of its own.
 
-Resident memory is read after a twentieth of the frames, when caches are full, at a quarter, half and three quarters, and
-at the end, when files of many frames have been written. The manifest grows by a kilobyte a frame.
+Run it as `python -m tests.benchmarks.export_memory [FORMAT ...]`. Resident memory is read after a twentieth of the
+frames, when caches are full, at a quarter, half and three quarters, and at the end, when files of many frames have been
+written. The manifest grows by a kilobyte a frame.
 """
 
 from __future__ import annotations
@@ -19,7 +20,7 @@ FRAMES = 20_000
 SHARES = (0.05, 0.25, 0.5, 0.75)
 
 
-def main(formats: tuple[str, ...] = FORMATS, frames: int = FRAMES) -> None:
+def print_table(formats: tuple[str, ...] = FORMATS, frames: int = FRAMES) -> None:
     """Print the table.
 
     Args:
@@ -29,7 +30,11 @@ def main(formats: tuple[str, ...] = FORMATS, frames: int = FRAMES) -> None:
     heads = "".join(f"{share:>8.0%}" for share in SHARES)
     print(f"{'format':>12}{heads}{'end':>8}{'peak':>8} MB {'s':>6}   ({frames} frames)", flush=True)
     for name in formats:
-        command = [sys.executable, "-c", f"from {__name__} import measure; measure({name!r}, {frames})"]
+        command = [
+            sys.executable,
+            "-c",
+            f"from tests.benchmarks.export_memory import measure; measure({name!r}, {frames})",
+        ]
         subprocess.run(command, check=True)
 
 
@@ -43,14 +48,8 @@ def measure(format: str, frames: int) -> None:
         for number, name in enumerate(("Cube", "Sphere"))
     ]
     required = tuple(name for name in FORMATS[format].buffers if name not in BUFFERS)
-    stream = ts.Stream(
-        ts.Scenario("solid_benchmark", movers),
-        width=64,
-        height=48,
-        buffers=BUFFERS + required,
-        quality="preview",
-        spp=1,
-    )
+    scenario = ts.Scenario("solid_benchmark", movers)
+    stream = ts.Stream(scenario, width=64, height=48, buffers=BUFFERS + required, quality="preview", spp=1)
     marks = {round(share * frames) for share in SHARES}
     resident: list[int] = []
 
@@ -73,4 +72,4 @@ def _memory(kind: str) -> int:
 
 
 if __name__ == "__main__":
-    main()
+    print_table(tuple(sys.argv[1:]) or FORMATS)

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Rerun: recordings of 250 frames each, with pictures, depth, labels, boxes and the camera on two timelines.
 
-`recording-000000.rrd` has the frames 0 to 249, on the timelines `frame` and `time`. All files are parts of one recording:
-`rerun out/*.rrd` shows them together.
+`recording-000000.rrd` has the frames 0 to 249, on the timelines `frame` and `time`. All files are parts of one
+recording: `rerun out/*.rrd` shows them together.
 
 ======================================  =======================================================================
 entity                                  archetype
