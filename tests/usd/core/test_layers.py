@@ -9,6 +9,7 @@ import pytest
 from PIL import Image
 from pxr import Sdf, Usd, UsdUtils
 
+from tiscene.usd.core import layers
 from tiscene.usd.core.layers import layer_digests
 
 
@@ -52,6 +53,21 @@ def test_digests_change_with_content_not_with_location(room, tmp_path):
     (tmp_path / "elsewhere" / "wood.png").write_bytes(b"another")
     after = layer_digests(copy)
     assert {name for name in before if after[name] != before[name]} == {"wood.png"}
+
+
+def test_unchanged_files_are_not_read_again_and_changed_ones_are(room, monkeypatch):
+    read = []
+    monkeypatch.setattr(layers, "_digest", lambda path: read.append(path.name) or digest(path))
+    digest = lambda path: hashlib.sha256(path.read_bytes()).hexdigest()  # noqa: E731
+    before = layer_digests(room)
+    assert sorted(read) == ["chair.usda", "lamp.usda", "scene.usda", "wood.png"]
+    read.clear()
+    assert layer_digests(room) == before
+    assert read == []
+    (room.parent / "wood.png").unlink()
+    assert "wood.png" not in layer_digests(room)
+    (room.parent / "wood.png").write_bytes(b"another")
+    assert layer_digests(room)["wood.png"] == hashlib.sha256(b"another").hexdigest()
 
 
 def test_missing_texture_is_left_out_of_digests(room):
