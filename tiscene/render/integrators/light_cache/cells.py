@@ -26,9 +26,11 @@ GRID_SHIFT = 0.37
 # Normals are divided by their largest component's axis and sign, and by thirds of the other two components.
 TILT = 0.35
 LEAST_COSINE = 0.1
-# Least width of a cell that is seen in a reflection, as a fraction of the distance to what reflects it. Smaller cells
-# would be needed once only, since each frame traces other rays.
-REFLECTED_WIDTH = 0.1
+# Cells seen in reflections are of one size, m. Smaller cells would be needed once only, since each frame traces other
+# rays.
+REFLECTED_WIDTH = 0.2
+# Points are displaced by up to so many cells: the noise of cells then differs between pixels, and can be denoised.
+RADIUS = 2.0
 VALUE_COLUMNS = 4
 VALID = 3  # column of a value: 1 if the cell has light, 0 if no point of its surface was found
 NOT_FOUND = -1
@@ -64,7 +66,7 @@ def lookup_width(distance: ti.f32, spread: ti.f32, cell_width: ti.f32, reflected
     """
     width = distance * spread * cell_width
     if reflected != 0:
-        width = ti.max(width, REFLECTED_WIDTH * distance)
+        width = REFLECTED_WIDTH
     return width
 
 
@@ -134,7 +136,7 @@ def cell_for(instance: ti.i32, width: ti.f32, surface: Template, direction: vec3
     cosine = ti.max(ti.abs(surface.geometric_normal.dot(direction)), LEAST_COSINE)
     level = level_for(width / ti.sqrt(cosine))
     s, t = tangents(surface.geometric_normal)
-    offset = (s * (u.x - 0.5) + t * (u.y - 0.5)) * cell_size(level)
+    offset = (s * (2.0 * u.x - 1.0) + t * (2.0 * u.y - 1.0)) * (RADIUS * cell_size(level))
     return cell_at(instance, level, surface.position + offset, surface.normal)
 
 

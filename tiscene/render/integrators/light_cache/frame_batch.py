@@ -97,7 +97,7 @@ class FrameBatch:
         self.size = size
         self._paths, self._cell_width = paths, cell_width
         self._state = PathState(size)
-        self._segments = device_array(ray, size)
+        self._segments, self._replaced = device_array(ray, size), device_array(ray, size)
         self._missing, self._missing_count = device_array(cell, 2 * size), device_array(ti.i32, (1,))
         self._near, self._blocked, self._touched = (device_array(ti.i32, (size,)) for _ in range(3))
         self._chunks = device_array(ti.i32, (chunks_for(size),))
@@ -137,13 +137,13 @@ class FrameBatch:
         for step in range(static.steps(max_depth)):
             cleared = [sharp.shadow_rays]
             if scene.has_movers:
-                cleared += [self._segments, state.shadow_rays]
+                cleared += [self._segments, self._replaced, state.shadow_rays]
             for rays in cleared:
                 kernels.clear_rays(rays, count)
             tested, sharp.shadow_queue = live, state.queue
             live, shadows = paths.advance(static, state, live, first, step, samples, max_depth, 1, self)
             if scene.has_movers:
-                for rays in (self._segments, state.rays, state.shadow_rays, sharp.shadow_rays):
+                for rays in (self._segments, self._replaced, state.shadow_rays, sharp.shadow_rays):
                     self._test(scene, rays, count)
                 static = scene.static()
             if shadows:
@@ -183,10 +183,10 @@ class FrameBatch:
             count = int(self._missing_count.to_numpy()[0])
             complete = count == 0 or self._cache.add(distinct(self._missing.to_numpy()[:count]), scene)
         if self._keeps_rays:
-            kernels.move_segments(state.rays, state.hits, state.queue, live, self._segments)
+            kernels.copy_segments(state.rays, state.hits, state.queue, live, self._segments)
         sharp = self._sharp
         return (
-            *self._cache.cells, width, self._keeps_rays,
+            *self._cache.cells, width, self._keeps_rays, self._replaced,
             self._cache.sharp_light, sharp.shadow_rays, sharp.radiance, True,
         )  # fmt: skip
 

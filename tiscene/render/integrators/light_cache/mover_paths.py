@@ -38,13 +38,12 @@ def add_sharp_light(queue: Ints1, count: ti.i32, rays: Rays, occluded: Ints1, ra
 
 
 @ti.kernel
-def move_segments(rays: Rays, hits: Hits, queue: Ints1, count: ti.i32, segments: Rays):
-    """Copy the rays in a queue up to their hits, and make the originals empty but for origin and direction."""
+def copy_segments(rays: Rays, hits: Hits, queue: Ints1, count: ti.i32, segments: Rays):
+    """Copy the rays in a queue up to their hits."""
     for k in range(count):
         i = queue[k]
         segments[i] = rays[i]
         segments[i][7] = hits[i][0]
-        rays[i][7] = -1.0
 
 
 @ti.kernel

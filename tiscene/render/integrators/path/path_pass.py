@@ -110,7 +110,8 @@ class PathPass:
         self.film = upload(np.zeros((width * height, FILM_COLUMNS), np.float32))
         self._energy: Any = None
         no_cells = Cells(device_array(ti.i32, (1, 2)), device_array(ti.f32, (1, VALUE_COLUMNS)))
-        self._no_lookup = (*no_cells, 1.0, 0, -1, device_array(ray, 1), device_array(ti.f32, (1, 3)), False)
+        no_rays = device_array(ray, 1)
+        self._no_lookup = (*no_cells, 1.0, 0, no_rays, -1, no_rays, device_array(ti.f32, (1, 3)), False)
         self._energy_key: tuple[Any, ...] | None = None
 
     def render(

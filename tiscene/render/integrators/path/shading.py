@@ -116,6 +116,7 @@ def shade(
     cells: Cells,
     cell_width: ti.f32,
     keeps_rays: ti.i32,
+    replaced_rays: Rays,
     sharp_light: ti.i32,
     sharp_rays: Rays,
     sharp_radiance: Floats2,
@@ -141,7 +142,9 @@ def shade(
         any_extended: Compile-time: whether a material has extended lobes.
         cells: The light cache.
         cell_width: Width of its cells over that of a ray's footprint.
-        keeps_rays: 1 generates the rays of all lobes also where cells replace their light, to test them against movers.
+        keeps_rays: 1 generates the rays that path tracing would trace where cells replace their light, to test them
+            against movers.
+        replaced_rays: Output, next segments of that kind; their shadow rays are in `shadow_rays`.
         sharp_light: Row of the distant light that is not in the cells; -1: none.
         sharp_rays: Output, shadow rays to that light where a cell was looked up.
         sharp_radiance: Output, f32 [n, 3], what these paths gain if that ray is not blocked.
@@ -205,14 +208,14 @@ def shade(
                     is_wide = is_mirror_like(material) == 0 and (material.flags & EXTENDED) == 0
                     if depth < max_depth and is_wide:
                         jitter = draw(set_keys(frame_key, first_set + TEXTURE_SET), index)
-                        whole = ti.cast((status_bits & FEATURES_WRITTEN) != 0, ti.i32)
-                        width = lookup_width(hits[i][0], state[i][SPREAD], cell_width, whole)
+                        is_reflected = ti.cast((status_bits & FEATURES_WRITTEN) != 0, ti.i32)
+                        width = lookup_width(hits[i][0], state[i][SPREAD], cell_width, is_reflected)
                         slot = lit_slot(cells, cell_for(instance, width, surface, direction, jitter))
                         if slot < 0:
                             slot = lit_slot(cells, own_cell(instance, width, surface, direction))
                         if slot >= 0:
                             looked_up = True
-                            reflectance, is_all = wide_reflectance(surface, material, energy, normal, wo, whole)
+                            reflectance, is_all = wide_reflectance(surface, material, energy, normal, wo, is_reflected)
                             radiance += throughput * reflectance * read3(cells.values, slot, 0)
                             if sharp_light >= 0:
                                 u = draw(set_keys(frame_key, first_set + LIGHT_SET), index)
@@ -238,6 +241,16 @@ def shade(
                     if (material.flags & MATTE) == 0 or depth >= RUSSIAN_ROULETTE_DEPTH or looked_up:
                         lobe_and_survival = draw(set_keys(frame_key, first_set + LOBE_SET), index)
                     scattering_u = vec3(bsdf_u, lobe_and_survival.x)
+                    if ti.static(looks_up):
+                        if looked_up and not is_all:
+                            towards = light_sample.direction
+                            if keeps_rays != 0:
+                                whole = bsdf.scatter(surface, material, energy, normal, wo, towards, scattering_u)
+                                start = offset_origin(surface, whole.direction)
+                                write_ray(replaced_rays, i, start, whole.direction, ti.math.inf)
+                            # The diffuse lobe is in the cell: sample the others only.
+                            if material.metallic == 0.0:
+                                material.diffuse_color = vec3(0.0)
                     scattering = (
                         extended_bsdf.scatter(
                             materials, textures, surface, material, energy, normal, direction, footprint_width,
@@ -296,14 +309,9 @@ def shade(
                             # than its throughput.
                             survival = ti.min(ti.sqrt(throughput_onward.max() * ior2), MAX_SURVIVAL)
                         if ti.static(looks_up):
-                            if looked_up:
-                                write_ray(
-                                    rays,
-                                    i,
-                                    offset_origin(surface, scattering.direction),
-                                    scattering.direction,
-                                    ti.math.inf,
-                                )
+                            if is_all:
+                                start = offset_origin(surface, scattering.direction)
+                                write_ray(replaced_rays, i, start, scattering.direction, ti.math.inf)
                         if lobe_and_survival.y < survival and throughput_onward.max() > 0.0 and not is_all:
                             continues = True
                             set3(state, i, THROUGHPUT, throughput_onward * (1.0 / survival))
