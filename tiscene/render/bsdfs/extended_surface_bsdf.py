@@ -8,6 +8,8 @@ outgoing direction alone, which conserves energy but is not reciprocal. Subsurfa
 reflection of its color.
 """
 
+from typing import TYPE_CHECKING, Any, TypeAlias
+
 import taichi as ti
 
 from tiscene.device.kernel_types import Template, vec2, vec3, vec4
@@ -37,7 +39,10 @@ EXTENDED_LOBES = tuple(
 )
 DIFFUSE_LOBES = (0, 5)  # those that lights' diffuse multipliers apply to
 TRANSMITTING_LOBES = (3, 5)
-Probabilities = ti.types.vector(len(EXTENDED_LOBES), ti.f32)
+if TYPE_CHECKING:
+    Probabilities: TypeAlias = Any
+else:
+    Probabilities = ti.types.vector(len(EXTENDED_LOBES), ti.f32)
 
 
 @ti.dataclass
