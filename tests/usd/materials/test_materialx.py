@@ -363,7 +363,7 @@ def test_preview_surface_is_preferred_to_materialx(tmp_path):
 @pytest.mark.parametrize(
     ("surface", "nodes", "text"),
     [
-        (given("sheen", "1"), "", "MaterialX inputs that are not applied: sheen: </Looks/Mat/SR>"),
+        (given("coat_anisotropy", "1"), "", "MaterialX inputs that are not applied: coat_anisotropy: </Looks/Mat/SR>"),
         (given("subsurface", "1"), "", "subsurface scattering is drawn as diffuse"),
         (linked("base_color", "N"), node("fractal3d", "color3"), "'fractal3d' is not computed; its mean"),
         (linked("base_color", "N"), node("toon", "color3"), "'ND_toon_color3' is not supported; it counts as 0.5"),

@@ -8,6 +8,8 @@
     preview_surface  shader networks, UsdPreviewSurface
     materialx_document    .mtlx files as USD layers
     materialx_surface     standard_surface, open_pbr_surface, gltf_pbr as materials
+    materialx_inputs      inputs of a surface as numbers and textures
+    materialx_lobes       inputs that UsdPreviewSurface lacks
     materialx_network     networks of MaterialX nodes
     materialx_operations  MaterialX's operations on values
     materialx_signal      values of a network: constants, texture lookups, computed images

@@ -7,17 +7,17 @@ Inputs without a counterpart are reported where they have an effect: `unsupporte
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any, Literal
 
 import numpy as np
 from pxr import UsdShade
 
-from tiscene.scene.description import ColorInput, FloatInput, Material, TextureLookup
-from tiscene.usd.core.report import StageReport
-from tiscene.usd.core.shader_network import ShaderConnection
-from tiscene.usd.materials.materialx_network import MaterialXNetwork, category_of
+from tiscene.scene.description import FloatInput, Material, TextureLookup
+from tiscene.usd.materials.materialx_inputs import SurfaceInputs
+from tiscene.usd.materials.materialx_lobes import ExtendedSurface
+from tiscene.usd.materials.materialx_network import category_of
 from tiscene.usd.materials.materialx_signal import Signal
 
 _WHITE = (1.0, 1.0, 1.0)
@@ -83,14 +83,11 @@ MODELS = {
         normal="normal",
         unsupported={
             "diffuse_roughness": 0.0,
-            "specular_color": 1.0,
-            "specular_anisotropy": 0.0,
-            "transmission_color": 1.0,
-            "sheen": 0.0,
-            "coat_color": 1.0,
+            "transmission_scatter": 0.0,
+            "transmission_extra_roughness": 0.0,
+            "coat_anisotropy": 0.0,
             "coat_affect_color": 0.0,
             "thin_film_thickness": 0.0,
-            "thin_walled": 0.0,
         },
     ),
     "ND_open_pbr_surface_surfaceshader": SurfaceModel(
@@ -111,13 +108,9 @@ MODELS = {
         normal="geometry_normal",
         unsupported={
             "base_diffuse_roughness": 0.0,
-            "specular_color": 1.0,
-            "specular_roughness_anisotropy": 0.0,
-            "transmission_color": 1.0,
-            "fuzz_weight": 0.0,
-            "coat_color": 1.0,
+            "transmission_scatter": 0.0,
+            "coat_roughness_anisotropy": 0.0,
             "thin_film_weight": 0.0,
-            "geometry_thin_walled": 0.0,
         },
     ),
     "ND_gltf_pbr_surfaceshader": SurfaceModel(
@@ -136,7 +129,7 @@ MODELS = {
         subsurface=None,
         subsurface_color=None,
         normal="normal",
-        unsupported={"specular_color": 1.0, "sheen_color": 0.0, "attenuation_color": 1.0, "iridescence": 0.0},
+        unsupported={"iridescence": 0.0, "dispersion": 0.0},
     ),
     "UsdPreviewSurface": SurfaceModel(
         base=None,
@@ -163,104 +156,77 @@ class MaterialXSurface:
     """Maps the inputs of one surface shader to a material.
 
     Args:
-        shader: the surface shader.
-        model: its model.
-        inputs: its authored inputs.
-        network: evaluates them.
-        report: collects inputs without a counterpart.
-        uv_set: returns which uv set of the vertices holds a primvar.
+        name: of its model, in `MODELS`.
+        values: its inputs.
+        meters_per_unit: of the stage.
     """
 
-    def __init__(
-        self,
-        shader: UsdShade.Shader,
-        model: SurfaceModel,
-        inputs: dict[str, ShaderConnection],
-        network: MaterialXNetwork,
-        report: StageReport,
-        uv_set: Callable[[str], Literal[0, 1]],
-    ) -> None:
-        self._path = shader.GetPath()
-        self._model = model
-        self._inputs = inputs
-        self._network = network
-        self._baker = network.baker
-        self._report = report
-        self._uv_set = uv_set
+    def __init__(self, name: str, values: SurfaceInputs, meters_per_unit: float) -> None:
+        self._path = values.path
+        self._model = MODELS[name]
+        self._values = values
+        self._inputs = values.authored
+        self._network = values.network
+        self._baker = values.network.baker
+        self._report = values.report
+        self._uv_set = values.uv_set
+        self._extended = ExtendedSurface(name, values, meters_per_unit)
 
     def material(self, name: str, prim_path: str) -> Material:
         """Return the material with a name and path."""
         model = self._model
         normal = self._normal()  # first: tangents are those of the first uv set, which must be the normal map's
-        color = self._product(self._signal(model.base), self._required(model.color))
-        color = self._with_subsurface(color)
-        emissive = self._product(self._signal(model.emission), self._required(model.emissive))
+        color = self._values.product(self._values.signal(model.base), self._values.required(model.color))
+        lobes, roughness = self._extended.lobes(color, self._values.required(model.roughness))
+        is_sheet = lobes is not None and lobes.translucency != 0.0
+        color = self._extended.sheet_color(color) if is_sheet else self._with_subsurface(color)
+        emissive = self._values.product(self._values.signal(model.emission), self._values.required(model.emissive))
         opacity, mode = self._opacity()
         self._report_unsupported()
         return Material(
             name=name,
-            diffuse_color=self._color(color, "base_color"),
-            emissive_color=self._color(emissive, "emission"),
-            metallic=self._float(self._required(model.metallic), "metallic"),
-            roughness=self._float(self._required(model.roughness), "roughness"),
-            clearcoat=self._float(self._required(model.coat), "coat"),
-            clearcoat_roughness=self._float(self._required(model.coat_roughness), "coat_roughness"),
+            diffuse_color=self._values.color_input(color, "base_color"),
+            emissive_color=self._values.color_input(emissive, "emission"),
+            metallic=self._values.float_input(self._values.required(model.metallic), "metallic"),
+            roughness=self._values.float_input(roughness, "roughness"),
+            clearcoat=self._values.float_input(self._values.required(model.coat), "coat"),
+            clearcoat_roughness=self._values.float_input(self._values.required(model.coat_roughness), "coat_roughness"),
             opacity=opacity,
             opacity_mode=mode,
             opacity_threshold=self._threshold(),
             ior=self._ior(),
             normal=normal,
             prim_path=prim_path,
+            lobes=lobes,
         )
-
-    def _signal(self, named: tuple[str, Any] | None) -> Signal | None:
-        if named is None:
-            return None
-        return self._network.value(self._inputs.get(named[0]), named[1])
-
-    def _required(self, named: tuple[str, Any]) -> Signal:
-        found = self._signal(named)
-        assert found is not None
-        return found
-
-    def _mean(self, named: tuple[str, Any] | None, default: float) -> float:
-        """Return an input that must be a number; a texture is reported and replaced by its mean."""
-        signal = self._signal(named)
-        if signal is None or named is None:
-            return default
-        if signal.constant is None:
-            self._report.omission(self._path, f"{named[0]} cannot come from a texture; its mean is used")
-        return float(self._baker.mean(signal).mean())
-
-    def _product(self, factor: Signal | None, signal: Signal) -> Signal:
-        if factor is None:
-            return signal
-        for first, second in ((factor, signal), (signal, factor)):
-            if first.constant is not None and (found := second.affine(first.constant, np.zeros(1))) is not None:
-                return found
-        width = max(factor.width, signal.width)
-        return self._baker.apply(lambda a, b: a * b, factor.of_width(width), signal.of_width(width))
 
     def _with_subsurface(self, color: Signal) -> Signal:
         """Return the base color mixed with that of light scattered below the surface, which is drawn as diffuse."""
-        weight = self._mean(self._model.subsurface, 0.0)
+        weight = self._values.mean(self._model.subsurface, 0.0)
         if weight <= 0.0 or self._model.subsurface_color is None:
             return color
         self._report.omission(self._path, "subsurface scattering is drawn as diffuse reflection of its color")
-        below = self._required(self._model.subsurface_color)
+        below = self._values.required(self._model.subsurface_color)
         if weight >= 1.0:
             return below
         return self._baker.apply(lambda a, b: a + (b - a) * weight, color.of_width(3), below.of_width(3))
 
-    def _opacity(self) -> tuple[FloatInput, Literal["transparent", "presence"]]:
+    def _opacity(self) -> tuple[FloatInput, Literal["transparent", "presence", "transmission"]]:
         """Return the opacity: presence of the surface, else what is not transmitted."""
-        presence = self._required(self._model.opacity)
+        presence = self._values.required(self._model.opacity)
         if presence.width > 1:  # a color: the renderer has one opacity for all of them
             equal = presence.channels in ((0, 1, 2), (0, 0, 0)) or presence.constant is not None
             presence = (
                 presence.select([0]) if equal else self._baker.apply(lambda a: a.mean(-1, keepdims=True), presence)
             )
-        transmission = self._mean(self._model.transmission, 0.0)
+        textured = self._values.signal(self._model.transmission)
+        if textured is not None and textured.constant is None and presence.constant is not None:
+            if presence.constant[0] < 1.0:
+                self._report.omission(self._path, "the surface is transmissive, not partly absent as well")
+            solid = textured.of_width(1).affine(np.full(1, -1.0), np.ones(1))
+            solid = solid or self._baker.apply(lambda values: 1.0 - values, textured.of_width(1))
+            return self._values.float_input(solid, "transmission"), "transmission"
+        transmission = self._values.mean(self._model.transmission, 0.0)
         if presence.constant is not None and presence.constant[0] >= 1.0:
             return 1.0 - min(max(transmission, 0.0), 1.0), "transparent"
         if transmission > 0.0:
@@ -268,17 +234,14 @@ class MaterialXSurface:
         mode: Literal["transparent", "presence"] = "presence"
         if self._model.transmission is None:  # UsdPreviewSurface: opacity is transmission unless it says otherwise
             mode = "presence" if self._token("opacityMode") == "presence" else "transparent"
-        if self._number("alpha_mode", 2.0) == 0.0:  # of gltf_pbr: opaque
+        if self._values.number("alpha_mode", 2.0) == 0.0:  # of gltf_pbr: opaque
             return 1.0, "transparent"
-        return self._float(presence, "opacity"), mode
+        return self._values.float_input(presence, "opacity"), mode
 
     def _threshold(self) -> float:
         if self._model.transmission is None:
-            return self._number("opacityThreshold", 0.0)
-        return self._number("alpha_cutoff", 0.5) if self._number("alpha_mode", 0.0) == 1.0 else 0.0
-
-    def _number(self, name: str, default: float) -> float:
-        return self._mean((name, default), default) if name in self._inputs else default
+            return self._values.number("opacityThreshold", 0.0)
+        return self._values.number("alpha_cutoff", 0.5) if self._values.number("alpha_mode", 0.0) == 1.0 else 0.0
 
     def _token(self, name: str) -> str:
         connection = self._inputs.get(name)
@@ -287,8 +250,14 @@ class MaterialXSurface:
 
     def _ior(self) -> float:
         """Return the index of refraction whose reflectance at normal incidence is scaled by the specular weight."""
-        ior, weight = self._mean(self._model.ior, 1.5), self._mean(self._model.specular, 1.0)
-        if weight == 1.0 or ior <= 0.0 or self._mean(self._model.transmission, 0.0) > 0.0:
+        ior = self._values.mean(self._model.ior, 1.5)
+        specular = self._values.signal(self._model.specular)
+        weight = 1.0 if specular is None or specular.constant is None else float(specular.constant[0])
+        transmission = self._values.signal(self._model.transmission)
+        transmits = transmission is not None and not (
+            transmission.constant is not None and not transmission.constant.any()
+        )
+        if weight == 1.0 or ior <= 0.0 or transmits:
             return ior
         root = min(abs((ior - 1.0) / (ior + 1.0)) * max(weight, 0.0) ** 0.5, 0.999)
         return float((1.0 + root) / (1.0 - root))
@@ -324,17 +293,6 @@ class MaterialXSurface:
         if value is None:
             return 1.0
         return float(value) if not hasattr(value, "__len__") else float(value[0])
-
-    def _color(self, signal: Signal, name: str) -> ColorInput:
-        found = self._baker.lookup(signal, 3, name, self._uv_set)
-        if isinstance(found, TextureLookup):
-            return found
-        r, g, b = found.tolist()
-        return (r, g, b)
-
-    def _float(self, signal: Signal, name: str) -> FloatInput:
-        found = self._baker.lookup(signal, 1, name, self._uv_set)
-        return found if isinstance(found, TextureLookup) else float(found[0])
 
     def _report_unsupported(self) -> None:
         """Report inputs that have an effect and no counterpart."""

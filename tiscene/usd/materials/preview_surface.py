@@ -12,13 +12,14 @@ from dataclasses import replace
 from typing import Any, Literal, cast
 
 import numpy as np
-from pxr import Sdf, Usd, UsdShade
+from pxr import Sdf, Usd, UsdGeom, UsdShade
 
 from tiscene.scene.description import VERTEX_COLORS, ColorInput, FloatInput, Material, TextureLookup
 from tiscene.usd.core.report import StageReport
 from tiscene.usd.core.shader_network import ShaderConnection, Source, connections_of, shader_id
 from tiscene.usd.geometry.display_color import constant_primvar, varies_over_surface
 from tiscene.usd.geometry.primvar import NO_PRIMVARS, PrimvarNames
+from tiscene.usd.materials.materialx_inputs import SurfaceInputs
 from tiscene.usd.materials.materialx_network import MaterialXNetwork, vertex_colors
 from tiscene.usd.materials.materialx_signal import Signal, number
 from tiscene.usd.materials.materialx_surface import MODELS, MaterialXSurface
@@ -98,7 +99,8 @@ class NetworkReader:
             if output.HasConnectedSource():
                 self._report.omission(material.GetPath(), "displacement is not applied")
         network = MaterialXNetwork(self._textures, self._time, self._report, self._vertex_signal)
-        mapped = MaterialXSurface(surface, MODELS[name], inputs, network, self._report, self._uv_set)
+        values = SurfaceInputs(surface.GetPath(), inputs, network, self._report, self._uv_set)
+        mapped = MaterialXSurface(name, values, UsdGeom.GetStageMetersPerUnit(surface.GetPrim().GetStage()))
         return mapped.material(str(material.GetPrim().GetName()), str(material.GetPath()))
 
     def _vertex_signal(self, name: str, width: int) -> Signal | None:

@@ -1,0 +1,166 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Inputs of MaterialX surface models that UsdPreviewSurface lacks, as extended lobes; numbers derived by hand."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+import pytest
+
+from tests.usd.helpers import write
+from tests.usd.materials.test_materialx import (
+    QUAD,
+    document,
+    given,
+    linked,
+    material_of,
+    picture,
+    rounded,
+    stage_of,
+    warned_material,
+)
+from tiscene.scene.description import ExtendedLobes, TextureLookup
+from tiscene.usd.read.stage_reader import read_stage
+
+COLOR = "0.5, 0.25, 1"
+
+
+def lobes_of(folder, surface: str, model: str = "standard_surface") -> ExtendedLobes | None:
+    """Return the lobes, rounded to the precision of the files."""
+    found = material_of(folder, document(surface, model)).lobes
+    return None if found is None else rounded(found)
+
+
+@pytest.mark.parametrize(
+    ("model", "surface"),
+    [
+        ("standard_surface", given("sheen", "0") + given("thin_walled", "true", "boolean")),
+        ("standard_surface", given("transmission_color", COLOR, "color3") + given("specular_rotation", "0.3")),
+        ("standard_surface", given("coat_color", "1, 1, 1", "color3") + given("transmission", "0.5")),
+        ("open_pbr_surface", given("fuzz_color", COLOR, "color3") + given("transmission_depth", "2")),
+        ("gltf_pbr", given("attenuation_color", COLOR, "color3") + given("thickness", "2")),
+    ],
+)  # fmt: skip
+def test_inputs_without_effect_add_no_lobes(tmp_path, model, surface):
+    assert lobes_of(tmp_path, surface, model) is None
+
+
+def test_sheen_and_coat_color(tmp_path):
+    surface = given("sheen", "0.5") + given("sheen_color", COLOR, "color3") + given("coat_color", "1, 0, 0", "color3")
+    expected = ExtendedLobes(sheen_color=(0.25, 0.125, 0.5), sheen_roughness=0.3, coat_color=(1.0, 0.0, 0.0))
+    assert lobes_of(tmp_path, surface) == expected
+    fuzz = given("fuzz_weight", "1") + given("fuzz_color", COLOR, "color3")
+    assert lobes_of(tmp_path, fuzz, "open_pbr_surface") == ExtendedLobes(
+        sheen_color=(0.5, 0.25, 1.0), sheen_roughness=0.5
+    )
+    cloth = given("sheen_color", COLOR, "color3") + given("sheen_roughness", "0.5")
+    assert lobes_of(tmp_path, cloth, "gltf_pbr") == ExtendedLobes(sheen_color=(0.5, 0.25, 1.0), sheen_roughness=0.25)
+
+
+@pytest.mark.parametrize("model", ["standard_surface", "open_pbr_surface"])
+def test_transmission_color_tints_boundaries_without_a_depth(tmp_path, model):
+    weight = "transmission" if model == "standard_surface" else "transmission_weight"
+    surface = given(weight, "1") + given("transmission_color", COLOR, "color3")
+    assert lobes_of(tmp_path, surface, model) == ExtendedLobes(transmission_color=(0.5, 0.25, 1.0))
+
+
+def test_transmission_depth_gives_absorption_in_meters(tmp_path):
+    """The color remains at a depth of 2 units of 1 cm: coefficients are -ln(color) / 0.02 m."""
+    surface = (
+        given("transmission", "1") + given("transmission_color", COLOR, "color3") + given("transmission_depth", "2")
+    )
+    (tmp_path / "doc.mtlx").write_text(document(surface))
+    body = 'def Scope "Looks" (references = @./doc.mtlx@</MaterialX/Materials>)\n{\n}\n' + QUAD
+    lobes = read_stage(write(tmp_path, body, meters=0.01)).materials[0].lobes
+    assert lobes is not None
+    assert lobes.absorption == pytest.approx((math.log(2.0) / 0.02, math.log(4.0) / 0.02, 0.0), rel=1e-6)
+    assert lobes.transmission_color == (1.0, 1.0, 1.0)
+
+
+def test_gltf_volume_and_sheet(tmp_path):
+    """Without a thickness the surface is a sheet; the base color tints each crossing."""
+    clear = given("transmission", "1") + given("metallic", "0")
+    colored = clear + given("base_color", COLOR, "color3")
+    sheet = ExtendedLobes(transmission_color=(0.5, 0.25, 1.0), thin_walled=True)
+    assert lobes_of(tmp_path, colored, "gltf_pbr") == sheet
+    volume = (
+        given("thickness", "1") + given("attenuation_distance", "0.5") + given("attenuation_color", COLOR, "color3")
+    )
+    expected = (round(math.log(2.0) / 0.5, 6), round(math.log(4.0) / 0.5, 6), 0.0)
+    assert lobes_of(tmp_path, clear + volume, "gltf_pbr") == ExtendedLobes(absorption=expected)
+
+
+def test_transmission_from_a_texture(tmp_path):
+    surface = linked("transmission", "picture", "float") + given("thin_walled", "true", "boolean")
+    material = material_of(tmp_path, document(surface, nodes=picture("float")))
+    assert material.opacity_mode == "transmission"
+    assert isinstance(material.opacity, TextureLookup)
+    assert (material.opacity.scale[0], material.opacity.bias[0]) == (-1.0, 1.0)
+    assert material.lobes == ExtendedLobes(thin_walled=True)
+
+
+@pytest.mark.parametrize(
+    ("model", "surface", "alphas"),
+    [
+        # standard_surface: r² over and times the root of 1 - a.
+        ("standard_surface", given("specular_anisotropy", "0.75"), (0.18, 0.045)),
+        # OpenPBR: r² times the root of 2 / (1 + (1 - a)²), and that times 1 - a.
+        ("open_pbr_surface", given("specular_roughness_anisotropy", "0.75"), (0.123479, 0.030870)),
+        # glTF: r² mixed with 1 by a², and r².
+        ("gltf_pbr", given("anisotropy_strength", "0.5") + given("anisotropy_rotation", "3.14159265"), (0.3175, 0.09)),
+    ],
+)
+def test_anisotropy_of_each_model_becomes_that_of_openpbr(tmp_path, model, surface, alphas):
+    roughness = given("roughness" if model == "gltf_pbr" else "specular_roughness", "0.3")
+    material = material_of(tmp_path, document(surface + roughness, model))
+    assert material.lobes is not None
+    aspect = 1.0 - material.lobes.anisotropy
+    along = material.roughness**2 * math.sqrt(2.0 / (1.0 + aspect**2))
+    assert (along, aspect * along) == pytest.approx(alphas, rel=1e-4)
+    assert material.lobes.rotation == pytest.approx(0.5 if model == "gltf_pbr" else 0.0)
+
+
+def test_textured_anisotropy_and_roughness_are_computed_per_texel(tmp_path):
+    surface = linked("specular_anisotropy", "picture", "float") + given("specular_roughness", "0.5")
+    description = stage_of(tmp_path, document(surface, nodes=picture("float")))
+    material = description.materials[0]
+    assert material.lobes is not None
+    assert isinstance(material.lobes.anisotropy, TextureLookup)
+    assert isinstance(material.roughness, TextureLookup)
+    image = description.textures[material.roughness.texture].pixels[..., 0] / 255.0
+    strengths = [[0, 255], [8, 128]]
+    for row in range(2):
+        for column in range(2):
+            q = 1.0 - min(strengths[row][column] / 255.0, 0.98)
+            along = min(0.25 / math.sqrt(q), 1.0)
+            mean = (0.5 * (along**2 + (0.25 * math.sqrt(q)) ** 2)) ** 0.25
+            assert image[row, column] == pytest.approx(mean, abs=3e-3)
+
+
+def test_specular_color_tints_dielectrics_and_is_named_for_metal(tmp_path):
+    surface = given("specular_color", COLOR, "color3")
+    assert lobes_of(tmp_path, surface) == ExtendedLobes(specular_tint=(0.5, 0.25, 1.0))
+    text = "specular_color is not applied to metal"
+    assert warned_material(tmp_path, document(surface + given("metalness", "1")), text).lobes is None
+
+
+def test_subsurface_of_a_sheet_is_translucency(tmp_path):
+    """standard_surface transmits the fraction; OpenPBR half of it, and reflects the other half."""
+    thin = given("thin_walled", "true", "boolean")
+    common = given("subsurface", "0.4") + given("subsurface_color", COLOR, "color3")
+    expected = ExtendedLobes(translucency=0.4, translucent_color=(0.5, 0.25, 1.0))
+    assert lobes_of(tmp_path, common + thin) == expected
+    leaf = (
+        given("subsurface_weight", "1") + given("subsurface_color", COLOR, "color3")
+        + given("geometry_thin_walled", "true", "boolean")
+    )  # fmt: skip
+    material = rounded(material_of(tmp_path, document(leaf, "open_pbr_surface")))
+    assert material.lobes == replace(expected, translucency=0.5)
+    assert material.diffuse_color == (0.5, 0.25, 1.0)
+
+
+def test_tangents_that_are_connected_are_named(tmp_path):
+    surface = given("specular_anisotropy", "0.5") + linked("tangent", "picture", "vector3")
+    text = "tangent is not applied; the direction of u is used"
+    assert warned_material(tmp_path, document(surface, nodes=picture("vector3")), text).lobes is not None

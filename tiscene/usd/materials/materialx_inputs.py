@@ -1,0 +1,84 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The inputs of a MaterialX surface shader as numbers, signals and material inputs."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any, Literal
+
+import numpy as np
+from pxr import Sdf
+
+from tiscene.scene.description import ColorInput, FloatInput, TextureLookup
+from tiscene.usd.core.report import StageReport
+from tiscene.usd.core.shader_network import ShaderConnection
+from tiscene.usd.materials.materialx_network import MaterialXNetwork
+from tiscene.usd.materials.materialx_signal import Signal
+
+
+@dataclass(frozen=True, eq=False)
+class SurfaceInputs:
+    """Evaluates the inputs of one surface shader. An input is given as (name, default); None: there is no such input.
+
+    Attributes:
+        path: of the shader.
+        authored: its authored inputs.
+        network: evaluates them.
+        report: collects what is not applied.
+        uv_set: returns which uv set of the vertices holds a primvar.
+    """
+
+    path: Sdf.Path
+    authored: dict[str, ShaderConnection]
+    network: MaterialXNetwork
+    report: StageReport
+    uv_set: Callable[[str], Literal[0, 1]]
+
+    def signal(self, named: tuple[str, Any] | None) -> Signal | None:
+        """Return an input's value; None: there is no such input."""
+        if named is None:
+            return None
+        return self.network.value(self.authored.get(named[0]), named[1])
+
+    def required(self, named: tuple[str, Any]) -> Signal:
+        """Return the value of an input that the model has."""
+        found = self.signal(named)
+        assert found is not None
+        return found
+
+    def mean(self, named: tuple[str, Any] | None, default: float) -> float:
+        """Return an input that must be a number; a texture is reported and replaced by its mean."""
+        signal = self.signal(named)
+        if signal is None or named is None:
+            return default
+        if signal.constant is None:
+            self.report.omission(self.path, f"{named[0]} cannot come from a texture; its mean is used")
+        return float(self.network.baker.mean(signal).mean())
+
+    def product(self, factor: Signal | None, signal: Signal) -> Signal:
+        """Return a signal times a factor; None: 1."""
+        if factor is None:
+            return signal
+        for first, second in ((factor, signal), (signal, factor)):
+            if first.constant is not None and (found := second.affine(first.constant, np.zeros(1))) is not None:
+                return found
+        width = max(factor.width, signal.width)
+        return self.network.baker.apply(lambda a, b: a * b, factor.of_width(width), signal.of_width(width))
+
+    def number(self, name: str, default: float) -> float:
+        """Return an input that must be a number and may be missing."""
+        return self.mean((name, default), default) if name in self.authored else default
+
+    def color_input(self, signal: Signal, name: str) -> ColorInput:
+        """Return a signal as a color or its texture. name: for messages."""
+        found = self.network.baker.lookup(signal, 3, name, self.uv_set)
+        if isinstance(found, TextureLookup):
+            return found
+        r, g, b = found.tolist()
+        return (r, g, b)
+
+    def float_input(self, signal: Signal, name: str) -> FloatInput:
+        """Return a signal as a number or its texture. name: for messages."""
+        found = self.network.baker.lookup(signal, 1, name, self.uv_set)
+        return found if isinstance(found, TextureLookup) else float(found[0])

@@ -1,0 +1,337 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The inputs of MaterialX surface models that UsdPreviewSurface lacks, as `ExtendedLobes`.
+
+Sources: the definitions of standard_surface, open_pbr_surface and gltf_pbr in MaterialX 1.39, the OpenPBR 1.1
+specification, and the glTF extensions KHR_materials_sheen, anisotropy, volume, specular and transmission. The models
+measure anisotropy differently; all are turned into that of OpenPBR: the ratio of the alphas, and the mean of their
+squares.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tiscene.scene.description import Color, ExtendedLobes
+from tiscene.usd.materials.materialx_inputs import SurfaceInputs
+from tiscene.usd.materials.materialx_signal import Signal, number
+
+Array = NDArray[Any]
+Named = tuple[str, Any]
+_WHITE, _BLACK = (1.0, 1.0, 1.0), (0.0, 0.0, 0.0)
+_NEUTRAL = ExtendedLobes()
+
+
+@dataclass(frozen=True)
+class ExtendedNames:
+    """Names and defaults of a model's further inputs: (name, default); None: the model has no such input.
+
+    Attributes:
+        metallic: metalness.
+        specular: factor of the specular lobe of dielectrics.
+        specular_color: its color.
+        transmission: fraction of the light that is transmitted.
+        tint: color of transmission, for each crossing or at a depth.
+        depth: distance at which `tint` remains by absorption; 0: none.
+        attenuation: color that remains by absorption at a distance, for models that have both colors.
+        distance: that distance.
+        thin: whether the surface is a sheet.
+        thickness: of the solid; 0: the surface is a sheet.
+        sheen: factor of the sheen's color.
+        sheen_color: its color.
+        sheen_roughness: its roughness.
+        anisotropy: of the specular lobe.
+        rotation: of its direction.
+        turns: rotation in turns for each unit of `rotation`.
+        coat_color: color of the coat.
+        subsurface: fraction of the diffuse light that scatters below the surface.
+        subsurface_color: its color.
+        unsupported: inputs that are not applied where they are authored.
+    """
+
+    metallic: Named
+    specular: Named
+    specular_color: Named
+    transmission: Named
+    tint: Named
+    depth: Named | None
+    thin: Named | None
+    sheen: Named | None
+    sheen_color: Named
+    sheen_roughness: Named
+    anisotropy: Named
+    rotation: Named | None
+    turns: float = 1.0
+    coat_color: Named | None = None
+    attenuation: Named | None = None
+    distance: Named | None = None
+    thickness: Named | None = None
+    subsurface: Named | None = None
+    subsurface_color: Named | None = None
+    unsupported: Mapping[str, str] = field(default_factory=dict)
+
+
+EXTENDED_MODELS = {
+    "ND_standard_surface_surfaceshader": ExtendedNames(
+        metallic=("metalness", 0.0),
+        specular=("specular", 1.0),
+        specular_color=("specular_color", _WHITE),
+        transmission=("transmission", 0.0),
+        tint=("transmission_color", _WHITE),
+        depth=("transmission_depth", 0.0),
+        thin=("thin_walled", 0.0),
+        sheen=("sheen", 0.0),
+        sheen_color=("sheen_color", _WHITE),
+        sheen_roughness=("sheen_roughness", 0.3),
+        anisotropy=("specular_anisotropy", 0.0),
+        rotation=("specular_rotation", 0.0),
+        coat_color=("coat_color", _WHITE),
+        subsurface=("subsurface", 0.0),
+        subsurface_color=("subsurface_color", _WHITE),
+        unsupported={"tangent": "the direction of u is used", "coat_normal": "the coat has the surface's normal"},
+    ),
+    "ND_open_pbr_surface_surfaceshader": ExtendedNames(
+        metallic=("base_metalness", 0.0),
+        specular=("specular_weight", 1.0),
+        specular_color=("specular_color", _WHITE),
+        transmission=("transmission_weight", 0.0),
+        tint=("transmission_color", _WHITE),
+        depth=("transmission_depth", 0.0),
+        thin=("geometry_thin_walled", 0.0),
+        sheen=("fuzz_weight", 0.0),
+        sheen_color=("fuzz_color", _WHITE),
+        sheen_roughness=("fuzz_roughness", 0.5),
+        anisotropy=("specular_roughness_anisotropy", 0.0),
+        rotation=None,
+        coat_color=("coat_color", _WHITE),
+        subsurface=("subsurface_weight", 0.0),
+        subsurface_color=("subsurface_color", (0.8, 0.8, 0.8)),
+        unsupported={
+            "geometry_tangent": "the direction of u is used",
+            "geometry_coat_normal": "the coat has the surface's normal",
+        },
+    ),
+    "ND_gltf_pbr_surfaceshader": ExtendedNames(
+        metallic=("metallic", 1.0),
+        specular=("specular", 1.0),
+        specular_color=("specular_color", _WHITE),
+        transmission=("transmission", 0.0),
+        tint=("base_color", _WHITE),
+        depth=None,
+        thin=None,
+        sheen=None,
+        sheen_color=("sheen_color", _BLACK),
+        sheen_roughness=("sheen_roughness", 0.0),
+        anisotropy=("anisotropy_strength", 0.0),
+        rotation=("anisotropy_rotation", 0.0),
+        turns=0.5 / math.pi,
+        attenuation=("attenuation_color", _WHITE),
+        distance=("attenuation_distance", 0.0),
+        thickness=("thickness", 0.0),
+        unsupported={"tangent": "the direction of u is used", "clearcoat_normal": "the coat has the surface's normal"},
+    ),
+}
+
+
+class ExtendedSurface:
+    """Maps the further inputs of one surface shader.
+
+    Args:
+        model: name of its model.
+        values: its inputs.
+        meters_per_unit: of the stage.
+    """
+
+    def __init__(self, model: str, values: SurfaceInputs, meters_per_unit: float) -> None:
+        self._model = model
+        self._names = EXTENDED_MODELS.get(model)
+        self._values = values
+        self._apply = values.network.baker.apply
+        self._meters = meters_per_unit
+
+    def lobes(self, base: Signal, roughness: Signal) -> tuple[ExtendedLobes | None, Signal]:
+        """Return the lobes, None where none has an effect, and the roughness that they need.
+
+        Args:
+            base: base color.
+            roughness: of the specular lobe, as authored.
+        """
+        names, values = self._names, self._values
+        if names is None:
+            return None, roughness
+        for name, instead in names.unsupported.items():
+            if name in values.authored and values.authored[name].source is not None:
+                values.report.omission(values.path, f"{name} is not applied; {instead}")
+        found: dict[str, Any] = {}
+        self._add_specular(found)
+        self._add_transmission(found, base)
+        self._add_sheen(found)
+        if names.coat_color is not None and self._differs(names.coat_color, _WHITE):
+            found["coat_color"] = values.color_input(values.required(names.coat_color), "coat_color")
+        strength = values.required(names.anisotropy)
+        if strength.constant is None or strength.constant[0] != 0.0:
+            roughness = self._add_anisotropy(found, strength, roughness)
+        lobes = ExtendedLobes(**found)
+        return (None if lobes == _NEUTRAL else lobes), roughness
+
+    def sheet_color(self, base: Signal) -> Signal:
+        """Return the color that a translucent sheet reflects, before what passes is taken off.
+
+        standard_surface transmits the fraction `subsurface`. OpenPBR scatters it, half to each side.
+        """
+        names, values = self._names, self._values
+        if names is None or self._model != "ND_open_pbr_surface_surfaceshader":
+            return base
+        assert names.subsurface is not None
+        assert names.subsurface_color is not None
+        weight, below = values.required(names.subsurface), values.required(names.subsurface_color).of_width(3)
+        return self._apply(
+            lambda color, inner, part: (color * (1.0 - part) + 0.5 * part * inner) / (1.0 - 0.5 * part),
+            *(base.of_width(3), below, weight),
+        )
+
+    def _differs(self, named: Named, neutral: Any) -> bool:
+        """Return whether an input is authored and has an effect."""
+        if named[0] not in self._values.authored:
+            return not np.allclose(named[1], neutral)
+        signal = self._values.required(named)
+        return signal.constant is None or not np.allclose(signal.constant, neutral)
+
+    def _constant(self, named: Named) -> Array:
+        """Return an input that must be constant; of a texture its mean, which is reported."""
+        signal = self._values.required(named)
+        if signal.constant is None:
+            self._values.report.omission(self._values.path, f"{named[0]} cannot come from a texture; its mean is used")
+        return np.asarray(self._values.network.baker.mean(signal))
+
+    def _color(self, named: Named) -> Color:
+        r, g, b = np.resize(self._constant(named), 3).tolist()
+        return (r, g, b)
+
+    def _add_specular(self, found: dict[str, Any]) -> None:
+        names, values = self._names, self._values
+        assert names is not None
+        if values.required(names.specular).constant is None:
+            found["specular"] = values.float_input(values.required(names.specular), "specular")
+        if not self._differs(names.specular_color, _WHITE):
+            return
+        metal = values.required(names.metallic)
+        if self._model != "ND_gltf_pbr_surfaceshader" and (metal.constant is None or metal.constant[0] > 0.0):
+            text = f"{names.specular_color[0]} is not applied to metal"
+            values.report.omission(values.path, text)
+        if metal.constant is None or metal.constant[0] < 1.0:
+            found["specular_tint"] = values.color_input(values.required(names.specular_color), "specular_color")
+
+    def _add_transmission(self, found: dict[str, Any], base: Signal) -> None:
+        names, values = self._names, self._values
+        assert names is not None
+        is_thin = names.thin is not None and self._constant(names.thin)[0] > 0.5
+        transmits = self._differs(names.transmission, 0.0)
+        if names.thickness is not None and transmits:
+            is_thin = not self._differs(names.thickness, 0.0)
+        if is_thin and names.subsurface is not None and self._differs(names.subsurface, 0.0):
+            self._add_translucency(found)
+        if not transmits:
+            return
+        found["thin_walled"] = is_thin
+        tint = base if names.tint[0] == "base_color" else values.required(names.tint)
+        named, depth = names.attenuation, names.distance
+        if names.depth is not None and not is_thin and self._constant(names.depth)[0] > 0.0:
+            named, depth, tint = names.tint, names.depth, number(*_WHITE)
+        if named is not None and depth is not None and not is_thin:
+            found["absorption"] = self._absorption(self._color(named), float(self._constant(depth)[0]))
+        if tint.constant is None or not np.allclose(tint.constant, 1.0):
+            found["transmission_color"] = values.color_input(tint, "transmission_color")
+
+    def _absorption(self, color: Color, depth: float) -> Color:
+        """Return coefficients, 1/m, by which a color remains at a depth, scene units; 0: nothing is absorbed."""
+        if depth <= 0.0:
+            return _BLACK
+        r, g, b = (-math.log(min(max(each, 1e-4), 1.0)) / (depth * self._meters) + 0.0 for each in color)
+        return (r, g, b)
+
+    def _add_translucency(self, found: dict[str, Any]) -> None:
+        """Add the subsurface scattering of a sheet: diffuse light that passes it (half of it, in OpenPBR)."""
+        names, values = self._names, self._values
+        assert names is not None
+        assert names.subsurface is not None
+        assert names.subsurface_color is not None
+        weight = values.required(names.subsurface)
+        if self._model == "ND_open_pbr_surface_surfaceshader":
+            weight = weight.affine(np.full(1, 0.5), np.zeros(1)) or self._apply(lambda value: 0.5 * value, weight)
+        found["translucency"] = values.float_input(weight, "subsurface")
+        found["translucent_color"] = values.color_input(values.required(names.subsurface_color), "subsurface_color")
+
+    def _add_sheen(self, found: dict[str, Any]) -> None:
+        names, values = self._names, self._values
+        assert names is not None
+        if names.sheen is not None and not self._differs(names.sheen, 0.0):
+            return
+        factor = None if names.sheen is None else values.required(names.sheen)
+        color = values.product(factor, values.required(names.sheen_color))
+        if color.constant is not None and not color.constant.any():
+            return
+        found["sheen_color"] = values.color_input(color, "sheen_color")
+        roughness = values.required(names.sheen_roughness)
+        if names.sheen is None:  # glTF's alpha is the square
+            roughness = self._apply(lambda value: value * value, roughness)
+        found["sheen_roughness"] = values.float_input(roughness, "sheen_roughness")
+
+    def _add_anisotropy(self, found: dict[str, Any], strength: Signal, roughness: Signal) -> Signal:
+        """Add the ratio of the alphas and their direction; return the roughness of the mean of their squares."""
+        names, values = self._names, self._values
+        assert names is not None
+        ratio, mean = _ALPHAS[self._model]
+        operands = (strength.of_width(1), roughness.of_width(1))
+        found["anisotropy"] = values.float_input(self._apply(ratio, *operands), "anisotropy")
+        if names.rotation is not None and self._differs(names.rotation, 0.0):
+            turns = np.full(1, names.turns)
+            rotation = values.required(names.rotation)
+            turned = rotation.affine(turns, np.zeros(1)) or self._apply(lambda value: value * turns, rotation)
+            found["rotation"] = values.float_input(turned, "rotation")
+        return roughness if mean is None else self._apply(mean, *operands)
+
+
+def _gltf_alphas(strength: Array, roughness: Array) -> tuple[Array, Array]:
+    alpha = roughness * roughness
+    return alpha + (1.0 - alpha) * strength * strength, alpha
+
+
+def _gltf_ratio(strength: Array, roughness: Array) -> Array:
+    along, across = _gltf_alphas(strength, np.maximum(roughness, 0.03))
+    return np.asarray(1.0 - across / along)
+
+
+def _gltf_mean(strength: Array, roughness: Array) -> Array:
+    along, across = _gltf_alphas(strength, roughness)
+    return np.asarray((0.5 * (along**2 + across**2)) ** 0.25)
+
+
+def _standard_mean(strength: Array, roughness: Array) -> Array:
+    """With q = 1 - strength, the alphas are roughness² over and times the root of q; they are 1 at most."""
+    q = 1.0 - np.clip(strength, 0.0, 0.98)
+    along = np.minimum(roughness**2 / np.sqrt(q), 1.0)
+    return np.asarray((0.5 * (along**2 + roughness**4 * q)) ** 0.25)
+
+
+def _standard_ratio(strength: Array, roughness: Array) -> Array:
+    q = 1.0 - np.clip(strength, 0.0, 0.98)
+    along = np.minimum(np.maximum(roughness, 1e-3) ** 2 / np.sqrt(q), 1.0)
+    return np.asarray(1.0 - np.maximum(roughness, 1e-3) ** 2 * np.sqrt(q) / along)
+
+
+# Of each model: functions (strength, roughness) that return 1 - alpha_y / alpha_x and the roughness of the mean of the
+# squares; None: the roughness as it is.
+_ALPHAS: dict[str, tuple[Any, Any]] = {
+    "ND_standard_surface_surfaceshader": (_standard_ratio, _standard_mean),
+    "ND_open_pbr_surface_surfaceshader": (
+        lambda strength, roughness: np.clip(strength, 0.0, 1.0) + 0.0 * roughness,
+        None,
+    ),
+    "ND_gltf_pbr_surfaceshader": (_gltf_ratio, _gltf_mean),
+}
