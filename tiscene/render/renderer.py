@@ -154,6 +154,12 @@ class Renderer:
             result |= self._color(view, frame_index, seed, exposure, buffers, moving, seen_moving, result, blurred)
         return {name: result[name] for name in buffers}
 
+    def render_labels(
+        self, views: Sequence[View], placements: Sequence[Placement], buffers: Sequence[str]
+    ) -> list[dict[str, NDArray[Any]]] | None:
+        """Render the label buffers of several frames at once; see `LabelPass.render_frames`."""
+        return self._labels.render_frames(views, placements, buffers)
+
     def auto_exposure(self, view: View, placement: Placement, *, seed: int) -> float:
         """Return the automatic exposure for a placement, stops, metered in a small image.
 

@@ -3,7 +3,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from typing import Protocol, overload
 
 from tiscene.frame.frame import Frame
@@ -21,17 +21,21 @@ class FrameSlice(Sequence[Frame]):
     Args:
         stream: the source of frames.
         indices: their indices.
+        read: returns the first of some frames, where iterating does more than indexing; None: it does not.
     """
 
-    def __init__(self, stream: Frames, indices: range) -> None:
+    def __init__(self, stream: Frames, indices: range, read: Callable[[range], Frame] | None = None) -> None:
         self.stream = stream
         self.indices = indices
+        self._read = read
 
     def __len__(self) -> int:
         return len(self.indices)
 
     def __iter__(self) -> Iterator[Frame]:
-        return (self.stream[index] for index in self.indices)
+        if self._read is None:
+            return (self.stream[index] for index in self.indices)
+        return map(self._read, (self.indices[place:] for place in range(len(self.indices))))
 
     @overload
     def __getitem__(self, index: int) -> Frame: ...
@@ -41,5 +45,5 @@ class FrameSlice(Sequence[Frame]):
 
     def __getitem__(self, index: int | slice) -> Frame | FrameSlice:
         if isinstance(index, slice):
-            return FrameSlice(self.stream, self.indices[index])
+            return FrameSlice(self.stream, self.indices[index], self._read)
         return self.stream[self.indices[index]]

@@ -9,6 +9,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 from typing import Any, cast
 
+from dynamics.argument_checks import integer
 from tiscene import catalog
 from tiscene.frame.buffers import rendered_buffers
 from tiscene.render.render_settings import RenderSettings
@@ -21,6 +22,8 @@ from tiscene.usd.core.limits import Limits
 from tiscene.usd.read.template import read_template
 
 MAX_STAGES = 3
+
+MAX_SIZE = 16384  # px
 
 
 class StageCache:
@@ -137,3 +140,12 @@ def digest(digests: dict[str, str]) -> str:
     """Return one SHA-256 over the digests of files."""
     text = "\n".join(f"{name} {digests[name]}" for name in sorted(digests))
     return hashlib.sha256(text.encode()).hexdigest()
+
+
+def image_size(width: int | None, height: int | None, resolution: tuple[int, int] | None) -> tuple[int, int]:
+    """Return the size of the images: what the caller gave, completed from the stage's resolution, else 256 x 192."""
+    if resolution is not None and width is None:
+        width = resolution[0] if height is None else max(1, round(height * resolution[0] / resolution[1]))
+    if resolution is not None and height is None and width is not None:
+        height = max(1, round(width * resolution[1] / resolution[0]))
+    return integer(width or 256, "width", 1, MAX_SIZE), integer(height or 192, "height", 1, MAX_SIZE)

@@ -32,12 +32,13 @@ from tiscene.scenario.scenario import Scenario
 from tiscene.scene.camera import Camera
 from tiscene.scene.description import Light
 from tiscene.stream.frame_slice import FrameSlice
+from tiscene.stream.label_batches import BatchedFrames, LabelBatches
 from tiscene.stream.loaders.loader_methods import LoaderMethods
 from tiscene.stream.progress import ProgressBar
 from tiscene.stream.render_ahead import RenderAhead
 from tiscene.stream.saved_state import SavedState
 from tiscene.stream.shutter import shutter_times
-from tiscene.stream.stage_cache import StageCache, digest
+from tiscene.stream.stage_cache import MAX_SIZE, StageCache, digest, image_size
 from tiscene.stream.stream_output import StreamOutput
 from tiscene.stream.view_renderer import Pixels, ViewRenderer, render_all_cameras
 from tiscene.usd.core.limits import Limits
@@ -46,10 +47,9 @@ from tiscene.world.lights import warn_if_dark
 from tiscene.world.world import World
 
 DEFAULT_BUFFERS = ("rgb", "semantic", "instance", "depth", "forward_flow")
-MAX_SIZE = 16384
 
 
-class Stream(LoaderMethods, StreamOutput, SavedState, Iterator[Frame]):
+class Stream(BatchedFrames, LoaderMethods, StreamOutput, SavedState, Iterator[Frame]):
     """An endless or finite, exactly repeatable sequence of labeled frames.
 
     A stream is an iterator with a position, as an open file is: a second `for` continues where the first stopped,
@@ -101,6 +101,8 @@ class Stream(LoaderMethods, StreamOutput, SavedState, Iterator[Frame]):
         cache_bytes: memory limit of what incremental rendering keeps.
         prefetch: number of frames that a worker process renders ahead while iterating; 0: none. The bytes are the same.
             Scripts then need `if __name__ == "__main__":`.
+        batch: number of frames whose labels are rendered at once while iterating; more than 1 is meant for GPUs. The
+            bytes are the same.
         progress: called with what is being prepared and how much of it is done, 0..1; None: a bar on a terminal.
 
     Raises:
@@ -140,6 +142,7 @@ class Stream(LoaderMethods, StreamOutput, SavedState, Iterator[Frame]):
         arch: str | None = None,
         cache_bytes: int = CACHE_BYTES,
         prefetch: int = 0,
+        batch: int = 1,
         progress: ProgressCallback | None = None,
     ) -> None:
         width = None if width is None else integer(width, "width", 1, MAX_SIZE)
@@ -165,6 +168,7 @@ class Stream(LoaderMethods, StreamOutput, SavedState, Iterator[Frame]):
         self._selected_categories = None if categories is None else distinct_names(categories, "categories")
         self._cache_bytes = integer(cache_bytes, "cache_bytes", 1, sys.maxsize)
         self._ahead = RenderAhead(integer(prefetch, "prefetch", 0, 10_000))
+        self._batches = LabelBatches(integer(batch, "batch", 1, 1024))
         self._progress = progress or ProgressBar()
         self.stages = StageCache(
             self.buffers,
@@ -185,7 +189,7 @@ class Stream(LoaderMethods, StreamOutput, SavedState, Iterator[Frame]):
             source = replace(source, variants={**source.variants, **variants})
         if camera is not None:
             source = replace(source, camera=camera)
-        self.width, self.height = _image_size(width, height, self.stages.stage(source).resolution)
+        self.width, self.height = image_size(width, height, self.stages.stage(source).resolution)
         self.restart(source)
         self.world.category_ids.check_selection(each.category for each in catalog.templates().values())
         if not COLORS.isdisjoint(rendered_buffers(self.buffers)):
@@ -228,6 +232,7 @@ class Stream(LoaderMethods, StreamOutput, SavedState, Iterator[Frame]):
     def _release(self) -> None:
         """End the present world; the trees of its stage are kept."""
         self._ahead.close()
+        self._batches.clear()
         vars(self).pop("world", None)
         renderer = vars(self).pop("_renderer", None)
         if renderer is not None:
@@ -280,7 +285,10 @@ class Stream(LoaderMethods, StreamOutput, SavedState, Iterator[Frame]):
     def __next__(self) -> Frame:
         if self.frames is not None and self._position >= self.frames:
             raise StopIteration
-        frame = self._render(self._position, self._ahead.pixels(self) if self._ahead.count else None)
+        if self._ahead.count:
+            frame = self._render(self._position, self._ahead.pixels(self))
+        else:
+            frame = self.first_of(range(self._position, sys.maxsize if self.frames is None else self.frames))
         self.seek(self._position + 1)
         return frame
 
@@ -301,7 +309,7 @@ class Stream(LoaderMethods, StreamOutput, SavedState, Iterator[Frame]):
             bounds = index.start, index.stop, index.step if index.start is None else None  # backwards from the end
             if self.frames is None and any(bound is not None and bound < 0 for bound in bounds):
                 raise ArgumentError(f"{index}: an endless stream cannot be counted from its end")
-            return FrameSlice(self, range(end)[index])
+            return FrameSlice(self, range(end)[index], self.first_of)
         index = operator.index(index)
         if index < 0 and self.frames is not None:
             index += self.frames
@@ -358,6 +366,7 @@ class Stream(LoaderMethods, StreamOutput, SavedState, Iterator[Frame]):
         Unlike edits of the world, this is not part of the scenario and not replayed.
         """
         self._ahead.check_no_worker("set_light")
+        self._batches.clear()
         self.world.set_light(row, light)
 
     def settings(self) -> dict[str, Any]:
@@ -383,12 +392,3 @@ class Stream(LoaderMethods, StreamOutput, SavedState, Iterator[Frame]):
             "subdivision": self.stages.subdivision,
             "categories": None if self._selected_categories is None else list(self._selected_categories),
         }
-
-
-def _image_size(width: int | None, height: int | None, resolution: tuple[int, int] | None) -> tuple[int, int]:
-    """Return the size of the images: what the caller gave, completed from the stage's resolution, else 256 x 192."""
-    if resolution is not None and width is None:
-        width = resolution[0] if height is None else max(1, round(height * resolution[0] / resolution[1]))
-    if resolution is not None and height is None and width is not None:
-        height = max(1, round(width * resolution[1] / resolution[0]))
-    return integer(width or 256, "width", 1, MAX_SIZE), integer(height or 192, "height", 1, MAX_SIZE)

@@ -25,6 +25,7 @@ from tiscene.stream.shutter import shutter_samples
 from tiscene.world.world import World
 from tiscene.world.world_state import CameraStep, WorldState
 
+Labels = Mapping[str, NDArray[Any]]  # label buffers by name
 MAX_RENDERERS = 4  # image sizes whose arrays are kept
 
 
@@ -133,6 +134,7 @@ class ViewRenderer:
         since: int | None = None,
         incremental: bool | None = None,
         pixels: Pixels | None = None,
+        labels: Labels | None = None,
     ) -> Frame:
         """Render one view of a world state.
 
@@ -146,6 +148,7 @@ class ViewRenderer:
             since: frame from which `backward_flow` is measured; None: the one before.
             incremental: overrides the stream's setting for this frame.
             pixels: what another process has rendered; None: rendered here.
+            labels: what `label_batch` has rendered of it.
 
         Returns:
             The frame, in the exposure of the world's main camera unless the view's camera has its own.
@@ -155,7 +158,7 @@ class ViewRenderer:
             state = replace(state, placement=state.placement.since(self.world.state(since).placement))
         self._upload_descriptions()
         if pixels is None:
-            pixels = self._pixels(state, view, buffers, main_size, camera_row, incremental)
+            pixels = self._pixels(state, view, buffers, main_size, camera_row, incremental, labels or {})
         step = CameraStep(view.previous, view.current, view.next)
         return Frame(
             index=state.frame,
@@ -179,9 +182,13 @@ class ViewRenderer:
         main_size: tuple[int, int],
         camera_row: int | None,
         incremental: bool | None,
+        labels: Labels,
     ) -> Pixels:
-        """Render the buffers of one view; arguments as of `render`."""
+        """Render the buffers of one view that are not among its labels; arguments as of `render`."""
         names, buffers = buffers, rendered_buffers(buffers)
+        missing = [name for name in buffers if name not in labels]
+        if not missing:
+            return Pixels(complete(names, labels), labels.get("instance"), 0.0)
         colored = not COLORS.isdisjoint(buffers)
         samples = None
         if colored:
@@ -202,7 +209,7 @@ class ViewRenderer:
         rendered = renderer.render(
             view,
             state.placement,
-            buffers,
+            missing,
             frame_index=state.frame,
             seed=self._seed,
             exposure=exposure,
@@ -210,7 +217,33 @@ class ViewRenderer:
             camera_moves=camera_moves,
             shutter_samples=samples or (),
         )
+        rendered = {name: labels[name] if name in labels else rendered[name] for name in buffers}
         return Pixels(complete(names, rendered), rendered.get("instance"), renderer.spp if colored else 0.0)
+
+    def label_batch(
+        self, states: Sequence[WorldState], buffers: Sequence[str], width: int, height: int
+    ) -> list[tuple[WorldState, list[Labels]]]:
+        """Render the label buffers of several frames at once where that is possible.
+
+        Args:
+            states: of the world, at the frames to render.
+            buffers: names of the buffers of the frames.
+            width: image width, px.
+            height: image height, px.
+
+        Returns:
+            For each state, itself and the labels of each camera; an empty mapping where they are rendered one by one.
+        """
+        self.check_session()
+        self._upload_descriptions()
+        names = [name for name in rendered_buffers(buffers) if name not in COLORS]
+        found: list[list[Labels]] = [[] for _ in states]
+        for row in range(len(states[0].cameras)):
+            views = [View(*state.cameras[row], width=width, height=height) for state in states]
+            rendered = self._renderer(views[0]).render_labels(views, [state.placement for state in states], names)
+            for each, labels in zip(found, rendered or [{} for _ in states], strict=True):
+                each.append(labels)
+        return list(zip(states, found, strict=True))
 
     def _upload_descriptions(self) -> None:
         """Add the world's stage and templates to the device scene, as far as they are not there."""
@@ -236,6 +269,7 @@ def render_all_cameras(
     width: int,
     height: int,
     pixels: Sequence[Pixels] | None = None,
+    labels: Sequence[Labels] | None = None,
 ) -> Frame:
     """Render a frame from each of the world's cameras; the first holds the others as `views`.
 
@@ -246,6 +280,7 @@ def render_all_cameras(
         width: image width, px.
         height: image height, px.
         pixels: what another process has rendered, one for each camera; None: rendered here.
+        labels: what `ViewRenderer.label_batch` has rendered, for each camera.
     """
     first, *others = [
         renderer.render(
@@ -255,6 +290,7 @@ def render_all_cameras(
             main_size=(width, height),
             camera_row=row,
             pixels=None if pixels is None else pixels[row],
+            labels=None if labels is None else labels[row],
         )
         for row, step in enumerate(state.cameras)
     ]

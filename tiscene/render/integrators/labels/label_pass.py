@@ -29,7 +29,7 @@ from tiscene.render.intersect.ray_queue import RayArrays
 from tiscene.render.intersect.surface_interaction import geometry_of
 from tiscene.render.view import View
 from tiscene.scene.device_scene import DeviceScene
-from tiscene.scene.placement import CURRENT, NEXT, PREVIOUS
+from tiscene.scene.placement import CURRENT, NEXT, PREVIOUS, Placement
 
 MAX_MIRRORS = 4  # a mirror behind this many others is labeled itself
 _BUFFERS = BUFFERS | {FILTERED_ALBEDO: BUFFERS["albedo"]}
@@ -87,6 +87,32 @@ class LabelPass:
                 self.scene.place_movers(moving)
             self._draw(self._frame(view), queue, count, arrays, static=image.samples)
         return arrays
+
+    def render_frames(
+        self, views: Sequence[View], placements: Sequence[Placement], buffers: Sequence[str]
+    ) -> list[dict[str, NDArray[Any]]] | None:
+        """Place and render several frames at once, for GPUs: one launch of each kernel, the same bytes as one by one.
+
+        Args:
+            views: Camera of each frame; all of one image size.
+            placements: The instances of each frame.
+            buffers: Names of label buffers, as of `render`.
+
+        Returns:
+            New arrays by name for each frame. None if the frames cannot be rendered at once: a mesh deforms, a material
+            varies, fractions of pixels are asked for, or there is one frame only.
+        """
+        varies = self.scene.deforms or any(placement.materials for placement in placements)
+        if varies or len(views) < 2 or not buffers or not set(buffers).isdisjoint(COVERAGES):
+            return None
+        self.scene.place_frames(placements, times_needed(buffers))
+        width, height = views[0].width, views[0].height
+        rays = self._rays.resized(width, height * len(views))
+        arrays = {name: _BUFFERS[name].empty(width, height * len(views)) for name in buffers}
+        self.traced_pixels = 0
+        self._draw(LabelFrames.of(views, placements), rays.queue, rays.count, arrays)
+        frames = [slice(row, row + height) for row in range(0, height * len(views), height)]
+        return [{name: array[rows].copy() for name, array in arrays.items()} for rows in frames]
 
     def _draw_static(self, view: View, buffers: Sequence[str]) -> StaticImage:
         """Draw all pixels of a new image for the cache."""

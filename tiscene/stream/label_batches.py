@@ -1,0 +1,92 @@
+# SPDX-License-Identifier: Apache-2.0
+"""LabelBatches: label buffers of several frames rendered at once, before they are asked for.
+
+A GPU spends more time on launches than on the labels of a small frame. Colors and everything else of a frame are
+computed when the frame is asked for.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Protocol
+
+from tiscene.device import runtime
+from tiscene.frame.frame import Frame
+from tiscene.scenario.scenario import Scenario
+from tiscene.stream.view_renderer import Labels, ViewRenderer, render_all_cameras
+from tiscene.world.world import World
+from tiscene.world.world_state import WorldState
+
+MAX_PIXELS = 1 << 22  # of a batch; rays, hits and buffers of a pixel take about 200 bytes
+
+
+class BatchSource(Protocol):
+    """What batches need of a Stream."""
+
+    _batches: LabelBatches
+    _renderer: ViewRenderer
+
+    @property
+    def world(self) -> World: ...
+    @property
+    def scenario(self) -> Scenario: ...
+    @property
+    def width(self) -> int: ...
+    @property
+    def height(self) -> int: ...
+    @property
+    def buffers(self) -> tuple[str, ...]: ...
+
+
+class LabelBatches:
+    """World states and labels of frames that are asked for one after the other.
+
+    After a seek or an edit of the world, what was rendered in vain is dropped.
+
+    Args:
+        size: frames that are rendered at once, at most; 1: none are rendered before they are asked for.
+    """
+
+    def __init__(self, size: int) -> None:
+        self.size = size
+        self.clear()
+
+    def __getstate__(self) -> dict[str, object]:
+        return {"size": self.size, "_edits": 0, "_ready": {}}  # a copy in another process renders by itself
+
+    def clear(self) -> None:
+        """Drop everything, since the world has changed."""
+        self._edits = 0
+        self._ready: dict[int, tuple[WorldState, list[Labels]]] = {}
+
+    def take(self, source: BatchSource, indices: Sequence[int]) -> tuple[WorldState, list[Labels]]:
+        """Return the state of the world and the labels of each camera at the first of some frames.
+
+        Args:
+            source: the stream.
+            indices: of the frames that will probably be asked for next.
+        """
+        edits = len(source.scenario.edits)
+        if edits != self._edits or indices[0] not in self._ready:
+            count = max(1, min(self.size, MAX_PIXELS // (source.width * source.height)))
+            chosen = indices[:count]
+            self.clear()
+            states = [source.world.state(index) for index in chosen]
+            rendered = source._renderer.label_batch(states, source.buffers, source.width, source.height)
+            self._ready = dict(zip(chosen, rendered, strict=True))
+            self._edits = edits
+        return self._ready.pop(indices[0])
+
+
+class BatchedFrames:
+    """Frames of a stream that are read one after the other."""
+
+    @runtime.one_thread_at_a_time
+    def first_of(self: BatchSource, indices: range) -> Frame:
+        """Return the first of some frames; if the stream renders in batches, with the labels of the following ones."""
+        self._renderer.check_session()
+        size = self.width, self.height
+        if self._batches.size == 1:
+            return render_all_cameras(self._renderer, self.world.state(indices[0]), self.buffers, *size)
+        state, labels = self._batches.take(self, indices)
+        return render_all_cameras(self._renderer, state, self.buffers, *size, labels=labels)
