@@ -13,6 +13,7 @@ import tiscene as ts
 from tests.usd.helpers import write
 from tiscene.errors import ArgumentError
 from tiscene.scene.description import Mesh
+from tiscene.usd.core.stage import open_stage
 from tiscene.usd.read.stage_reader import read_stage
 
 SCENE = """
@@ -190,7 +191,7 @@ def test_variants_of_templates_are_selected_in_the_layer(tmp_path):
     objects = [ts.Object(color, f"Cube{{color={color}}}", (0, 1, -2)) for color in ("teal", "white")]
     stream = ts.Stream(ts.Scenario("object_view", objects), width=16, height=12, frames=1)
     stream.to_usd(tmp_path / "motion.usda")
-    stage = Usd.Stage.Open(str(tmp_path / "motion.usda"))
+    stage = open_stage(tmp_path / "motion.usda")
     chosen = {
         prim.GetName(): prim.GetVariantSet("color").GetVariantSelection()
         for prim in stage.Traverse()

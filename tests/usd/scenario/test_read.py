@@ -8,6 +8,7 @@ import math
 import os
 import random
 import re
+import shutil
 import warnings
 from pathlib import Path
 
@@ -16,6 +17,7 @@ import pytest
 from pxr import Gf, Sdf, Usd, UsdGeom, UsdValidation
 
 import tiscene as ts
+import usd_scenes
 from dynamics import UniformMovementRandomBounce
 from tests.scenario.test_scenario import everything
 from tests.usd.damage import READ, REFUSED, STOPPED, crate_bytes, damaged, read_all
@@ -23,6 +25,8 @@ from tests.usd.helpers import write
 from tiscene.errors import ArgumentError, CameraNotFound, ExportError, ScenarioError, StageError, StageWarning
 from tiscene.scenario.objects import Frustum, Object
 from tiscene.scenario.scenario import Scenario
+from tiscene.usd.core.layers import layer_digests
+from tiscene.usd.core.stage import open_stage
 from tiscene.usd.read.stage_reader import read_stage
 
 
@@ -544,3 +548,27 @@ def test_saved_layer_keeps_variants(tmp_path):
     assert Scenario.load(tmp_path / "run.usda") == scenario
     names = {each.name for each in read_stage(tmp_path / "run.usda").objects}
     assert names == {"a"}  # the layer itself selects them: any program shows the lamp where the object is
+
+
+def test_saved_layer_finds_the_catalog_of_another_environment(tmp_path, monkeypatch):
+    """The paths in the file are those in the catalog, of which a copy is found by TISCENE_PATH."""
+    Scenario("object_view", [Object("a", "Cube", (1, 2, 3))]).save(tmp_path / "runs.usda")
+    text = (tmp_path / "runs.usda").read_text()
+    assert "@object_view/scene.usda@" in text
+    assert "@templates/cube/template.usda@" in text
+    package = Path(usd_scenes.__path__[0])
+    assert str(package) not in text
+    assert ".." not in text
+    elsewhere = tmp_path / "elsewhere"
+    for name in ("object_view", "templates/cube"):
+        shutil.copytree(package / name, elsewhere / "data" / name)
+    moved = shutil.move(tmp_path / "runs.usda", elsewhere / "moved.usda")
+    digests = layer_digests(moved)
+    assert {"moved.usda", "object_view/scene.usda", "templates/cube/template.usda"} <= set(digests)
+    monkeypatch.setenv("TISCENE_PATH", str(elsewhere / "data"))
+    assert layer_digests(moved) == digests
+    stage = open_stage(moved)
+    used = {Path(layer.realPath) for layer in stage.GetUsedLayers() if layer.realPath}
+    assert elsewhere / "data" / "object_view" / "scene.usda" in used
+    assert not [path for path in used if path.is_relative_to(package)]
+    assert Scenario.load(moved).objects[0].position == (1, 2, 3)

@@ -9,11 +9,11 @@ from collections.abc import Iterable
 from pathlib import Path
 from typing import NamedTuple
 
-from pxr import UsdUtils
+from pxr import Ar, UsdUtils
 
 from tiscene import catalog
 from tiscene.usd.core.package import split_package
-from tiscene.usd.core.stage import quiet
+from tiscene.usd.core.stage import quiet, resolver_context
 
 MAX_KNOWN = 256  # root files whose digests are kept until one of their files changes
 
@@ -40,25 +40,43 @@ def layer_digests(path: str | Path) -> dict[str, str]:
 
     Returns:
         Hexadecimal digests by path relative to the file's folder, with forward slashes, so that they do not depend on
-        where the folder is. Missing files are left out. A package (.usdz) is one file. Files that have not changed
-        since an earlier call are not read again.
+        where the folder is; by path in the catalog for its files, if the file itself is elsewhere. Missing files are
+        left out. A package (.usdz) is one file. Files that have not changed since an earlier call are not read again.
     """
     root = Path(path).resolve()
-    known = _known.get(root)
+    key = root, tuple(catalog.search_path())
+    known = _known.get(key)
     if known is None or any(_status(file) != status for file, status in known.statuses.items()):
-        with quiet():
+        with quiet(), Ar.ResolverContextBinder(resolver_context(root)):
             layers, assets, unresolved = UsdUtils.ComputeAllDependencies(str(root))
         files = {str(root), *(split_package(path)[0] for path in (*(layer.realPath for layer in layers), *assets))}
         statuses = {file: _status(file) for file in files}  # before the files are read
         present = sorted(Path(file) for file in files if os.path.isfile(file))
-        digests = {Path(os.path.relpath(file, root.parent)).as_posix(): _digest(file) for file in present}
+        in_catalog = {} if catalog_path(root) else {file: catalog_path(file) for file in present}
+        relative = {file: Path(os.path.relpath(file, root.parent)).as_posix() for file in present}
+        digests = {in_catalog.get(file) or relative[file]: _digest(file) for file in present}
         known = _KnownDigests(statuses, digests)
-        _known.pop(root, None)
+        _known.pop(key, None)
         if not unresolved:  # a missing file may come to be anywhere
             while len(_known) >= MAX_KNOWN:
                 del _known[next(iter(_known))]
-            _known[root] = known
+            _known[key] = known
     return dict(known.digests)
+
+
+def catalog_path(file: Path) -> str | None:
+    """Return the path of a file in the folders of scenes, such as `room_02/scene.usda`; None if it is not found by it.
+
+    Args:
+        file: its resolved path.
+    """
+    folders = [folder.resolve() for folder in catalog.search_path()]
+    for folder in folders:
+        if file.is_relative_to(folder):
+            name = file.relative_to(folder)
+            first = next((each / name for each in folders if (each / name).exists()), None)
+            return name.as_posix() if first is not None and first.resolve() == file else None
+    return None
 
 
 class _KnownDigests(NamedTuple):
@@ -68,7 +86,7 @@ class _KnownDigests(NamedTuple):
     digests: dict[str, str]
 
 
-_known: dict[Path, _KnownDigests] = {}
+_known: dict[tuple[Path, tuple[Path, ...]], _KnownDigests] = {}  # by root file and folders of scenes
 
 
 def _status(path: str) -> tuple[int, ...] | None:

@@ -10,8 +10,9 @@ from collections.abc import Iterator, Mapping
 from numbers import Real
 from pathlib import Path
 
-from pxr import Sdf, Tf, Usd, UsdUtils
+from pxr import Ar, Sdf, Tf, Usd, UsdUtils
 
+from tiscene import catalog
 from tiscene.errors import ArgumentError, MissingFile, StageError, UnknownName
 from tiscene.usd.core import schema
 from tiscene.usd.core.package import split_package
@@ -74,8 +75,9 @@ def open_stage(path: str | Path, variants: Variants | None = None, report: Stage
         raise MissingFile(f"{path} does not exist")
     if not path.is_file():
         raise MissingFile(f"{path} is not a file: name the .usd, .usda, .usdc or .usdz file itself")
-    with readable(path):
-        stage = Usd.Stage.Open(str(path), Usd.Stage.LoadAll)
+    context = resolver_context(path)
+    with readable(path), Ar.ResolverContextBinder(context):
+        stage = Usd.Stage.Open(str(path), context, Usd.Stage.LoadAll)
         for layer in stage.GetUsedLayers():  # USD shares layers in a process: the files may have changed since
             if not layer.anonymous and (not layer.dirty or is_substituted(layer)):
                 layer.Reload(force=layer.dirty)
@@ -96,6 +98,16 @@ def open_stage(path: str | Path, variants: Variants | None = None, report: Stage
     report.raise_refused()
     _set_missing_range(stage)
     return stage
+
+
+def resolver_context(path: str | Path) -> Ar.DefaultResolverContext:
+    """Return where the asset paths of a file that do not begin with "./" or "../" are looked for.
+
+    In the file's own folder, then in the folders of scenes (`catalog.search_path`): saved layers refer to the scenes
+    and templates of the catalog as `room_02/scene.usda`.
+    """
+    folders = [Path(path).resolve().parent, *(folder.resolve() for folder in catalog.search_path())]
+    return Ar.DefaultResolverContext([str(folder) for folder in folders])
 
 
 def _report_composition(stage: Usd.Stage, report: StageReport) -> None:

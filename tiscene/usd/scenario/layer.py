@@ -15,6 +15,7 @@ from tiscene import catalog
 from tiscene.errors import ArgumentError, ExportError
 from tiscene.scene.camera import Camera
 from tiscene.scene.description import Matrix
+from tiscene.usd.core.layers import catalog_path
 from tiscene.usd.core.pose import PoseOperations, pose_operations, read_pose
 from tiscene.usd.core.semantics import spaced
 from tiscene.usd.core.stage import Variants, open_stage, reading_time, select_variants
@@ -27,7 +28,7 @@ _METADATA = ("timeCodesPerSecond", "framesPerSecond", "startTimeCode", "endTimeC
 
 
 class OverLayer:
-    """A new layer with a scene as its sublayer, made in memory. `export` writes it, with relative asset paths.
+    """A new layer with a scene as its sublayer, made in memory. `export` writes it, with asset paths that travel.
 
     Attributes:
         layer: the layer.
@@ -193,6 +194,9 @@ class OverLayer:
     def export(self, path: str | os.PathLike[str]) -> None:
         """Write the layer to a file.
 
+        Files of the catalog are referred to by their paths in it, such as `room_02/scene.usda`, which USD looks for in
+        the folders of its search path; other files by paths relative to this one.
+
         Args:
             path: file that ends in .usda, .usdc or .usd.
 
@@ -208,7 +212,7 @@ class OverLayer:
         folder = path.resolve().parent
         copy = Sdf.Layer.CreateAnonymous(path.suffix)
         copy.TransferContent(self.layer)
-        UsdUtils.ModifyAssetPaths(copy, lambda asset: _relative(asset, folder))
+        UsdUtils.ModifyAssetPaths(copy, lambda asset: _portable(asset, folder))
         try:
             written = folder.is_dir() and copy.Export(str(path))
         except Tf.ErrorException as error:
@@ -220,8 +224,11 @@ class OverLayer:
         return self.stage.DefinePrim(path, "Scope").GetPath()
 
 
-def _relative(asset: str, folder: Path) -> str:
-    """Return an absolute path relative to a folder; unchanged if it is on another drive."""
+def _portable(asset: str, folder: Path) -> str:
+    """Return an absolute path as one in the catalog, else relative to a folder; unchanged if it is on another drive."""
+    name = catalog_path(Path(asset))
+    if name is not None and catalog_path(folder) is None:
+        return name
     try:
         relative = Path(os.path.relpath(asset, folder)).as_posix()
     except ValueError:
