@@ -1,9 +1,14 @@
 // Small charts over time: measures of difficulty, and the pixels of the selected object.
 
 const MEASURES = {
-  visible: "visible objects",
-  visibility: "visible part of moving objects in view, mean",
-  motion: "length of flow, px, mean",
+  instances: "visible objects",
+  categories: "their categories",
+  visibility: "visible part of an object, 0 to 1",
+  size: "part of the picture that an object fills, 0 to 1",
+  motion: "length of flow where something moves, px",
+  moving: "part of the picture that moves, 0 to 1",
+  contrast: "contrast of an object with what is around it, 0 to 1",
+  novelty: "angle to the nearest view shown before, degrees",
 };
 
 class Chart {

@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from tiscene.frame.difficulty import MEASURES
 from tiscene.frame.frame import Frame
 from tiscene.frame.object_table import ObjectRow
 from tiscene.frame.visualize import id_colors
@@ -26,12 +27,11 @@ class ObjectTracks:
         self._objects: dict[int, dict[str, Any]] = {}
         self._events: list[list[dict[str, Any]]] = []
         self._cameras: list[list[float]] = []
-        self._difficulty: dict[str, list[float | None]] = {"visible": [], "visibility": [], "motion": []}
+        self._difficulty: dict[str, list[float | None]] = {name: [] for name in MEASURES}
 
     def add(self, frame: Frame) -> None:
         """Add the next frame."""
-        rows = list(frame.objects)
-        for row in rows:
+        for row in frame.objects:
             track = self._objects.get(row.id) or self._new_track(row)
             low, high = row.world_bounds.tolist()
             track["positions"].append(_rounded(row.position))
@@ -47,7 +47,8 @@ class ObjectTracks:
         position, forward = frame.camera.position, frame.camera.world_from_camera[:3, 2]
         width = 0.5 * frame.camera.width / float(frame.camera.K[0, 0])
         self._cameras.append(_rounded((position[0], position[2], forward[0], forward[2], width)))
-        self._add_difficulty(frame, rows)
+        for name, value in frame.difficulty.to_json().items():
+            self._difficulty[name].append(None if value is None else round(value, 3))
 
     def to_json(self) -> dict[str, Any]:
         """Return everything for the page's script. Columns that never change have one value."""
@@ -71,18 +72,6 @@ class ObjectTracks:
         }
         self._objects[row.id] = track
         return track
-
-    def _add_difficulty(self, frame: Frame, rows: list[ObjectRow]) -> None:
-        """Add measures of how hard the frame is."""
-        moving = [row for row in rows if row.template or any(row.velocity)]
-        seen = [row for row in moving if row.fraction_in_frame > 0]
-        self._difficulty["visible"].append(sum(row.visible_pixels > 0 for row in rows))
-        self._difficulty["visibility"].append(
-            round(float(np.mean([row.visibility_in_frame for row in seen])), 3) if seen else None
-        )
-        flow = frame.buffers.get("forward_flow")
-        motion = None if flow is None else round(float(np.mean(np.linalg.norm(flow, axis=2))), 3)
-        self._difficulty["motion"].append(motion)
 
 
 _COLUMNS = ("positions", "bounds", "speeds", "pixels", "visibility")
