@@ -33,6 +33,10 @@ class Deformation:
         row, t = between(self.times, seconds)
         return _mixed(self.positions, row, t), None if self.normals is None else _mixed(self.normals, row, t)
 
+    def corners(self) -> NDArray[np.float32]:
+        """Return points [k, 3] whose convex hull holds the mesh at all times."""
+        return self.positions.reshape(-1, 3)
+
 
 @dataclass(frozen=True, eq=False)
 class InstanceTrack:

@@ -109,8 +109,8 @@ class Mesh:
     colors: FloatArray | None = None
 
     def corners(self) -> FloatArray:
-        """Return points [k, 3] whose convex hull holds the mesh at all times: its vertices at all time samples."""
-        return self.positions if self.deformation is None else self.deformation.positions.reshape(-1, 3)
+        """Return points [k, 3] whose convex hull holds the mesh at all times."""
+        return self.positions if self.deformation is None else self.deformation.corners()
 
 
 @dataclass(frozen=True)

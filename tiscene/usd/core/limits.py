@@ -71,6 +71,8 @@ class ReadingBudget:
         triangles: triangles read so far.
         levels: the most levels that subdivision surfaces are refined to, by path (in their prototypes).
         refined: refined surfaces by the content of their control meshes, so that copies are refined once.
+        skins: what moves the points of skinned meshes, by path.
+        baked_skins: paths of the prims whose skinning was baked instead.
         start: start of reading, seconds of the monotonic clock.
     """
 
@@ -80,6 +82,8 @@ class ReadingBudget:
     triangles: int = 0
     levels: dict[Any, int] = field(default_factory=dict)
     refined: dict[bytes, Any] = field(default_factory=dict)
+    skins: dict[Any, Any] = field(default_factory=dict)
+    baked_skins: set[Any] = field(default_factory=set)
     start: float = field(default_factory=time.monotonic)
 
     def add_prim(self) -> None:

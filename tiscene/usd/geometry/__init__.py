@@ -8,11 +8,13 @@
     triangulate    polygons to triangles
     subdivision_budget  levels of refinement within a triangle budget
     subdivision    subdivision surfaces
+    subdivision_maps  its rules as sparse matrices
     catmull_clark  control cages, refinement and limit rules
     vertex_weld    welded meshes: one normal and uv per vertex
     gprim          cube, sphere, cylinder, cone, capsule, plane
     curves         curves as tubes or ribbons, points as spheres
     deforming      shapes with time samples
-    skinning       UsdSkel skinning, baked on the stage
+    skinning       UsdSkel: what moves the points of skinned meshes
+    skinned_mesh   skinned meshes at the time read, and how vertices follow their points
     display_color  displayColor and displayOpacity
 """

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from pxr import Usd, UsdGeom
 
 from tiscene.scene.animation import Deformation
+from tiscene.scene.skinning import SkinnedDeformation
 from tiscene.usd.core.report import StageReport
 from tiscene.usd.core.time_samples import in_seconds
 from tiscene.usd.geometry.primvar import array_of
@@ -128,6 +129,10 @@ def with_shape_samples(
 
 def deformation_of(surface: WeldedMesh, stage: Usd.Stage, meters: float) -> Deformation | None:
     """Return the position and normal samples of a mesh in meters and seconds; None if it has none."""
+    if surface.skin is not None and surface.control is not None:
+        times = surface.skin.poses.times
+        skinned = {"skin": surface.skin, "surface": surface.control, "meters": meters}
+        return SkinnedDeformation(times, **skinned) if len(times) > 1 else None
     if surface.position_samples is None:
         return None
     positions = surface.position_samples * np.float32(meters)

@@ -17,9 +17,12 @@ from numpy.typing import NDArray
 from pxr import Usd, UsdGeom
 
 from tiscene.usd.core.report import StageReport
+from tiscene.usd.core.time_samples import in_seconds
 from tiscene.usd.geometry.catmull_clark import Creases
 from tiscene.usd.geometry.deforming import read_point_samples
 from tiscene.usd.geometry.primvar import PrimvarNames, Topology, array_of, read_normals, read_vertex_values
+from tiscene.usd.geometry.skinned_mesh import control_of, posed, with_normals
+from tiscene.usd.geometry.skinning import skin_of
 from tiscene.usd.geometry.subdivision import MAX_LEVELS, subdivide
 from tiscene.usd.geometry.triangulate import triangulate
 from tiscene.usd.geometry.vertex_weld import Attribute, WeldedMesh, weld, with_position_samples
@@ -53,12 +56,18 @@ def read_mesh(
     if checked is None:
         return None
     points, topology = checked
+    skin = skin_of(prim, report)
+    if skin is not None and len(skin.points) != len(points):
+        skin = None
     scheme = mesh.GetSubdivisionSchemeAttr().Get(time) or "catmullClark"
     if scheme == "loop":
         report.omission(prim.GetPath(), "Loop subdivision is drawn by the Catmull-Clark rules")
     smooth = scheme in ("catmullClark", "loop")
     normals = None if smooth else read_normals(prim, topology, time, report)
-    position_samples = read_point_samples(prim, times, len(points), report)
+    if skin is not None:
+        skin = with_normals(skin, normals, topology)
+        points, normals = posed(skin, normals, in_seconds(prim.GetStage(), [_code(time, prim)])[0])
+    position_samples = None if skin is not None else read_point_samples(prim, times, len(points), report)
     uv = _read_values(prim, topology, time, report, primvars, primvars_of_face)
     visible = np.ones(len(topology.counts), dtype=bool)
     holes = array_of(mesh.GetHoleIndicesAttr(), time, np.int64)
@@ -74,7 +83,7 @@ def read_mesh(
         uv_rule = mesh.GetFaceVaryingLinearInterpolationAttr().Get(time) or "cornersPlus1"
         source = (prim.GetPrimInPrototype() if prim.IsInstanceProxy() else prim).GetPath()
         levels = report.budget.levels.get(source, MAX_LEVELS)
-        key = _content(points, topology, creases, visible, uv, boundary, uv_rule, position_samples, levels)
+        key = _content(points, topology, creases, visible, uv, boundary, uv_rule, position_samples, levels, bool(skin))
         if key not in report.budget.refined:
             report.budget.refined[key] = subdivide(
                 points,
@@ -86,6 +95,7 @@ def read_mesh(
                 uv_rule=uv_rule,
                 position_samples=position_samples,
                 levels=levels,
+                controlled=skin is not None,
             )
         surface: WeldedMesh = report.budget.refined[key]
     else:
@@ -100,12 +110,19 @@ def read_mesh(
         surface = weld(points, topology.indices, corners[kept], face[kept], normals, uv, split_by)
         if position_samples is not None:
             surface = with_position_samples(surface, position_samples, normal_samples)
+        if skin is not None:
+            surface = replace(surface, control=control_of(surface, normals))
     if len(surface.triangles) == 0:
         report.omission(prim.GetPath(), "a mesh without a visible face")
         return None
     if mesh.GetOrientationAttr().Get(time) == UsdGeom.Tokens.leftHanded:
         surface = _reverse_winding(surface, flip_normals=smooth)
-    return replace(surface, times=times if position_samples is not None else ())
+    return replace(surface, times=times if position_samples is not None else (), skin=skin)
+
+
+def _code(time: Usd.TimeCode, prim: Usd.Prim) -> float:
+    """Return a time code as a number."""
+    return float(prim.GetStage().GetStartTimeCode() if time.IsEarliestTime() else time.GetValue())
 
 
 def _content(
@@ -268,4 +285,5 @@ def _reverse_winding(surface: WeldedMesh, flip_normals: bool) -> WeldedMesh:
     if flip_normals and normal_samples is not None:
         normal_samples = -normal_samples
     triangles = np.ascontiguousarray(surface.triangles[:, ::-1])
-    return replace(surface, triangles=triangles, normals=normals, normal_samples=normal_samples)
+    control = None if surface.control is None else surface.control.with_reversed_winding(flip_normals)
+    return replace(surface, triangles=triangles, normals=normals, normal_samples=normal_samples, control=control)

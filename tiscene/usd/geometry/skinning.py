@@ -1,99 +1,307 @@
 # SPDX-License-Identifier: Apache-2.0
-"""UsdSkel: bake the skinning of a stage into its session layer.
+"""UsdSkel: what moves the points of skinned meshes, and baked samples of everything else that is skinned.
 
-Meshes bound to skeletons get skinned points and normals as ordinary attributes, so that the other readers need to know
-nothing about skeletons. USD computes the skinning: linear blend or dual quaternions, and blend shapes.
+Meshes with linear blend skinning or blend shapes get a `Skin`, from which their vertices are computed when a frame is
+asked for. Of rigidly bound prims, dual quaternion skinning and other gprims, USD computes the samples, which are
+authored in the session layer.
 """
 
 from __future__ import annotations
 
-from pxr import Gf, Sdf, Usd, UsdGeom, UsdSkel
+import hashlib
+from collections.abc import Iterator, Sequence
+from typing import Any
 
+import numpy as np
+from numpy.typing import NDArray
+from pxr import Sdf, Usd, UsdGeom, UsdSkel, Vt
+
+from tiscene.scene.skinning import BlendShapes, SkeletonPoses, Skin
 from tiscene.usd.core.report import StageReport
-from tiscene.usd.core.time_samples import dense_times
+from tiscene.usd.core.time_samples import dense_times, in_seconds
 
 _TRAVERSAL = Usd.TraverseInstanceProxies(Usd.PrimIsActive & Usd.PrimIsLoaded & Usd.PrimIsDefined & ~Usd.PrimIsAbstract)
-_MAX_TIME_CODES = 10_000_000  # of a stage; USD visits each of them, in about a microsecond
+_AFFINE = np.eye(4)[:3]
 
 
-def bake_skinning(stage: Usd.Stage, time: Usd.TimeCode, report: StageReport) -> None:
-    """Author the skinned points and normals of every SkelRoot in the session layer; no file changes.
+def prepare_skinning(stage: Usd.Stage, time: Usd.TimeCode, report: StageReport) -> None:
+    """Find the skins of a stage (`report.budget.skins`, by prim path) and bake what has none; no file changes.
 
-    Instances that contain a SkelRoot stop being instances, because each may have another pose.
+    Instances that contain a prim to bake stop being instances, because each may have another pose.
 
     Args:
         stage: the stage to change.
         time: the time code to pose it at, if it does not play.
-        report: says whether the stage plays, in which case time samples are authored; collects what stays unposed.
+        report: says whether the stage plays; receives the skins, and what stays unposed.
     """
-    session = stage.GetSessionLayer()
-    if _skel_roots(stage):  # BakeSkinning writes the stage's time codes into the layer unscaled
-        session.timeCodesPerSecond = stage.GetRootLayer().timeCodesPerSecond
-    with Usd.EditContext(stage, session):
-        while instances := _instances_with_skeletons(stage):
-            for prim in instances:
+    if not _skel_roots(stage):
+        return
+    while instances := dict(_instances_to_bake(stage)):
+        with Usd.EditContext(stage, stage.GetSessionLayer()):
+            for prim in instances.values():
                 prim.SetInstanceable(False)
-        everything = report.reads_animation or time.IsEarliestTime()
-        interval = Gf.Interval.GetFullInterval() if everything else Gf.Interval(time.GetValue())
-        length = stage.GetEndTimeCode() - stage.GetStartTimeCode()
-        for prim in _skel_roots(stage):
-            if length > _MAX_TIME_CODES:
-                text = f"a SkelRoot on a stage of {length:.3g} time codes (limit {_MAX_TIME_CODES:g}) is drawn unposed"
-                report.omission(prim.GetPath(), text)
-                continue
-            root = UsdSkel.Root(prim)
-            _author_samples(root, time, report.reads_animation)
-            if not UsdSkel.BakeSkinning(root, interval):
-                report.omission(prim.GetPath(), "a SkelRoot whose skinning USD cannot compute is drawn unposed")
+    reader = _SkinReader(stage, time, report)
+    for root in _skel_roots(stage):
+        with report.guard(root.GetPath()):
+            reader.read(UsdSkel.Root(root))
 
 
-def is_unskinned(prim: Usd.Prim) -> bool:
-    """Return whether a gprim is bound to a skeleton, but `bake_skinning` has not posed it."""
+def skin_of(prim: Usd.Prim, report: StageReport) -> Skin | None:
+    """Return what moves the points of a mesh; None if it is not skinned, or not posed."""
+    found: Skin | None = report.budget.skins.get(prim.GetPath())
+    return found
+
+
+def is_unskinned(prim: Usd.Prim, report: StageReport) -> bool:
+    """Return whether a gprim is bound to a skeleton, but `prepare_skinning` has not posed it."""
     if not UsdSkel.BindingAPI(prim).GetJointIndicesPrimvar().HasAuthoredValue():
         return False
-    points = prim.GetPath().AppendProperty(UsdGeom.Tokens.points)
-    return prim.GetStage().GetSessionLayer().GetAttributeAtPath(points) is None
+    return prim.GetPath() not in report.budget.skins and prim.GetPath() not in report.budget.baked_skins
 
 
 def _skel_roots(stage: Usd.Stage) -> list[Usd.Prim]:
     return [prim for prim in Usd.PrimRange(stage.GetPseudoRoot(), _TRAVERSAL) if prim.IsA(UsdSkel.Root)]
 
 
-def _instances_with_skeletons(stage: Usd.Stage) -> list[Usd.Prim]:
-    """Return the outermost instances that contain a SkelRoot, are one, or are inside one."""
-    found: dict[Sdf.Path, Usd.Prim] = {}
-    for root in _skel_roots(stage):
-        inner = [prim for prim in Usd.PrimRange(root, _TRAVERSAL) if prim.IsInstance()]
-        outer = root
-        while outer and not outer.IsPseudoRoot():
-            inner += [outer] if outer.IsInstance() else []
-            outer = outer.GetParent()
-        found |= {prim.GetPath(): prim for prim in inner if not prim.IsInstanceProxy()}
-    return list(found.values())
-
-
-def _author_samples(root: UsdSkel.Root, time: Usd.TimeCode, plays: bool) -> None:
-    """Author samples of the animations below a root at the times at which USD shall pose it.
-
-    BakeSkinning evaluates at authored samples only, and skinned points are interpolated linearly while joints rotate.
-    A stage that plays therefore gets a sample at every time code, another one at `time`.
-    """
+def _bindings(root: UsdSkel.Root) -> Iterator[tuple[UsdSkel.SkeletonQuery, UsdSkel.SkinningQuery]]:
+    """Yield the skinned prims below a SkelRoot with their skeletons."""
     cache = UsdSkel.Cache()
-    cache.Populate(root, Usd.PrimDefaultPredicate)
-    done = set()
-    for binding in cache.ComputeSkelBindings(root, Usd.PrimDefaultPredicate):
-        query = cache.GetSkelQuery(binding.GetSkeleton()).GetAnimQuery()
-        if not query or query.GetPrim().GetPath() in done:
-            continue
-        done.add(query.GetPrim().GetPath())
-        for name in ("translations", "rotations", "scales", "blendShapeWeights"):
-            attribute = query.GetPrim().GetAttribute(name)
-            if not attribute.ValueMightBeTimeVarying():
+    cache.Populate(root, _TRAVERSAL)
+    for binding in cache.ComputeSkelBindings(root, _TRAVERSAL):
+        skeleton = cache.GetSkelQuery(binding.GetSkeleton())
+        if skeleton:
+            for query in binding.GetSkinningTargets():
+                yield skeleton, query
+
+
+def _is_on_demand(query: UsdSkel.SkinningQuery) -> bool:
+    """Return whether a skinned prim gets a `Skin`."""
+    if not query.GetPrim().IsA(UsdGeom.Mesh):
+        return False
+    if not query.HasJointInfluences():
+        return bool(query.HasBlendShapes())
+    return not query.IsRigidlyDeformed() and query.GetSkinningMethod() != UsdSkel.Tokens.dualQuaternion
+
+
+def _instances_to_bake(stage: Usd.Stage) -> Iterator[tuple[Sdf.Path, Usd.Prim]]:
+    """Yield the outermost instances that contain a prim to bake."""
+    for root in _skel_roots(stage):
+        for _, query in _bindings(UsdSkel.Root(root)):
+            prim = query.GetPrim()
+            if not _is_on_demand(query) and prim.IsInstanceProxy():
+                while not prim.IsInstance() or prim.IsInstanceProxy():
+                    prim = prim.GetParent()
+                yield prim.GetPath(), prim
+
+
+class _SkinReader:
+    """Reads the skins of one stage. Prims of one prototype, and meshes of one skeleton, share arrays."""
+
+    def __init__(self, stage: Usd.Stage, time: Usd.TimeCode, report: StageReport) -> None:
+        self._stage = stage
+        self._time = time
+        self._report = report
+        self._poses: dict[Any, SkeletonPoses] = {}
+        self._skins: dict[Any, Skin | None] = {}
+
+    def read(self, root: UsdSkel.Root) -> None:
+        """Read or bake all skinned prims below a SkelRoot."""
+        for skeleton, query in _bindings(root):
+            prim = query.GetPrim()
+            times = self._times(skeleton, query)
+            with self._report.guard(prim.GetPath()):
+                if not _is_on_demand(query):
+                    self._bake(skeleton, query, times)
+                    continue
+                frames = self._mesh_from_skeleton(skeleton, prim, times)
+                key = _source(prim), self._pose_key(skeleton, times), frames.tobytes()
+                if key not in self._skins:
+                    self._skins[key] = self._skin(skeleton, query, times, frames)
+                skin = self._skins[key]
+                if skin is not None:
+                    self._report.budget.skins[prim.GetPath()] = skin
+
+    def _times(self, skeleton: UsdSkel.SkeletonQuery, query: UsdSkel.SkinningQuery) -> list[float]:
+        """Return the time codes at which a prim is posed; empty for the one that is read.
+
+        Joints rotate between their samples, but vertices are interpolated linearly: every whole time code is sampled.
+        """
+        if not self._report.reads_animation:
+            return []
+        times: set[float] = set()
+        animation = skeleton.GetAnimQuery()
+        if animation:
+            times.update(animation.GetJointTransformTimeSamples())
+            times.update(animation.GetBlendShapeWeightTimeSamples())
+        for prim in _between(query.GetPrim(), skeleton.GetPrim()):
+            times.update(UsdGeom.Xformable(prim).GetTimeSamples() if prim.IsA(UsdGeom.Xformable) else ())
+        return dense_times(times) if len(times) > 1 else []
+
+    def _codes(self, times: Sequence[float]) -> list[Usd.TimeCode]:
+        return [Usd.TimeCode(time) for time in times] or [self._time]
+
+    def _pose_key(self, skeleton: UsdSkel.SkeletonQuery, times: Sequence[float]) -> Any:
+        animation = skeleton.GetAnimQuery()
+        return _source(skeleton.GetPrim()), _source(animation.GetPrim()) if animation else None, tuple(times)
+
+    def _poses_of(self, skeleton: UsdSkel.SkeletonQuery, times: Sequence[float]) -> SkeletonPoses | None:
+        """Return the poses of a skeleton; None if USD cannot compute them."""
+        key = self._pose_key(skeleton, times)
+        if key not in self._poses:
+            rows = [_matrices(skeleton.ComputeSkinningTransforms(code)) for code in self._codes(times)]
+            count = len(skeleton.GetJointOrder())
+            if any(len(row) != count for row in rows):
+                return None
+            still = np.broadcast_to(_AFFINE, (len(rows), 1, 3, 4))
+            seconds = in_seconds(self._stage, times) if times else np.zeros(1)
+            transforms = np.concatenate([np.array(rows).reshape(-1, count, 3, 4), still], axis=1)
+            content = hashlib.blake2b(seconds.tobytes() + transforms.tobytes(), digest_size=16).digest()
+            self._poses[key] = self._poses.setdefault(content, SkeletonPoses(seconds, transforms))
+        return self._poses[key]
+
+    def _mesh_from_skeleton(
+        self, skeleton: UsdSkel.SkeletonQuery, prim: Usd.Prim, times: Sequence[float]
+    ) -> NDArray[np.float64]:
+        """Return the transform from the skeleton's space to the mesh's, [1 or s, 3, 4]."""
+        between = _between(prim, skeleton.GetPrim())
+        moves = any(
+            each.IsA(UsdGeom.Xformable) and UsdGeom.Xformable(each).TransformMightBeTimeVarying() for each in between
+        )
+        codes = self._codes(times) if moves else self._codes(times)[:1]
+        return np.concatenate([_matrices([_skeleton_to_prim(skeleton, prim, code)]) for code in codes])
+
+    def _skin(
+        self,
+        skeleton: UsdSkel.SkeletonQuery,
+        query: UsdSkel.SkinningQuery,
+        times: Sequence[float],
+        frames: NDArray[np.float64],
+    ) -> Skin | None:
+        prim = query.GetPrim()
+        points = np.asarray(UsdGeom.Mesh(prim).GetPointsAttr().Get(self._time) or (), np.float64).reshape(-1, 3)
+        poses = self._poses_of(skeleton, times)
+        if poses is None:
+            self._report.omission(prim.GetPath(), "a mesh whose skeleton USD cannot pose is drawn unposed")
+            return None
+        joints = weights = None
+        bind = _AFFINE
+        if query.HasJointInfluences():
+            found, weights_found = query.ComputeVaryingJointInfluences(len(points), self._time)
+            joints = np.asarray(found, np.int64).reshape(len(points), -1) if len(points) else np.zeros((0, 1), np.int64)
+            weights = np.asarray(weights_found, np.float64).reshape(joints.shape)
+            order, own = list(skeleton.GetJointOrder()), query.GetJointOrder()
+            count = len(order if own is None else own)
+            if joints.size == 0 or joints.min() < 0 or joints.max() >= count or not np.isfinite(weights).all():
+                text = "its joint indices and weights do not match its points and joints; it is drawn unposed"
+                self._report.problem(prim.GetPath(), "skinning", text)
+                return None
+            if own is not None:
+                number = {name: row for row, name in enumerate(order)}
+                joints = np.array([number.get(name, len(order)) for name in own])[joints]
+            bind = _matrices([query.GetGeomBindTransform(self._time)])[0]
+        shapes = self._shapes(skeleton, query, times, len(points)) if query.HasBlendShapes() else None
+        indices = None if joints is None else joints.astype(np.int32)
+        return Skin(poses, points, None, None, indices, weights, bind, frames, shapes)
+
+    def _shapes(
+        self, skeleton: UsdSkel.SkeletonQuery, query: UsdSkel.SkinningQuery, times: Sequence[float], points: int
+    ) -> BlendShapes | None:
+        """Return the blend shapes of a mesh with their weights; None if nothing animates them."""
+        animation, mapper = skeleton.GetAnimQuery(), query.GetBlendShapeMapper()
+        if not animation or mapper is None:
+            return None
+        blend = UsdSkel.BlendShapeQuery(UsdSkel.BindingAPI(query.GetPrim()))
+        moved, offsets = blend.ComputeBlendShapePointIndices(), blend.ComputeSubShapePointOffsets()
+        shape, point, offset = [], [], []
+        for number, each in enumerate(offsets):
+            values = np.asarray(each, np.float32).reshape(-1, 3)
+            chosen = moved[blend.GetBlendShapeIndex(number)]
+            at = np.asarray(chosen, np.int64) if len(chosen) else np.arange(len(values))
+            if len(values) and (len(at) != len(values) or at.min() < 0 or at.max() >= points):
+                text = f"blend shape {number} moves points that do not exist, or has another number of offsets"
+                self._report.problem(query.GetPrim().GetPath(), "skinning", text)
                 continue
-            static = [] if time.IsEarliestTime() else [time.GetValue()]
-            times = dense_times(attribute.GetTimeSamples()) if plays else static
-            values = [
-                (each, attribute.Get(each)) for each in times
-            ]  # read all first: authored samples hide those of weaker layers
-            for each, value in values:
-                attribute.Set(value, each)
+            if len(values):
+                shape.append(np.full(len(values), number, np.int32))
+                point.append(at.astype(np.int32))
+                offset.append(values)
+        if not shape:
+            return None
+        codes = self._codes(times)
+        weights = np.zeros((len(codes), blend.GetNumSubShapes()), np.float32)
+        for row, code in enumerate(codes):
+            remapped = mapper.Remap(Vt.FloatArray(animation.ComputeBlendShapeWeights(code)))
+            values, _, sub_shapes = blend.ComputeSubShapeWeights(remapped)
+            np.add.at(weights[row], np.asarray(sub_shapes, np.int64), np.asarray(values, np.float32))
+        return BlendShapes(np.concatenate(shape), np.concatenate(point), np.concatenate(offset), weights)
+
+    def _bake(self, skeleton: UsdSkel.SkeletonQuery, query: UsdSkel.SkinningQuery, times: Sequence[float]) -> None:
+        """Author the skinned points of a prim, or the transform of a rigidly bound one."""
+        prim = query.GetPrim()
+        session = self._stage.GetSessionLayer()
+        session.timeCodesPerSecond = self._stage.GetRootLayer().timeCodesPerSecond
+        authored = {}
+        for code in self._codes(times):
+            pose = skeleton.ComputeSkinningTransforms(code)
+            if query.IsRigidlyDeformed():
+                local = query.ComputeSkinnedTransform(pose, code) * _skeleton_to_prim(skeleton, prim.GetParent(), code)
+                authored[code] = local
+            else:
+                points = UsdGeom.PointBased(prim).GetPointsAttr().Get(code)
+                if points is None or not query.ComputeSkinnedPoints(pose, points, code):
+                    self._report.omission(prim.GetPath(), "a prim whose skinning USD cannot compute is drawn unposed")
+                    return
+                matrix = _matrices([_skeleton_to_prim(skeleton, prim, code)])[0]
+                moved = np.asarray(points, np.float64) @ matrix[:, :3].T + matrix[:, 3]
+                authored[code] = Vt.Vec3fArray.FromNumpy(moved.astype(np.float32))
+        with Usd.EditContext(self._stage, session):
+            if query.IsRigidlyDeformed():
+                attribute = UsdGeom.Xformable(prim).MakeMatrixXform().GetAttr()
+            else:
+                attribute = UsdGeom.PointBased(prim).GetPointsAttr()
+            for code, value in authored.items():
+                attribute.Set(value, code if times else Usd.TimeCode.Default())
+        self._report.budget.baked_skins.add(prim.GetPath())
+
+
+def _in_one_space(skeleton: Usd.Prim, prim: Usd.Prim) -> tuple[Usd.Prim, Usd.Prim]:
+    """Return a skeleton and a prim; both in the prototype if USD gives the skeleton there."""
+    in_prototype = skeleton.IsInPrototype() and prim.IsInstanceProxy()
+    return skeleton, prim.GetPrimInPrototype() if in_prototype else prim
+
+
+def _between(prim: Usd.Prim, skeleton: Usd.Prim) -> list[Usd.Prim]:
+    """Return a prim, its skeleton and their ancestors, except those that they share."""
+    prim, other = reversed(_in_one_space(skeleton, prim))
+    shared = prim.GetPath().GetCommonPrefix(other.GetPath())
+    found = []
+    for each in (prim, other):
+        while each and each.GetPath() != shared:
+            found.append(each)
+            each = each.GetParent()
+    return found
+
+
+def _skeleton_to_prim(skeleton: UsdSkel.SkeletonQuery, prim: Usd.Prim, code: Usd.TimeCode) -> Any:
+    """Return the matrix, for row vectors, from a skeleton's space to a prim's.
+
+    Transforms above both are left out, so that instances of one prototype have the same bits.
+    """
+    cache = UsdGeom.XformCache(code)
+    source, prim = _in_one_space(skeleton.GetPrim(), prim)
+    ancestor = source.GetStage().GetPrimAtPath(source.GetPath().GetCommonPrefix(prim.GetPath()))
+    (above, resets), (below, also_resets) = (cache.ComputeRelativeTransform(each, ancestor) for each in (source, prim))
+    if resets or also_resets:
+        above, below = (cache.GetLocalToWorldTransform(each) for each in (source, prim))
+    return above * below.GetInverse()
+
+
+def _matrices(matrices: Any) -> NDArray[np.float64]:
+    """Return USD's matrices for row vectors as [n, 3, 4] for column vectors."""
+    rows = np.asarray(matrices, np.float64).reshape(-1, 4, 4)
+    return np.ascontiguousarray(rows.transpose(0, 2, 1)[:, :3])
+
+
+def _source(prim: Usd.Prim) -> Sdf.Path:
+    """Return the path that all instances of a prim share: that in its prototype."""
+    return (prim.GetPrimInPrototype() if prim.IsInstanceProxy() else prim).GetPath()

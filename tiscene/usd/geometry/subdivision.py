@@ -8,12 +8,15 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
 
+from tiscene.scene.skinning import ControlledSurface, LinearMap, SmoothNormals
 from tiscene.usd.geometry.catmull_clark import Cage, Creases, Floats, Ints, limit, refine
 from tiscene.usd.geometry.primvar import Topology
+from tiscene.usd.geometry.subdivision_maps import limit_map, refine_map
 from tiscene.usd.geometry.triangulate import cross, triangulate
 from tiscene.usd.geometry.vertex_weld import (
     Attribute,
@@ -39,6 +42,7 @@ def subdivide(
     uv_rule: str = "cornersPlus1",
     position_samples: NDArray[np.float32] | None = None,
     levels: int = MAX_LEVELS,
+    controlled: bool = False,
 ) -> WeldedMesh:
     """Return the limit surface as triangles with smooth normals, split along edges that stay sharp.
 
@@ -56,6 +60,7 @@ def subdivide(
         position_samples: float32 [s, n, 3], the control points at other times; None for a constant shape.
         levels: how often to refine at most. 0: the faces stay those of the cage, with their points moved to the limit
             surface.
+        controlled: whether to return how the control points decide the vertices, too (`WeldedMesh.control`).
     """
     cage, source = _control_cage(topology, creases)
     visible = visible[source]
@@ -77,25 +82,32 @@ def subdivide(
     if position_samples is not None:  # all times share the rules, so they are refined side by side
         values = np.concatenate([values, *position_samples.astype(np.float64)], axis=1)
     dense = len(cage.indices) > MAX_QUADS
+    maps: list[LinearMap] | None = [] if controlled else None
     if not levels and not dense:
-        return _triangulate_cage(cage, *_on_limit(cage, values, uv, width), visible, source)
+        if maps is not None:
+            maps += [refine_map(cage), limit_map(refine(cage, values)[0], cage.points)]
+        return _triangulate_cage(cage, *_on_limit(cage, values, uv, width), visible, source, maps)
     for level in range(levels):
         if len(cage.indices) > MAX_QUADS:
             break
         if level > 1 and _is_flat(cage, values[:, :3]):
             break
         visible, source = visible[cage.face], source[cage.face]
+        if maps is not None:
+            maps.append(refine_map(cage))
         if uv_cage is not None and uv_values is not None:
             uv_cage, uv_values = refine(uv_cage, uv_values)
         cage, values = refine(cage, values)
     if dense:  # the cage is already as fine as a refined surface
-        return _triangulate_cage(cage, values[:, :3], uv, values[:, width:], visible, source)
+        return _triangulate_cage(cage, values[:, :3], uv, values[:, width:], visible, source, maps)
+    if maps is not None:
+        maps.append(limit_map(cage))
     values = limit(cage, values)
     if uv_cage is not None and uv_values is not None:
         uv = Attribute(limit(uv_cage, uv_values)[uv_cage.indices].astype(np.float32), per_corner=True)
     elif uv is not None:
         uv = Attribute(values[:, 3:width].astype(np.float32), per_corner=False)
-    return _triangulate_cage(cage, values[:, :3], uv, values[:, width:], visible, source)
+    return _triangulate_cage(cage, values[:, :3], uv, values[:, width:], visible, source, maps)
 
 
 def _on_limit(cage: Cage, values: Floats, uv: Attribute | None, width: int) -> tuple[Floats, Attribute | None, Floats]:
@@ -202,7 +214,13 @@ def _cosines(cage: Cage, positions: Floats) -> Floats:
 
 
 def _triangulate_cage(
-    cage: Cage, positions: Floats, uv: Attribute | None, samples: Floats, visible: NDArray[np.bool_], source: Ints
+    cage: Cage,
+    positions: Floats,
+    uv: Attribute | None,
+    samples: Floats,
+    visible: NDArray[np.bool_],
+    source: Ints,
+    maps: list[LinearMap] | None,
 ) -> WeldedMesh:
     """Triangulate a refined cage and weld its corners.
 
@@ -213,6 +231,7 @@ def _triangulate_cage(
         samples: float64 [points, 3 s], the positions at other times side by side; s may be 0.
         visible: [faces], False for holes.
         source: [faces], the authored face of each.
+        maps: what made `positions` of the control points; None: they do not move by a skin.
     """
     group = _smoothing_groups(cage)
 
@@ -223,6 +242,14 @@ def _triangulate_cage(
     corners, face = triangulate(positions, cage.counts, cage.indices)
     kept = visible[face]
     faces = cage.indices, corners[kept], source[face[kept]]
+    if maps is not None:
+        surface = weld(positions.astype(np.float32), *faces, normals_of(positions), uv, split_by=group)
+        assert surface.point is not None
+        assert surface.corner is not None
+        corner_groups = group.astype(np.int32)
+        smooth = SmoothNormals(cage.indices.astype(np.int32), cage.starts, corner_groups, corner_groups[surface.corner])
+        points = surface.point.astype(np.int32)
+        return replace(surface, control=ControlledSurface(tuple(maps), points, surface.triangles, smooth=smooth))
     if not samples.shape[1]:
         return weld(positions.astype(np.float32), *faces, normals_of(positions), uv)
     surface = weld(positions.astype(np.float32), *faces, normals_of(positions), uv, split_by=group)

@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tiscene.scene.description import FloatArray, IntArray
+from tiscene.scene.skinning import ControlledSurface, Skin
 from tiscene.usd.geometry.triangulate import cross
 
 
@@ -34,6 +35,8 @@ class WeldedMesh:
         position_samples: float32 [s, n, 3], positions at `times`; None if the shape does not change.
         normal_samples: float32 [s, n, 3], normals at `times`; None if the shape does not change or has no normals.
         times: time codes of the samples, increasing.
+        control: how control points decide the vertices; None if they do not move by a skin.
+        skin: what moves the control points; None if the mesh does not play as a skin.
     """
 
     positions: FloatArray
@@ -46,6 +49,8 @@ class WeldedMesh:
     position_samples: FloatArray | None = None
     normal_samples: FloatArray | None = None
     times: Sequence[float] = ()
+    control: ControlledSurface | None = None
+    skin: Skin | None = None
 
 
 @dataclass(frozen=True, eq=False)

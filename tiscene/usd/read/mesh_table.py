@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from pxr import Usd, UsdGeom, UsdShade
 
 from tiscene.scene.description import Matrix, Mesh
+from tiscene.scene.skinning import SkinnedDeformation
 from tiscene.usd.core.report import StageReport
 from tiscene.usd.core.transform import MAX_COORDINATE
 from tiscene.usd.geometry import gprim
@@ -20,6 +21,8 @@ from tiscene.usd.geometry.deforming import deformation_of, shape_times, with_sha
 from tiscene.usd.geometry.gprim import read_gprim
 from tiscene.usd.geometry.mesh import face_count, read_mesh
 from tiscene.usd.geometry.primvar import SECOND_UV, UV, array_of
+from tiscene.usd.geometry.skinned_mesh import content_of
+from tiscene.usd.geometry.skinning import skin_of
 from tiscene.usd.geometry.triangulate import cross
 from tiscene.usd.geometry.vertex_weld import WeldedMesh
 from tiscene.usd.materials.material import Binding, MaterialTableBuilder
@@ -75,7 +78,7 @@ class MeshTable:
         whole = emitter or self._materials.binding(prim, prim)
         subsets = [] if emitter else self._subsets(prim, whole)
         bindings = (whole, *(binding for binding, _ in subsets))
-        key = (source, bindings)
+        key = (source, bindings, id(skin_of(prim, self._report)))
         if key not in self._rows:
             surface = self._surface(prim, source, bindings, subsets)
             parts = self._parts(prim, source)
@@ -149,14 +152,15 @@ class MeshTable:
         """Return a gprim's triangles, read once per prototype and selection of texture coordinates."""
         wanted = tuple(dict.fromkeys(binding.primvars for binding in bindings))
         of_face = None
-        key: Any = (source, wanted)
+        skin = skin_of(prim, self._report)
+        key: Any = (source, wanted, id(skin))
         if len(wanted) > 1:
-            key = (source, bindings)
+            key = (source, bindings, id(skin))
             of_face = np.full(face_count(prim, self._time), wanted.index(bindings[0].primvars))
             for binding, indices in subsets:
                 of_face[indices] = wanted.index(binding.primvars)
         if key not in self._surfaces:
-            times = shape_times(prim, self._report)
+            times = [] if skin is not None else shape_times(prim, self._report)
             if prim.IsA(UsdGeom.Mesh):
                 surface = read_mesh(prim, self._time, self._report, wanted, of_face, times)
             else:
@@ -189,7 +193,9 @@ class MeshTable:
         if uv is not None and uv.shape[1] > 2:
             uv, second_uv, colors = (np.ascontiguousarray(uv[:, each]) for each in (UV, SECOND_UV, slice(4, 8)))
         arrays = [positions, surface.triangles, materials, surface.normals, surface.uv, parts]
-        if deformation is not None:
+        if isinstance(deformation, SkinnedDeformation):
+            digest.update(content_of(deformation))
+        elif deformation is not None:
             arrays += [deformation.times, deformation.positions, deformation.normals]
         for array in arrays:
             digest.update(b"none" if array is None else np.ascontiguousarray(array).data)

@@ -48,6 +48,7 @@ _SCENE_MODULES = (
     "tiscene.scene.light_description",
     "tiscene.scene.material_description",
     "tiscene.scene.room_volume",
+    "tiscene.scene.skinning",
 )
 _NUMPY_NAMES = {
     ("numpy", "ndarray"),

@@ -17,7 +17,7 @@ from tiscene.usd.core.limits import Limits
 from tiscene.usd.core.report import StageReport
 from tiscene.usd.core.semantics import asset_name, inherited_label, name_label, readable_name, spaced
 from tiscene.usd.core.stage import open_stage, quiet, readable, reading_time, select_variants
-from tiscene.usd.geometry.skinning import bake_skinning
+from tiscene.usd.geometry.skinning import prepare_skinning
 from tiscene.usd.geometry.subdivision_budget import DEFAULT_TRIANGLES, limit_subdivision
 from tiscene.usd.read.subprocess_reader import read_in_subprocess
 from tiscene.usd.read.traversal import StageReader
@@ -68,7 +68,7 @@ def read_template(
             )
         if variants:
             select_variants(stage, {str(prim.GetPath()): variants})
-        bake_skinning(stage, reading_time(stage, None), report)
+        prepare_skinning(stage, reading_time(stage, None), report)
         limit_subdivision(stage, reading_time(stage, None), DEFAULT_TRIANGLES, report)
         template = template_of(prim, display_name(prim) or readable_name(Path(path)), report, up_axis, taxonomy)
         report.raise_problems(anything_left=bool(template.description.instances))

@@ -146,7 +146,7 @@ class StageReader(PointInstancerReader):
 
     def _is_animated_by_scenario(self, prim: Usd.Prim, inherited: TraversalContext, is_object: bool) -> bool:
         """Return whether a scenario animates a prim, not an instance track: objects, lights and whole templates."""
-        if self._parts is not None:
+        if self._parts is not None or prim.GetPath() in self._report.budget.baked_skins:
             return False
         if self._top != Sdf.Path.absoluteRootPath:
             return bool(prim.GetPath() == self._top)
@@ -221,7 +221,7 @@ class StageReader(PointInstancerReader):
             self._report.omission(
                 prim.GetPath(), "a mesh that the camera does not see by its renderer's attribute is seen"
             )
-        if here.is_drawn and is_unskinned(prim):
+        if here.is_drawn and is_unskinned(prim, self._report):
             self._report.omission(prim.GetPath(), "a mesh bound to a skeleton is drawn without its skinning")
         matrix = to_matrix(here.world, self._meters)
         samples = TransformSamples.of(here.animated, here.world, self._meters) if self._parts is None else None
