@@ -15,7 +15,7 @@ import pytest
 from PIL import Image
 
 from tiscene.errors import StageError, StageWarning
-from tiscene.scene.description import TextureLookup
+from tiscene.scene.description import VERTEX_COLORS, TextureLookup
 from tiscene.usd.importers.gltf import GltfDocument
 from tiscene.usd.importers.import_template import import_asset
 from tiscene.usd.read.template import read_template
@@ -155,6 +155,53 @@ def test_coat_and_transmission_textures(builder, tmp_path):
     (material,) = builder.read(tmp_path).materials
     assert (material.clearcoat.channel, material.clearcoat.scale[0]) == ("r", 0.5)
     assert (material.opacity.channel, material.opacity.scale[0], material.opacity.bias[0]) == ("r", -0.5, 1.0)
+    assert material.opacity_mode == "transmission"
+    assert material.lobes.thin_walled
+
+
+def test_extensions_beyond_preview_surface_become_lobes(builder, tmp_path):
+    """Half of the light remains after 0.25 m; glTF's sheen alpha is the square; strength 0.5 of alpha 0.25."""
+    extensions = {
+        "KHR_materials_sheen": {"sheenColorFactor": [1, 0.5, 0], "sheenRoughnessFactor": 0.5},
+        "KHR_materials_specular": {"specularFactor": 0.5, "specularTexture": builder.picture(),
+                                   "specularColorFactor": [0.5, 1, 1]},
+        "KHR_materials_transmission": {"transmissionFactor": 1},
+        "KHR_materials_volume": {"thicknessFactor": 1, "attenuationDistance": 0.25, "attenuationColor": [0.5, 1, 1]},
+        "KHR_materials_anisotropy": {"anisotropyStrength": 0.5, "anisotropyRotation": np.pi / 2},
+        "KHR_materials_emissive_strength": {"emissiveStrength": 4},
+    }  # fmt: skip
+    base = {"metallicFactor": 0, "roughnessFactor": 0.5}
+    entry = {"pbrMetallicRoughness": base, "emissiveFactor": [1, 0.5, 0], "extensions": extensions}
+    builder.parts |= {"materials": [entry], "extensionsUsed": [*extensions]}
+    (material,) = builder.read(tmp_path).materials
+    lobes = material.lobes
+    assert (lobes.sheen_color, lobes.sheen_roughness) == ((1.0, 0.5, 0.0), 0.25)
+    assert lobes.specular_tint == (0.5, 1.0, 1.0)
+    assert (lobes.specular.channel, lobes.specular.scale[3]) == ("a", 0.5)
+    assert (material.opacity, lobes.thin_walled) == (0.0, False)
+    assert lobes.absorption == pytest.approx((np.log(2) / 0.25, 0.0, 0.0))
+    assert lobes.rotation == pytest.approx(0.25)
+    assert lobes.anisotropy == pytest.approx(1.0 - 0.25 / (0.25 + 0.75 * 0.25), rel=1e-4)
+    assert material.emissive_color == (4.0, 2.0, 0.0)
+
+
+def test_vertex_colors_tint_a_material_with_lobes(builder, tmp_path):
+    builder.attributes["COLOR_0"] = builder.add([[1, 0, 0], [0, 1, 0], [0, 0, 1]])
+    extensions = {"KHR_materials_sheen": {"sheenColorFactor": [1, 1, 1]}}
+    builder.parts |= {"materials": [{"extensions": extensions}], "extensionsUsed": [*extensions]}
+    (material,) = builder.read(tmp_path).materials
+    assert material.diffuse_color.texture == VERTEX_COLORS
+    assert material.lobes.sheen_color == (1.0, 1.0, 1.0)
+
+
+def test_parts_of_extensions_that_are_not_imported_are_named(builder, tmp_path):
+    extensions = {
+        "KHR_materials_clearcoat": {"clearcoatFactor": 1, "clearcoatNormalTexture": builder.picture()},
+        "KHR_materials_anisotropy": {"anisotropyStrength": 1, "anisotropyTexture": builder.picture()},
+    }
+    builder.parts |= {"materials": [{"extensions": extensions}], "extensionsUsed": [*extensions]}
+    names = "directions of KHR_materials_anisotropy's textures, normal maps of KHR_materials_clearcoat"
+    builder.read(tmp_path, f"thing.gltf: not imported: {names}")
 
 
 def test_specular_glossiness_and_unlit_materials(builder, tmp_path):
@@ -267,9 +314,9 @@ def test_mirroring_node_keeps_faces_outward(builder, tmp_path):
 
 def test_what_is_not_imported_is_named(builder, tmp_path):
     builder.parts["meshes"][0]["primitives"].append({"attributes": {"POSITION": 0}, "mode": 0})
-    builder.parts |= {"cameras": [{}], "extensionsUsed": ["KHR_materials_sheen", "KHR_materials_ior"]}
+    builder.parts |= {"cameras": [{}], "extensionsUsed": ["KHR_materials_iridescence", "KHR_materials_ior"]}
     builder.parts |= {"animations": [{"channels": [], "samplers": []}] * 2}
-    text = "KHR_materials_sheen, cameras, animations after the first, points and lines"
+    text = "KHR_materials_iridescence, cameras, animations after the first, points and lines"
     builder.read(tmp_path, f"thing.gltf: not imported: {text}")
 
 

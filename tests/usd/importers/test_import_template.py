@@ -188,11 +188,11 @@ def test_gltf_material_extensions_are_read(tmp_path):
 def test_unsupported_gltf_features_are_reported(tmp_path):
     path = gltf_file(
         tmp_path / "a.gltf",
-        materials=[{"name": "Velvet", "extensions": {"KHR_materials_sheen": {}}}],
-        extensionsUsed=["KHR_materials_sheen"],
+        materials=[{"name": "Velvet", "extensions": {"KHR_materials_iridescence": {}}}],
+        extensionsUsed=["KHR_materials_iridescence"],
         skins=[{"joints": [0]}],
     )
-    with pytest.warns(StageWarning, match=r"a\.gltf: not imported: KHR_materials_sheen$"):
+    with pytest.warns(StageWarning, match=r"a\.gltf: not imported: KHR_materials_iridescence$"):
         import_asset(path, tmp_path / "out")
     path = gltf_file(tmp_path / "b.gltf", materials=[{}], extensionsRequired=["EXT_meshopt_compression"])
     with pytest.raises(StageError, match="compressed by EXT_meshopt_compression: export it without"):

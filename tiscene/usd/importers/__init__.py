@@ -10,6 +10,7 @@
     materials        materials as UsdPreviewSurface; Phong's
     gltf_scene       meshes of glTF files
     gltf_materials   their materials
+    gltf_lobes       extensions of theirs that UsdPreviewSurface lacks
     gltf_animation   their motion
     unity_model      OBJ files as Unity keeps them, with materials in JSON
     gltf             glTF files: JSON, buffers, accessors, images

@@ -22,18 +22,23 @@ from numpy.typing import NDArray
 from PIL import Image
 
 from tiscene.errors import StageError
+from tiscene.usd.importers.gltf_lobes import lost_parts
 
 SUFFIXES = (".gltf", ".glb")
 # Extensions that are read.
 _SUPPORTED = (
     "EXT_texture_webp",
     "KHR_draco_mesh_compression",
+    "KHR_materials_anisotropy",
     "KHR_materials_clearcoat",
     "KHR_materials_emissive_strength",
     "KHR_materials_ior",
     "KHR_materials_pbrSpecularGlossiness",
+    "KHR_materials_sheen",
+    "KHR_materials_specular",
     "KHR_materials_transmission",
     "KHR_materials_unlit",
+    "KHR_materials_volume",
     "KHR_mesh_quantization",
     "KHR_texture_transform",
 )
@@ -67,9 +72,10 @@ def read_header(name: str, data: bytes) -> dict[str, Any]:
 
 
 def unsupported_features(header: Mapping[str, Any]) -> list[str]:
-    """Return the names of what is not imported: extensions, cameras, animations after the first."""
+    """Return the names of what is not imported: extensions and parts of them, cameras, animations after the first."""
     extensions = sorted({*header.get("extensionsUsed", ())} - {*_SUPPORTED})
-    others = ["cameras"] if header.get("cameras") else []
+    others = lost_parts(header.get("materials"))
+    others += ["cameras"] if header.get("cameras") else []
     others += ["animations after the first"] if len(header.get("animations", ())) > 1 else []
     return [*extensions, *others]
 

@@ -1,5 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Materials of glTF 2.0 files as inputs of UsdPreviewSurface: metallic-roughness, specular-glossiness and unlit."""
+"""Materials of glTF 2.0 files as inputs of UsdPreviewSurface: metallic-roughness, specular-glossiness and unlit.
+
+Extensions that UsdPreviewSurface has no inputs for are those of `gltf_lobes`.
+"""
 
 from __future__ import annotations
 
@@ -11,6 +14,7 @@ from typing import Any, Literal
 import numpy as np
 
 from tiscene.usd.importers.gltf import GltfDocument
+from tiscene.usd.importers.gltf_lobes import gltf_lobes
 from tiscene.usd.importers.materials import ImportedMaterial, TextureMap, TextureTransform
 
 _WRAPS: dict[int, Literal["repeat", "clamp", "mirror"]] = {10497: "repeat", 33071: "clamp", 33648: "mirror"}
@@ -57,13 +61,14 @@ class _MaterialReader:
         self._coat(inputs)
         if "KHR_materials_ior" in self._extensions:
             inputs["ior"] = float(self._extensions["KHR_materials_ior"].get("ior", 1.5))
-        self._transmission(inputs)
+        lobes, lobe_maps = gltf_lobes(self._extensions, self._map)
         if "KHR_materials_unlit" in self._extensions:
             inputs |= {"diffuseColor": _BLACK, "emissiveColor": factor[:3], "roughness": 1.0, "metallic": 0.0}
             if "diffuseColor" in self._maps:
                 self._maps["emissiveColor"] = self._maps.pop("diffuseColor")
             self._maps = {key: map_ for key, map_ in self._maps.items() if key in ("emissiveColor", "opacity")}
-        return ImportedMaterial(name, inputs, self._maps)
+            lobes, lobe_maps = {}, {}
+        return ImportedMaterial(name, inputs, self._maps, lobes=lobes, lobe_maps=lobe_maps)
 
     def _metallic_roughness(self) -> tuple[dict[str, Any], TextureMap | None, tuple[float, ...]]:
         """Return the inputs, the map of the base color and its factor, RGBA."""
@@ -132,18 +137,6 @@ class _MaterialReader:
                 map_ = self._map(coat.get(f"{name}Texture"), raw=True)
                 if map_ is not None:
                     self._maps[name] = replace(map_, channel=channel, scale=(inputs[name],) * 3)
-
-    def _transmission(self, inputs: dict[str, Any]) -> None:
-        """Transmission is 1 - opacity; where it has a texture, the material is partly absent instead of refracting."""
-        values = self._extensions.get("KHR_materials_transmission", {})
-        factor = float(values.get("transmissionFactor", 0.0))
-        if factor <= 0.0:
-            return
-        inputs |= {"opacity": 1.0 - factor, "opacityMode": "transparent"}
-        self._maps.pop("opacity", None)
-        map_ = self._map(values.get("transmissionTexture"), raw=True)
-        if map_ is not None:
-            self._maps["opacity"] = replace(map_, channel="r", scale=(-factor,) * 3, bias=(1.0,) * 3)
 
     def _map(self, info: Mapping[str, Any] | None, *, raw: bool = False) -> TextureMap | None:
         """Return the texture that a texture info names; None for none, or for an image that cannot be read."""

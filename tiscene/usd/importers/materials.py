@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Materials of imported models as UsdPreviewSurface.
+"""Materials of imported models as UsdPreviewSurface, or as MaterialX's gltf_pbr where they need further lobes.
 
 glTF materials map to it directly (`gltf_materials`). Phong materials (MTL files) say little about roughness and
 metalness, so those are guessed from the material's name and shininess.
@@ -75,12 +75,17 @@ class ImportedMaterial:
         inputs: constant values by input name.
         maps: textures by input name; they override `inputs`.
         vertex_inputs: primvars of the mesh by input name; they override `inputs` and `maps`.
+        lobes: constant inputs of MaterialX's gltf_pbr that UsdPreviewSurface lacks. If there are some, the material is
+            written as gltf_pbr.
+        lobe_maps: textures of such inputs; they override `lobes`.
     """
 
     name: str
     inputs: Mapping[str, float | int | Color | str]
     maps: Mapping[str, TextureMap] = field(default_factory=dict)
     vertex_inputs: Mapping[str, str] = field(default_factory=dict)
+    lobes: Mapping[str, float | Color] = field(default_factory=dict)
+    lobe_maps: Mapping[str, TextureMap] = field(default_factory=dict)
 
 
 # Inputs of typical materials by words in a Phong material's name; the first match counts.
@@ -142,7 +147,14 @@ def define_material(stage: Usd.Stage, path: Sdf.Path, imported: ImportedMaterial
     """Author a material; its images are written to `folder`/textures."""
     material = UsdShade.Material.Define(stage, path)
     surface = UsdShade.Shader.Define(stage, path.AppendChild("Surface"))
-    surface.CreateIdAttr("UsdPreviewSurface")
+    if imported.lobes:
+        imported = _as_gltf_pbr(imported)
+        surface.CreateIdAttr("ND_gltf_pbr_surfaceshader")
+        output = surface.CreateOutput("out", Sdf.ValueTypeNames.Token)
+        material.CreateSurfaceOutput("mtlx").ConnectToSource(output)
+    else:
+        surface.CreateIdAttr("UsdPreviewSurface")
+        output = surface.CreateOutput("surface", Sdf.ValueTypeNames.Token)
     for name, value in imported.inputs.items():
         if name not in imported.maps and name not in imported.vertex_inputs:
             surface.CreateInput(name, _TYPES.get(name, Sdf.ValueTypeNames.Float)).Set(_to_usd(value))
@@ -152,15 +164,25 @@ def define_material(stage: Usd.Stage, path: Sdf.Path, imported: ImportedMaterial
         reader.CreateIdAttr("UsdPrimvarReader_float3" if wide else "UsdPrimvarReader_float")
         reader.CreateInput("varname", Sdf.ValueTypeNames.String).Set(primvar)
         kind = Sdf.ValueTypeNames.Float3 if wide else Sdf.ValueTypeNames.Float
-        output = reader.CreateOutput("result", kind)
-        surface.CreateInput(name, _TYPES.get(name, Sdf.ValueTypeNames.Float)).ConnectToSource(output)
+        color = reader.CreateOutput("result", kind)
+        surface.CreateInput(name, _TYPES.get(name, Sdf.ValueTypeNames.Float)).ConnectToSource(color)
     for name, source in imported.maps.items():
         if name not in imported.vertex_inputs:
             kind = Sdf.ValueTypeNames.Float3 if source.channel == "rgb" else Sdf.ValueTypeNames.Float
-            output = _define_texture(stage, path, name, source, folder).CreateOutput(source.channel, kind)
-            surface.CreateInput(name, _TYPES.get(name, Sdf.ValueTypeNames.Float)).ConnectToSource(output)
-    material.CreateSurfaceOutput().ConnectToSource(surface.CreateOutput("surface", Sdf.ValueTypeNames.Token))
+            read = _define_texture(stage, path, name, source, folder).CreateOutput(source.channel, kind)
+            surface.CreateInput(name, _TYPES.get(name, Sdf.ValueTypeNames.Float)).ConnectToSource(read)
+    material.CreateSurfaceOutput().ConnectToSource(output)
     return material
+
+
+def _as_gltf_pbr(imported: ImportedMaterial) -> ImportedMaterial:
+    """Return a material whose inputs have the names of gltf_pbr."""
+    inputs = {_GLTF_NAMES[name]: value for name, value in imported.inputs.items() if name in _GLTF_NAMES}
+    if "opacity" in imported.inputs:
+        inputs["alpha_mode"] = 1 if imported.inputs.get("opacityThreshold") else 2  # mask, blend
+    maps = {_GLTF_NAMES[name]: map_ for name, map_ in imported.maps.items() if name in _GLTF_NAMES}
+    read = {_GLTF_NAMES[name]: primvar for name, primvar in imported.vertex_inputs.items()}
+    return ImportedMaterial(imported.name, {**inputs, **imported.lobes}, {**maps, **imported.lobe_maps}, read)
 
 
 def _define_texture(stage: Usd.Stage, path: Sdf.Path, name: str, source: TextureMap, folder: Path) -> UsdShade.Shader:
@@ -198,7 +220,25 @@ def _define_texture(stage: Usd.Stage, path: Sdf.Path, name: str, source: Texture
     return texture
 
 
+_GLTF_NAMES = {
+    "diffuseColor": "base_color",
+    "metallic": "metallic",
+    "roughness": "roughness",
+    "clearcoat": "clearcoat",
+    "clearcoatRoughness": "clearcoat_roughness",
+    "emissiveColor": "emissive",
+    "opacity": "alpha",
+    "opacityThreshold": "alpha_cutoff",
+    "ior": "ior",
+    "normal": "normal",
+}
 _TYPES = {
+    "alpha_mode": Sdf.ValueTypeNames.Int,
+    "attenuation_color": Sdf.ValueTypeNames.Color3f,
+    "base_color": Sdf.ValueTypeNames.Color3f,
+    "emissive": Sdf.ValueTypeNames.Color3f,
+    "sheen_color": Sdf.ValueTypeNames.Color3f,
+    "specular_color": Sdf.ValueTypeNames.Color3f,
     "diffuseColor": Sdf.ValueTypeNames.Color3f,
     "emissiveColor": Sdf.ValueTypeNames.Color3f,
     "normal": Sdf.ValueTypeNames.Normal3f,
