@@ -1,12 +1,14 @@
 # SPDX-License-Identifier: Apache-2.0
 """Rendering ahead in a worker process: the bytes, order and errors of a stream without it, and a clean end."""
 
+import contextlib
 import os
 import pickle
 import signal
 import subprocess
 import sys
 import time
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -107,36 +109,60 @@ def test_invalid_prefetch_is_refused(prefetch):
 
 
 PROGRAM = """
+import sys
 import tiscene as ts
 
 if __name__ == "__main__":
     stream = ts.Stream("solid_benchmark", width=16, height=12, buffers=("depth",), prefetch=2)
+    if sys.argv[1] == "starting":
+        stream._ahead._start(stream)
+        print(stream._ahead._worker.pid, flush=True)
     for frame in stream:
         if frame.index == 0:
             print(stream._ahead._worker.pid, flush=True)
 """
 
 
-@pytest.mark.parametrize("sent", [signal.SIGINT, pytest.param(signal.SIGKILL, marks=pytest.mark.slow)])
-def test_worker_ends_with_its_owner(tmp_path, sent):
+@pytest.mark.skipif(sys.platform != "linux", reason="reads /proc")
+@pytest.mark.parametrize(
+    ("when", "sent"),
+    [
+        ("rendering", signal.SIGINT),
+        pytest.param("rendering", signal.SIGKILL, marks=pytest.mark.slow),
+        pytest.param("starting", signal.SIGKILL, marks=pytest.mark.slow),
+    ],
+)
+def test_worker_ends_with_its_owner(tmp_path, when, sent):
     """Ctrl-C reaches the whole process group; a killed owner cannot tell its worker anything."""
     script = tmp_path / "script.py"
     script.write_text(PROGRAM)
-    owner = subprocess.Popen(
-        [sys.executable, str(script)], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, start_new_session=True
-    )
-    worker = int(owner.stdout.readline())
-    if sent == signal.SIGINT:
-        os.killpg(owner.pid, sent)
-    else:
-        owner.kill()
-    _, errors = owner.communicate(timeout=30)
-    assert owner.returncode == -sent
-    assert errors.count("Traceback") == (sent == signal.SIGINT), errors
-    deadline = time.monotonic() + 10
-    while os.path.exists(f"/proc/{worker}") and time.monotonic() < deadline:
-        time.sleep(0.05)
-    assert not os.path.exists(f"/proc/{worker}")
+    command = [sys.executable, str(script), when]
+    pipes = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE, "text": True}
+    with subprocess.Popen(command, start_new_session=True, **pipes) as owner:
+        try:
+            worker = int(owner.stdout.readline())
+            if sent == signal.SIGINT:
+                os.killpg(owner.pid, sent)
+            else:
+                owner.kill()
+            _, errors = owner.communicate(timeout=30)
+            assert owner.returncode == -sent
+            assert errors.count("Traceback") == (sent == signal.SIGINT), errors
+            deadline = time.monotonic() + 10
+            while runs(worker) and time.monotonic() < deadline:
+                time.sleep(0.05)
+            assert not runs(worker)
+        finally:
+            with contextlib.suppress(ProcessLookupError):
+                os.killpg(owner.pid, signal.SIGKILL)
+
+
+def runs(process: int) -> bool:
+    """Return whether a process is there, and more than an entry that waits for init."""
+    try:
+        return Path(f"/proc/{process}/stat").read_text().rpartition(")")[2].split()[0] != "Z"
+    except OSError:
+        return False
 
 
 @pytest.mark.slow

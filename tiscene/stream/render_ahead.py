@@ -98,8 +98,9 @@ class RenderAhead:
         context = multiprocessing.get_context("spawn")
         end, self._requests = context.Pipe(duplex=False)
         self._results = context.Queue(self.count)
+        copied = pickle.dumps(stream)  # not read before the worker watches its owner: that takes seconds
         self._worker = context.Process(
-            target=_render_ahead, args=(stream, end, self._results), name="tiscene prefetch", daemon=True
+            target=_render_ahead, args=(copied, end, self._results), name="tiscene prefetch", daemon=True
         )
         try:
             with _interrupts_blocked():  # the worker inherits this: Ctrl-C is for the process that owns it
@@ -138,16 +139,17 @@ class RenderAhead:
             return received
 
 
-def _render_ahead(stream: Any, requests: Any, results: Any) -> None:
-    """Render frames, in the worker: from the position of the last request to the end of the stream."""
-    threading.Thread(target=_exit_with_parent, daemon=True).start()
+def _render_ahead(copied: bytes, requests: Any, results: Any) -> None:
+    """Render frames of a pickled stream, in the worker: from the position of the last request to the stream's end."""
+    threading.Thread(target=_exit_with_owner, daemon=True).start()
+    stream = pickle.loads(copied)
     number, position = 0, None
     while True:
         while position is None or requests.poll():
             try:
                 number, position, scenario = requests.recv()
-            except EOFError:
-                return
+            except EOFError:  # the owner has ended
+                os._exit(1)  # an ordinary exit would wait until the frames that nobody reads have been sent
             if scenario is not None:
                 stream.restart(scenario)
         try:
@@ -168,12 +170,14 @@ def _picklable(error: Exception) -> Exception:
     return error
 
 
-def _exit_with_parent() -> None:
-    """End this process when its parent dies: nobody would read its frames."""
-    parent = multiprocessing.parent_process()
-    if parent is not None:
-        parent.join()
-        os._exit(1)
+def _exit_with_owner() -> None:
+    """End this process when its owner dies: nobody would read its frames."""
+    owner = multiprocessing.parent_process()
+    while owner is not None and owner.is_alive():
+        owner.join(POLL_SECONDS)
+        if os.name == "posix" and os.getppid() != owner.pid:
+            break  # a process that the owner has forked keeps the pipe open from which `is_alive` knows
+    os._exit(1)
 
 
 @contextmanager
