@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Ctrl-C ends a command within two seconds, whatever it is doing.
+"""Ctrl-C ends a command within two seconds, whatever it is doing; one that runs on a cluster within 15.
 
 Python acts on a signal when its main thread executes Python code again. While Taichi compiles a kernel, that can take
 many seconds, and no other thread runs either, since the compiler holds the interpreter's lock. Therefore a small
@@ -22,6 +22,7 @@ from collections.abc import Iterator
 
 GRACE = 1.4  # s, in which a command may end by itself after Ctrl-C
 WORKER_GRACE = 0.8  # s, of a process that renders a part for another command, which waits for its end
+CLUSTER_GRACE = 15.0  # s, of a command that stops workers on other machines; a second Ctrl-C ends it at once
 _LAST = 0.2  # s, in which the system ends a process after a second SIGINT
 _MESSAGE = b"tiscene: interrupted\n"
 _SAID = b"\0"  # no number of a signal

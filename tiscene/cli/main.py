@@ -36,8 +36,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
         return 2
     owns_process = arguments is None
     if owns_process and args.command != "sailenv":  # which runs a script of the user's, that may handle Ctrl-C itself
-        is_worker = getattr(args, "shard", None) is not None
-        interruption.end_after_interrupt(interruption.WORKER_GRACE if is_worker else interruption.GRACE)
+        is_worker, on_cluster = (getattr(args, name, None) is not None for name in ("shard", "ray"))
+        grace = interruption.CLUSTER_GRACE if on_cluster else interruption.GRACE
+        interruption.end_after_interrupt(interruption.WORKER_GRACE if is_worker else grace)
     with warnings.catch_warnings():
         warnings.simplefilter("always", StageWarning)
         warnings.showwarning = _show_warning

@@ -2,13 +2,13 @@
 """Data sets: complete, repeatable, continued and extended, made in shards with the same bytes."""
 
 import json
-import os
 from pathlib import Path
 
 import numpy as np
 import pytest
 from PIL import Image
 
+from tests.benchmarks.scenarios import measure
 from tests.export.generation.test_recipe import RECIPE
 from tiscene.cli import main as cli
 from tiscene.errors import ExportError
@@ -127,23 +127,7 @@ def test_commands_write_scenarios_and_data_sets(recipe, tmp_path, capsys):
 
 @pytest.mark.slow
 def test_memory_and_time_are_flat_over_hundreds_of_scenarios_of_three_scenes(tmp_path):
-    import time
-
-    scenes = ["object_view", "solid_benchmark", "room_02"]
-    recipe = Recipe.from_json(RECIPE | {"scenes": scenes, "frames": 2, "ranges": {"templates": ["Cube"]}})
-    memory, ends = [], [time.perf_counter()]
-
-    def measure(number, frame):
-        if frame is None:
-            pages = int(Path("/proc/self/statm").read_text().split()[1])
-            memory.append(pages * os.sysconf("SC_PAGESIZE"))
-            ends.append(time.perf_counter())
-
-    generate(recipe, tmp_path, 300, progress=measure)
-    durations = np.diff(ends)
-    print(
-        f"{memory[99] / 1e6:.0f} MB, {memory[-1] / 1e6:.0f} MB; {np.median(durations[50:150]):.3f} s per scenario, "
-        f"{np.median(durations[-100:]):.3f} s"
-    )
-    assert memory[-1] < 1.1 * memory[99]
-    assert np.median(durations[-100:]) < 1.5 * np.median(durations[50:150])
+    measured = measure(tmp_path, 300)
+    print(f"growth {measured.growth():.3f}, drift {measured.drift():.3f}, overhead {measured.overhead():.2f}")
+    assert measured.growth() < 1.1
+    assert measured.drift() < 1.1

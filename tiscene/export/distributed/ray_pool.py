@@ -21,7 +21,7 @@ from tiscene.export.distributed.task_loop import PoolEvent, Work
 
 NODE_INTERVAL = 2.0  # s between two looks at the nodes
 MAX_STARTS = 3  # of workers on one node that are lost before they are ready
-GRACE = 10.0  # s that workers have to save their manifests when a run is stopped
+GRACE = 5.0  # s that workers have to save their manifests when a run is stopped
 OBJECT_STORE = 100 << 20  # bytes, of a local cluster: next to nothing is kept in it
 ENVIRONMENT = ("TISCENE_PATH", "TISCENE_CACHE")  # variables of the caller that workers get too
 

@@ -1,0 +1,96 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Thousands of small scenarios in one process: memory and processor time of the first, the last, and their frames.
+
+24 label frames of 64 x 48 of each, over three scenes, as `npz`; `python -m tests.benchmarks.scenarios N` for another
+number of scenarios. "frames alone": the median frame after the first of its scenario, rendered and written, times their
+number.
+"""
+
+import os
+import sys
+import tempfile
+import time
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from tiscene.export.generation.generator import generate
+from tiscene.export.generation.recipe import Recipe
+
+SCENARIOS, FRAMES = 2000, 24
+RECIPE = {
+    "scenes": ["object_view", "solid_benchmark", "room_02"],
+    "ranges": {"objects": [1, 3], "depth": [1.0, 4.0]},
+    "frames": FRAMES,
+    "settings": {"width": 64, "height": 48, "buffers": ["semantic", "instance", "depth", "forward_flow"]},
+    "format": "npz",
+    "seed": 1,
+}
+
+
+@dataclass(frozen=True)
+class Measured:
+    """What a process used.
+
+    Attributes:
+        seconds: Processor time of each scenario.
+        frames: Processor time of each frame after the first of its scenario.
+        memory: Resident bytes after each scenario.
+    """
+
+    seconds: list[float]
+    frames: list[float]
+    memory: list[int]
+
+    def overhead(self) -> float:
+        """Return the time of all scenarios after the first ten, over that of their frames alone."""
+        scenarios = self.seconds[10:]
+        return sum(scenarios) / (len(scenarios) * FRAMES * float(np.median(self.frames)))
+
+    def drift(self) -> float:
+        """Return the median time of the last hundred scenarios over that of the first hundred."""
+        return float(np.median(self.seconds[-100:]) / np.median(self.seconds[:100]))
+
+    def growth(self) -> float:
+        """Return the memory after the last scenario over that after the first hundred."""
+        return self.memory[-1] / self.memory[min(99, len(self.memory) - 1)]
+
+
+def measure(folder: str | Path, count: int) -> Measured:
+    """Generate a data set, and measure."""
+    measured = Measured([], [], [])
+    began = last = time.process_time()
+
+    def step(number: int, frame: int | None) -> None:
+        nonlocal began, last
+        now = time.process_time()
+        if frame is None:
+            measured.seconds.append(now - began)
+            measured.memory.append(int(Path("/proc/self/statm").read_text().split()[1]) * os.sysconf("SC_PAGESIZE"))
+            began = now
+            if number % 100 == 99:
+                print(f"{number + 1} scenarios, {measured.memory[-1] / 1e6:.0f} MB", file=sys.stderr, flush=True)
+        elif frame > 0:
+            measured.frames.append(now - last)
+        last = now
+
+    generate(Recipe.from_json(RECIPE), folder, count, progress=step)
+    return measured
+
+
+def main(count: int = SCENARIOS) -> None:
+    """Print the table."""
+    with tempfile.TemporaryDirectory() as folder:
+        measured = measure(folder, count)
+    times = np.array(measured.seconds) * 1e3
+    print(f"processor time per scenario, median: {np.median(times[:100]):.0f} ms of the first hundred, ", end="")
+    print(f"{np.median(times[-100:]):.0f} ms of the last ({measured.drift():.2f} times)")
+    print(f"memory: {measured.memory[min(99, count - 1)] / 1e6:.0f} MB after a hundred, ", end="")
+    print(f"{max(measured.memory) / 1e6:.0f} MB at most, {measured.memory[-1] / 1e6:.0f} MB at the end")
+    print(f"per frame: {np.median(measured.frames) * 1e3:.1f} ms; all scenarios: ", end="")
+    print(f"{measured.overhead():.2f} times their frames alone")
+
+
+if __name__ == "__main__":
+    main(int(sys.argv[1]) if len(sys.argv) > 1 else SCENARIOS)
