@@ -200,7 +200,7 @@ class ExtendedSurface:
         if named[0] not in self._values.authored:
             return not np.allclose(named[1], neutral)
         signal = self._values.required(named)
-        return signal.constant is None or not np.allclose(signal.constant, neutral)
+        return signal.constant is None or not bool(np.allclose(signal.constant, neutral))
 
     def _constant(self, named: Named) -> Array:
         """Return an input that must be constant; of a texture its mean, which is reported."""
@@ -230,7 +230,7 @@ class ExtendedSurface:
     def _add_transmission(self, found: dict[str, Any], base: Signal) -> None:
         names, values = self._names, self._values
         assert names is not None
-        is_thin = names.thin is not None and self._constant(names.thin)[0] > 0.5
+        is_thin = names.thin is not None and bool(self._constant(names.thin)[0] > 0.5)
         transmits = self._differs(names.transmission, 0.0)
         if names.thickness is not None and transmits:
             is_thin = not self._differs(names.thickness, 0.0)
