@@ -14,6 +14,7 @@ from tiscene.scene.description import Color, DistantLight, Light
 from tiscene.usd.core import schema
 from tiscene.usd.core.keyframes import MAX_TIMES, sample_times
 from tiscene.usd.core.report import StageReport
+from tiscene.usd.core.stage import reading_time
 from tiscene.usd.core.time_samples import dense_times
 from tiscene.usd.core.transform import to_matrix
 from tiscene.usd.core.units import Units
@@ -61,7 +62,9 @@ def read_light_motion(prim: Usd.Prim, units: Units, report: StageReport) -> dict
         colors = [list(emitted(light)) for light in lights.values()]
         if any(color != colors[0] for color in colors):
             content |= {"times": _seconds(prim, lights), "radiance": colors}
-    return content if len(content) > 1 else None
+    if len(content) == 1 or _light(prim, reading_time(prim.GetStage(), None)) is None:  # no light of the stage
+        return None
+    return content
 
 
 def emitted(light: Light) -> Color:
