@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import math
+import re
 import warnings
 
 import numpy as np
@@ -121,9 +122,11 @@ def test_settings_that_are_not_applied_are_named(tmp_path, line, text):
     assert description.camera().name == "Wide"
 
 
-def test_horizontal_aperture_that_is_not_positive_is_named(tmp_path):
-    body = WIDE.replace("horizontalAperture = 40", "horizontalAperture = 0", 1)
-    assert read_with_warning(tmp_path, body, "horizontalAperture of 0 is not used").cameras[0].aspect is None
+@pytest.mark.parametrize("value", ["0", "1e+38", "nan"])
+def test_horizontal_aperture_that_makes_no_image_is_named(tmp_path, value):
+    body = WIDE.replace("horizontalAperture = 40", f"horizontalAperture = {value}", 1)
+    description = read_with_warning(tmp_path, body, re.escape(f"horizontalAperture of {value} is not used"))
+    assert description.cameras[0].aspect is None
 
 
 def test_shape_of_a_camera_must_be_valid():

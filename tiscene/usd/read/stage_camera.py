@@ -19,6 +19,7 @@ from tiscene.usd.core.transform import unmirrored, unscaled
 from tiscene.usd.geometry.deforming import is_time_varying
 from tiscene.usd.read.stage_render_settings import DEFAULT_POLICY
 
+_MAX_APERTURE = 1e6  # in focal lengths: a field of view of 180 degrees but for 0.0002
 _EXPOSURE_ATTRIBUTES = ("exposure", "exposure:iso", "exposure:time", "exposure:fStop", "exposure:responsivity")
 _STATIC_ATTRIBUTES = (
     *("projection", "focalLength", "horizontalAperture", "verticalAperture", "fStop", "focusDistance", "clippingRange"),
@@ -79,10 +80,11 @@ def read_camera(
     optional: dict[str, Any] = {}
     width = number("horizontalAperture")
     if policy != "adjustApertureWidth":  # that policy keeps the height in all images
-        if 0.0 < width < math.inf:
+        if 0.0 < width < math.inf and (orthographic or width <= _MAX_APERTURE * focal_length):
             optional.update(aspect=width / aperture, conform=policy)
         else:
-            report.omission(path, f"a camera's horizontalAperture of {width:g} is not used: it must be positive")
+            allowed = f"positive, and at most {_MAX_APERTURE:g} focal lengths"
+            report.omission(path, f"a camera's horizontalAperture of {width:g} is not used: it must be {allowed}")
     f_stop, focus = number("fStop"), number("focusDistance")
     if orthographic:
         optional["orthographic_height"] = aperture / 10.0 * meters_per_unit
