@@ -146,6 +146,7 @@ def start_cell_paths(
                 if there[KEY1] == each[KEY1] and there[KEY2] == each[KEY2]:
                     found = probe
         status[i] = 0
+        state[i][RELATIVE_IOR2] = 0.0  # no path
         queue[i] = i
         if found >= 0:
             ids, hit, direction = probe_ids[found], probe_hits[found], ray_direction(probes, found)
@@ -209,7 +210,7 @@ def mean_of_paths(
     for c in range(count):
         total, traced = vec3(0.0), 0
         for i in range(c * spp, (c + 1) * spp):
-            if status[i] != 0:
+            if state[i][RELATIVE_IOR2] > 0.0:
                 traced += 1
                 radiance = get3(state, i, RADIANCE)
                 if (status[i] & LIGHT_PENDING) != 0 and occluded[i] == 0:
