@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import io
 import zipfile
+import zlib
 from collections.abc import Callable, Mapping
 from typing import Any, TypeAlias
 
@@ -14,6 +15,7 @@ from PIL import Image
 
 # The date of all members: the oldest one that a zip file can hold.
 EPOCH = (1980, 1, 1, 0, 0, 0)
+_SAMPLED = 2048  # bytes of each block of a sample
 
 # Of a file. A function makes them in another thread, while the next frame is rendered.
 Contents: TypeAlias = bytes | Callable[[], bytes]
@@ -45,12 +47,25 @@ def png(pixels: NDArray[Any]) -> bytes:
 
 
 def archive(members: Mapping[str, bytes], *, compress: bool) -> bytes:
-    """Return a zip file of named contents."""
+    """Return a zip file of named contents.
+
+    Args:
+        members: Contents by name.
+        compress: Whether members are deflated that shrink by that to half or less, judged by a sample; the others, such
+            as depth, would take most of the time.
+    """
     data = io.BytesIO()
     with zipfile.ZipFile(data, "w") as target:
         for name, content in members.items():
             member = zipfile.ZipInfo(name, EPOCH)
-            member.compress_type = zipfile.ZIP_DEFLATED if compress else zipfile.ZIP_STORED
+            member.compress_type = zipfile.ZIP_DEFLATED if compress and _shrinks(content) else zipfile.ZIP_STORED
             member.create_system = 3  # Unix, on every platform
             target.writestr(member, content, compresslevel=1)
     return data.getvalue()
+
+
+def _shrinks(content: bytes) -> bool:
+    """Return whether deflating halves some data or more, judged by up to eight blocks from all over it."""
+    step = max(_SAMPLED, len(content) // 8)
+    sample = b"".join(content[start : start + _SAMPLED] for start in range(0, len(content), step))
+    return 2 * len(zlib.compress(sample, 1)) <= len(sample)

@@ -20,14 +20,18 @@ Doersch et al., "TAP-Vid: A Benchmark for Tracking Any Point in a Video", 2022.
 from __future__ import annotations
 
 from collections.abc import Iterable
+from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
+from weakref import WeakKeyDictionary
 
 import numpy as np
 from numpy.typing import NDArray
 
 from tiscene.export.array_files import Contents, archive, from_npy, npy
 from tiscene.render.view import View
+from tiscene.scene.camera import Camera
 
 if TYPE_CHECKING:
     from tiscene.export.packing import ExportRun, FramePieces
@@ -39,46 +43,94 @@ QUERY_FRAMES = (0, 12)  # of a clip
 POINTS = 128  # per query frame
 
 
+@dataclass(frozen=True, eq=False)
+class Query:
+    """Points that are chosen in a frame.
+
+    Attributes:
+        frame: Index of the frame.
+        now: The camera at that frame.
+        after: The camera at the next one.
+        x: Columns of their pixels, int64 [n].
+        y: Rows of their pixels, int64 [n].
+        instance: Ids of their objects, int32 [n].
+    """
+
+    frame: int
+    now: Camera
+    after: Camera
+    x: NDArray[np.int64]
+    y: NDArray[np.int64]
+    instance: NDArray[np.int32]
+
+
+# Of each stream, those that were asked for last: choosing them takes as long as rendering.
+_queries: WeakKeyDictionary[Stream, dict[tuple[int, ...], Query]] = WeakKeyDictionary()
+_KEPT_QUERIES = 8
+
+
 def pieces(frame: Frame, labels: dict[str, Any], stream: Stream) -> dict[str, Contents]:
     """Return the picture, and where the clip's points are in the frame."""
     clip = frame.index // FRAMES_PER_FILE
-    names = [step[1].name for step in stream.world.state(frame.index).cameras]
-    row = names.index(frame.camera.camera.name)
-    tracks = [query_tracks(stream, row, frame, clip * FRAMES_PER_FILE + query) for query in QUERY_FRAMES]
+    cameras = [step[1] for step in stream.world.state(frame.index).cameras]
+    row = [camera.name for camera in cameras].index(frame.camera.camera.name)
+    tracks = [
+        query_tracks(stream, query_points(stream, row, clip * FRAMES_PER_FILE + query), frame, cameras[row])
+        for query in QUERY_FRAMES
+    ]
     columns = {name: np.concatenate([track[name] for track in tracks]) for name in tracks[0]}
-    video = {"rgb": npy(frame.rgb)} if "rgb" in frame else {}
+    video: dict[str, Contents] = {"rgb": partial(npy, frame.rgb)} if "rgb" in frame else {}
     return video | {name: npy(column) for name, column in columns.items()}
 
 
-def query_tracks(stream: Stream, row: int, frame: Frame, query: int) -> dict[str, NDArray[Any]]:
-    """Return where the points of a query frame are in a frame.
+def query_points(stream: Stream, row: int, index: int) -> Query:
+    """Return the points that are chosen in a frame.
 
     Args:
         stream: The stream.
         row: Of the camera.
+        index: Of the frame.
+    """
+    known = _queries.setdefault(stream, {})
+    key = row, index, stream.width, stream.height, len(stream.scenario.edits)
+    if key not in known:
+        before, now, after = stream.world.state(index).cameras[row]
+        view = View(before, now, after, width=stream.width, height=stream.height)
+        instance = stream.render_view(index, view, ("instance",)).instance
+        x, y = chosen_pixels(instance, np.random.default_rng([stream.seed, index, row]))
+        while len(known) >= _KEPT_QUERIES:
+            del known[next(iter(known))]
+        known[key] = Query(index, now, after, x, y, instance[y, x])
+    return known[key]
+
+
+def query_tracks(stream: Stream, query: Query, frame: Frame, camera: Camera) -> dict[str, NDArray[Any]]:
+    """Return where the points of a query are in a frame.
+
+    Args:
+        stream: The stream.
+        query: The points.
         frame: The frame.
-        query: Index of the query frame.
+        camera: The camera at the frame.
 
     Returns:
         `query` float32 [n, 3]: frame of the clip, y, x; `target` float32 [n, 2]: x, y; `occluded` bool [n]; `instance`
         int32 [n].
     """
-    _, now, after = stream.world.state(query).cameras[row]
-    there = stream.world.state(frame.index).cameras[row][1]
-    view = View(there, now, after, width=frame.camera.width, height=frame.camera.height)
-    buffers = ("instance", "backward_flow", "backward_occlusion")
-    seen = stream.render_view(query, view, buffers, since=frame.index)
-    x, y = chosen_pixels(seen.instance, np.random.default_rng([stream.seed, query, row]))
-    target = np.stack([x + 0.5, y + 0.5], axis=1) + seen.backward_flow[y, x]
-    occluded = seen.backward_occlusion[y, x]
-    if query == frame.index:
-        target, occluded = np.stack([x + 0.5, y + 0.5], axis=1), np.zeros(len(x), bool)
-    place = np.full(len(x), query % FRAMES_PER_FILE)
+    x, y = query.x, query.y
+    centers = np.stack([x + 0.5, y + 0.5], axis=1)
+    if query.frame == frame.index:
+        target, occluded = centers, np.zeros(len(x), bool)
+    else:
+        view = View(camera, query.now, query.after, width=stream.width, height=stream.height)
+        seen = stream.render_view(query.frame, view, ("backward_flow", "backward_occlusion"), since=frame.index)
+        target, occluded = centers + seen.backward_flow[y, x], seen.backward_occlusion[y, x]
+    place = np.full(len(x), query.frame % FRAMES_PER_FILE)
     return {
         "query": np.stack([place, y + 0.5, x + 0.5], axis=1).astype(np.float32),
         "target": target.astype(np.float32),
         "occluded": occluded,
-        "instance": seen.instance[y, x],
+        "instance": query.instance,
     }
 
 
