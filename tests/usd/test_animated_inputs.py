@@ -346,3 +346,12 @@ def test_material_override_stops_the_input_that_it_sets(tmp_path):
         frame = frames[5]
         np.testing.assert_allclose(frame.albedo[6, 8], (0.1, 0.2, 0.3), atol=1e-6)
         assert frame.roughness[6, 8] == pytest.approx(0.5)
+
+
+def test_inspect_counts_animated_materials_and_lights(tmp_path, capsys):
+    from tiscene.cli import main as cli
+
+    inputs = "float inputs:roughness.timeSamples = { 0: 0.2, 10: 0.6 }"
+    lamp = 'def SphereLight "Lamp"\n{\n    float inputs:radius.timeSamples = { 0: 1, 10: 3 }\n}\n'
+    assert cli.main(["inspect", str(write(tmp_path, lamp + PAINTED % (SQUARE, inputs), more=RANGE))]) == 0
+    assert "1 animated material; 1 light of animated size or visibility" in capsys.readouterr().out

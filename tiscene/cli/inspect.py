@@ -132,6 +132,9 @@ def _rendered(stage: SceneDescription) -> Iterable[str]:
     if deforming or moving:
         animated = f"{_count(moving, 'animated mesh', 'es')} within objects"
         yield f"{_count(len(deforming), 'deforming mesh', 'es')}; {animated}"
+    varying = len(stage.material_tracks), len(stage.light_tracks)
+    if any(varying):
+        yield f"{_count(varying[0], 'animated material')}; {_count(varying[1], 'light')} of animated size or visibility"
     pixels = sum(texture.pixels.nbytes for texture in stage.textures)
     texels = _count(len(stage.textures), "texture")
     yield f"{_count(len(stage.materials), 'material')}, {texels} of {_bytes(pixels)}"

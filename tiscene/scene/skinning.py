@@ -170,11 +170,11 @@ class SmoothNormals:
     def at(self, points: Floats) -> Floats:
         """Return normals [n, 3], of any length."""
         counts = np.diff(self.starts, append=len(self.faces))
-        corners = points[self.faces] - np.repeat(points[self.faces[self.starts]], counts, axis=0)
+        corners: Floats = points[self.faces] - np.repeat(points[self.faces[self.starts]], counts, axis=0)
         following = np.arange(1, len(self.faces) + 1)
         following[self.starts + counts - 1] = self.starts
         facing = np.add.reduceat(np.cross(corners, corners[following]), self.starts, axis=0)
-        every = np.repeat(-facing if self.inwards else facing, counts, axis=0)
+        every: Floats = np.repeat(-facing if self.inwards else facing, counts, axis=0)
         size = int(self.groups.max(initial=-1)) + 1
         total = np.stack([np.bincount(self.groups, each, minlength=size) for each in every.T], axis=-1)
         result: Floats = total[self.vertex_groups]
@@ -237,7 +237,8 @@ class SkinnedDeformation(Deformation):
     meters: float = field(kw_only=True)
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "_known", {})  # not a field: it is no part of the description
+        object.__setattr__(self, "_known", {})  # not fields: they are no part of the description
+        object.__setattr__(self, "_corners", None)
 
     def sample(self, row: int) -> tuple[NDArray[np.float32], NDArray[np.float32] | None]:
         """Return positions [n, 3], m, and unit normals [n, 3] at a sample."""
@@ -261,13 +262,17 @@ class SkinnedDeformation(Deformation):
         moved = positions + np.float32(t) * (later - positions)
         if normals is None or later_normals is None:
             return moved, None
-        return moved, normals + np.float32(t) * (later_normals - normals)
+        turned: NDArray[np.float32] = normals + np.float32(t) * (later_normals - normals)
+        return moved, turned
 
     def corners(self) -> NDArray[np.float32]:
         """Return the corners [8, 3] of a box that holds the mesh at all times."""
-        low, high = self.skin.box() * self.meters
-        rows = np.array([[x, y, z] for x in (0, 1) for y in (0, 1) for z in (0, 1)])
-        return np.where(rows == 1, high, low).astype(np.float32)
+        if vars(self)["_corners"] is None:
+            low, high = self.skin.box() * self.meters
+            rows = np.array([[x, y, z] for x in (0, 1) for y in (0, 1) for z in (0, 1)])
+            object.__setattr__(self, "_corners", np.where(rows == 1, high, low).astype(np.float32))
+        found: NDArray[np.float32] = vars(self)["_corners"]
+        return found
 
     def __getstate__(self) -> dict[str, object]:
         return vars(self) | {"_known": {}}
@@ -282,7 +287,7 @@ def unit_vectors(
     """Return normals of unit length; those without a length become the mean normals of their triangles, else +z."""
     length = np.linalg.norm(vectors, axis=-1)
     bad = ~(length > 1e-12)
-    result = np.divide(vectors, length[:, None], out=np.zeros(vectors.shape), where=~bad[:, None])
+    result: Floats = np.divide(vectors, length[:, None], out=np.zeros(vectors.shape), where=~bad[:, None])
     if bad.any():
         a, b, c = (positions[triangles[:, corner]].astype(np.float64) for corner in range(3))
         facing = np.repeat(np.cross(b - a, c - a), 3, axis=0)
@@ -291,7 +296,8 @@ def unit_vectors(
         size = np.linalg.norm(total, axis=-1)
         total[size <= 0.0], size[size <= 0.0] = (0.0, 0.0, 1.0), 1.0
         result[bad] = total / size[:, None]
-    return result.astype(np.float32)
+    single: NDArray[np.float32] = result.astype(np.float32)
+    return single
 
 
 def _joined(a: Floats, b: Floats) -> Floats:
