@@ -143,7 +143,7 @@ def buffer_digest(buffer: NDArray[Any]) -> str:
     """Return the digest of the dtype, shape and little-endian bytes of an array."""
     array = np.ascontiguousarray(buffer, dtype=buffer.dtype.newbyteorder("<"))
     digest = hashlib.sha256(f"{array.dtype.str} {array.shape}\n".encode())
-    digest.update(array.reshape(-1).view(np.uint8))
+    digest.update(array.data)
     return digest.hexdigest()
 
 
