@@ -1,23 +1,38 @@
 # SPDX-License-Identifier: Apache-2.0
 """An export in shards, each by a stream of its own, has the bytes of one run, with every preset."""
 
+import signal
+import subprocess
+import sys
 from pathlib import Path
 
 import pytest
 
 import tiscene as ts
 from tests.stream.test_stream import moving_scenario
+from tiscene.errors import ExportError
 from tiscene.export import export, merge
 from tiscene.export.shards import SHARDS, Shard, machine
 from tiscene.render.render_settings import PRESETS
 
 FRAMES = 8
+# Renders a shard, and kills itself after two frames.
+KILLED = """
+import os, signal, sys
+from tests.export.test_shards import FRAMES, render_shard
+
+def kill(index, frame):
+    if index % 3 == 1:
+        os.kill(os.getpid(), signal.SIGKILL)
+
+render_shard(sys.argv[1], int(sys.argv[2]), 8, 3 * FRAMES, sys.argv[3], kill)
+"""
 
 
-def stream(preset: str) -> ts.Stream:
+def stream(preset: str, frames: int = FRAMES) -> ts.Stream:
     spp = min(2, PRESETS[preset].spp)
     size = {"width": 16, "height": 12, "buffers": ("rgb", "hdr", "instance", "forward_flow")}
-    return ts.Stream(moving_scenario(), **size, quality=preset, spp=spp, base_spp=4, frames=FRAMES)
+    return ts.Stream(moving_scenario(), **size, quality=preset, spp=spp, base_spp=4, frames=frames)
 
 
 def contents(folder: Path) -> dict[str, bytes]:
@@ -25,13 +40,38 @@ def contents(folder: Path) -> dict[str, bytes]:
     return {str(path.relative_to(folder)): path.read_bytes() for path in files}
 
 
+def render_shard(preset, number, count, frames, folder, progress=None):
+    """Render a shard with a stream of its own."""
+    shard = Shard(number, count, (0, frames, 1), machine())
+    with stream(preset, frames) as source:
+        place = shard.folder(folder)
+        export(source, place, format="npz", frames=shard.own_frames, pack=False, progress=progress)
+    shard.save(place)
+
+
 @pytest.mark.parametrize("preset", PRESETS)
 def test_merged_shards_equal_one_run(preset, tmp_path):
     export(stream(preset), tmp_path / "whole", format="npz")
     for number in (2, 0, 3, 1, 0):
-        shard = Shard(number, 4, (0, FRAMES, 1), machine())
-        folder = shard.folder(tmp_path / "parts")
-        export(stream(preset), folder, format="npz", frames=shard.own_frames, pack=False)
-        shard.save(folder)
+        render_shard(preset, number, 4, FRAMES, tmp_path / "parts")
+    merge(tmp_path / "parts")
+    assert contents(tmp_path / "parts") == contents(tmp_path / "whole")
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("preset", PRESETS)
+def test_eight_shards_of_which_two_are_killed_equal_one_run(preset, tmp_path):
+    frames = 3 * FRAMES
+    with stream(preset, frames) as source:
+        export(source, tmp_path / "whole", format="npz")
+    order = [5, 2, 7, 0, 6, 3, 1, 4]
+    for number in (2, 6):
+        command = [sys.executable, "-c", KILLED, preset, str(number), str(tmp_path / "parts")]
+        assert subprocess.run(command, check=False).returncode == -signal.SIGKILL
+        assert not (Shard(number, 8, (0, frames, 1)).folder(tmp_path / "parts") / "shard.json").exists()
+    with pytest.raises(ExportError):
+        merge(tmp_path / "parts")
+    for number in (*order, 3):
+        render_shard(preset, number, 8, frames, tmp_path / "parts")
     merge(tmp_path / "parts")
     assert contents(tmp_path / "parts") == contents(tmp_path / "whole")
