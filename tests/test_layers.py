@@ -46,7 +46,7 @@ MAY_IMPORT = {
         *("tiscene.device", "tiscene.errors", "tiscene.files", "tiscene.frame", "tiscene.scene"),
     },
     "tiscene.world": {
-        *("dynamics", "tiscene.errors", "tiscene.frame", "tiscene.scenario", "tiscene.scene"),
+        *("dynamics", "tiscene.errors", "tiscene.files", "tiscene.frame", "tiscene.scenario", "tiscene.scene"),
     },
     "tiscene.randomization": {
         *("dynamics", "tiscene.catalog", "tiscene.device", "tiscene.errors", "tiscene.frame", "tiscene.render"),

@@ -1,19 +1,23 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Atomic file writes, and locks on output folders.
+"""Atomic file writes, locks on output folders, and a cache of results that take seconds to compute.
 
 A file written by `write_atomically` is either complete or absent. `lock_folder` keeps two processes from writing into
-one folder at the same time; the lock of a process that was killed is free.
+one folder at the same time; the lock of a process that was killed is free. `DiskCache` keeps results for the next
+process; on any failure they are computed again.
 """
 
 from __future__ import annotations
 
 import contextlib
+import hashlib
 import os
 import re
 import socket
+import sys
 from collections.abc import Iterator
 from pathlib import Path
 
+_DIGEST_SIZE = 32  # of SHA-256, at the start of a file
 LOCK_NAME = ".tiscene.lock"
 _PARTIAL = re.compile(r"\..+\.\d+\.part")  # names that `write_atomically` gives to files it has not finished
 
@@ -98,3 +102,67 @@ def _try_lock(descriptor: int) -> bool:
     except (ImportError, OSError):
         pass
     return True
+
+
+def cache_folder() -> Path:
+    """Return the folder for caches: $TISCENE_CACHE, or `tiscene` in the platform's cache folder."""
+    given = os.environ.get("TISCENE_CACHE")
+    if given:
+        return Path(given)
+    if sys.platform == "win32":
+        home = Path(os.environ.get("LOCALAPPDATA") or Path.home() / "AppData" / "Local")
+    elif sys.platform == "darwin":
+        home = Path.home() / "Library" / "Caches"
+    else:
+        home = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache")
+    return home / "tiscene"
+
+
+class DiskCache:
+    """Files of one kind, named by keys and verified when they are read, which several processes may share.
+
+    The least recently used ones are deleted first.
+
+    Args:
+        suffix: Of the names of the files, with a dot.
+        size_limit: Limit of their size together, bytes.
+        folder: The folder; None: `cache_folder()`.
+    """
+
+    def __init__(self, suffix: str, size_limit: int, folder: Path | None = None) -> None:
+        self.suffix, self.size_limit = suffix, size_limit
+        self.folder = folder or cache_folder()
+
+    def load(self, key: str) -> bytes | None:
+        """Return what was saved under a key, or None if there is no intact file of it."""
+        path = self.folder / (key + self.suffix)
+        try:
+            content = path.read_bytes()
+            os.utime(path)
+        except OSError:
+            return None
+        digest, data = content[:_DIGEST_SIZE], content[_DIGEST_SIZE:]
+        return data if hashlib.sha256(data).digest() == digest else None
+
+    def save(self, key: str, data: bytes) -> None:
+        """Store data under a key, a name of a file. Does nothing if the folder is not writable."""
+        with contextlib.suppress(OSError):
+            self.folder.mkdir(parents=True, exist_ok=True)
+            self._make_room(len(data) + _DIGEST_SIZE)
+            write_atomically(self.folder / (key + self.suffix), hashlib.sha256(data).digest() + data)
+
+    def _make_room(self, size: int) -> None:
+        """Delete the least recently used files and leftovers of crashed processes until `size` more bytes fit."""
+        files = []
+        for path in self.folder.iterdir():
+            if path.suffix == self.suffix or path.name.endswith(".part"):
+                with contextlib.suppress(OSError):  # another process may have deleted it
+                    status = path.stat()
+                    files.append((status.st_mtime, status.st_size, path))
+        excess = sum(file[1] for file in files) + size - self.size_limit
+        for _, length, path in sorted(files, key=lambda file: file[:2]):
+            if excess <= 0:
+                break
+            with contextlib.suppress(OSError):
+                path.unlink()
+                excess -= length

@@ -27,7 +27,7 @@ from scipy.ndimage import map_coordinates
 import tiscene as ts
 from dynamics.rotation import multiply
 from tests.benchmarks.reference_pictures import note
-from tiscene.render.integrators.incremental.base_image_cache import cache_folder
+from tiscene.files import cache_folder
 from tiscene.render.view import View
 
 ROOMS = ("room_01", "room_02", "room_03")

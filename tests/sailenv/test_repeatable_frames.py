@@ -87,12 +87,12 @@ def test_edit_of_a_light_shows_in_the_frame_after_the_current_one_for_all_agents
 
 
 def test_frame_index_counts_the_frames_of_the_world(make_agent):
-    agent = make_agent(main_frame_active=False)
+    agent = make_agent(main_frame_active=False, together=True)
     assert agent.frame_index == -1
     for index in range(3):
         agent.get_frame()
         assert agent.frame_index == index
-    late = make_agent(main_frame_active=False)
+    late = make_agent(main_frame_active=False, together=True)
     assert late.frame_index == -1
     late.get_frame()
     assert late.frame_index == 2

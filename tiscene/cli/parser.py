@@ -186,7 +186,7 @@ def _serve(commands: Commands) -> None:
     serve = commands.add_parser(
         "serve",
         help="serve unmodified SAILenv clients",
-        description="Serve one world to SAILenv clients (see docs/sailenv.md). Ctrl-C or SIGTERM stops it cleanly.",
+        description="Serve worlds to SAILenv clients (see docs/sailenv.md). Ctrl-C or SIGTERM stops it cleanly.",
     )
     serve.add_argument("scene", metavar="SCENE", nargs="?", help="first scene (default: SAILenv's)")
     serve.add_argument(
@@ -217,6 +217,16 @@ def _serve(commands: Commands) -> None:
         "--keep-clock",
         action="store_true",
         help="the frame clock goes on when a client changes the scene (default: it starts again, as in SAILenv)",
+    )
+    serve.add_argument(
+        "--together",
+        action="store_true",
+        help="when a client changes the scene, all go along, as in SAILenv (default: the others stay)",
+    )
+    serve.add_argument(
+        "--world",
+        metavar="SCENE",
+        help="a scene with rooms, such as home_01: changing to a scene that is one of its rooms is a walk there",
     )
     serve.add_argument("--physics", action="store_true", help="objects fall and are pushed (extra: physics)")
     serve.add_argument(

@@ -9,7 +9,7 @@ import logging
 
 from tiscene.cli.terminal import note
 from tiscene.errors import ArgumentError
-from tiscene.sailenv.environment import Environment
+from tiscene.sailenv.agent_worlds import AgentWorlds
 from tiscene.sailenv.server import Server
 
 
@@ -22,8 +22,10 @@ def run(args: argparse.Namespace) -> None:
         raise ArgumentError(f"--port {args.port}: must be from 0 to 65535")
     if not args.wait >= 0.0:
         raise ArgumentError(f"--wait {args.wait}: must be 0 s or more")
-    environment = Environment(
+    worlds = AgentWorlds(
         args.scene,
+        together=args.together,
+        world=args.world,
         fps=args.fps,
         quality=args.quality,
         spp=args.spp,
@@ -35,7 +37,7 @@ def run(args: argparse.Namespace) -> None:
         physics=args.physics,
         arch=args.arch,
     )
-    server = Server(environment, args.host, args.port, wait=args.wait)
+    server = Server(worlds, args.host, args.port, wait=args.wait)
     try:
         asyncio.run(server.run(lambda host, port: print(f"listening on {host}:{port}", flush=True)))
     except OSError as error:

@@ -20,7 +20,8 @@
     captured_scenario   scripts as scenarios of tiscene
     server, connection  TCP server
     wire_format         bytes of the protocol
-    environment, environment_edits  the world and the frame clock that agents share
+    agent_worlds        the worlds that agents are in
+    environment, environment_edits  one world: its scene and its frame clock, which agents share
     scene_session       the running scene: stream, profile, lights
     agent_camera        state of one agent
     agent_renderer      rendering of agents' views

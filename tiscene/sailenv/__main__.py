@@ -28,7 +28,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     script = Path(args.script)
     if not script.is_file():
         _parser().error(f"no file {args.script!r}")
-    names = ("quality", "spp", "seed", "incremental", "physics")
+    names = ("quality", "spp", "seed", "incremental", "physics", "together", "world")
     settings: dict[str, Any] = {name: value for name in names if (value := getattr(args, name)) is not None}
     if args.strict:
         settings["strict"] = True
@@ -52,6 +52,10 @@ def _parser() -> argparse.ArgumentParser:
     )
     parser.add_argument("--seed", type=int, help="seed of the rendering (default: 0)")
     parser.add_argument("--physics", action="store_true", default=None, help="objects fall and are pushed")
+    parser.add_argument("--together", action="store_true", default=None, help="all agents change the scene together")
+    parser.add_argument(
+        "--world", metavar="SCENE", help="a scene with rooms, such as home_01, that agents walk through"
+    )
     parser.add_argument("--strict", action="store_true", help="raise the errors that SAILenv prints")
     parser.add_argument("script", metavar="SCRIPT", help="a Python file that imports sailenv")
     parser.add_argument("arguments", nargs=argparse.REMAINDER, help="arguments of the script")

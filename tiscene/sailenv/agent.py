@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """SAILenv's Agent in process: the same names, arguments, results and printed errors, without a server or a display.
 
-Agents with the same host and port share an `Environment`, as agents of one SAILenv server do. Positions are in Unity's
-space, m; rotations are its Euler angles, degrees.
+Agents with the same host and port share their worlds, as those of one server do (`AgentWorlds`). Positions are in
+Unity's space, m; rotations are its Euler angles, degrees.
 """
 
 from __future__ import annotations
@@ -21,14 +21,15 @@ from numpy.typing import NDArray
 from tiscene.errors import ArgumentError, TisceneError
 from tiscene.sailenv.agent_camera import AgentCamera
 from tiscene.sailenv.agent_objects import AgentObjects
+from tiscene.sailenv.agent_worlds import AgentWorlds
 from tiscene.sailenv.environment import Environment
 from tiscene.sailenv.frame_views import VIEWS
 from tiscene.sailenv.json_messages import single_precision
 from tiscene.sailenv.pixel_queries import PixelAnswer
 from tiscene.sailenv.scenario_classes import Vector3
 
-# By host and port. An environment ends with its last agent.
-_environments: weakref.WeakValueDictionary[tuple[str, int], Environment] = weakref.WeakValueDictionary()
+# By host and port. Worlds end with their last agent.
+_worlds: weakref.WeakValueDictionary[tuple[str, int], AgentWorlds] = weakref.WeakValueDictionary()
 _lock = threading.RLock()
 
 
@@ -81,15 +82,15 @@ class Agent(AgentObjects):
             category_frame_active: Whether it returns the category view.
             flow_frame_active: Whether it returns the optical flow.
             depth_frame_active: Whether it returns the depth view.
-            host: With `port`, identifies the world: agents with the same two share one. No connection is made.
+            host: With `port`, identifies the worlds: agents with the same two share them. No connection is made.
             port: See `host`.
             width: Image width, px.
             height: Image height, px.
             use_gzip: Has no effect in process.
             strict: Raise a TisceneError where SAILenv prints a message.
-            settings: Arguments of `tiscene.sailenv.environment.Environment` for the first agent of a world: scene, fps,
-                quality, spp, max_depth, denoise, incremental, seed,
-                consecutive_flow, query_budget, keep_clock, physics, arch.
+            settings: Arguments of `AgentWorlds` and `Environment` for the first agent of a port: scene, together,
+                world, fps, quality, spp, max_depth, denoise, incremental, seed, consecutive_flow, query_budget,
+                keep_clock, physics, arch.
         """
         self.main_frame_active = main_frame_active
         self.object_frame_active = object_frame_active
@@ -106,7 +107,7 @@ class Agent(AgentObjects):
         self.lights_names: list[str] | None = None
         self.spawned_objects_idstr_names_table = {}
         self._settings = settings
-        self._environment: Environment | None = None
+        self._worlds: AgentWorlds | None = None
         self._camera: AgentCamera | None = None
 
     @property
@@ -129,25 +130,26 @@ class Agent(AgentObjects):
 
     @property
     def environment(self) -> Environment:
-        """The world of this agent. Raises ArgumentError before `register`."""
-        return self._registered()[0]
+        """The world that this agent is in. Raises ArgumentError before `register`."""
+        worlds, camera = self._registered()
+        return worlds.world_of(camera)
 
     def register(self) -> None:
-        """Add the agent to its world. Raises a TisceneError for invalid settings."""
+        """Add the agent; it enters a world with its next command. Raises a TisceneError for invalid settings."""
         with _lock:
             key = (self.host, int(self.port))
-            environment = _environments.get(key) or Environment(**self._settings)
-            self._camera = environment.register(int(self.width), int(self.height))
-            self._environment = _environments[key] = environment
+            worlds = _worlds.get(key) or AgentWorlds(**self._settings)
+            self._camera = worlds.register(int(self.width), int(self.height))
+            self._worlds = _worlds[key] = worlds
             self.id = self._camera.id
-            self.scenes = environment.scenes()
+            self.scenes = worlds.scenes()
 
     def delete(self) -> None:
         """Remove the agent from its world."""
         with _lock:
-            if self._environment is not None and self._camera is not None:
-                self._environment.delete(self._camera)
-            self._environment = self._camera = None
+            if self._worlds is not None and self._camera is not None:
+                self._worlds.delete(self._camera)
+            self._worlds = self._camera = None
 
     def get_frame(self) -> dict[str, Any]:
         """Render the next frame.
@@ -194,8 +196,13 @@ class Agent(AgentObjects):
         return answer
 
     def change_scene(self, scene_name: str) -> None:
-        """Start one of `scenes`."""
-        if self._try("Cannot change scene! error = {}", lambda world, _: world.change_scene(scene_name), self) is self:
+        """Go to one of `scenes`, or to a room of `world`; see `AgentWorlds.change_scene`."""
+        failed = self._try(
+            "Cannot change scene! error = {}",
+            lambda _, camera: self._registered()[0].change_scene(camera, scene_name),
+            self,
+        )
+        if failed is self:
             return
         self._update_names()
 
@@ -246,6 +253,10 @@ class Agent(AgentObjects):
         """Set the color of the ambient light, which reaches every surface equally, 8-bit sRGB."""
         self._try("Error setting ambient light color: {}", lambda world, camera: world.set_ambient(camera, (r, g, b)))
 
+    def _load_scenario(self, content: dict[str, Any]) -> tuple[list[str], list[str]]:
+        worlds, camera = self._registered()
+        return worlds.load_scenario(camera, content)
+
     def _render(
         self, environment: Environment, camera: AgentCamera, views: Sequence[str]
     ) -> tuple[dict[str, NDArray[Any]], float]:
@@ -259,17 +270,17 @@ class Agent(AgentObjects):
             self.spawnable_objects_names = environment.spawnable()
             self.lights_names = list(environment.lights.names)
 
-    def _registered(self) -> tuple[Environment, AgentCamera]:
-        if self._environment is None or self._camera is None:
+    def _registered(self) -> tuple[AgentWorlds, AgentCamera]:
+        if self._worlds is None or self._camera is None:
             raise ArgumentError("this agent is in no world: call register() first")
-        return self._environment, self._camera
+        return self._worlds, self._camera
 
     @contextmanager
     def _locked(self) -> Iterator[tuple[Environment, AgentCamera]]:
-        """Yield the environment and this agent's state, with the lock that keeps other threads out."""
-        environment, camera = self._registered()
+        """Yield this agent's world and its state, with the lock that keeps other threads out."""
+        worlds, camera = self._registered()
         with _lock:
-            yield environment, camera
+            yield worlds.world_of(camera), camera
 
     def _try(self, message: str, call: Callable[[Environment, AgentCamera], Any], default: Any = None) -> Any:
         """Return the result of a call; if it raises a TisceneError, print the message and return the default."""

@@ -113,6 +113,12 @@ class AgentCamera:
         self.position, self.rotation = mirrored(profile.start.position), euler_of(profile.start.rotation)
         self.has_own_pose, self.track_start = False, None
 
+    def walk_to(self, camera: Camera) -> None:
+        """Move to the pose of a camera in tiscene's space, without flow from the pose before."""
+        self.position, self.rotation = mirrored(camera.position), euler_of(camera.rotation)
+        self.has_own_pose, self.track_start = True, None
+        self.last_camera = self.frame_camera = self.camera_before = None
+
     def camera(self, profile: SceneProfile, frame: int) -> Camera:
         """Return the camera at a frame, in tiscene's space."""
         if self.track_start is None:

@@ -104,7 +104,7 @@ class AgentObjects(AgentLights):
         """
         failure: tuple[list[str], list[str]] = ([""] * scenario.n_objects, [])
         spawned, problems = self._try(
-            "Error loading scenario: {}", lambda world, camera: world.load_scenario(camera, scenario.asdict()), failure
+            "Error loading scenario: {}", lambda *_: self._load_scenario(scenario.asdict()), failure
         )
         for problem in problems:
             self._report("Error loading scenario: {}", ArgumentError(problem))
@@ -139,6 +139,10 @@ class AgentObjects(AgentLights):
             data = file.read()
         path: str = self._try("Error sending file: {}", lambda world, _: world.uploads.store(name, data), "")
         return path
+
+    def _load_scenario(self, content: dict[str, Any]) -> tuple[list[str], list[str]]:
+        """Start a scenario in SAILenv's JSON; see `AgentWorlds.load_scenario`."""
+        raise NotImplementedError
 
     def _update_names(self) -> None:
         """Update the names of categories, templates and lights for a new scene."""

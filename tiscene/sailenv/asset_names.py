@@ -55,19 +55,19 @@ def catalog_scene(name: str) -> str:
     Raises:
         SceneNotFound: No scene has that name, or more than one scene has it in another spelling.
     """
-    plain, known = str(name).strip().removesuffix(_SUFFIX), catalog.scenes()
-    if plain in known:
-        return plain
-    alike = [each for each in known if _spelling(each) == _spelling(name)]
+    exact, known = str(name).strip().removesuffix(_SUFFIX), catalog.scenes()
+    if exact in known:
+        return exact
+    alike = [each for each in known if plain(each) == plain(name)]
     if len(alike) != 1:
         raise SceneNotFound("scene", str(name), scenes())
     return alike[0]
 
 
-def _spelling(name: str) -> str:
-    """Return a scene's name without the differences that do not matter."""
-    plain = str(name).strip().casefold().removesuffix(_SUFFIX)
-    return "".join(character for character in plain if character not in " _-")
+def plain(name: str) -> str:
+    """Return the name of a scene or a room without the differences that do not matter."""
+    text = str(name).strip().casefold().removesuffix(_SUFFIX)
+    return "".join(character for character in text if character not in " _-")
 
 
 def catalog_template(name: str) -> str:

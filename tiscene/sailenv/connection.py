@@ -15,6 +15,7 @@ from typing import Any, Protocol, TypeAlias, TypeVar
 from tiscene.errors import TisceneError
 from tiscene.sailenv import wire_format
 from tiscene.sailenv.agent_camera import AgentCamera
+from tiscene.sailenv.agent_worlds import AgentWorlds
 from tiscene.sailenv.environment import Environment
 from tiscene.sailenv.frame_views import VIEWS
 from tiscene.sailenv.uploaded_models import MAX_BYTES
@@ -28,10 +29,10 @@ Result = TypeVar("Result")
 class FrameServer(Protocol):
     """The part of the server that a connection uses."""
 
-    environment: Environment
+    worlds: AgentWorlds
 
     async def call(self, function: Callable[..., Result], *arguments: Any) -> Result:
-        """Call a function on the thread that owns the environment, and return its result."""
+        """Call a function on the thread that owns the worlds, and return its result."""
 
     async def frame(self, agent: AgentCamera, views: list[str]) -> tuple[dict[str, Any], float]:
         """Return views of an agent's next frame by name, and the time since its last frame, s."""
@@ -47,7 +48,7 @@ class Connection:
     def __init__(self, server: FrameServer, reader: Reader, writer: asyncio.StreamWriter) -> None:
         self.agent: AgentCamera | None = None
         self._server = server
-        self._environment = server.environment
+        self._worlds = server.worlds
         self._read = reader
         self._writer = writer
         self._gzip = False
@@ -66,11 +67,11 @@ class Connection:
         """Register the agent, then handle commands until DELETE."""
         width, height, self._gzip = await self._read.int32(), await self._read.int32(), await self._read.flag()
         try:
-            self.agent = await self._call(self._environment.register, width, height)
+            self.agent = await self._call(self._worlds.register, width, height)
         except TisceneError as error:
             raise ProtocolError(str(error)) from None
         self.log(f"registered, {width}x{height}{', gzip' if self._gzip else ''}")
-        await self._send(int_bytes(self.agent.id) + texts_bytes(self._environment.scenes()))
+        await self._send(int_bytes(self.agent.id) + texts_bytes(self._worlds.scenes()))
         while (command := await self._read.command()) is not Command.DELETE:
             await HANDLERS[command](self, self.agent)
         self.log("deleted")
@@ -89,29 +90,29 @@ class Connection:
 
     async def change_scene(self, agent: AgentCamera) -> None:
         name = await self._read.text()
-        await self._acknowledge(f"change_scene {name}", self._environment.change_scene, name)
+        await self._acknowledge(f"change_scene {name}", self._worlds.change_scene, agent, name)
 
     async def categories(self, agent: AgentCamera) -> None:
-        categories = await self._call(self._environment.categories)
+        categories = await self._call(lambda: self._world(agent).categories())
         pairs = b"".join(int_bytes(number) + text_bytes(name) for number, name in categories.items())
         await self._send(int_bytes(len(categories)) + pairs)
 
     async def position(self, agent: AgentCamera) -> None:
-        await self._send(float_bytes(*await self._call(self._environment.position, agent)))
+        await self._send(float_bytes(*await self._call(lambda: self._world(agent).position(agent))))
 
     async def set_position(self, agent: AgentCamera) -> None:
         position = await self._read.vector()
-        await self._acknowledge(f"set_position {position}", self._environment.set_pose, agent, position, None)
+        await self._acknowledge(f"set_position {position}", self._in_world, "set_pose", agent, position, None)
 
     async def rotation(self, agent: AgentCamera) -> None:
-        await self._send(float_bytes(*await self._call(self._environment.rotation, agent)))
+        await self._send(float_bytes(*await self._call(lambda: self._world(agent).rotation(agent))))
 
     async def set_rotation(self, agent: AgentCamera) -> None:
         rotation = await self._read.vector()
-        await self._acknowledge(f"set_rotation {rotation}", self._environment.set_pose, agent, None, rotation)
+        await self._acknowledge(f"set_rotation {rotation}", self._in_world, "set_pose", agent, None, rotation)
 
     async def toggle_follow(self, agent: AgentCamera) -> None:
-        await self._acknowledge("toggle_follow", self._environment.toggle_follow, agent)
+        await self._acknowledge("toggle_follow", self._in_world, "toggle_follow", agent)
 
     async def spawn(self, agent: AgentCamera) -> None:
         name, position, rotation = await self._read.text(), await self._read.vector(), await self._read.vector()
@@ -121,7 +122,7 @@ class Connection:
         frustum_limited, dynamic = await self._read_spawn_flags()
 
         def spawn() -> str:
-            return self._environment.spawn(
+            return self._world(agent).spawn(
                 agent,
                 name,
                 position,
@@ -155,10 +156,10 @@ class Connection:
 
     async def despawn(self, agent: AgentCamera) -> None:
         number = await self._read.int32()
-        await self._acknowledge(f"despawn {number}", self._environment.despawn, agent, number)
+        await self._acknowledge(f"despawn {number}", self._in_world, "despawn", agent, number)
 
     async def spawnables(self, agent: AgentCamera) -> None:
-        await self._send(texts_bytes(self._environment.spawnable()))
+        await self._send(texts_bytes(await self._call(lambda: self._world(agent).spawnable())))
 
     async def send_obj_zip(self, agent: AgentCamera) -> None:
         name, size = await self._read.text(), await self._read.int32()
@@ -167,25 +168,25 @@ class Connection:
         data = bytearray()
         while len(data) < size:
             data += await self._read.chunk(min(size - len(data), 1 << 16))
-        path = await self._try(f"send_obj_zip {name}, {size} bytes", self._environment.uploads.store, name, data)
+        path = await self._try(f"send_obj_zip {name}, {size} bytes", self._worlds.uploads.store, name, data)
         await self._send(text_bytes(path or ""))
 
     async def clear_flags(self, agent: AgentCamera) -> None:
         color = await self._read.ints()
-        await self._acknowledge(f"clear_flags {color}", self._environment.set_background, agent, color)
+        await self._acknowledge(f"clear_flags {color}", self._in_world, "set_background", agent, color)
 
     async def light_names(self, agent: AgentCamera) -> None:
-        await self._send(texts_bytes(list((await self._call(lambda: self._environment.lights)).names)))
+        await self._send(texts_bytes(list((await self._call(lambda: self._world(agent).lights)).names)))
 
     async def ambient(self, agent: AgentCamera) -> None:
-        await self._send(text_bytes("ok") + int_bytes(*await self._call(lambda: self._environment.ambient)))
+        await self._send(text_bytes("ok") + int_bytes(*await self._call(lambda: self._world(agent).ambient)))
 
     async def set_ambient(self, agent: AgentCamera) -> None:
         color = await self._read.ints()
-        await self._acknowledge(f"set_ambient_light_color {color}", self._environment.set_ambient, agent, color)
+        await self._acknowledge(f"set_ambient_light_color {color}", self._in_world, "set_ambient", agent, color)
 
     async def spawn_view_frustum(self, agent: AgentCamera) -> None:
-        await self._try("spawn_view_frustum", self._environment.set_frustum_walls, agent)
+        await self._try("spawn_view_frustum", self._in_world, "set_frustum_walls", agent)
 
     async def load_scenario(self, agent: AgentCamera) -> None:
         content = _json(await self._read.text(wire_format.MAX_JSON))
@@ -193,7 +194,7 @@ class Connection:
         count = len(objects) if isinstance(objects, list) else 0
         ids, problems = await self._try(
             f"load_scenario {content.get('scene_name')}, {count} objects",
-            self._environment.load_scenario,
+            self._worlds.load_scenario,
             agent,
             content,
         ) or ([""] * count, [])
@@ -203,12 +204,12 @@ class Connection:
 
     async def move_object(self, agent: AgentCamera) -> None:
         number, position, rotation = await self._read.int32(), await self._read.vector(), await self._read.vector()
-        await self._acknowledge(f"move {number}", self._environment.move, agent, number, position, rotation)
+        await self._acknowledge(f"move {number}", self._in_world, "move", agent, number, position, rotation)
 
     async def ask_pixel(self, agent: AgentCamera) -> None:
         y, x = await self._read.int32(), await self._read.int32()
         try:
-            answer = await self._call(self._environment.ask_pixel, agent, y, x)
+            answer = await self._call(self._in_world, "ask_pixel", agent, y, x)
         except TisceneError as error:
             await self._send(text_bytes(str(error)))
             return
@@ -216,10 +217,10 @@ class Connection:
         numbers = int_bytes(answer.frame, answer.category, answer.object, left)
         await self._send(text_bytes("ok") + numbers + text_bytes(answer.name))
 
-    async def get_light(self, quantity: str, as_bytes: Callable[..., bytes]) -> None:
+    async def get_light(self, agent: AgentCamera, quantity: str, as_bytes: Callable[..., bytes]) -> None:
         name = await self._read.text()
         try:
-            value = await self._call(lambda: getattr(self._environment.lights, quantity)(name))
+            value = await self._call(lambda: getattr(self._world(agent).lights, quantity)(name))
         except TisceneError as error:
             await self._send(text_bytes(str(error)))
             return
@@ -229,15 +230,22 @@ class Connection:
         name = await self._read.text()
         value = await read(self._read)
         await self._acknowledge(
-            f"set_{quantity} {name} {value}", self._environment.set_light, agent, quantity, name, value
+            f"set_{quantity} {name} {value}", self._in_world, "set_light", agent, quantity, name, value
         )
 
     async def light_type(self, agent: AgentCamera) -> None:
         name = await self._read.text()
-        kind = await self._try(f"get_light_type {name}", lambda: self._environment.lights.type(name))
+        kind = await self._try(f"get_light_type {name}", lambda: self._world(agent).lights.type(name))
         await self._send(text_bytes(kind or "light_not_found"))
 
     # Implementation
+
+    def _world(self, agent: AgentCamera) -> Environment:
+        return self._worlds.world_of(agent)
+
+    def _in_world(self, method: str, agent: AgentCamera, *arguments: Any) -> Any:
+        """Call a method of the agent's world; like `_world`, on the thread that owns the worlds."""
+        return getattr(self._world(agent), method)(agent, *arguments)
 
     async def _call(self, function: Callable[..., Result], *arguments: Any) -> Result:
         return await self._server.call(function, *arguments)
@@ -283,7 +291,7 @@ Handler: TypeAlias = Callable[[Connection, AgentCamera], Awaitable[None]]
 
 
 def _get(quantity: str, as_bytes: Callable[..., bytes]) -> Handler:
-    return lambda client, _: client.get_light(quantity, as_bytes)
+    return lambda client, agent: client.get_light(agent, quantity, as_bytes)
 
 
 def _set(quantity: str, read: Callable[[Reader], Awaitable[Any]]) -> Handler:

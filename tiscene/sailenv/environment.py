@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The environment: one world and one frame clock that agents share, in place of SAILenv's Unity program.
+"""The environment: one running scene and its frame clock, which agents share, in place of SAILenv's Unity program.
 
 Agents share the scene, its objects and its lights. Each has its own pose, image size, background and views. The clock
 advances in lock step: by one frame (1 / fps s) when an agent that has had the current frame requests another. An agent
@@ -13,7 +13,7 @@ threads at once.
 
 from __future__ import annotations
 
-import weakref
+import copy
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import Any
@@ -32,18 +32,19 @@ from tiscene.sailenv.environment_edits import EnvironmentEdits
 from tiscene.sailenv.light_controls import clipped, integer_color
 from tiscene.sailenv.pixel_queries import PixelAnswer, PixelQueries
 from tiscene.sailenv.scene_profile import SceneProfile
-from tiscene.sailenv.scene_session import SceneSession
+from tiscene.sailenv.scene_session import SceneSession, SceneStreams
 from tiscene.sailenv.uploaded_models import UploadedModels
 from tiscene.scene.camera import Vector3
 
 
 class Environment(EnvironmentEdits):
-    """A world that agents share.
+    """A world that agents share. `tiscene.sailenv.agent_worlds` has one for each scene that agents are in.
 
     Attributes:
         fps: Frames per second.
         clock: The index of the current frame; -1 before the first.
-        agents: The registered agents by id.
+        agents: The agents that are in it, by id.
+        scene: The name in the catalog of its scene; None before it has started.
         consecutive_flow: Whether flow is always measured from the frame before.
         physics: Whether objects fall and are pushed.
         uploads: Models that agents have sent.
@@ -103,31 +104,44 @@ class Environment(EnvironmentEdits):
         self._first_scene = scene or asset_names.default_scene()
         asset_names.catalog_scene(self._first_scene)
         settings = {"fps": self.fps, "quality": quality, **overrides, "seed": seed, "arch": arch}
-        self._session = SceneSession(settings)
-        weakref.finalize(self, self._session.close).atexit = False
+        self._session = SceneSession(SceneStreams(settings))
         self._renderer = AgentRenderer()
-        self._next_id = 0
+        self.scene: str | None = None
+
+    def another(self) -> Environment:
+        """Return an environment with the same settings, before its first scene.
+
+        The two share the stages that were read last, their trees, and the uploaded models.
+        """
+        other = copy.copy(self)
+        other.clock, other.agents, other.scene, other._walls, other._ambient = -1, {}, None, None, (0, 0, 0)
+        other._queries, other._renderer = PixelQueries(self._queries.budget), AgentRenderer()
+        other._session = SceneSession(self._session.pool)
+        return other
 
     # Agents
 
-    def register(self, width: int, height: int) -> AgentCamera:
-        """Add an agent at the start pose of the scene.
-
-        Args:
-            width: Image width, px.
-            height: Image height, px.
-
-        Raises:
-            ArgumentError: The image is too large or empty.
-        """
-        agent = AgentCamera(self._next_id, width, height)
-        self._next_id += 1
+    def enter(self, agent: AgentCamera) -> None:
+        """Add an agent at the start pose of the scene. Its first frame is the current one."""
         self.agents[agent.id] = agent
+        agent.restart_clock()
         if self._session.is_running:
             agent.reset(self._profile)
-        return agent
 
-    def delete(self, agent: AgentCamera) -> None:
+    def enter_room(self, agent: AgentCamera, room: str) -> None:
+        """Move an agent that is here into a room of the scene, from its next frame on; the clock goes on.
+
+        It stands where the agents of the room's own scene start: at the room's camera named "Agent", else at its first
+        camera, else at the center of the room.
+
+        Args:
+            agent: The agent.
+            room: The name of the room.
+        """
+        self._ensure_scene()
+        agent.walk_to(self._profile.room_start(room))
+
+    def leave(self, agent: AgentCamera) -> None:
         """Remove an agent. Objects that it has spawned stay."""
         self.agents.pop(agent.id, None)
 
@@ -205,10 +219,6 @@ class Environment(EnvironmentEdits):
 
     # The world
 
-    def scenes(self) -> list[str]:
-        """Return SAILenv's names of all scenes."""
-        return asset_names.scenes()
-
     def spawnable(self) -> list[str]:
         """Return the names of all templates that can be spawned."""
         return asset_names.spawnable()
@@ -218,9 +228,17 @@ class Environment(EnvironmentEdits):
         categories = self.stream.categories
         return self._session.category_numbers.names(categories.values())
 
-    def change_scene(self, name: str) -> None:
-        """Start a scene, with all agents at its start pose. Raises SceneNotFound, StageError."""
-        last = self.clock
+    def change_scene(self, name: str, last: int | None = None) -> None:
+        """Start a scene, with all agents that are here at its start pose.
+
+        Args:
+            name: Its name, SAILenv's or the catalog's.
+            last: With `keep_clock`, the frame after which the clock goes on; None: the current one.
+
+        Raises:
+            SceneNotFound, StageError: Nothing has changed then.
+        """
+        last = self.clock if last is None else last
         self._start_scene(asset_names.catalog_scene(name))
         for agent in self.agents.values():
             agent.reset(self._profile)
@@ -251,10 +269,18 @@ class Environment(EnvironmentEdits):
         ids = {row.name: str(row.id) for row in self.stream.world.state(0).objects if row.template}
         return [ids.get(name, "") for name in names], problems
 
+    def rooms(self) -> frozenset[str]:
+        """Return the names of the rooms of the scene."""
+        self._ensure_scene()
+        return frozenset(each.name for each in self._profile.rooms)
+
     def close(self) -> None:
-        """Free the memory of the scene, and delete the uploaded models."""
+        """Free the memory of the scene. What environments share stays until `close_all`."""
         self._session.close()
-        self.uploads.close()
+
+    def close_all(self) -> None:
+        """Free the memory of all environments that share stages with this one."""
+        self._session.pool.close()
 
     # Implementation
 
@@ -300,7 +326,7 @@ class Environment(EnvironmentEdits):
             self._session.start(scene, replace(scenario, camera=camera), (agent.width, agent.height))
             if scenario.frustum is not None:
                 walls = AgentWalls(agent, scenario.frustum, camera)
-        self._walls, self._ambient = walls, (0, 0, 0)
+        self.scene, self._walls, self._ambient = scene, walls, (0, 0, 0)
         self._renderer.start_frame(self._ambient)
         self._queries.forget()
         self.clock = -1

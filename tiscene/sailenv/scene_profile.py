@@ -16,7 +16,9 @@ from tiscene.sailenv.light_controls import Color8
 from tiscene.scenario.scenario import Scenario
 from tiscene.scene.camera import Camera, Quaternion, Vector3
 from tiscene.scene.description import SceneDescription
+from tiscene.scene.room_volume import RoomVolume, rooms_at
 
+AGENT_CAMERA = "Agent"
 TRACK_SPEED = 0.5  # m/s
 MIN_WAYPOINT_DISTANCE = 0.05  # m; cameras closer than this to the one before add no waypoint
 CIRCLE_RADIUS = 0.3  # m; of the track about a single camera's position
@@ -32,6 +34,8 @@ class SceneProfile:
         track: The camera track.
         fps: Frames per second.
         background: 8-bit sRGB color of pixels that show no object; None for the sky.
+        rooms: Volumes of the scene's rooms.
+        cameras: Cameras of the stage.
     """
 
     scenario: Scenario
@@ -39,6 +43,8 @@ class SceneProfile:
     track: CameraTrack
     fps: float
     background: Color8 | None = None
+    rooms: tuple[RoomVolume, ...] = ()
+    cameras: tuple[Camera, ...] = ()
 
     @classmethod
     def of(
@@ -55,7 +61,20 @@ class SceneProfile:
         start = replace(start_camera(stage), vertical_fov=Camera.vertical_fov, aspect=None)
         start = replace(start, far=frame_views.FAR, lens_radius=0.0)
         camera = authored.camera if isinstance(authored.camera, Camera) and authored.camera.dynamic else None
-        return cls(replace(authored, camera=start), start, CameraTrack(stage, camera), fps, background)
+        track = CameraTrack(stage, camera)
+        return cls(replace(authored, camera=start), start, track, fps, background, stage.rooms, stage.cameras)
+
+    def room_start(self, room: str) -> Camera:
+        """Return the pose at which agents enter a room: of the camera "Agent" that belongs to it, else of another."""
+        inside = rooms_at(self.rooms, [camera.position for camera in self.cameras])
+        there = [camera for camera, name in zip(self.cameras, inside, strict=True) if name == room]
+        # Cameras of a room that was placed on the stage have names such as "kitchen/Cameras/Agent".
+        there.sort(key=lambda camera: (camera.name.split("/")[-1] != AGENT_CAMERA, "/" not in camera.name))
+        if there:
+            return there[0]
+        volume = max((each for each in self.rooms if each.name == room), key=lambda each: each.size)
+        x, y, z = volume.world_from_box[:3, 3].tolist()
+        return self.start.with_pose((x, y, z), self.start.rotation)
 
     def track_pose(self, frames: int) -> tuple[Vector3, Quaternion]:
         """Return the pose on the camera track a number of frames after its start."""
@@ -84,7 +103,7 @@ class CameraTrack:
 
 def start_camera(stage: SceneDescription) -> Camera:
     """Return the camera named "Agent", else the first of the stage, else one that sees the whole stage."""
-    return next((camera for camera in stage.cameras if camera.name == "Agent"), None) or stage.camera()
+    return next((camera for camera in stage.cameras if camera.name == AGENT_CAMERA), None) or stage.camera()
 
 
 def _track(stage: SceneDescription) -> Dynamic:

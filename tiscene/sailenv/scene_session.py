@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """The running scene of an environment: its stream, profile and lights.
 
-One stream serves all scenes, so that starting another scene frees the memory of the one before, and the stages that
-were read last are not read again.
+Sessions of one SceneStreams share the stages that were read last and their trees, so that coming back to one is quick.
+Starting another scene frees the memory of the one before.
 """
 
 from __future__ import annotations
@@ -23,6 +23,44 @@ from tiscene.stream.stream import Stream
 DEFAULT_SIZE = 64, 48  # px; of the stream while no agent's scenario runs; agents have their own sizes
 
 
+class SceneStreams:
+    """Streams with the same settings, one for each scene that runs; and the profiles of all scenes.
+
+    Args:
+        settings: Arguments of `Stream`.
+
+    Attributes:
+        profiles: Profiles by the scene's name in the catalog.
+    """
+
+    def __init__(self, settings: Mapping[str, Any]) -> None:
+        self.profiles: dict[str, SceneProfile] = {}
+        self._settings = settings
+        self._streams: list[Stream] = []
+        self._idle: list[Stream] = []
+
+    def take(self, scenario: Scenario) -> Stream:
+        """Return a stream that no other session uses; `scenario` is what a new one shows."""
+        if self._idle:
+            return self._idle.pop()
+        if self._streams:
+            made: Stream = self._streams[0].another(scenario)
+        else:
+            made = Stream(scenario, width=DEFAULT_SIZE[0], height=DEFAULT_SIZE[1], **self._settings)
+        self._streams.append(made)
+        return made
+
+    def give_back(self, stream: Stream) -> None:
+        """Free a stream's memory, but for what the pool shares, and let other sessions take it."""
+        stream.close(keep_trees=True)
+        self._idle.append(stream)
+
+    def close(self) -> None:
+        """Free the memory of all streams, and what they share."""
+        for each in self._streams:
+            each.close()
+
+
 class SceneSession:
     """The running scene.
 
@@ -31,6 +69,7 @@ class SceneSession:
         profile: Its profile.
         lights: Its lights by SAILenv's names.
         category_numbers: Numbers of its categories, and of those of all templates.
+        pool: Where its stream comes from.
     """
 
     stream: Stream
@@ -38,15 +77,14 @@ class SceneSession:
     lights: LightControls
     category_numbers: CategoryNumbers
 
-    def __init__(self, settings: Mapping[str, Any]) -> None:
+    def __init__(self, pool: SceneStreams) -> None:
         """Start nothing.
 
         Args:
-            settings: Arguments of `Stream` for all scenes.
+            pool: Where the stream comes from.
         """
-        self._settings = settings
+        self.pool = pool
         self._opened: Stream | None = None
-        self._profiles: dict[str, SceneProfile] = {}
         self._light_edits: dict[int, Light] = {}  # by row in `stage.lights`
 
     @property
@@ -63,14 +101,14 @@ class SceneSession:
         Raises:
             StageError: The scene cannot be read.
         """
-        if scene not in self._profiles:
+        if scene not in self.pool.profiles:
             authored = Scenario.load(scene)
-            if self._opened is None:
-                width, height = DEFAULT_SIZE
-                self._opened = Stream(authored, width=width, height=height, **self._settings)
-            stage = self._opened.stages.stage(authored)
-            self._profiles[scene] = SceneProfile.of(authored, stage, self._opened.fps, asset_names.background(scene))
-        return self._profiles[scene]
+            stream = self._stream_for(authored)
+            stage = stream.stages.stage(authored)
+            self.pool.profiles[scene] = SceneProfile.of(
+                authored, stage, self._opened.fps, asset_names.background(scene)
+            )
+        return self.pool.profiles[scene]
 
     def start(self, scene: str, scenario: Scenario | None = None, size: tuple[int, int] = DEFAULT_SIZE) -> None:
         """Start a scene at frame 0.
@@ -84,12 +122,11 @@ class SceneSession:
             TisceneError: The scene or the scenario is invalid; nothing has changed then.
         """
         profile = self.profile_of(scene)
-        assert self._opened is not None
-        stream = self._opened
+        stream = self._stream_for(profile.scenario)
         width, height = size
         stream.restart(scenario or profile.scenario, width=width, height=height)
         if profile.start.exposure is None:
-            profile = self._profiles[scene] = _metered(stream, profile)
+            profile = self.pool.profiles[scene] = _metered(stream, profile)
             exposed = profile.scenario
             if scenario is not None:
                 assert isinstance(scenario.camera, Camera)
@@ -111,10 +148,17 @@ class SceneSession:
             self.stream.set_light(row, light)
         self._light_edits.clear()
 
+    def _stream_for(self, scenario: Scenario) -> Stream:
+        """Return the session's stream; `scenario` is what a new one shows."""
+        if self._opened is None:
+            self._opened = self.pool.take(scenario)
+        return self._opened
+
     def close(self) -> None:
-        """Free the memory of the running scene."""
+        """End the scene; its stream goes back to the pool."""
         if self._opened is not None:
-            self._opened.close()
+            self.pool.give_back(self._opened)
+            self._opened = None
 
 
 def _metered(stream: Stream, profile: SceneProfile) -> SceneProfile:

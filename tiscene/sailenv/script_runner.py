@@ -121,7 +121,7 @@ def run_scenario(path: Path, agent: type[ScriptAgent], size: tuple[int, int]) ->
     player = agent(width=size[0], height=size[1], strict=True, port=0)
     player.register()
     try:
-        _, problems = player.environment.load_scenario(player.environment.agents[player.id], content)
+        _, problems = player._load_scenario(content)
         if problems:
             raise ScenarioError(f"{path}: {'; '.join(problems)}")
         while True:

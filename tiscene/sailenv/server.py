@@ -1,10 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
-"""TCP server for SAILenv clients: several clients, one environment.
+"""TCP server for SAILenv clients: several clients, in one world or several.
 
-One asyncio task per client reads and writes; one thread makes all calls of the environment. A client that violates the
-protocol, stalls or disconnects is dropped, without effect on the others. Before the frame clock advances, the server
-waits for clients that request frames and have not had the current one. A client that exceeds that time is not waited
-for again until it requests a frame.
+One asyncio task per client reads and writes; one thread makes all calls of the worlds. A client that violates the
+protocol, stalls or disconnects is dropped, without effect on the others. Before the frame clock of a
+world advances, the server waits for the clients in it that request frames and have not had the current one. A client
+that exceeds that time is not waited for again until it requests a frame.
 """
 
 from __future__ import annotations
@@ -18,8 +18,8 @@ from concurrent.futures import ThreadPoolExecutor
 from typing import Any, TypeVar
 
 from tiscene.sailenv.agent_camera import AgentCamera
+from tiscene.sailenv.agent_worlds import AgentWorlds
 from tiscene.sailenv.connection import Connection
-from tiscene.sailenv.environment import Environment
 from tiscene.sailenv.wire_format import ProtocolError, Reader
 
 logger = logging.getLogger("tiscene.sailenv")
@@ -28,19 +28,19 @@ Result = TypeVar("Result")
 
 
 class Server:
-    """A TCP server of an environment.
+    """A TCP server.
 
     Attributes:
-        environment: The environment.
+        worlds: The worlds of its clients.
         host: The address to listen on.
         port: The port; 0 for any free one.
         wait: How long the clock waits for a slow client, s.
     """
 
-    def __init__(self, environment: Environment, host: str = "127.0.0.1", port: int = 8085, wait: float = 1.0) -> None:
-        self.environment = environment
+    def __init__(self, worlds: AgentWorlds, host: str = "127.0.0.1", port: int = 8085, wait: float = 1.0) -> None:
+        self.worlds = worlds
         self.host, self.port, self.wait = host, port, wait
-        self._thread = ThreadPoolExecutor(1, "environment")
+        self._thread = ThreadPoolExecutor(1, "worlds")
         self._clients: set[asyncio.Task[None]] = set()
         self._progress = asyncio.Event()  # set, then replaced, after each frame and each disconnection
         self._stop = asyncio.Event()
@@ -73,7 +73,7 @@ class Server:
                 task.cancel()
             await asyncio.gather(*self._clients, return_exceptions=True)
             self._thread.shutdown()
-            self.environment.close()
+            self.worlds.close()
 
     def stop(self) -> None:
         """Make `run` return; may be called from any thread."""
@@ -103,12 +103,12 @@ class Server:
             self._clients.discard(task)
             if client.agent is not None:
                 with contextlib.suppress(RuntimeError, asyncio.CancelledError):  # the server is stopping
-                    await asyncio.shield(self.call(self.environment.delete, client.agent))
+                    await asyncio.shield(self.call(self.worlds.delete, client.agent))
                 self._wake_waiting()
             writer.close()
 
     async def call(self, function: Callable[..., Result], *arguments: Any) -> Result:
-        """Call a function on the thread that owns the environment, and return its result."""
+        """Call a function on the thread that owns the worlds, and return its result."""
         return await asyncio.get_running_loop().run_in_executor(self._thread, function, *arguments)
 
     async def frame(self, agent: AgentCamera, views: list[str]) -> tuple[dict[str, Any], float]:
@@ -120,7 +120,7 @@ class Server:
         deadline = loop.time() + self.wait
         while True:
             progress = self._progress  # before the query, so that no progress in between is missed
-            slow = await self.call(self.environment.agents_to_wait_for, agent)
+            slow = await self.call(lambda: self.worlds.world_of(agent).agents_to_wait_for(agent))
             if not slow:
                 break
             try:
@@ -129,7 +129,7 @@ class Server:
             except TimeoutError:
                 for each in slow:
                     each.is_stepping = False
-        result = await self.call(self.environment.frame, agent, views)
+        result = await self.call(lambda: self.worlds.world_of(agent).frame(agent, views))
         self._wake_waiting()
         return result
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""SavedState: the position of a stream as a dict, the check of one before a stream continues from it, and pickling."""
+"""SavedState: a stream's position as a dict, which is checked before a stream continues from it; pickling; copies."""
 
 from __future__ import annotations
 
@@ -10,6 +10,7 @@ from tiscene.device import runtime
 from tiscene.errors import ArgumentError
 from tiscene.scenario.scenario import Scenario
 from tiscene.stream.progress import ProgressBar
+from tiscene.stream.render_ahead import RenderAhead
 from tiscene.stream.stage_cache import file_digests
 from tiscene.world.world import World
 
@@ -40,7 +41,19 @@ class StatefulSource(Protocol):
 
 
 class SavedState:
-    """The methods of a stream for checkpoints and for worker processes."""
+    """The methods of a stream for checkpoints, for worker processes, and for further streams."""
+
+    def another(self: StatefulSource, scenario: Scenario) -> Any:
+        """Return a stream of another scenario with the same settings, which shares the stages and trees that are kept.
+
+        Raises:
+            TisceneError: the scenario, its stage or a template is invalid.
+        """
+        other = object.__new__(type(self))
+        vars(other).update({name: value for name, value in vars(self).items() if name not in ("world", "_renderer")})
+        vars(other)["_ahead"] = RenderAhead(vars(self)["_ahead"].count)
+        other.restart(scenario)
+        return other
 
     def __getstate__(self: StatefulSource) -> dict[str, Any]:
         """Return everything except device arrays, which are made anew, and the progress callback."""

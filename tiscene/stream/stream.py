@@ -224,10 +224,15 @@ class Stream(BatchedFrames, LoaderMethods, StreamOutput, SavedState, Iterator[Fr
         self._digest: tuple[int, str] | None = None
         self._position = 0
 
-    def close(self) -> None:
-        """Free the memory of the device and of caches. `restart` makes the stream usable again."""
+    def close(self, *, keep_trees: bool = False) -> None:
+        """Free the memory of the device and of caches. `restart` makes the stream usable again.
+
+        Args:
+            keep_trees: keep the trees of its stages, for `restart` and for the streams that `another` returned.
+        """
         self._release()
-        self.stages.trees.clear()
+        if not keep_trees:
+            self.stages.trees.clear()
 
     def _release(self) -> None:
         """End the present world; the trees of its stage are kept."""

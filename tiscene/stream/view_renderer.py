@@ -90,6 +90,7 @@ class ViewRenderer:
             stage_trees: trees of its stage's meshes, if they are known.
         """
         self.world = world
+        world.trajectories.progress = self._progress
         self._scene = DeviceScene(stage_trees=stage_trees)
         self._measurer = Measurer(self._scene)
         self._exposure = world.camera.exposure

@@ -76,4 +76,5 @@ class WarmTrees:
 
 def _bytes(array: Any) -> int:
     """Return the memory of a device array of numbers or vectors of 32 bits, bytes."""
-    return 4 * math.prod((*array.shape, *array.element_shape))
+    lengths: tuple[int, ...] = (*array.shape, *array.element_shape)
+    return 4 * math.prod(lengths)

@@ -8,6 +8,7 @@ push and carry rigid bodies and are not pushed.
 from __future__ import annotations
 
 import bisect
+import hashlib
 import math
 from collections.abc import Callable, Hashable, Mapping, Sequence
 from fractions import Fraction
@@ -19,8 +20,8 @@ from dynamics.rigid_body import RigidBody
 from dynamics.rotation import quaternion
 from tiscene.scenario.edits import Edit, EditLog
 from tiscene.scenario.objects import Object
-from tiscene.world.physics.convex_parts import convex_parts
 from tiscene.world.physics.part_shapes import PartShape
+from tiscene.world.physics.parts_cache import PartsCache
 from tiscene.world.physics.physics_model import PhysicsBody, Surroundings
 from tiscene.world.physics.rigid_body_simulation import PhysicsFrame, RigidBodySimulation
 from tiscene.world.physics.stage_parts import StageParts
@@ -31,8 +32,13 @@ KEPT_SHAPES = 64
 
 
 class PhysicsTrajectories(Trajectories):
-    """Poses of a scenario's objects, some of which may be rigid bodies; see `Trajectories`."""
+    """Poses of a scenario's objects, some of which may be rigid bodies; see `Trajectories`.
 
+    Attributes:
+        progress: called with what is being prepared and how much of it is done, 0..1; None: nothing is called.
+    """
+
+    progress: Callable[[str, float], None] | None = None
     _physics: RigidBodySimulation | None = None
     _physics_world: ScenarioPhysics | None = None
 
@@ -118,7 +124,7 @@ class ScenarioPhysics:
     def __init__(self, trajectories: PhysicsTrajectories, log: EditLog, setting: TrajectoryContext) -> None:
         self._trajectories, self._log, self._setting = trajectories, log, setting
         self._parts: dict[tuple[object, ...], list[PartShape]] = {}
-        self._stage_parts = StageParts(setting.stage.meshes)
+        self._stage_parts = StageParts(setting.stage.meshes, trajectories.progress)
 
     def bodies(self, frame: int) -> Sequence[PhysicsBody]:
         found = []
@@ -167,7 +173,9 @@ class ScenarioPhysics:
                 del self._parts[next(iter(self._parts))]
             surface = self._setting.surface(spec)
             size = float(np.ptp(surface.reshape(-1, 3), axis=0).max()) if len(surface) else 0.0
-            self._parts[key] = convex_parts(surface, min(max(0.02 * size, 0.001), 0.01), min(0.02 * size, 0.004))
+            disk = PartsCache(hashlib.sha256(surface.tobytes()).digest())
+            self._parts[key] = disk.parts(surface, min(max(0.02 * size, 0.001), 0.01), min(0.02 * size, 0.004))
+            disk.save()
         return self._parts[key]
 
 

@@ -3,12 +3,15 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import numpy as np
 from numpy.typing import NDArray
 from pxr import Gf, Sdf, Usd, UsdGeom, UsdSemantics
 
 from tiscene.scene.room_volume import RoomVolume
 from tiscene.usd.core.semantics import ROOM
+from tiscene.usd.core.stage import open_stage, quiet, readable
 from tiscene.usd.core.transform import to_matrix
 
 _FLOOR, _CEILING = "floor", "ceiling"
@@ -29,6 +32,18 @@ def read_room_volumes(stage: Usd.Stage, time: Usd.TimeCode) -> tuple[RoomVolume,
                 half[:3, 3] = (low + high) / 2.0
                 volumes.append(RoomVolume(name, world @ half))
     return tuple(volumes)
+
+
+def read_room_names(path: str | Path) -> frozenset[str]:
+    """Return the names of the rooms of a stage.
+
+    Raises:
+        MissingFile, StageError: the stage cannot be opened.
+    """
+    with quiet(), readable(path):
+        stage = open_stage(path)
+        prims = stage.Traverse(Usd.TraverseInstanceProxies())
+        return frozenset(name for prim in prims if (name := _room_of(prim, Usd.TimeCode.EarliestTime())))
 
 
 def _room_of(prim: Usd.Prim, time: Usd.TimeCode) -> str:

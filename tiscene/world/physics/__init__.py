@@ -6,6 +6,7 @@
     rigid_body_simulation  frames of a simulation, with checkpoints
     physics_model          bodies and surroundings as a MuJoCo model
     stage_parts            meshes of a stage as convex parts
+    parts_cache            convex parts on disk
     convex_parts           surfaces as convex parts
     part_shapes            boxes, spheres, cylinders and hulls
 """

@@ -39,7 +39,8 @@ def convex_parts(triangles: Array, tolerance: float, thickness: float) -> list[P
         return []
     parts = []
     for piece in _connected(triangles):
-        for hull in _pieces(_coarser(piece, 0.5 * tolerance), tolerance, thickness, 0):
+        points, corners = np.unique(_coarser(piece, 0.5 * tolerance).reshape(-1, 3), axis=0, return_inverse=True)
+        for hull in _pieces(points, corners.reshape(-1, 3), tolerance, thickness, 0):
             parts.append(shape_of(hull, 0.25 * tolerance))
     return parts
 
@@ -78,11 +79,19 @@ def _connected(triangles: Array) -> list[Array]:
     return [triangles[rows] for rows in np.split(sorting, bounds[1:])]
 
 
-def _pieces(triangles: Array, tolerance: float, thickness: float, depth: int) -> list[Array]:
-    """Return the corners of the hulls of a piece, halved where its hull is too far from it."""
-    points = np.unique(triangles.reshape(-1, 3), axis=0)
+def _pieces(points: Array, corners: NDArray[np.integer], tolerance: float, thickness: float, depth: int) -> list[Array]:
+    """Return the corners of the hulls of a piece, halved where its hull is too far from it.
+
+    Args:
+        points: [n, 3], m.
+        corners: [m, 3], rows of `points`; others are not part of the piece.
+        tolerance: As of `convex_parts`.
+        thickness: As of `convex_parts`.
+        depth: Halvings so far.
+    """
+    triangles = points[corners]
     normals = np.cross(triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0])
-    hull, is_close = _hull(points, triangles, normals, tolerance, thickness)
+    hull, is_close = _hull(points[np.unique(corners)], triangles, normals, tolerance, thickness)
     if is_close or depth == MAX_DEPTH or len(triangles) == 1:
         return [hull]
     centers = triangles.mean(axis=1)
@@ -90,8 +99,8 @@ def _pieces(triangles: Array, tolerance: float, thickness: float, depth: int) ->
     order = np.argsort(centers[:, axis], kind="stable")
     middle = 0.5 * (centers[:, axis].min() + centers[:, axis].max())
     cut = int(np.clip(np.searchsorted(centers[order, axis], middle), 1, len(order) - 1))
-    halves = (triangles[order[:cut]], triangles[order[cut:]])
-    return [each for half in halves for each in _pieces(half, tolerance, thickness, depth + 1)]
+    halves = (corners[order[:cut]], corners[order[cut:]])
+    return [each for half in halves for each in _pieces(points, half, tolerance, thickness, depth + 1)]
 
 
 def _hull(points: Array, triangles: Array, normals: Array, tolerance: float, thickness: float) -> tuple[Array, bool]:
@@ -107,8 +116,8 @@ def _hull(points: Array, triangles: Array, normals: Array, tolerance: float, thi
         hull = ConvexHull(points)
         tested = np.concatenate([triangles.reshape(-1, 3), triangles.mean(axis=1)])
         tested = tested[:: -(-len(tested) // TESTED)]
-        inside = -np.max(tested @ hull.equations[:, :3].T + hull.equations[:, 3], axis=1)
-        return points[hull.vertices], bool(inside.max() <= tolerance)
+        is_close = all(_reach(hull.equations, part) <= tolerance for part in (tested[:: len(tested) // 16 + 1], tested))
+        return points[hull.vertices], is_close
     # A plate: its outline counts, then it gets its thickness at the back.
     across = np.linalg.svd(np.eye(3) - np.outer(back, back))[0][:, :2]
     flat = points @ across
@@ -120,6 +129,11 @@ def _hull(points: Array, triangles: Array, normals: Array, tolerance: float, thi
         is_close = bool(outline.volume - covered <= tolerance * outline.area) or len(triangles) == 1
         corners = points[outline.vertices]
     return np.concatenate([corners, corners + (thickness - np.ptp(reach)) * back]), is_close
+
+
+def _reach(planes: Array, points: Array) -> float:
+    """Return how far points lie inside of the planes [k, 4] of a hull, at most, m."""
+    return float((-np.max(points @ planes[:, :3].T + planes[:, 3], axis=1)).max())
 
 
 @functools.cache

@@ -3,17 +3,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import hashlib
+from collections.abc import Callable, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
 
 from tiscene.scene.description import Instance, Mesh
-from tiscene.world.physics.convex_parts import convex_parts
 from tiscene.world.physics.part_shapes import PartShape
+from tiscene.world.physics.parts_cache import PartsCache
 
 Array = NDArray[np.float64]
 TOLERANCE = 0.02  # m: how far a part may reach from the surface
+TASK = "preparing rigid bodies"
 THICKNESS = 0.03  # m: of thin plates, at their back
 
 
@@ -22,23 +24,34 @@ class StageParts:
 
     Args:
         meshes: the stage's meshes.
+        progress: called with what is being prepared and how much of it is done, 0..1; None: nothing is called.
     """
 
-    def __init__(self, meshes: Sequence[Mesh]) -> None:
+    def __init__(self, meshes: Sequence[Mesh], progress: Callable[[str, float], None] | None = None) -> None:
         self._meshes = meshes
+        self._progress = progress or (lambda task, done: None)
         self._known: dict[tuple[int, bytes], list[PartShape]] = {}
+        self._disk: PartsCache | None = None
 
     def placed(
         self, instances: Sequence[Instance], present: Sequence[bool]
     ) -> list[tuple[int, Array, Sequence[PartShape]]]:
         """Return row, pose [7] and parts of each instance that is present and takes part in collisions."""
         found: list[tuple[int, Array, Sequence[PartShape]]] = []
+        size = sum(len(self._meshes[each.mesh].triangles) for each in instances)
+        done = 0
         for row, (instance, is_present) in enumerate(zip(instances, present, strict=True)):
+            if self._disk is not None and self._disk.is_new:
+                self._progress(TASK, done / max(size, 1))
+            done += len(self._meshes[instance.mesh].triangles)
             if is_present and instance.collides:
                 pose, inner = _pose_and_rest(np.asarray(instance.world_from_object, np.float64))
                 parts = self._parts(instance.mesh, inner)
                 if parts:
                     found.append((row, pose, parts))
+        if self._disk is not None and self._disk.is_new:
+            self._progress(TASK, 1.0)
+            self._disk.save()
         return found
 
     def _parts(self, mesh: int, inner: Array) -> list[PartShape]:
@@ -48,8 +61,17 @@ class StageParts:
             triangles = np.asarray(self._meshes[mesh].triangles).reshape(-1, 3)
             if np.linalg.det(inner) < 0.0:
                 triangles = triangles[:, ::-1]
-            self._known[key] = convex_parts(points[triangles], TOLERANCE, THICKNESS)
+            self._known[key] = self._of_disk().parts(points[triangles], TOLERANCE, THICKNESS)
         return self._known[key]
+
+    def _of_disk(self) -> PartsCache:
+        if self._disk is None:
+            digest = hashlib.sha256()
+            for mesh in self._meshes:
+                digest.update(np.ascontiguousarray(mesh.positions).tobytes())
+                digest.update(np.ascontiguousarray(mesh.triangles).tobytes())
+            self._disk = PartsCache(digest.digest())
+        return self._disk
 
 
 def _pose_and_rest(matrix: Array) -> tuple[Array, Array]:

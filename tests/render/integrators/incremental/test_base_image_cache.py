@@ -12,7 +12,8 @@ import pytest
 
 from tests.render.incremental_scenes import BALLS, BLUE, LAMP, QUALITY, SIZE, MovingBalls, stacked
 from tests.render.path_scenes import CORNELL, WHITE, ball, box, described, matte
-from tiscene.render.integrators.incremental.base_image_cache import BaseImageCache, cache_folder
+from tiscene.files import cache_folder
+from tiscene.render.integrators.incremental.base_image_cache import BaseImageCache
 from tiscene.render.integrators.incremental.incremental_pass import IncrementalPass
 from tiscene.scene.description import SceneDescription, Texture, TextureLookup
 

@@ -1,18 +1,14 @@
 # SPDX-License-Identifier: Apache-2.0
 """Disk cache of base images, which take seconds to render and are the same at the next start.
 
-One file per image in the platform's cache folder (or $TISCENE_CACHE), named by a digest of everything the image depends
-on. Files are written atomically and verified when read. On any failure the image is rendered again.
+One file per image in a `DiskCache`, named by a digest of everything the image depends on.
 """
 
 from __future__ import annotations
 
-import contextlib
 import dataclasses
 import hashlib
-import os
 import platform
-import sys
 from collections.abc import Mapping
 from functools import cache
 from pathlib import Path
@@ -22,28 +18,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tiscene.device import runtime
-from tiscene.files import write_atomically
+from tiscene.files import DiskCache
 from tiscene.render.view import View
 from tiscene.scene.device_scene import DeviceScene
 from tiscene.scene.placement import CURRENT
 
 SIZE_LIMIT = 1 << 30  # bytes; the least recently used files are deleted first
 _SUFFIX = ".base"
-_DIGEST_SIZE = 32  # of SHA-256, at the start of a file
-
-
-def cache_folder() -> Path:
-    """Return the folder for caches: $TISCENE_CACHE, or `tiscene` in the platform's cache folder."""
-    given = os.environ.get("TISCENE_CACHE")
-    if given:
-        return Path(given)
-    if sys.platform == "win32":
-        home = Path(os.environ.get("LOCALAPPDATA") or Path.home() / "AppData" / "Local")
-    elif sys.platform == "darwin":
-        home = Path.home() / "Library" / "Caches"
-    else:
-        home = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache")
-    return home / "tiscene"
 
 
 class BaseImageCache:
@@ -55,8 +36,8 @@ class BaseImageCache:
     """
 
     def __init__(self, folder: Path | None = None, size_limit: int = SIZE_LIMIT) -> None:
-        self.folder = folder or cache_folder()
-        self.size_limit = size_limit
+        self._files = DiskCache(_SUFFIX, size_limit, folder)
+        self.folder = self._files.folder
         self._digests: dict[int, bytes] = {}
 
     def key(self, scene: DeviceScene, still: NDArray[np.bool_], view: View, settings: Mapping[str, int | str]) -> str:
@@ -83,40 +64,14 @@ class BaseImageCache:
 
     def load(self, key: str, shape: tuple[int, ...]) -> NDArray[np.float32] | None:
         """Return an image, or None if there is no intact file of that key and shape."""
-        path = self.folder / (key + _SUFFIX)
-        try:
-            content = path.read_bytes()
-            os.utime(path)
-        except OSError:
-            return None
-        digest, pixels = content[:_DIGEST_SIZE], content[_DIGEST_SIZE:]
-        if len(pixels) != 4 * int(np.prod(shape)) or hashlib.sha256(pixels).digest() != digest:
+        pixels = self._files.load(key)
+        if pixels is None or len(pixels) != 4 * int(np.prod(shape)):
             return None
         return np.frombuffer(pixels, "<f4").reshape(shape).astype(np.float32)
 
     def save(self, key: str, image: NDArray[np.float32]) -> None:
         """Store an image. Does nothing if the folder is not writable."""
-        pixels = np.ascontiguousarray(image, "<f4").tobytes()
-        with contextlib.suppress(OSError):
-            self.folder.mkdir(parents=True, exist_ok=True)
-            self._make_room(len(pixels) + _DIGEST_SIZE)
-            write_atomically(self.folder / (key + _SUFFIX), hashlib.sha256(pixels).digest() + pixels)
-
-    def _make_room(self, size: int) -> None:
-        """Delete the least recently used files and leftovers of crashed processes until `size` more bytes fit."""
-        files = []
-        for path in self.folder.iterdir():
-            if path.suffix in (_SUFFIX, ".part"):
-                with contextlib.suppress(OSError):  # another process may have deleted it
-                    status = path.stat()
-                    files.append((status.st_mtime, status.st_size, path))
-        excess = sum(file[1] for file in files) + size - self.size_limit
-        for _, length, path in sorted(files, key=lambda file: file[:2]):
-            if excess <= 0:
-                break
-            with contextlib.suppress(OSError):
-                path.unlink()
-                excess -= length
+        self._files.save(key, np.ascontiguousarray(image, "<f4").tobytes())
 
     def _content_digest(self, description: Any) -> bytes:
         """Return a digest of the meshes, materials and textures of a description; computed once."""
