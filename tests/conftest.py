@@ -2,6 +2,7 @@
 """One Taichi runtime and one cache folder for the whole session."""
 
 import os
+import signal
 
 import pytest
 
@@ -9,6 +10,9 @@ from tiscene.device import runtime
 from tiscene.device.taichi_patches import fence
 
 fence.include("tests")  # before test modules, and the kernels in them, are imported
+
+if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:  # in the background of a shell; what tests start would inherit it
+    signal.signal(signal.SIGINT, signal.default_int_handler)
 
 
 @pytest.fixture(scope="session", autouse=True)

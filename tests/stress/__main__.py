@@ -10,6 +10,7 @@ import argparse
 import importlib
 import os
 import platform
+import signal
 import sys
 import time
 from collections.abc import Sequence
@@ -47,6 +48,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
         print(f"no row {unknown[0]!r}; known: {', '.join(ROWS)}", file=sys.stderr)
         return 2
     print(f"{platform.machine()}, {os.cpu_count()} logical cores, scale {args.scale:g}\n\n{HEADER}", flush=True)
+    signal.signal(
+        signal.SIGINT, signal.default_int_handler
+    )  # in the background of a shell it is ignored, by children too
     held = True
     for name in args.rows or ROWS:
         began = time.monotonic()
