@@ -3,13 +3,13 @@
 
 One program that runs to its end whatever fails. Each part runs in a process of its own with a limit of time, and prints
 its lines as it goes; the last line counts what failed. It needs taichi, numpy and the files of `python -m
-tests.gpu.bake` only, so that a machine without a package index can run it: carry tiscene/, dynamics/, tests/, the baked
-scenes (4 MB) and wheels of taichi (56 MB) and its dependencies, without usd_scenes/ and images. Install the wheels into
-a temporary folder first.
+tests.gpu.bake` only, so that a machine without a package index can run it. docs/dev/gpu.md says what to carry there, in
+which order to run the parts, and what a failure means.
 """
 
 import argparse
 import os
+import resource
 import subprocess
 import sys
 import time
@@ -34,6 +34,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument("--arch", default="cuda", choices=("cuda", "cpu"), help="backend of Taichi (default: cuda)")
     parser.add_argument("--scenes", type=Path, default=Path(FOLDER_NAME), help="folder of the baked scenes")
     parser.add_argument("--scale", type=float, help="fraction of the full work (default: 1, on the CPU 0.02)")
+    parser.add_argument("--limits", type=float, default=1.0, help="factor on the limits of time (default: 1)")
     parser.add_argument(ONE, action="store_true", help=argparse.SUPPRESS)
     args = parser.parse_args(arguments)
     unknown = [name for name in args.parts if name not in PARTS]
@@ -46,22 +47,24 @@ def main(arguments: Sequence[str] | None = None) -> int:
     began, failed = time.perf_counter(), 0
     for name in args.parts or PARTS:
         print(f"\n{name}: {(PARTS[name][0].__doc__ or '').splitlines()[0]}", flush=True)
-        failed += _run_apart(name, args.arch, args.scenes, scale)
-    print(f"\n{failed} failed, {time.perf_counter() - began:.0f} s", flush=True)
+        failed += _run_apart(name, args.arch, args.scenes, scale, args.limits)
+    used = resource.getrusage(resource.RUSAGE_CHILDREN)
+    cpu = used.ru_utime + used.ru_stime
+    print(f"\n{failed} failed, {time.perf_counter() - began:.0f} s, {cpu:.0f} s of CPU time", flush=True)
     return min(failed, 99)
 
 
-def _run_apart(name: str, arch: str, scenes: Path, scale: float) -> int:
+def _run_apart(name: str, arch: str, scenes: Path, scale: float, factor: float) -> int:
     """Run a part in a process of its own and return the number of its failures."""
     command = [sys.executable, "-m", "tests.gpu", name, "--arch", arch, "--scenes", str(scenes), "--scale", str(scale)]
-    began, limit = time.perf_counter(), PARTS[name][1]
+    began, limit = time.perf_counter(), factor * PARTS[name][1]
     process = subprocess.Popen([*command, ONE])
     try:
         status = process.wait(limit)
     except subprocess.TimeoutExpired:
         process.kill()
         process.wait()
-        print(f"FAIL  longer than {limit} s", flush=True)
+        print(f"FAIL  longer than {limit:.0f} s", flush=True)
         return 1
     except BaseException:
         process.kill()

@@ -8,6 +8,7 @@ less. Of the risks that a part looks for, see the docstrings.
 from __future__ import annotations
 
 import itertools
+import math
 import os
 import platform
 import shutil
@@ -15,7 +16,7 @@ import subprocess
 import sys
 import time
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -30,10 +31,12 @@ from tiscene.device.memory import device_array, upload
 from tiscene.render.integrators.incremental.incremental_pass import IncrementalPass
 from tiscene.render.integrators.labels.label_pass import LabelPass
 from tiscene.render.integrators.path.path_pass import PathPass
+from tiscene.render.integrators.path.path_state import LIGHT_PENDING, LIVE, chunks_for
+from tiscene.render.integrators.path.wavefront_kernels import compact
 from tiscene.render.intersect.ray_queue import hit, hit_id, upload_rays
 from tiscene.render.intersect.trace import closest
 from tiscene.scene.device_scene import DeviceScene
-from tiscene.scene.placement import CURRENT, NEXT, PREVIOUS
+from tiscene.scene.placement import CURRENT, NEXT, PREVIOUS, Placement
 
 SIZE = 256, 192
 INTEGERS = ("semantic", "instance", "part")
@@ -172,6 +175,91 @@ def motion(scenes: list[BakedScene], scale: float) -> Iterator[Check]:
             yield Check(f"{scene.name}: frame {frame} as placed anew", "same bytes" if same else "differs", same)
 
 
+def batch(scenes: list[BakedScene], scale: float) -> Iterator[Check]:
+    """Labels of several frames in one launch: the bytes of frames one by one, and the speed of both."""
+    count = max(2, int(16 * scale))
+    buffers = ("instance", "semantic", "depth", "forward_flow")
+    for scene in scenes:
+        device, passes = scene.device_scene(), LabelPass(scene.device_scene())
+        placements = [scene.placements[frame % len(scene.placements)] for frame in range(count)]
+        single = LabelPass(device)
+
+        def one_by_one(size: tuple[int, int], names: tuple[str, ...], turned: float) -> list[dict[str, Any]]:
+            found = []
+            for frame, placement in enumerate(placements):  # noqa: B023
+                device.place(placement, times=TIME)  # noqa: B023
+                found.append(single.render(scene.view(size, turned=turned + 0.02 * frame), names))  # noqa: B023
+            return found
+
+        def at_once(size: tuple[int, int], names: tuple[str, ...], turned: float) -> list[dict[str, Any]]:
+            views = [scene.view(size, turned=turned + 0.02 * frame) for frame in range(count)]  # noqa: B023
+            return passes.render_frames(views, placements, names) or []  # noqa: B023
+
+        expected, found = one_by_one(LABEL_SIZE, LABELS, 0.0), at_once(LABEL_SIZE, LABELS, 0.0)
+        same = len(found) == count and all(
+            one[name].tobytes() == other[name].tobytes()
+            for one, other in zip(found, expected, strict=True)
+            for name in LABELS
+        )
+        yield Check(f"{scene.name}: {count} frames at once", "same bytes" if same else "differ", same)
+        for name, render, goal in (("one by one", one_by_one, ""), ("at once", at_once, " (goal: 0.5 ms)")):
+            turns = itertools.count()
+            seconds = _median(lambda: render(SIZE, buffers, 0.5 * next(turns)), 5) / count  # noqa: B023
+            yield Check(f"{scene.name}: labels, 256x192, {name}", f"{1e3 * seconds:.2f} ms a frame{goal}")
+
+
+def serial(scenes: list[BakedScene], scale: float) -> Iterator[Check]:
+    """Steps of a frame that one GPU thread must not do alone (risk 2), and the build of the trees."""
+    limit = 2.0 if runtime.running() == "cuda" else math.inf
+    count = 1 << 20
+    random = np.random.default_rng(3)
+    status = random.choice([0, LIVE, LIGHT_PENDING, LIVE | LIGHT_PENDING], count)
+    arrays = [upload(each) for each in (status, np.arange(count), np.zeros(count, int), np.zeros(count, int))]
+    chunks = upload(np.zeros((chunks_for(count), 2), np.int32))
+    sizes = compact(arrays[0], arrays[1], count, arrays[2], arrays[3], chunks)
+    right = (sizes & 0xFFFFFFFF, sizes >> 32) == tuple(int((status & flag > 0).sum()) for flag in (LIVE, LIGHT_PENDING))
+    milliseconds = 1e3 * _median(lambda: compact(arrays[0], arrays[1], count, arrays[2], arrays[3], chunks), 10)
+    yield Check("queue of 2^20 paths compacted", f"{milliseconds:.2f} ms", right and milliseconds < limit)
+    for scene in scenes:
+        began = time.perf_counter()
+        device = scene.device_scene()
+        ti.sync()
+        yield Check(f"{scene.name}: scene made", f"{time.perf_counter() - began:.2f} s")
+        moved = [_shifted(scene.placements[0], 0.001 * step) for step in range(1, 8)]
+        steps = itertools.cycle(moved)
+        milliseconds = 1e3 * _median(lambda: device.place(next(steps), times=TIME), 10)  # noqa: B023
+        yield Check(f"{scene.name}: all instances placed", f"{milliseconds:.2f} ms", milliseconds < 10.0 * limit)
+
+
+def denoiser(scenes: list[BakedScene], scale: float) -> Iterator[Check]:
+    """The denoiser on the card (risk 12): the picture is nearer to the mean of many samples, and how long it takes."""
+    try:
+        import pyoidn  # noqa: F401
+    except ImportError:
+        yield Check("Open Image Denoise", "not installed")
+        return
+    from tiscene.render.film.denoise import denoise, denoiser_device
+
+    yield Check("device", denoiser_device(), denoiser_device() == runtime.running())
+    random = np.random.default_rng(4)
+    for scene in scenes:
+        clean = scene.radiance.mean(axis=0)
+        guides = np.full_like(clean, 0.5), np.zeros_like(clean)
+        noisy = (clean * random.gamma(2.0, 0.5, clean.shape[:2])[..., None]).astype(np.float32)
+        result = denoise(noisy, *guides, clean=False)
+        limit = 4.0 * clean.mean()
+        before, after = (
+            float(np.mean((np.minimum(e, limit) - np.minimum(clean, limit)) ** 2)) for e in (noisy, result)
+        )
+        same = result.tobytes() == denoise(noisy, *guides, clean=False).tobytes()
+        text = f"{after / max(before, 1e-12):.2f} of the noisy picture's"
+        yield Check(f"{scene.name}: squared error", text, bool(after < before) and same)
+    image = [np.ones((*SIZE[::-1], 3), np.float32)] * 3
+    for quality in ("fast", "balanced", "high"):
+        seconds = _median(partial(denoise, *image, quality), 5)
+        yield Check(f"256x192, {quality}", f"{1e3 * seconds:.1f} ms")
+
+
 def memory(scenes: list[BakedScene], scale: float) -> Iterator[Check]:
     """Memory of the process after scenes were made and dropped many times."""
     scene, used = scenes[0], []
@@ -186,7 +274,7 @@ def memory(scenes: list[BakedScene], scale: float) -> Iterator[Check]:
 
 
 def patches(scenes: list[BakedScene], scale: float) -> Iterator[Check]:
-    """Same bytes with tiscene's patches of Taichi on and off (risk 7)."""
+    """Same bytes with tiscene's patches of Taichi on and off (risk 7); on a card they are off otherwise."""
     program = (
         "import hashlib, sys; from pathlib import Path\n"
         "from tests.gpu.baked_scene import load\nfrom tiscene.device import runtime\n"
@@ -249,11 +337,21 @@ PARTS: dict[str, tuple[Part, int]] = {  # with the limit of time, s
     "incremental": (incremental, 240),
     "repeat": (repeat, 240),
     "motion": (motion, 120),
+    "batch": (batch, 180),
+    "serial": (serial, 120),
+    "denoiser": (denoiser, 120),
     "memory": (memory, 180),
     "patches": (patches, 400),
     "speed": (speed, 240),
     "compile": (compile_times, 400),
 }
+
+
+def _shifted(placement: Placement, by: float) -> Placement:
+    """Return a placement in which all instances are shifted, m."""
+    world = placement.world_from_object.copy()
+    world[..., 3] += by
+    return replace(placement, world_from_object=world)
 
 
 def _tiles(image: NDArray[np.float32]) -> NDArray[np.float64]:

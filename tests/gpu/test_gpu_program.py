@@ -2,6 +2,7 @@
 """The program for GPUs runs to its end on the CPU, and finds what differs."""
 
 import os
+import re
 import subprocess
 import sys
 from dataclasses import replace
@@ -10,7 +11,7 @@ import numpy as np
 import pytest
 
 from tests.gpu import __main__ as program
-from tests.gpu import bake, parts
+from tests.gpu import bake, kit, parts
 from tests.gpu.baked_scene import SPHERE, BakedScene, load
 
 
@@ -73,9 +74,42 @@ def test_program_passes_on_the_cpu(tmp_path):
     absent.mkdir()
     names = ("pxr", "trimesh", "PIL", "OpenEXR", "rich", "scipy")
     (absent / "sitecustomize.py").write_text(f"import sys\nsys.modules.update(dict.fromkeys({names}))\n")
-    command = [sys.executable, "-m", "tests.gpu", "--arch", "cpu", "--scenes", str(tmp_path)]
+    command = [sys.executable, "-m", "tests.gpu", "--arch", "cpu", "--scenes", str(tmp_path), "--limits", "3"]
     environment = {**os.environ, "PYTHONPATH": str(absent)}
     done = subprocess.run(command, capture_output=True, text=True, check=False, env=environment)
     assert done.returncode == 0, done.stdout
     assert "\n0 failed" in done.stdout
     assert np.all([f"\n{name}: " in done.stdout for name in parts.PARTS])
+
+
+def test_kit_runs_without_the_repository(sphere, tmp_path, capsys):
+    scenes = tmp_path / "scenes"
+    scenes.mkdir()
+    sphere.save(scenes)
+    kit.main([str(scenes), str(tmp_path / "kit")])
+    sizes = [float(size) for size in re.findall(r": ([\d.]+) MiB", capsys.readouterr().out)]
+    assert 1.0 < sizes[0] < 10.0  # with the scenes of the bake and a wheel of Taichi (54 MiB): less than 64 MiB
+    assert 10.0 < sizes[1] < 60.0
+    path = os.pathsep.join(str(tmp_path / "kit" / name) for name in ("code", "denoiser"))
+    command = [sys.executable, "-m", "tests.gpu", "environment", "denoiser", "--arch", "cpu", "--limits", "5"]
+    environment = {**os.environ, "PYTHONPATH": path}
+    code = tmp_path / "kit" / "code"
+    done = subprocess.run(command, cwd=code, capture_output=True, text=True, check=False, env=environment)
+    assert done.returncode == 0, done.stdout + done.stderr
+    assert "sphere: 81,920 triangles" in done.stdout
+    assert re.search(r"ok    sphere: squared error: 0\.\d+ of", done.stdout)
+    assert "\n0 failed" in done.stdout
+
+
+def test_batches_of_labels_are_compared(sphere):
+    checks = list(parts.batch([sphere], 0.01))
+    assert checks[0].what == "sphere: 2 frames at once"
+    assert checks[0].passed
+    assert [check.what for check in checks[1:]] == [
+        "sphere: labels, 256x192, one by one",
+        "sphere: labels, 256x192, at once",
+    ]
+
+
+def test_steps_that_one_thread_must_not_do_alone_are_timed(sphere):
+    assert all(check.passed in (None, True) for check in parts.serial([sphere], 0.01))
