@@ -7,7 +7,7 @@
     material_description  Material, Texture
     light_description     one class for each kind of light
     animation             deforming meshes and moving instances
-    skinning              skinned meshes, computed on demand
+    skinned_deformation   skinned meshes, computed on demand
     input_track           inputs of materials and lights over time
     assembly              objects of several meshes; bounding boxes
     room_volume           volumes of rooms, and which room a point is in

@@ -11,7 +11,7 @@ from pxr import Gf, Usd, UsdGeom, UsdSkel
 
 from tests.usd.characters import author_character
 from tests.usd.helpers import write
-from tiscene.scene.skinning import SkinnedDeformation
+from tiscene.scene.skinned_deformation import SkinnedDeformation
 from tiscene.usd.geometry.catmull_clark import Cage, limit, refine
 from tiscene.usd.geometry.subdivision_maps import limit_map, refine_map
 from tiscene.usd.read.stage_reader import read_stage

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from pxr import Usd, UsdGeom
 
 from tiscene.scene.animation import Deformation
-from tiscene.scene.skinning import SkinnedDeformation
+from tiscene.scene.skinned_deformation import SkinnedDeformation
 from tiscene.usd.core.report import StageReport
 from tiscene.usd.core.time_samples import in_seconds
 from tiscene.usd.geometry.primvar import array_of

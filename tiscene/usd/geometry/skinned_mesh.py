@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tiscene.scene.animation import between
-from tiscene.scene.skinning import ControlledSurface, Skin, SkinnedDeformation
+from tiscene.scene.skinned_deformation import ControlledSurface, Skin, SkinnedDeformation
 from tiscene.usd.geometry.primvar import Topology
 from tiscene.usd.geometry.vertex_weld import Attribute, WeldedMesh
 

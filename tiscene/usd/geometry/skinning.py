@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 from pxr import Sdf, Usd, UsdGeom, UsdSkel, Vt
 
-from tiscene.scene.skinning import BlendShapes, SkeletonPoses, Skin
+from tiscene.scene.skinned_deformation import BlendShapes, SkeletonPoses, Skin
 from tiscene.usd.core.report import StageReport
 from tiscene.usd.core.time_samples import dense_times, in_seconds
 

@@ -13,7 +13,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from tiscene.scene.skinning import ControlledSurface, LinearMap, SmoothNormals
+from tiscene.scene.skinned_deformation import ControlledSurface, LinearMap, SmoothNormals
 from tiscene.usd.geometry.catmull_clark import Cage, Creases, Floats, Ints, limit, refine
 from tiscene.usd.geometry.primvar import Topology
 from tiscene.usd.geometry.subdivision_maps import limit_map, refine_map

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from tiscene.scene.skinning import LinearMap
+from tiscene.scene.skinned_deformation import LinearMap
 from tiscene.usd.geometry.catmull_clark import Cage, Floats, Ints
 
 

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tiscene.scene.description import FloatArray, IntArray
-from tiscene.scene.skinning import ControlledSurface, Skin
+from tiscene.scene.skinned_deformation import ControlledSurface, Skin
 from tiscene.usd.geometry.triangulate import cross
 
 

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from pxr import Usd, UsdGeom, UsdShade
 
 from tiscene.scene.description import Matrix, Mesh
-from tiscene.scene.skinning import SkinnedDeformation
+from tiscene.scene.skinned_deformation import SkinnedDeformation
 from tiscene.usd.core.report import StageReport
 from tiscene.usd.core.transform import MAX_COORDINATE
 from tiscene.usd.geometry import gprim

@@ -48,7 +48,7 @@ _SCENE_MODULES = (
     "tiscene.scene.light_description",
     "tiscene.scene.material_description",
     "tiscene.scene.room_volume",
-    "tiscene.scene.skinning",
+    "tiscene.scene.skinned_deformation",
 )
 _NUMPY_NAMES = {
     ("numpy", "ndarray"),
