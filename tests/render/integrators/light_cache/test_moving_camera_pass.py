@@ -76,14 +76,16 @@ class CachedBalls(MovingBalls):
 
 @pytest.mark.parametrize(
     ("wall", "lights"),
-    [(None, "lamp"), (GLOSSY, "sky and bulb"), (MIRROR, "sky and bulb"), (EMISSIVE, "lamp"), (LACE, "shadowless")],
+    [(None, "sky and bulb"), (GLOSSY, "lamp"), (MIRROR, "lamp"), (EMISSIVE, "lamp"), (LACE, "shadowless")],
     ids=lambda each: getattr(each, "name", str(each)),
 )
 def test_mean_light_equals_that_of_path_tracing(wall: Material | None, lights: str) -> None:
     scene = CachedBalls(wall=wall, lights=lights)
-    for positions in ((), BALLS):
-        image = scene.from_cache(*positions, spp=64)
-        assert image.mean() == pytest.approx(scene.traced(*positions).mean(), rel=0.02), positions
+    for positions in ((), FAR):
+        # Pixels that show a light are noisy and brighter than 1.
+        images = scene.from_cache(*positions, spp=128), scene.traced(*positions)
+        found, expected = (np.minimum(image, 1.0).mean() for image in images)
+        assert found == pytest.approx(expected, rel=0.02), positions
 
 
 @pytest.mark.parametrize("mover", [RED, GLASS, GLOSSY], ids=lambda each: each.name)
@@ -113,7 +115,9 @@ def test_full_cache_is_cleared_and_filled_again_with_the_same_light(monkeypatch:
     images = [scene.from_cache(*BALLS, index=index) for index in (0, 8)]
     needed = scene.cached.caches[-1].count
     monkeypatch.setattr(light_cache, "LEAST_CAPACITY", 64)
-    scene.cached = small = scene.new_pass(int(0.9 * needed) * 4 * light_cache.SLOT_BYTES * moving_camera_pass.MAX_CACHES)
+    scene.cached = small = scene.new_pass(
+        int(0.9 * needed) * 4 * light_cache.SLOT_BYTES * moving_camera_pass.MAX_CACHES
+    )
     for index, image in [(0, images[0]), (8, images[1]), (0, images[0])]:
         again = scene.from_cache(*BALLS, index=index)
         np.testing.assert_array_equal(again, image)
