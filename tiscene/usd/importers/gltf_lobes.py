@@ -9,11 +9,12 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import replace
-from typing import Any
+from typing import Any, Literal
 
 from tiscene.usd.importers.materials import TextureMap
 
 Color = tuple[float, float, float]
+Channel = Literal["rgb", "r", "g", "b", "a"]
 MapReader = Callable[..., TextureMap | None]
 _WHITE, _BLACK = (1.0, 1.0, 1.0), (0.0, 0.0, 0.0)
 
@@ -33,7 +34,7 @@ def gltf_lobes(
     inputs: dict[str, float | Color] = {}
     maps: dict[str, TextureMap] = {}
 
-    def add(name: str, value: Any, neutral: Any, info: Any = None, channel: str = "rgb") -> bool:
+    def add(name: str, value: Any, neutral: Any, info: Any = None, channel: Channel = "rgb") -> bool:
         """Add an input that is a factor of a texture; return whether it has an effect."""
         factor = _color(value) if isinstance(neutral, tuple) else float(value)
         map_ = read_map(info, raw=channel != "rgb") if info is not None else None

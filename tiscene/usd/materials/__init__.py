@@ -12,6 +12,7 @@
     materialx_lobes       inputs that UsdPreviewSurface lacks
     materialx_network     networks of MaterialX nodes
     materialx_operations  MaterialX's operations on values
+    materialx_noise       two-dimensional noises
     materialx_signal      values of a network: constants, texture lookups, computed images
     texture          the texture table: image files, UDIM tiles, color spaces
     texture_borders  check for textures without wrap mode

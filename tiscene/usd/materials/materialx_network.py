@@ -1,8 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """MaterialX node networks (shaders with ids such as ND_multiply_color3) as signals.
 
-Nodes that only depend on texture coordinates, image files and constants are computed (`materialx_operations`). A node
-that is not supported, such as three-dimensional noise, is replaced by its mean, which is reported.
+Nodes that only depend on texture coordinates, image files and constants are computed (`materialx_operations`,
+`materialx_noise`). A node that is not supported, such as three-dimensional noise, is replaced by its mean, which is
+reported. (The texture baker of the MaterialX package needs OpenGL, so that it cannot run everywhere.)
 """
 
 from __future__ import annotations
@@ -17,6 +18,7 @@ from pxr import Sdf, Usd
 from tiscene.scene.description import VERTEX_COLORS
 from tiscene.usd.core.report import StageReport
 from tiscene.usd.core.shader_network import ShaderConnection, Source, connections_of
+from tiscene.usd.materials.materialx_noise import NOISES_2D, evaluate_noise
 from tiscene.usd.materials.materialx_operations import OPERATIONS
 from tiscene.usd.materials.materialx_signal import Baker, Coordinates, Signal, number
 from tiscene.usd.materials.texture import TextureTable
@@ -135,7 +137,7 @@ class MaterialXNetwork:
         if category in _THROUGH:
             return self._required(inputs.get("value" if category == "constant" else "in"), 0.0)
         if category in _NOISES:
-            return self._noise_mean(category, source, inputs)
+            return self._noise(category, source, inputs)
         if category in ("place2d", "rotate2d", "UsdTransform2d"):
             return self._placed(category, inputs)
         if category in ("extract", "swizzle", *(f"separate{count}" for count in (2, 3, 4))):
@@ -158,7 +160,20 @@ class MaterialXNetwork:
             return [_COMPONENTS.get(each, 0) for each in str(channels.value if channels else "")] or [0]
         return [_COMPONENTS.get(source.output[-1:], 0)]
 
-    def _noise_mean(self, category: str, source: Source, inputs: dict[str, ShaderConnection]) -> Signal:
+    def _noise(self, category: str, source: Source, inputs: dict[str, ShaderConnection]) -> Signal:
+        """Return a noise of two dimensions, computed per texel, else the mean, which is reported."""
+        width = 1 if category == "cellnoise2d" else _output_width(source, category)
+        if category in NOISES_2D and width in (1, 3):
+            octaves = ("octaves", 3.0), ("lacunarity", 2.0), ("diminish", 0.5)
+            numbers = [float(self.baker.mean(self._required(inputs.get(name), start))[0]) for name, start in octaves]
+            amplitude = None if category == "cellnoise2d" else inputs.get("amplitude")
+            raised = inputs.get("pivot") if category == "noise2d" else None
+            return self.baker.apply(
+                lambda at, factor, summand: factor * evaluate_noise(category, at, width, numbers) + summand,
+                self._required(inputs.get("texcoord"), None),
+                self._required(amplitude, 1.0),
+                self._required(raised, 0.0),
+            )
         text = f"MaterialX node {category!r} is not computed; its mean is used"
         self._report.omission(source.shader.GetPath(), text)
         mean = _MEANS.get(category)

@@ -1,0 +1,88 @@
+# SPDX-License-Identifier: Apache-2.0
+"""MaterialX's two-dimensional noises: against a scalar version, and in a network."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+
+from tests.usd.materials.test_materialx import color_from, given, node
+from tiscene.usd.materials.materialx_noise import evaluate_noise, lattice_hash
+
+MASK = 0xFFFFFFFF
+
+
+def scalar_hash(x: int, y: int) -> int:
+    """Return Jenkins' hash of two integers, in Python's own integers."""
+    a = b = c = (0xDEADBEEF + 8 + 13) & MASK
+    a, b = (a + x) & MASK, (b + y) & MASK
+
+    def turned(value: int, bits: int) -> int:
+        return (value << bits | value >> (32 - bits)) & MASK
+
+    c = ((c ^ b) - turned(b, 14)) & MASK
+    a = ((a ^ c) - turned(c, 11)) & MASK
+    b = ((b ^ a) - turned(a, 25)) & MASK
+    c = ((c ^ b) - turned(b, 16)) & MASK
+    a = ((a ^ c) - turned(c, 4)) & MASK
+    b = ((b ^ a) - turned(a, 14)) & MASK
+    return ((c ^ b) - turned(b, 24)) & MASK
+
+
+def scalar_noise(x: float, y: float) -> float:
+    """Return gradient noise of one channel."""
+    i, j = math.floor(x), math.floor(y)
+    fx, fy = x - i, y - j
+
+    def corner(dx: int, dy: int) -> float:
+        h = scalar_hash(i + dx, j + dy) & 7
+        ox, oy = fx - dx, fy - dy
+        u, v = (ox, 2.0 * oy) if h < 4 else (oy, 2.0 * ox)
+        return (-u if h & 1 else u) + (-v if h & 2 else v)
+
+    def fade(t: float) -> float:
+        return t * t * t * (t * (t * 6.0 - 15.0) + 10.0)
+
+    low = corner(0, 0) + (corner(1, 0) - corner(0, 0)) * fade(fx)
+    high = corner(0, 1) + (corner(1, 1) - corner(0, 1)) * fade(fx)
+    return 0.6616 * (low + (high - low) * fade(fy))
+
+
+def test_hash_matches_scalar_version() -> None:
+    places = np.array([[0, 0], [1, 2], [-3, 7], [1000, -1000]])
+    found = lattice_hash(places[:, 0], places[:, 1])
+    assert found.tolist() == [scalar_hash(x, y) for x, y in places.tolist()]
+
+
+def test_noises_match_scalar_version() -> None:
+    at = np.random.default_rng(1).uniform(-5.0, 5.0, (40, 2))
+    expected = [scalar_noise(x, y) for x, y in at]
+    np.testing.assert_allclose(evaluate_noise("noise2d", at, 1, ())[:, 0], expected, atol=1e-9)
+    octaves = [scalar_noise(x, y) + 0.25 * scalar_noise(3 * x, 3 * y) for x, y in at]
+    np.testing.assert_allclose(evaluate_noise("fractal2d", at, 1, (2, 3.0, 0.25))[:, 0], octaves, atol=1e-9)
+    cells = [scalar_hash(math.floor(x), math.floor(y)) / MASK for x, y in at]
+    np.testing.assert_allclose(evaluate_noise("cellnoise2d", at, 1, ())[:, 0], cells)
+
+
+def test_channels_of_colors_differ_and_first_is_that_of_one_channel() -> None:
+    at = np.random.default_rng(2).uniform(0.0, 9.0, (40, 2))
+    color = evaluate_noise("noise2d", at, 3, ())
+    np.testing.assert_array_equal(color[:, :1], evaluate_noise("noise2d", at, 1, ()))
+    assert np.abs(color[:, 1] - color[:, 0]).max() > 0.1
+
+
+@pytest.mark.parametrize(("category", "octaves", "pivot"), [("noise2d", 1, 0.5), ("fractal2d", 3, 0.0)])
+def test_noise_of_a_network_is_computed_per_texel(tmp_path, category, octaves, pivot):
+    """Coordinates are multiplied by 8; row 0 of the picture is at v = 1. fractal2d has no pivot."""
+    inputs = '<input name="in1" type="vector2" nodename="st"/>', given("in2", "8, 8", "vector2")
+    scaled = '<texcoord name="st" type="vector2"/>' + node("multiply", "vector2", *inputs, name="eight")
+    place = '<input name="texcoord" type="vector2" nodename="eight"/>'
+    text = scaled + node(category, "float", given("amplitude", "0.25"), given("pivot", "0.5"), place)
+    _, pixels = color_from(tmp_path, text, "float")
+    size = pixels.shape[0]
+    for row, column in ((3, 5), (200, 100), (511, 300)):
+        u, v = 8.0 * (column + 0.5) / size, 8.0 * (1.0 - (row + 0.5) / size)
+        noise = sum(0.5**k * scalar_noise(u * 2**k, v * 2**k) for k in range(octaves))
+        assert pixels[row, column, 0] == pytest.approx(0.25 * noise + pivot, abs=5e-3)
