@@ -105,9 +105,8 @@ class SceneSession:
             authored = Scenario.load(scene)
             stream = self._stream_for(authored)
             stage = stream.stages.stage(authored)
-            self.pool.profiles[scene] = SceneProfile.of(
-                authored, stage, self._opened.fps, asset_names.background(scene)
-            )
+            background = asset_names.background(scene)
+            self.pool.profiles[scene] = SceneProfile.of(authored, stage, stream.fps, background)
         return self.pool.profiles[scene]
 
     def start(self, scene: str, scenario: Scenario | None = None, size: tuple[int, int] = DEFAULT_SIZE) -> None:

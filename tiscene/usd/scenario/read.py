@@ -34,6 +34,7 @@ from tiscene.usd.read.stage_render_settings import read_render_settings
 from tiscene.usd.read.subprocess_reader import read_in_subprocess
 from tiscene.usd.scenario.light_time_samples import read_light_motion
 from tiscene.usd.scenario.motion_schema import read_dynamic
+from tiscene.usd.scenario.rigid_body_schema import read_rigid_body
 
 _TIMINGS = {
     "allTogether": "AllTogether",
@@ -248,7 +249,8 @@ class _ScenarioReader:
 
     def _dynamic(self, prim: Usd.Prim, first_frame: int = 0) -> dict[str, Any] | None:
         dynamic = read_dynamic(prim, self._units, self._report)
-        return dynamic or read_keyframes(prim, self._units, self._report, first_frame)
+        dynamic = dynamic or read_keyframes(prim, self._units, self._report, first_frame)
+        return dynamic or (None if schema.has(prim, schema.MOTION) else read_rigid_body(prim, self._units))
 
     @staticmethod
     def _name(objects: list[dict[str, Any]], paths: list[str]) -> None:
@@ -272,6 +274,8 @@ class _ScenarioReader:
         stops = authored(root, "tiscene:scenario:exposureCompensation")
         if stops:
             content["exposure_compensation"] = float(stops)
+        if authored(root, "tiscene:scenario:physics"):
+            content["physics"] = True
         for key in ("edits", "lights", "variants", "overrides"):
             text = authored(root, f"tiscene:scenario:{key}")
             if text:

@@ -19,6 +19,7 @@ from tiscene.usd.core.stage import quiet, readable
 from tiscene.usd.scenario.layer import OverLayer
 from tiscene.usd.scenario.motion_schema import write_dynamic
 from tiscene.usd.scenario.read import CAMERA_VALUES
+from tiscene.usd.scenario.rigid_body_schema import write_rigid_body
 
 _TYPES = Sdf.ValueTypeNames
 
@@ -65,6 +66,8 @@ def write_scenario(content: Mapping[str, Any], path: str | os.PathLike[str]) -> 
                 _set(root, f"tiscene:scenario:{key}", _TYPES.String, json.dumps(content[key]))
         if stops := content.get("exposure_compensation"):
             _set(root, "tiscene:scenario:exposureCompensation", _TYPES.Double, stops)
+        if content.get("physics"):
+            _set(root, "tiscene:scenario:physics", _TYPES.Bool, True)
         report.raise_problems()
         over.export(path)
 
@@ -88,6 +91,7 @@ def _write_object(over: OverLayer, content: Mapping[str, Any], report: StageRepo
         exact = Vt.DoubleArray([*content["position"], *rotation])
         _set(prim, "tiscene:object:exactPose", _TYPES.DoubleArray, exact)
     write_dynamic(prim, content["dynamic"], over.units, lambda: _part_path(over, prim), report)
+    write_rigid_body(prim, content["dynamic"], over.units)
     return prim
 
 

@@ -1,0 +1,82 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Rigid bodies in USD layers, for tiscene and for other programs."""
+
+import math
+
+import pytest
+from pxr import Usd, UsdPhysics, UsdShade
+
+import tiscene as ts
+from tiscene.usd.scenario.read import read_scenario
+
+BODY = ts.RigidBody(density=300, friction=0.4, restitution=0.7, velocity=(1, 0.1, 0), angular_velocity=(0, 2, 0))
+
+
+def saved(path, **named):
+    objects = [
+        ts.Object("falling", "Cube", (0, 1, 0)),
+        ts.Object("thrown", "Ball 01", (0, 2, 0), dynamic=BODY),
+        ts.Object("fixed", "Cube", (1, 0, 0), dynamic=ts.Still()),
+    ]
+    scenario = ts.Scenario("object_view", objects, **named)
+    scenario.save(path)
+    return scenario
+
+
+@pytest.mark.parametrize("physics", [False, True])
+def test_scenario_with_rigid_bodies_is_the_same_after_a_round_trip(tmp_path, physics):
+    scenario = saved(tmp_path / "run.usda", physics=physics)
+    assert ts.Scenario.load(tmp_path / "run.usda").to_json() == scenario.to_json()
+
+
+def test_other_programs_find_velocities_mass_and_material(tmp_path):
+    saved(tmp_path / "run.usda", physics=True)
+    stage = Usd.Stage.Open(str(tmp_path / "run.usda"))
+    thrown = stage.GetPrimAtPath("/Scenario/Objects/thrown")
+    body = UsdPhysics.RigidBodyAPI(thrown)
+    assert thrown.HasAPI(UsdPhysics.RigidBodyAPI)
+    assert not body.GetKinematicEnabledAttr().Get()
+    assert tuple(body.GetVelocityAttr().Get()) == pytest.approx((1.0, 0.1, 0.0))
+    assert tuple(body.GetAngularVelocityAttr().Get()) == pytest.approx((0.0, math.degrees(2.0), 0.0))
+    assert UsdPhysics.MassAPI(thrown).GetDensityAttr().Get() == pytest.approx(300.0)
+    material, _ = UsdShade.MaterialBindingAPI(thrown).ComputeBoundMaterial("physics")
+    surface = UsdPhysics.MaterialAPI(material)
+    assert surface.GetDynamicFrictionAttr().Get() == pytest.approx(0.4)
+    assert surface.GetRestitutionAttr().Get() == pytest.approx(0.7)
+    fixed = stage.GetPrimAtPath("/Scenario/Objects/fixed")
+    assert not fixed.HasAPI(UsdPhysics.RigidBodyAPI) or UsdPhysics.RigidBodyAPI(fixed).GetKinematicEnabledAttr().Get()
+
+
+FOREIGN = """#usda 1.0
+(
+    metersPerUnit = 0.01
+    kilogramsPerUnit = 2
+    upAxis = "Y"
+)
+def Cube "Box" (prepend apiSchemas = ["TisceneObjectAPI", "PhysicsRigidBodyAPI", "PhysicsMassAPI"])
+{{
+    {kinematic}
+    vector3f physics:velocity = (100, 0, -50)
+    vector3f physics:angularVelocity = (0, 180, 0)
+    float physics:density = 0.00025
+}}
+def Cube "Untouched" (prepend apiSchemas = ["PhysicsRigidBodyAPI"])
+{{
+}}
+"""
+
+
+@pytest.mark.parametrize("kinematic", [False, True])
+def test_object_that_another_program_made_a_rigid_body_is_one_in_meters_and_radians(tmp_path, kinematic):
+    path = tmp_path / "foreign.usda"
+    path.write_text(FOREIGN.format(kinematic="bool physics:kinematicEnabled = 1" if kinematic else ""))
+    (box,) = read_scenario(path).content["objects"]
+    if kinematic:
+        assert box["dynamic"] is None
+        return
+    body = box["dynamic"]
+    assert body["type"] == "RigidBody"
+    assert body["velocity"] == pytest.approx([1.0, 0.0, -0.5])
+    assert body["angular_velocity"] == pytest.approx([0.0, math.pi, 0.0])
+    assert body["density"] == pytest.approx(500.0)
+    assert set(body) == {"type", "velocity", "angular_velocity", "density"}

@@ -1,0 +1,76 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Rigid bodies by the schemas of UsdPhysics, which other programs read and write too.
+
+PhysicsRigidBodyAPI has the initial velocities, PhysicsMassAPI the density, PhysicsMaterialAPI friction and restitution.
+Lengths are in stage units, masses in the stage's kilogramsPerUnit, angular velocities in degrees per second. The exact
+values of tiscene's own objects are in TisceneMotionAPI, in meters and radians, and take precedence.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from typing import Any
+
+from pxr import Gf, Usd, UsdPhysics, UsdShade
+
+from tiscene.usd.core.units import Units
+
+
+def write_rigid_body(prim: Usd.Prim, content: Mapping[str, Any] | None, units: Units) -> None:
+    """Author what an object is for physics: a rigid body, or a kinematic one that others collide with.
+
+    Args:
+        prim: the object.
+        content: the JSON object of its dynamic; None: it has none.
+        units: unit of length of the stage.
+    """
+    if content is None or content["type"] != "RigidBody":
+        if prim.HasAPI(UsdPhysics.RigidBodyAPI):  # of its template
+            UsdPhysics.RigidBodyAPI(prim).CreateKinematicEnabledAttr(True)
+        return
+    body = UsdPhysics.RigidBodyAPI.Apply(prim)
+    body.CreateRigidBodyEnabledAttr(True)
+    body.CreateKinematicEnabledAttr(False)
+    body.CreateVelocityAttr(Gf.Vec3f(*units.to_stage(content["velocity"], True)))
+    body.CreateAngularVelocityAttr(Gf.Vec3f(*map(math.degrees, content["angular_velocity"])))
+    per_unit = UsdPhysics.GetStageKilogramsPerUnit(prim.GetStage())
+    UsdPhysics.MassAPI.Apply(prim).CreateDensityAttr(content["density"] * units.meters**3 / per_unit)
+    material = UsdShade.Material.Define(prim.GetStage(), prim.GetPath().AppendChild("PhysicsMaterial"))
+    surface = UsdPhysics.MaterialAPI.Apply(material.GetPrim())
+    surface.CreateStaticFrictionAttr(content["friction"])
+    surface.CreateDynamicFrictionAttr(content["friction"])
+    surface.CreateRestitutionAttr(content["restitution"])
+    binding = UsdShade.MaterialBindingAPI.Apply(prim)
+    binding.Bind(material, UsdShade.Tokens.weakerThanDescendants, "physics")
+
+
+def read_rigid_body(prim: Usd.Prim, units: Units) -> dict[str, Any] | None:
+    """Return the JSON object of a RigidBody that is authored by UsdPhysics; None if the prim is none.
+
+    A value that is not authored, or that a RigidBody cannot have, is left out. Without a density, a mass is ignored.
+    """
+    body = UsdPhysics.RigidBodyAPI(prim)
+    if not prim.HasAPI(UsdPhysics.RigidBodyAPI) or body.GetRigidBodyEnabledAttr().Get() is False:
+        return None
+    if body.GetKinematicEnabledAttr().Get():
+        return None
+    content: dict[str, Any] = {"type": "RigidBody"}
+    if body.GetVelocityAttr().HasAuthoredValue():
+        content["velocity"] = [each * units.meters for each in body.GetVelocityAttr().Get()]
+    if body.GetAngularVelocityAttr().HasAuthoredValue():
+        content["angular_velocity"] = [math.radians(each) for each in body.GetAngularVelocityAttr().Get()]
+    density = UsdPhysics.MassAPI(prim).GetDensityAttr().Get() if prim.HasAPI(UsdPhysics.MassAPI) else None
+    if density:
+        per_unit = UsdPhysics.GetStageKilogramsPerUnit(prim.GetStage())
+        content["density"] = density * per_unit / units.meters**3
+    material, _ = UsdShade.MaterialBindingAPI(prim).ComputeBoundMaterial("physics")
+    if material and material.GetPrim().HasAPI(UsdPhysics.MaterialAPI):
+        surface = UsdPhysics.MaterialAPI(material)
+        for key, attribute, most in (
+            ("friction", surface.GetDynamicFrictionAttr(), math.inf),
+            ("restitution", surface.GetRestitutionAttr(), 0.95),
+        ):
+            if attribute.HasAuthoredValue():
+                content[key] = min(max(float(attribute.Get()), 0.0), most)
+    return content
