@@ -11,6 +11,8 @@ from dynamics import argument_checks
 from tiscene.errors import ArgumentError
 from tiscene.render.sampling.pixel_filter import pixel_filter
 
+MOVING_CAMERAS = "camera"  # value of `incremental` in `preset` that turns the light cache on
+CELL_SPP = 64
 MAX_DEPTH = 1024  # kept paths have room for each segment; no light is left after so many
 DEFAULT_MAX_SPP = 1024  # with a relative error, but no spp
 
@@ -48,7 +50,7 @@ class RenderSettings:
     near_spp: int = 0
     cell_spp: int = 0
     cell_width: float = 1.0
-    moving_spp: int = 1
+    moving_spp: int = 4
     downscale: int = 1
     relative_error: float | None = None
     clamp: float | None = None
@@ -102,20 +104,8 @@ class RenderSettings:
 
 
 PRESETS = {
-    "fast": RenderSettings(
-        spp=1,
-        max_depth=4,
-        denoiser="fast",
-        incremental=True,
-        base_spp=64,
-        near_spp=4,
-        cell_spp=32,
-        moving_spp=4,
-        downscale=2,
-    ),
-    "preview": RenderSettings(
-        spp=4, max_depth=4, denoiser="fast", incremental=True, base_spp=64, cell_spp=0, moving_spp=4
-    ),
+    "fast": RenderSettings(spp=1, max_depth=4, denoiser="fast", incremental=True, base_spp=64, near_spp=4, downscale=2),
+    "preview": RenderSettings(spp=4, max_depth=4, denoiser="fast", incremental=True, base_spp=64),
     "standard": RenderSettings(spp=16, max_depth=6),
     "photo": RenderSettings(spp=256, max_depth=12, denoiser="high", base_spp=1024),
 }
@@ -137,7 +127,12 @@ def preset(name: str, **overrides: Any) -> RenderSettings:
     parts = {part: value for part, value in overrides.items() if value is not None}
     if "relative_error" in parts:
         parts.setdefault("spp", DEFAULT_MAX_SPP)
-    if "incremental" not in parts:
+    incremental = parts.get("incremental")
+    if incremental == MOVING_CAMERAS:
+        parts |= {"incremental": True, "cell_spp": CELL_SPP}
+    elif isinstance(incremental, str):
+        raise ArgumentError(f"incremental={incremental!r}: must be True, False, None or {MOVING_CAMERAS!r}")
+    if incremental is None:
         plain = replace(PRESETS[name], **parts | {"incremental": False})
         parts["incremental"] = PRESETS[name].incremental and plain.allows_incremental
     return replace(PRESETS[name], **parts)

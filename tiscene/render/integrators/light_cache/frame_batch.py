@@ -126,7 +126,7 @@ class FrameBatch:
             count: Number of paths, likewise.
 
         Returns:
-            The number of pixels that movers changed.
+            The number of paths that movers may change.
         """
         paths, state, sharp = self._paths, self._state, self._sharp
         self._cache, self._keeps_rays = cache, int(scene.has_movers)
@@ -155,14 +155,15 @@ class FrameBatch:
                 )
             if not live:
                 break
-        changed = self._changed_pixels(count, samples.spp) if scene.has_movers else np.zeros(0, np.int32)
+        touched = self._touched.to_numpy()[:count]
+        changed = np.flatnonzero(touched.reshape(-1, samples.spp).any(axis=1)).astype(np.int32)
         if len(changed):
             self._retrace(view, scene, samples, max_depth, first, changed)
         accumulate(
             paths.pixel_filter, math.inf, paths.pixels, first, count, samples.spp, samples.index_bits, samples.key,
             state.status, state.occluded, state.state, state.features, paths.film, 0,
         )  # fmt: skip
-        return len(changed)
+        return int(touched.sum())
 
     def cells_for(
         self, scene: PathScene, state: PathState, live: int, first: int, step: int, samples: PathSamples
@@ -198,11 +199,6 @@ class FrameBatch:
             scene.place_movers()
             occluded(self._paths.scene, MOVERS, rays, self._near, near, self._blocked)
             kernels.mark(self._near, near, self._blocked, self._touched)
-
-    def _changed_pixels(self, count: int, spp: int) -> NDArray[np.int32]:
-        """Return the pixels with a marked path, numbered from the first pixel of the batch."""
-        touched = self._touched.to_numpy()[:count].reshape(-1, spp)
-        return np.flatnonzero(touched.any(axis=1)).astype(np.int32)
 
     def _retrace(
         self,

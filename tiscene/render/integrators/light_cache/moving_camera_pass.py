@@ -32,8 +32,8 @@ from tiscene.scene.placement import CURRENT, Placement
 
 MAX_CACHES = 2  # static scenes whose light is kept
 BATCH_PATHS = 1 << 18
-# If movers change more of the pixels than this, path tracing costs no more.
-MAX_CHANGED = 0.5
+# If movers change more of the paths than this, path tracing costs no more: half of the pixels then have such a path.
+MAX_CHANGED = 0.15
 
 
 class MovingCameraPass:
@@ -104,7 +104,7 @@ class MovingCameraPass:
         changed = 0
         for first in range(0, total, size):
             changed += self._batch.trace(view, scene, cache, samples, max_depth, first, min(size, total - first))
-            if changed > MAX_CHANGED * self.width * self.height:
+            if changed > MAX_CHANGED * total:
                 return None
         return paths.developed(spp)
 
