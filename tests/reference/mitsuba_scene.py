@@ -15,6 +15,7 @@ from tiscene.scene.description import (
     DiskLight,
     DistantLight,
     DomeLight,
+    ExtendedLobes,
     Light,
     Material,
     RectLight,
@@ -41,7 +42,8 @@ def scene(
     """Return the Mitsuba scene for its `path` integrator.
 
     Materials are the diffuse color (also of a texture); glass where opacity is 0; a mask where it is below 1; a white
-    metal where metallic is 1; emission.
+    metal where metallic is 1; emission. Of extended lobes: smooth sheets, anisotropy, and absorption in glass, for
+    which the integrator is `volpath`.
 
     Args:
         mi: The mitsuba module with its variant set.
@@ -54,7 +56,8 @@ def scene(
         glossy: Convert opaque materials to Mitsuba's `principled`, with roughness, metallic, ior and normal maps.
         guides: Add the first hit's albedo and normal as channels 3 to 8 of images.
     """
-    integrator: dict[str, Any] = {"type": "path", "max_depth": max_depth, "rr_depth": 3}
+    absorbs = any(material.lobes and any(material.lobes.absorption) for material in description.materials)
+    integrator: dict[str, Any] = {"type": "volpath" if absorbs else "path", "max_depth": max_depth, "rr_depth": 3}
     if guides:
         integrator = {"type": "aov", "aovs": "albedo:albedo,normal:sh_normal", "image": integrator}
     parts: dict[str, Any] = {
@@ -117,6 +120,15 @@ def _bsdf(mi: Any, material: Material, textures: tuple[Texture, ...] = ()) -> di
     alpha = float(material.roughness) ** 2  # type: ignore[arg-type]
     rough = {"distribution": "ggx", "alpha": alpha} if alpha > 0.0 else {}
     prefix = "rough" if rough else ""
+    lobes = material.lobes or ExtendedLobes()
+    if lobes.thin_walled:
+        return {"type": "thindielectric", "int_ior": material.ior, "ext_ior": 1.0} | {
+            "specular_transmittance": _color(lobes.transmission_color)
+        }
+    if lobes.anisotropy != 0.0:
+        aspect = 1.0 - float(lobes.anisotropy)  # type: ignore[arg-type]
+        along = alpha * math.sqrt(2.0 / (1.0 + aspect * aspect))
+        rough = {"distribution": "ggx", "alpha_u": along, "alpha_v": aspect * along}
     if material.opacity == 0.0:
         return {"type": f"{prefix}dielectric", "int_ior": material.ior, "ext_ior": 1.0, **rough}
     if material.metallic == 1.0:
@@ -244,6 +256,11 @@ def _mesh(
     properties["mesh_bsdf"] = bsdf
     if normals is None:
         properties["face_normals"] = True
+    if material.lobes is not None and any(material.lobes.absorption):
+        medium = {"type": "homogeneous", "albedo": 0.0, "scale": 100.0} | {
+            "sigma_t": _color(0.01 * np.array(material.lobes.absorption))
+        }
+        properties["interior"] = mi.load_dict(medium)
     if material.emissive_color != (0.0, 0.0, 0.0):
         properties["mesh_emitter"] = mi.load_dict({"type": "area", "radiance": _color(material.emissive_color)})
     count = len(corners)

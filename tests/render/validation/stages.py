@@ -14,6 +14,7 @@ from tiscene.scene.description import (
     DiskLight,
     DistantLight,
     DomeLight,
+    ExtendedLobes,
     Instance,
     Light,
     Material,
@@ -145,6 +146,39 @@ def curtain() -> SceneDescription:
     return described(meshes, [*scene.materials, lace], list(scene.lights))
 
 
+def globe(material: int, rows: int = 48) -> Mesh:
+    """Return the ball of `pedestal` with texture coordinates: u around its axis, v along it."""
+    v, u = np.meshgrid(np.linspace(0.0, 1.0, rows + 1), np.linspace(0.0, 1.0, 2 * rows + 1), indexing="ij")
+    polar, turn = np.pi * (1.0 - v.ravel()), 2.0 * np.pi * u.ravel()
+    unit = np.stack([np.sin(polar) * np.sin(turn), np.cos(polar), np.sin(polar) * np.cos(turn)], axis=-1)
+    first = (np.arange(1, rows - 1)[:, None] * (2 * rows + 1) + np.arange(2 * rows)).ravel()
+    a, b, c, d = first, first + 1, first + 2 * rows + 2, first + 2 * rows + 1
+    triangles = np.concatenate([np.stack([a, b, c], axis=-1), np.stack([a, c, d], axis=-1)]).astype(np.int32)
+    return Mesh(
+        "globe",
+        (0.7 * unit + (0.0, -0.1, 0.0)).astype(np.float32),
+        triangles,
+        np.full(len(triangles), material, np.int32),
+        normals=unit.astype(np.float32),
+        uv=np.stack([u.ravel(), v.ravel()], axis=-1).astype(np.float32),
+    )
+
+
+def brushed() -> SceneDescription:
+    """Return a ball of anisotropic metal, smoother along its axis, and a sky, so that nothing it reflects is black."""
+    sky = DomeLight("sky", "/sky", np.eye(4), (0.4, 0.5, 0.6))
+    scene = pedestal(replace(metal(0.3), lobes=ExtendedLobes(anisotropy=0.6)), PANEL, sky)
+    return described([*scene.meshes[:2], globe(2)], [*scene.materials], list(scene.lights))
+
+
+def window() -> SceneDescription:
+    """Return a colored pane in front of a ball."""
+    scene = pedestal(matte("ball", (0.3, 0.6, 0.3)), PANEL)
+    pane = quad((-0.9, -0.6, 0.9), (0.4, -0.6, 0.9), (0.4, 0.9, 0.9), (-0.9, 0.9, 0.9), material=3)
+    colored = replace(clear(0.0), lobes=ExtendedLobes(transmission_color=(0.9, 0.6, 0.3), thin_walled=True))
+    return described([*scene.meshes, pane], [*scene.materials, colored], list(scene.lights))
+
+
 def metal(roughness: float) -> Material:
     """Return a white metal."""
     return Material("metal", diffuse_color=(1.0, 1.0, 1.0), metallic=1.0, roughness=roughness)
@@ -153,6 +187,11 @@ def metal(roughness: float) -> Material:
 def glass(roughness: float) -> Material:
     """Return clear glass."""
     return Material("glass", opacity=0.0, roughness=roughness, ior=1.5)
+
+
+def clear(roughness: float) -> Material:
+    """Return clear glass of a model that says that it transmits."""
+    return replace(glass(roughness), opacity_mode="transmission")
 
 
 LENS = replace(CAMERA, lens_radius=0.08, focus_distance=3.0)
@@ -188,6 +227,13 @@ STAGES: dict[str, Callable[[], Stage]] = {
     "rough metal": lambda: Stage(pedestal(metal(0.25), PANEL), margin=0.03, edges=8),
     "glass": lambda: Stage(pedestal(glass(0.0), PANEL), depth=10),
     "rough glass": lambda: Stage(pedestal(glass(0.3), PANEL), depth=10, margin=0.03),
+    # As for rough metal; tiscene does not compensate all of what anisotropic microfacets lose.
+    "anisotropic metal": lambda: Stage(brushed(), margin=0.03, edges=8, noise="other"),
+    # Mitsuba's pane is perfectly smooth: samples of lights never reach the picture through it.
+    "pane": lambda: Stage(window(), depth=10, noise="other"),
+    "absorbing glass": lambda: Stage(
+        pedestal(replace(clear(0.0), lobes=ExtendedLobes(absorption=(0.5, 1.0, 2.0))), PANEL), depth=10, noise="other"
+    ),
     "partially opaque": lambda: Stage(curtain(), depth=12, margin=0.002, noise="other"),
     "instances": lambda: Stage(instances()),
     "depth of field": lambda: Stage(instances(), camera=LENS),
