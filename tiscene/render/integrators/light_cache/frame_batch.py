@@ -101,7 +101,7 @@ class FrameBatch:
         self._missing, self._missing_count = device_array(cell, 2 * size), device_array(ti.i32, (1,))
         self._near, self._blocked, self._touched = (device_array(ti.i32, (size,)) for _ in range(3))
         self._chunks = device_array(ti.i32, (chunks_for(size),))
-        self._sharp = SharpShadows(size)
+        self._sharp: Any = SharpShadows(size)
         self._retraced: PathState | None = None
 
     def trace(
