@@ -89,6 +89,16 @@ def test_parts_that_do_not_belong_together_are_refused(tmp_path):
         Shard(4, 4, (0, 8, 1))
 
 
+def test_folder_of_another_export_is_refused_or_replaced(tmp_path):
+    export(FakeStream(seed=5), tmp_path, frames=range(20))
+    render_shard(tmp_path, 0, 1)
+    with pytest.raises(ExportError, match=r"settings\.seed: 5 in the folder, 0 requested"):
+        merge(tmp_path)
+    merge(tmp_path, overwrite=True)
+    export(FakeStream(), tmp_path.parent / "whole", frames=FRAMES)
+    assert merged(tmp_path) == contents(tmp_path.parent / "whole")
+
+
 def test_parts_of_unlike_machines_are_merged_only_on_request(tmp_path):
     render_shard(tmp_path, 0, 2)
     render_shard(tmp_path, 1, 2, machine=machine() | {"numpy": "0.9"})

@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Worker processes: failures are reported, killed workers are started again, bytes are those of one process."""
 
+import json
 import os
 import signal
 import subprocess
@@ -10,6 +11,7 @@ import time
 
 import pytest
 
+from tests.export.generation.test_recipe import RECIPE
 from tests.export.test_export import contents
 from tiscene.cli import main as cli
 from tiscene.errors import DeviceError
@@ -82,3 +84,13 @@ def test_interrupted_workers_are_continued_by_the_same_command(tmp_path):
     assert 2 <= done < 400
     subprocess.run(command, check=True)
     assert not (tmp_path / SHARDS).exists()
+
+
+@pytest.mark.slow
+def test_workers_generate_the_data_set_of_one_process(tmp_path):
+    recipe = tmp_path / "recipe.json"
+    recipe.write_text(json.dumps(RECIPE | {"scenes": ["object_view"]}))
+    generate = ["generate", str(recipe), "-n", "6"]
+    assert cli.main([*generate, "-o", str(tmp_path / "one")]) == 0
+    assert cli.main([*generate, "-o", str(tmp_path / "two"), "--workers", "2"]) == 0
+    assert contents(tmp_path / "two") == contents(tmp_path / "one")
