@@ -31,7 +31,7 @@ from tiscene.scene.description import Material
 pytestmark = pytest.mark.usefixtures("taichi")
 
 DEPTH = 5
-FAR = ((0.4, -0.6, 0.3),)  # a ball near the floor
+ONE = BALLS[:1]
 
 
 class CachedBalls(MovingBalls):
@@ -81,7 +81,7 @@ class CachedBalls(MovingBalls):
 )
 def test_mean_light_equals_that_of_path_tracing(wall: Material | None, lights: str) -> None:
     scene = CachedBalls(wall=wall, lights=lights)
-    for positions in ((), FAR):
+    for positions in ((), ONE):
         # Pixels that show a light are noisy and brighter than 1.
         images = scene.from_cache(*positions, spp=128), scene.traced(*positions)
         found, expected = (np.minimum(image, 1.0).mean() for image in images)
@@ -92,8 +92,8 @@ def test_mean_light_equals_that_of_path_tracing(wall: Material | None, lights: s
 def test_movers_and_their_shadows_are_those_of_path_tracing(mover: Material) -> None:
     """Where a mover changes the light, the change has the right size; without it the error would be 100 %."""
     scene = CachedBalls(mover, lights="sky and bulb")
-    image, empty = scene.from_cache(*FAR, spp=64), scene.from_cache(spp=64)
-    truth, truth_empty = scene.traced(*FAR), scene.traced()
+    image, empty = scene.from_cache(*ONE, spp=64), scene.from_cache(spp=64)
+    truth, truth_empty = scene.traced(*ONE), scene.traced()
     changed = np.abs(truth - truth_empty).mean(axis=-1) > 0.1 * truth_empty.mean(axis=-1)
     assert 0.02 < changed.mean() < 0.5
     change, expected = (image - empty)[changed], (truth - truth_empty)[changed]
