@@ -185,6 +185,14 @@ def test_extensions_beyond_preview_surface_become_lobes(builder, tmp_path):
     assert material.emissive_color == (4.0, 2.0, 0.0)
 
 
+def test_textures_of_lobes_are_left_out_where_the_mesh_lacks_coordinates(builder, tmp_path):
+    sheen = {"sheenColorFactor": [1, 0.5, 0], "sheenColorTexture": builder.picture() | {"texCoord": 1}}
+    builder.parts |= {"materials": [{"extensions": {"KHR_materials_sheen": sheen}}]}
+    text = "thing.gltf: not imported: textures whose coordinates the mesh lacks"
+    (material,) = builder.read(tmp_path, text).materials
+    assert material.lobes.sheen_color == (1.0, 0.5, 0.0)
+
+
 def test_vertex_colors_tint_a_material_with_lobes(builder, tmp_path):
     builder.attributes["COLOR_0"] = builder.add([[1, 0, 0], [0, 1, 0], [0, 0, 1]])
     extensions = {"KHR_materials_sheen": {"sheenColorFactor": [1, 1, 1]}}

@@ -193,11 +193,14 @@ def _imported(
 
     uv = [_flipped(values(f"TEXCOORD_{number}", 2)) for number in (0, 1)]
     material = material_of(document, primitive.get("material"), name)
-    used = {map_.uv_set for map_ in material.maps.values()}
+    used = {map_.uv_set for map_ in (*material.maps.values(), *material.lobe_maps.values())}
     if any(number > 1 or uv[number] is None for number in used):
         left_out["textures whose coordinates the mesh lacks"] = None
-        kept = {key: map_ for key, map_ in material.maps.items() if map_.uv_set < 2 and uv[map_.uv_set] is not None}
-        material = replace(material, maps=kept)
+        kept, kept_lobes = (
+            {key: map_ for key, map_ in maps.items() if map_.uv_set < 2 and uv[map_.uv_set] is not None}
+            for maps in (material.maps, material.lobe_maps)
+        )
+        material = replace(material, maps=kept, lobe_maps=kept_lobes)
     colors = values("COLOR_0", 4)
     if colors is not None:
         colors = np.concatenate([colors, np.ones((count, 4 - colors.shape[1]))], axis=1)
