@@ -4,13 +4,14 @@
 from __future__ import annotations
 
 import argparse
+import re
 import shutil
 from pathlib import Path
 from typing import Any
 
 from tiscene.cli.terminal import note, progress, total_shown
 from tiscene.errors import ArgumentError
-from tiscene.export import distributed
+from tiscene.export import distributed, manifest
 from tiscene.export.distributed.worker_processes import frames_in, run_workers, shard_commands
 from tiscene.export.exporter import export, open_manifest, provenance
 from tiscene.export.formats import find_format
@@ -44,7 +45,6 @@ def run(args: argparse.Namespace) -> None:
     if args.shard:
         part = Shard(args.shard[0], args.shard[1], (frames.start, frames.stop, frames.step), machine())
         folder, frames = part.folder(args.output), part.own_frames
-    done = 0
     try:
         with progress(f"reading {args.source}", len(frames)) as step:
             stream = Stream(
@@ -57,8 +57,6 @@ def run(args: argparse.Namespace) -> None:
             step(0, task="first frame")
 
             def frame_done(index: int, frame: Frame | None) -> None:
-                nonlocal done
-                done += 1
                 step(task=f"frame {index}")
 
             export(
@@ -74,6 +72,7 @@ def run(args: argparse.Namespace) -> None:
             if args.shard:
                 part.save(folder)
     except KeyboardInterrupt:
+        done = _written_frames(folder, frames)
         note(f"Interrupted: {done} of {len(frames)} frames are in {folder}. The same command continues from there.")
         raise
     print(folder)
@@ -107,6 +106,15 @@ def stream_settings(args: argparse.Namespace, buffers: tuple[str, ...]) -> dict[
         "subdivision": args.subdivision,
         "arch": args.arch,
     }
+
+
+def _written_frames(folder: Path, frames: range) -> int:
+    """Return how many of some frames the manifest of a folder lists, without reading all of its JSON."""
+    try:
+        text = (folder / manifest.NAME).read_bytes()
+    except OSError:
+        return 0
+    return sum(int(index) in frames for index in re.findall(rb'\n  "(\d+)": {', text))
 
 
 def _render_with_workers(args: argparse.Namespace, frames: range) -> None:
