@@ -151,12 +151,6 @@ ROOM = """#usda 1.0
 )
 def Xform "Room" (kind = "assembly")
 {{
-    def Cube "Volume" (prepend apiSchemas = ["SemanticsLabelsAPI:room"])
-    {{
-        token[] semantics:labels:room = ["{name}"]
-        token purpose = "guide"
-        double size = 4
-    }}
     def Cube "Box" (
         kind = "component"
         prepend apiSchemas = ["SemanticsLabelsAPI:class"]
@@ -183,9 +177,23 @@ HOUSE = """#usda 1.0
 )
 def Xform "House" (kind = "assembly")
 {
-    def Xform "den" (prepend references = @../den/scene.usda@) { }
+    def Xform "den" (prepend references = @../den/scene.usda@)
+    {
+        def Cube "Volume" (prepend apiSchemas = ["SemanticsLabelsAPI:room"])
+        {
+            token[] semantics:labels:room = ["den"]
+            token purpose = "guide"
+            double size = 4
+        }
+    }
     def Xform "loft" (prepend references = @../loft/scene.usda@)
     {
+        def Cube "Volume" (prepend apiSchemas = ["SemanticsLabelsAPI:room"])
+        {
+            token[] semantics:labels:room = ["the loft"]
+            token purpose = "guide"
+            double size = 4
+        }
         double3 xformOp:translate = (4, 0, 0)
         uniform token[] xformOpOrder = ["xformOp:translate"]
     }
@@ -202,8 +210,8 @@ def Xform "House" (kind = "assembly")
 def house(tmp_path, monkeypatch):
     """Add a house to the scenes: a den, and a loft 4 m to its right."""
     for name, text in (
-        ("den", ROOM.format(name="den", thing="ball")),
-        ("loft", ROOM.format(name="the loft", thing="chair")),
+        ("den", ROOM.format(thing="ball")),
+        ("loft", ROOM.format(thing="chair")),
         ("house", HOUSE),
     ):
         (tmp_path / name).mkdir()

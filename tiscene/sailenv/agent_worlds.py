@@ -12,6 +12,7 @@ from __future__ import annotations
 
 import weakref
 from collections.abc import Mapping
+from pathlib import Path
 from typing import Any
 
 from tiscene import catalog
@@ -20,7 +21,7 @@ from tiscene.sailenv import asset_names
 from tiscene.sailenv.agent_camera import AgentCamera
 from tiscene.sailenv.environment import Environment
 from tiscene.sailenv.uploaded_models import UploadedModels
-from tiscene.usd.read.room_volumes import read_room_names
+from tiscene.usd.read.room_volumes import read_room_files
 
 MAX_WORLDS = 8
 
@@ -56,7 +57,7 @@ class AgentWorlds:
         self._worlds = [self._latest]
         self._place: dict[int, Environment] = {}  # by id of the agent; it is nowhere before its first command
         self._next_id = 0
-        self._rooms: dict[str, frozenset[str]] = {}  # names of rooms by scene
+        self._room_files: dict[str, frozenset[Path]] | None = None  # of `world`, once they are needed
         weakref.finalize(self, self._latest.close_all).atexit = False
 
     def scenes(self) -> list[str]:
@@ -197,7 +198,9 @@ class AgentWorlds:
         """Return the room of `world` that a scene is, or that has this name; None if there is none."""
         if self._home is None:
             return None
-        rooms = self._rooms_of(self._home)
+        if self._room_files is None:
+            self._room_files = read_room_files(catalog.find_scene(self._home))
+        rooms = self._room_files
         plain = asset_names.plain(name)
         named = [each for each in rooms if asset_names.plain(each) == plain]
         if named:
@@ -206,10 +209,6 @@ class AgentWorlds:
             scene = asset_names.catalog_scene(name)
         except SceneNotFound as error:
             raise SceneNotFound("scene or room", str(name), [*asset_names.scenes(), *sorted(rooms)]) from error
-        own = self._rooms_of(scene)
-        return next(iter(own)) if scene != self._home and len(own) == 1 and own <= rooms else None
-
-    def _rooms_of(self, scene: str) -> frozenset[str]:
-        if scene not in self._rooms:
-            self._rooms[scene] = read_room_names(catalog.find_scene(scene))
-        return self._rooms[scene]
+        file = catalog.find_scene(scene).resolve()
+        of_scene = [room for room, files in rooms.items() if file in {each.resolve() for each in files}]
+        return of_scene[0] if len(of_scene) == 1 and scene != self._home else None

@@ -34,16 +34,25 @@ def read_room_volumes(stage: Usd.Stage, time: Usd.TimeCode) -> tuple[RoomVolume,
     return tuple(volumes)
 
 
-def read_room_names(path: str | Path) -> frozenset[str]:
-    """Return the names of the rooms of a stage.
+def read_room_files(path: str | Path) -> dict[str, frozenset[Path]]:
+    """Return the files that each room of a stage is composed of, by its name: of its volume and of the prims above.
+
+    A room that was placed on the stage by a reference has the file of its own scene among them.
 
     Raises:
         MissingFile, StageError: the stage cannot be opened.
     """
+    found: dict[str, frozenset[Path]] = {}
     with quiet(), readable(path):
         stage = open_stage(path)
-        prims = stage.Traverse(Usd.TraverseInstanceProxies())
-        return frozenset(name for prim in prims if (name := _room_of(prim, Usd.TimeCode.EarliestTime())))
+        for prim in stage.Traverse(Usd.TraverseInstanceProxies()):
+            name = _room_of(prim, Usd.TimeCode.EarliestTime())
+            above = prim if name else stage.GetPseudoRoot()
+            while not above.IsPseudoRoot():
+                layers = [Path(spec.layer.realPath) for spec in above.GetPrimStack() if spec.layer.realPath]
+                found[name] = found.get(name, frozenset()).union(layers)
+                above = above.GetParent()
+    return found
 
 
 def _room_of(prim: Usd.Prim, time: Usd.TimeCode) -> str:
