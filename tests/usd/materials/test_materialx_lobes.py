@@ -7,10 +7,14 @@ import math
 from dataclasses import replace
 
 import pytest
+from PIL import Image
 
+from tests.render.path_scenes import render
 from tests.usd.helpers import write
 from tests.usd.materials.test_materialx import (
+    PIXELS,
     QUAD,
+    REFERENCE,
     document,
     given,
     linked,
@@ -20,6 +24,7 @@ from tests.usd.materials.test_materialx import (
     stage_of,
     warned_material,
 )
+from tiscene.scene.camera import Camera
 from tiscene.scene.description import ExtendedLobes, TextureLookup
 from tiscene.usd.read.stage_reader import read_stage
 
@@ -165,3 +170,57 @@ def test_tangents_that_are_connected_are_named(tmp_path):
     surface = given("specular_anisotropy", "0.5") + linked("tangent", "picture", "vector3")
     text = "tangent is not applied; the direction of u is used"
     assert warned_material(tmp_path, document(surface, nodes=picture("vector3")), text).lobes is not None
+
+
+PREVIEW = """def Scope "Looks"
+{
+    def Material "Mat"
+    {
+        token outputs:surface.connect = </Looks/Mat/S.outputs:surface>
+        def Shader "S"
+        {
+            uniform token info:id = "UsdPreviewSurface"
+            color3f inputs:diffuseColor.connect = </Looks/Mat/T.outputs:rgb>
+            float inputs:roughness = 0.4
+            float inputs:clearcoat = 0.5
+            float inputs:clearcoatRoughness = 0.1
+            token outputs:surface
+        }
+        def Shader "T"
+        {
+            uniform token info:id = "UsdUVTexture"
+            asset inputs:file = @p.png@
+            token inputs:sourceColorSpace = "sRGB"
+            token inputs:wrapS = "repeat"
+            token inputs:wrapT = "repeat"
+            float2 inputs:st.connect = </Looks/Mat/R.outputs:result>
+            float3 outputs:rgb
+        }
+        def Shader "R"
+        {
+            uniform token info:id = "UsdPrimvarReader_float2"
+            string inputs:varname = "st"
+            float2 outputs:result
+        }
+    }
+}
+"""
+LIGHT = 'def DomeLight "Sky"\n{\nfloat inputs:intensity = 1\n}\n'
+
+
+def test_same_material_in_both_languages_gives_the_same_picture(tmp_path):
+    """The same bytes: a textured, coated standard_surface and a UsdPreviewSurface."""
+    surface = (
+        given("base", "1") + linked("base_color", "picture") + given("specular_roughness", "0.4") + given("coat", "0.5")
+    )  # fmt: skip
+    text = document(surface, nodes=picture())
+    pictures = []
+    for folder, body in ((tmp_path / "mtlx", REFERENCE), (tmp_path / "preview", PREVIEW + QUAD)):
+        folder.mkdir()
+        Image.fromarray(PIXELS).save(folder / "p.png")
+        (folder / "doc.mtlx").write_text(text)
+        description = read_stage(write(folder, body + LIGHT))
+        camera = Camera.look_at((0.5, 0.5, 2.0), (0.5, 0.5, 0.0))
+        pictures.append(render(description, camera, (12, 8), spp=8).hdr)
+    assert pictures[0].std() > 0.05
+    assert pictures[0].tobytes() == pictures[1].tobytes()
