@@ -24,6 +24,7 @@ from tests.usd.materials.test_materialx import (
     stage_of,
     warned_material,
 )
+from tiscene.errors import StageWarning
 from tiscene.scene.camera import Camera
 from tiscene.scene.description import ExtendedLobes, TextureLookup
 from tiscene.usd.read.stage_reader import read_stage
@@ -142,6 +143,18 @@ def test_textured_anisotropy_and_roughness_are_computed_per_texel(tmp_path):
             along = min(0.25 / math.sqrt(q), 1.0)
             mean = (0.5 * (along**2 + (0.25 * math.sqrt(q)) ** 2)) ** 0.25
             assert image[row, column] == pytest.approx(mean, abs=3e-3)
+
+
+@pytest.mark.parametrize("coordinates", [True, False])
+def test_anisotropy_of_a_mesh_without_texture_coordinates_is_named(tmp_path, coordinates):
+    (tmp_path / "doc.mtlx").write_text(document(given("specular_anisotropy", "0.5")))
+    lines = [line for line in REFERENCE.splitlines() if coordinates or "texCoord2f" not in line]
+    path = write(tmp_path, "\n".join(lines))
+    if coordinates:
+        assert read_stage(path).materials[0].lobes is not None  # warnings are errors
+    else:
+        with pytest.warns(StageWarning, match="no texture coordinates; its direction differs between triangles: </M>"):
+            read_stage(path)
 
 
 def test_specular_color_tints_dielectrics_and_is_named_for_metal(tmp_path):

@@ -13,7 +13,7 @@ from typing import Any, Literal, cast
 
 import numpy as np
 from numpy.typing import NDArray
-from pxr import Sdf, Usd, UsdShade
+from pxr import Sdf, Usd, UsdGeom, UsdShade
 
 from tiscene.scene.description import VERTEX_COLORS, Color, ColorInput, Material, TextureLookup
 from tiscene.scene.input_track import InputTrack
@@ -229,7 +229,20 @@ class MaterialTableBuilder:
             if use not in self._checked_uses:
                 self._checked_uses.add(use)
                 report_black_borders(prim, gprim, texture, self._time, self._report)
+        self._check_tangents(gprim, self._bindings[key])
         return self._bindings[key]
+
+    def _check_tangents(self, gprim: Usd.Prim, binding: Binding | None) -> None:
+        """Report a mesh without texture coordinates, whose u gives anisotropy its direction."""
+        lobes = None if binding is None else self.materials[binding.row].lobes
+        if binding is None or lobes is None or lobes.anisotropy == 0.0 or not gprim.IsA(UsdGeom.Mesh):
+            return
+        api = UsdGeom.PrimvarsAPI(gprim)
+        named = api.FindPrimvarWithInheritance(binding.primvars.uv or "st")
+        others = (each.GetTypeName().role for each in api.GetPrimvarsWithAuthoredValues())
+        if not ((named and named.HasAuthoredValue()) or "TextureCoordinate" in others):
+            text = "has an anisotropic material and no texture coordinates; its direction differs between triangles"
+            self._report.omission(gprim.GetPath(), text)
 
     def _primvar_values(self, gprim: Usd.Prim, names: Iterable[str]) -> tuple[Any, ...]:
         """Return the gprim's values of the primvars that a material reads as constants: part of the cache key."""
