@@ -8,6 +8,7 @@ animation consists of, not its vertices at all samples, and meshes of one skelet
 from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -176,7 +177,7 @@ class SmoothNormals:
         facing = np.add.reduceat(np.cross(corners, corners[following]), self.starts, axis=0)
         every: Floats = np.repeat(-facing if self.inwards else facing, counts, axis=0)
         size = int(self.groups.max(initial=-1)) + 1
-        total = np.stack([np.bincount(self.groups, each, minlength=size) for each in every.T], axis=-1)
+        total: Any = np.stack([np.bincount(self.groups, each, minlength=size) for each in every.T], axis=-1)
         result: Floats = total[self.vertex_groups]
         return result
 

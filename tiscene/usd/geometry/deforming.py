@@ -131,8 +131,9 @@ def deformation_of(surface: WeldedMesh, stage: Usd.Stage, meters: float) -> Defo
     """Return the position and normal samples of a mesh in meters and seconds; None if it has none."""
     if surface.skin is not None and surface.control is not None:
         times = surface.skin.poses.times
-        skinned = {"skin": surface.skin, "surface": surface.control, "meters": meters}
-        return SkinnedDeformation(times, **skinned) if len(times) > 1 else None
+        if len(times) < 2:
+            return None
+        return SkinnedDeformation(times, skin=surface.skin, surface=surface.control, meters=meters)
     if surface.position_samples is None:
         return None
     positions = surface.position_samples * np.float32(meters)

@@ -253,8 +253,8 @@ def _triangulate_cage(
     if not samples.shape[1]:
         return weld(positions.astype(np.float32), *faces, normals_of(positions), uv)
     surface = weld(positions.astype(np.float32), *faces, normals_of(positions), uv, split_by=group)
-    points = samples.reshape(len(samples), -1, 3).transpose(1, 0, 2)
-    return with_position_samples(surface, points, [normals_of(each) for each in points])
+    sampled = samples.reshape(len(samples), -1, 3).transpose(1, 0, 2)
+    return with_position_samples(surface, sampled, [normals_of(each) for each in sampled])
 
 
 def _smoothing_groups(cage: Cage) -> Ints:

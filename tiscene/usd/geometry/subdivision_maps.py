@@ -8,6 +8,7 @@ positions.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -139,7 +140,7 @@ def _map(blocks: list[_Terms], sizes: list[int], columns: int) -> LinearMap:
     ]
     terms = _sum(shifted)
     keys, place = np.unique(terms.rows * columns + terms.columns, return_inverse=True)
-    weights = np.bincount(place.reshape(-1), terms.weights, minlength=len(keys))
+    weights: Any = np.bincount(place.reshape(-1), terms.weights, minlength=len(keys))
     rows, column = np.divmod(keys, columns)
     starts: NDArray[np.int64] = np.searchsorted(rows, np.arange(int(first[-1])))
     return LinearMap(starts, column.astype(np.int32), weights)
