@@ -372,6 +372,23 @@ def test_server_survives_random_messages(server):
     assert serves(server)
 
 
+def test_client_that_changes_its_scene_leaves_the_others_where_they_are(connect):
+    staying, leaving = connect(), connect()
+    staying.spawn("Cube", (0, 1, 3))
+    before, _ = staying.frame(OBJECT), leaving.frame(OBJECT)
+    assert leaving.change_scene("solid_benchmark/scene") == "ok"
+    for _ in range(3):
+        leaving.frame(OBJECT)
+    began = time.monotonic()
+    for _ in range(3):
+        frame = staying.frame(OBJECT)
+        assert (frame["object"] == before["object"]).all()
+        assert frame["deltaTime"] == pytest.approx(0.04)
+    assert time.monotonic() - began < 2 * WAIT  # the clock does not wait for those elsewhere
+    assert leaving.change_scene(SCENE) == "ok"
+    assert leaving.frame(OBJECT)["object"].any()
+
+
 @pytest.mark.slow
 def test_memory_does_not_grow_with_random_messages(server):
     fuzz(server, 300, seed=2)
