@@ -54,6 +54,8 @@ def run(args: argparse.Namespace) -> None:
             )
             if args.shard and not args.overwrite:  # now, not at the merge
                 open_manifest(Path(args.output), provenance(stream, args.format, args.objects), False)
+            if args.shard:  # first, so that a merge misses the frames of a killed shard
+                part.save(folder)
             step(0, task="first frame")
 
             def frame_done(index: int, frame: Frame | None) -> None:
@@ -69,8 +71,6 @@ def run(args: argparse.Namespace) -> None:
                 pack=not args.shard,
                 progress=frame_done,
             )
-            if args.shard:
-                part.save(folder)
     except KeyboardInterrupt:
         done = _written_frames(folder, frames)
         note(f"Interrupted: {done} of {len(frames)} frames are in {folder}. The same command continues from there.")

@@ -63,6 +63,7 @@ class FrameWork:
         assert self._stream is not None
         shard = self.shard(task)
         folder = shard.folder(self.folder)
+        shard.save(folder)  # first, so that a merge misses the frames of a killed shard
         export(
             self._stream,
             folder,
@@ -73,7 +74,6 @@ class FrameWork:
             pack=False,
             progress=lambda *_: check(),
         )
-        shard.save(folder)
 
     def size(self, task: int) -> int:
         """Return the number of frames of a task."""
