@@ -1,14 +1,13 @@
 # SPDX-License-Identifier: Apache-2.0
 """NumPy functions that sample and evaluate one material with extended lobes, for tests."""
 
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 import taichi as ti
 from numpy.typing import NDArray
 
-from tests.render.shading import Floats1, Floats2, Ints1, Ints2, row_of, vec2
+from tests.render.shading import Bsdf, Floats1, Floats2, Ints1, Ints2, row_of, vec2
 from tiscene.device.memory import upload
 from tiscene.render.bsdfs import extended_surface_bsdf as bsdf
 from tiscene.render.bsdfs.energy_tables import energy_tables
@@ -16,7 +15,6 @@ from tiscene.render.bsdfs.lobe_inputs import lobe_inputs_at
 from tiscene.render.bsdfs.material_inputs import ALL_INPUTS, Footprint, Materials, material_at
 from tiscene.render.intersect.surface_interaction import VisibleSurface
 from tiscene.render.texture_lookup import Textures
-from tiscene.scene.description import Material, Texture
 from tiscene.scene.material_table import MaterialTable
 from tiscene.scene.textures.atlas import TextureAtlas
 
@@ -54,34 +52,14 @@ def scatter(
             values[i, c] = value[c]
 
 
-@dataclass
-class ExtendedBsdf:
-    """A material with extended lobes in its shading frame, whose x axis is the direction of u.
-
-    Args:
-        material: The material.
-        textures: Its textures.
-        front: Whether it is seen from outside.
-    """
-
-    material: Material
-    textures: tuple[Texture, ...] = ()
-    front: bool = True
+class ExtendedBsdf(Bsdf):
+    """A material with extended lobes in its shading frame, whose x axis is the direction of u."""
 
     def __post_init__(self) -> None:
         table, atlas = MaterialTable(), TextureAtlas()
         table.append((self.material,), atlas.append(self.textures))
         energy = upload(energy_tables(table.glass_iors, extended=True))
         self.arrays: tuple[Any, ...] = (*table.arrays(), *atlas.arrays(), energy)
-
-    def sample(self, outgoing: NDArray[Any], numbers: NDArray[Any]) -> tuple[NDArray[Any], NDArray[Any]]:
-        """Sample directions [n, 3] from numbers [n, 3]; return them and their (f |cos|, density) [n, 4]."""
-        incoming = np.empty((len(outgoing), 3), np.float32)
-        return incoming, self._run(outgoing, incoming, numbers)
-
-    def evaluate(self, outgoing: NDArray[Any], incoming: NDArray[Any]) -> NDArray[np.float64]:
-        """Return (f |cos|, density) [n, 4] of pairs of directions."""
-        return self._run(outgoing, np.ascontiguousarray(incoming, np.float32), None)
 
     def _run(self, outgoing: NDArray[Any], incoming: NDArray[Any], numbers: NDArray[Any] | None) -> NDArray[np.float64]:
         values = np.empty((len(outgoing), 4), np.float32)

@@ -28,7 +28,15 @@ from tiscene.render.bsdfs.colored_glass import sheet_reflectance, sheet_roughnes
 from tiscene.render.bsdfs.energy_tables import SMALLEST_ALPHA
 from tiscene.render.bsdfs.lobe_inputs import lobe_inputs_at
 from tiscene.render.bsdfs.material_inputs import footprint_at
-from tiscene.render.bsdfs.preview_surface_bsdf import Lobe, Scattering, ShadingFrame, from_frame, to_frame
+from tiscene.render.bsdfs.preview_surface_bsdf import (
+    Lobe,
+    Scattering,
+    ShadingFrame,
+    choose_lobe,
+    from_frame,
+    keep_sides,
+    to_frame,
+)
 from tiscene.render.bsdfs.sheen import sheen_albedo
 from tiscene.render.sampling import warp
 from tiscene.scene.material_table import COATED, EXTENDED, GLASS, SPECULAR_WORKFLOW, THIN
@@ -181,12 +189,7 @@ def evaluate(c: Template, energy: Template, wi: vec3):
 @ti.func
 def sample(c: Template, u: vec3) -> vec3:
     """Sample a direction in the shading frame, or zero; u.z chooses the lobe."""
-    lobe, rest, low = 0, u.z, 0.0
-    for k in ti.static(range(len(EXTENDED_LOBES))):
-        if c.probabilities[k] > 0.0 and u.z >= low:
-            lobe = k
-            rest = ti.min((u.z - low) / c.probabilities[k], 0.99999994)
-        low += c.probabilities[k]
+    lobe, rest = choose_lobe(c, ti.static(len(EXTENDED_LOBES)), u.z)
     wi = vec3(0.0, 0.0, 1.0)
     for k in ti.static(range(len(EXTENDED_LOBES))):
         if lobe == k:
@@ -266,9 +269,5 @@ def scatter(
                 result.onward = value
                 result.diffuse_parts.y = diffuse_part
                 result.transmits = ti.cast(wi.z < 0.0, ti.i32)
-        # With interpolated normals, reflection must not pass through the surface, nor transmission stay on its side.
-        if surface.geometric_normal.dot(light) * normal.dot(light) <= 0.0:
-            result.towards_light = vec4(0.0)
-        if surface.geometric_normal.dot(result.direction) * normal.dot(result.direction) <= 0.0:
-            result.onward = vec4(0.0)
+        keep_sides(result, surface, normal, light)
     return result

@@ -125,14 +125,30 @@ def evaluate_with_diffuse_part(c: Template, energy: Template, wi: vec3):
 
 
 @ti.func
+def choose_lobe(c: Template, count: Template, u: ti.f32):
+    """Choose one of the first `count` lobes by its probability.
+
+    Args:
+        c: Closure.
+        count: Number of lobes.
+        u: A number in [0, 1).
+
+    Returns:
+        The lobe, and another number in [0, 1) that is left of u.
+    """
+    lobe, rest, low = 0, u, 0.0
+    for k in ti.static(range(count)):
+        if c.probabilities[k] > 0.0 and u >= low:
+            lobe = k
+            rest = ti.min((u - low) / c.probabilities[k], 0.99999994)
+        low += c.probabilities[k]
+    return lobe, rest
+
+
+@ti.func
 def sample(c: Template, u: vec3) -> vec3:
     """Sample a direction in the shading frame; u.z chooses the lobe."""
-    lobe, rest, low = 0, u.z, 0.0
-    for k in ti.static(range(len(LOBES))):
-        if c.probabilities[k] > 0.0 and u.z >= low:
-            lobe = k
-            rest = ti.min((u.z - low) / c.probabilities[k], 0.99999994)
-        low += c.probabilities[k]
+    lobe, rest = choose_lobe(c, ti.static(len(LOBES)), u.z)
     wi = vec3(0.0, 0.0, 1.0)
     for k in ti.static(range(len(LOBES))):
         if lobe == k:
@@ -181,6 +197,18 @@ class Scattering:
 
 
 @ti.func
+def keep_sides(result: Template, surface: Template, normal: vec3, light: vec3):
+    """Remove scattering that contradicts the geometric normal, as interpolated normals may.
+
+    Reflection must not pass through the surface, nor transmission stay on its side.
+    """
+    if surface.geometric_normal.dot(light) * normal.dot(light) <= 0.0:
+        result.towards_light = vec4(0.0)
+    if surface.geometric_normal.dot(result.direction) * normal.dot(result.direction) <= 0.0:
+        result.onward = vec4(0.0)
+
+
+@ti.func
 def scatter(surface: Template, point: Template, energy: Template, normal: vec3, wo: vec3, light: vec3, u: vec3):
     """Evaluate the direction to a light, and sample a direction by the BSDF.
 
@@ -221,9 +249,5 @@ def scatter(surface: Template, point: Template, energy: Template, normal: vec3, 
                 result.onward = value
                 result.diffuse_parts.y = diffuse_part
                 result.transmits = ti.cast(wi.z < 0.0, ti.i32)
-    # With interpolated normals, reflection must not pass through the surface, nor transmission stay on its side.
-    if surface.geometric_normal.dot(light) * normal.dot(light) <= 0.0:
-        result.towards_light = vec4(0.0)
-    if surface.geometric_normal.dot(result.direction) * normal.dot(result.direction) <= 0.0:
-        result.onward = vec4(0.0)
+    keep_sides(result, surface, normal, light)
     return result
