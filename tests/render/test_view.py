@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Views: camera rays and projection against the intrinsic matrix, and the device array."""
+"""Views: camera rays and camera coordinates against the intrinsic matrix, and the device array."""
 
 import numpy as np
 import pytest
@@ -7,7 +7,7 @@ import taichi as ti
 
 from tiscene.device.kernel_types import Floats2
 from tiscene.errors import ArgumentError
-from tiscene.render.view import View, camera_ray, project
+from tiscene.render.view import View, camera_ray
 from tiscene.scene.camera import Camera
 from tiscene.scene.placement import CURRENT, NEXT
 
@@ -25,14 +25,6 @@ def rays_through(view: Floats2, time: ti.i32, pixels: Floats2, w: ti.i32, h: ti.
             rays[i, 3 + c] = direction[c]
 
 
-@ti.kernel
-def projections_of(view: Floats2, time: ti.i32, points: Floats2, w: ti.i32, h: ti.i32, pixels: Floats2):
-    for i in range(points.shape[0]):
-        pixel = project(view, time, ti.math.vec3(points[i, 0], points[i, 1], points[i, 2]), w, h)
-        for c in ti.static(range(3)):
-            pixels[i, c] = pixel[c]
-
-
 @pytest.mark.parametrize(("time", "camera"), [(CURRENT, CAMERA), (NEXT, OTHER)])
 def test_camera_rays_match_intrinsics(time: int, camera: Camera) -> None:
     pixels = np.array([[0, 0], [63, 47], [31.5, 23.5], [10.25, 40.75], [-30, 90]], np.float32)
@@ -45,17 +37,15 @@ def test_camera_rays_match_intrinsics(time: int, camera: Camera) -> None:
     np.testing.assert_allclose(seen[:, :2] / seen[:, 2:], pixels, atol=1e-4)
 
 
-def test_project_matches_intrinsics() -> None:
-    points = np.random.default_rng(1).uniform(-1.0, 1.0, (50, 3)).astype(np.float32)
-    pixels = np.zeros_like(points)
+def test_camera_coordinates_match_intrinsics() -> None:
+    points = np.random.default_rng(1).uniform(-1.0, 1.0, (50, 3))
     view = View(CAMERA, CAMERA, OTHER, WIDTH, HEIGHT)
-    projections_of(view.array(), CURRENT, points, WIDTH, HEIGHT, pixels)
-    matrix = view.camera_from_world()[CURRENT]
+    inverse = np.linalg.inv(OTHER.world_from_camera())
+    expected = (points @ inverse[:3, :3].T + inverse[:3, 3]) @ OTHER.intrinsics(WIDTH, HEIGHT).T
+    matrix = view.camera_from_world()[NEXT]
     seen = points @ matrix[:, :3].T + matrix[:, 3]
-    expected = seen @ CAMERA.intrinsics(WIDTH, HEIGHT).T
-    np.testing.assert_allclose(pixels[:, :2], expected[:, :2] / expected[:, 2:], atol=1e-4)
-    np.testing.assert_allclose(pixels[:, 2], seen[:, 2], rtol=1e-6)
-    assert view.focal_lengths()[NEXT] == pytest.approx(OTHER.intrinsics(WIDTH, HEIGHT)[0, 0])
+    pixels = seen[:, :2] / seen[:, 2:] * view.focal_lengths()[NEXT] + (0.5 * (WIDTH - 1), 0.5 * (HEIGHT - 1))
+    np.testing.assert_allclose(pixels, expected[:, :2] / expected[:, 2:], atol=1e-9)
 
 
 def test_array_is_cached_and_empty_size_raises() -> None:

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tiscene.frame.frame import Frame
-from tiscene.render.view import FORWARD, HALF_HEIGHT, POSITION, RIGHT, TANGENT, UP, View
+from tiscene.render.view import CENTER, HALF_HEIGHT, POSITION, RIGHT, TANGENT, UP, View
 from tiscene.scene.placement import CURRENT, NEXT, PREVIOUS
 from tiscene.world.world import World
 from tiscene.world.world_state import WorldState
@@ -83,7 +83,7 @@ class PixelView(View):
             scale = one(2.0) * (row[TANGENT] + row[HALF_HEIGHT]) / one(height)
             right = (one(x) - half * one(width - 1)) * scale
             down = (one(y) - half * one(height - 1)) * scale
-            start = POSITION if row[HALF_HEIGHT] > 0.0 else FORWARD
+            start = POSITION if row[HALF_HEIGHT] > 0.0 else CENTER
             axis_right, axis_up = row[RIGHT : RIGHT + 3], row[UP : UP + 3]
             row[start : start + 3] = row[start : start + 3] + right * axis_right - down * axis_up
             row[[TANGENT, HALF_HEIGHT]] /= one(height)  # the size of a pixel decides which texture level is read

@@ -74,7 +74,8 @@ class FreeSpace:
     def points(self, x: Array, y: Array, depth: Array) -> Array:
         """Return world points [n, 3] at image coordinates (0..1 from the left and from the top) and depths (m)."""
         half = self._half_height(depth)
-        local = [(2.0 * x - 1.0) * self.aspect * half, (1.0 - 2.0 * y) * half, -depth]
+        center_x, center_y = self.camera.image_center(depth)
+        local = [(2.0 * x - 1.0) * self.aspect * half + center_x, (1.0 - 2.0 * y) * half + center_y, -depth]
         places: Array = np.stack(local, axis=1) @ self.camera.axes().T + self.camera.position
         return places
 
@@ -83,8 +84,9 @@ class FreeSpace:
         local = (points - self.camera.position) @ self.camera.axes()
         depth = -local[:, 2]
         half = self._half_height(np.where(depth > 1e-9, depth, np.nan))
-        x = 0.5 + 0.5 * local[:, 0] / (half * self.aspect)
-        y = 0.5 - 0.5 * local[:, 1] / half
+        center_x, center_y = self.camera.image_center(depth)
+        x = 0.5 + 0.5 * (local[:, 0] - center_x) / (half * self.aspect)
+        y = 0.5 - 0.5 * (local[:, 1] - center_y) / half
         return x, y, depth
 
     def _half_height(self, depth: Array) -> Array:

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""View: the cameras of a frame and its neighbors with the image size, as a device array; camera rays, projection.
+"""View: the cameras of a frame and its neighbors with the image size, as a device array; camera rays.
 
 Pixel coordinates are (x right, y down) with pixel *centers* at integers: an image spans -0.5 .. width - 0.5.
 """
@@ -18,9 +18,9 @@ from tiscene.errors import ArgumentError
 from tiscene.scene.camera import Camera
 from tiscene.scene.placement import CURRENT, NEXT, PREVIOUS
 
-VIEW_COLUMNS = 19
+VIEW_COLUMNS = 22
 POSITION, RIGHT, UP, FORWARD, TANGENT, LENS_RADIUS, FOCUS_DISTANCE, BACKGROUND = 0, 3, 6, 9, 12, 13, 14, 15
-HALF_HEIGHT = 18
+HALF_HEIGHT, CENTER = 18, 19
 SKY = (-1.0, -1.0, -1.0)  # as View.background: show the lights at infinity
 
 
@@ -63,19 +63,22 @@ class View:
         return self.previous, self.current, self.next
 
     def rows(self) -> NDArray[np.float32]:
-        """Return the cameras as float32 [3, 19], one row per time.
+        """Return the cameras as float32 [3, 22], one row per time.
 
-        Columns: position 0-2, right 3-5, up 6-8, forward 9-11, tan(vertical_fov / 2) 12, lens radius 13, focus distance
-        14, background 15-17, half of an orthographic camera's view height 18. Either the tangent or the half height is
-        0: a pixel selects the direction of a ray, or its origin.
+        Columns: position 0-2 (of an orthographic camera the image's center), right 3-5, up 6-8, forward 9-11,
+        tan(vertical_fov / 2) 12, lens radius 13, focus distance 14, background 15-17, half of an orthographic camera's
+        view height 18, the image's center 19-21 at a depth of 1, relative to the camera. Either the tangent or the half
+        height is 0: a pixel selects the direction of a ray, or its origin.
         """
         rows = np.zeros((3, VIEW_COLUMNS), np.float32)
         for time in (PREVIOUS, CURRENT, NEXT):
             camera = self.cameras[time]
             right, up, backward = camera.axes().T
             orthographic = camera.orthographic_height is not None
+            across, above = camera.image_center(1.0)
+            offset = across * right + above * up
             rows[time] = [
-                *camera.position,
+                *(np.add(camera.position, offset) if orthographic else camera.position),
                 *right,
                 *up,
                 *-backward,
@@ -84,6 +87,7 @@ class View:
                 camera.focus_distance,
                 *self.background,
                 0.5 * (camera.orthographic_height or 0.0),
+                *(-backward if orthographic else offset - backward),
             ]
         return rows
 
@@ -94,13 +98,20 @@ class View:
         return self._device["rows"]
 
     def camera_from_world(self) -> NDArray[np.float64]:
-        """Return per time the matrix from world to camera coordinates (x right, y down, z forward), [3, 3, 4], m."""
+        """Return per time the matrix from world to camera coordinates (x right, y down, z forward), [3, 3, 4], m.
+
+        The z axis passes through the image's center: see `Camera.image_from_camera`.
+        """
         matrices = np.empty((3, 3, 4))
         for time in (PREVIOUS, CURRENT, NEXT):
             world_from_camera = self.cameras[time].world_from_camera()
             rotation = world_from_camera[:3, :3].T
             matrices[time, :, :3] = rotation
             matrices[time, :, 3] = -rotation @ world_from_camera[:3, 3]
+            if any(self.cameras[time].aperture_offset):
+                image_from_camera = self.cameras[time].image_from_camera()
+                matrices[time] = image_from_camera[:3, :3] @ matrices[time]
+                matrices[time, :, 3] += image_from_camera[:3, 3]
         return matrices
 
     def focal_lengths(self) -> NDArray[np.float64]:
@@ -137,20 +148,9 @@ def camera_ray(view: Template, time: ti.i32, x: ti.f32, y: ti.f32, width: ti.i32
     right = (x - 0.5 * (width - 1)) * scale
     down = (y - 0.5 * (height - 1)) * scale
     origin = view_vector(view, time, POSITION)
-    direction = view_vector(view, time, FORWARD)
+    direction = view_vector(view, time, CENTER)
     if view[time, HALF_HEIGHT] > 0.0:
         origin = origin + right * view_vector(view, time, RIGHT) - down * view_vector(view, time, UP)
     else:
         direction = direction + right * view_vector(view, time, RIGHT) - down * view_vector(view, time, UP)
     return origin, direction.normalized()
-
-
-@ti.func
-def project(view: Template, time: ti.i32, point: ti.math.vec3, width: ti.i32, height: ti.i32):
-    """Project a world point to (x px, y px, z m along the optical axis). Behind the camera x and y are invalid."""
-    offset = point - view_vector(view, time, POSITION)
-    z = offset.dot(view_vector(view, time, FORWARD))
-    scale = height / (2.0 * (view[time, TANGENT] * z + view[time, HALF_HEIGHT]))
-    x = 0.5 * (width - 1) + offset.dot(view_vector(view, time, RIGHT)) * scale
-    y = 0.5 * (height - 1) - offset.dot(view_vector(view, time, UP)) * scale
-    return ti.math.vec3(x, y, z)

@@ -42,6 +42,9 @@ class Camera:
             says how images of another shape are framed. None: images of any shape have that height.
         conform: OpenUSD's aspectRatioConformPolicy: "expandAperture" shows at least the aperture, "cropAperture" at
             most the aperture, "adjustApertureHeight" its full width.
+        aperture_offset: Offset of the image's center from the optical axis, right and up: tangents of angles (offset of
+            the aperture / focal length) of a perspective camera, m of an orthographic one. Lines stay as they are in a
+            picture without an offset, unlike in that of a turned camera.
         shutter_close: The same. Equal to `shutter_open`: no motion blur, and color shows the frame's own time too.
         dynamic: Motion of the camera, any `dynamics.Dynamic`. None: a fixed camera.
     """
@@ -60,6 +63,7 @@ class Camera:
     shutter_close: float = 0.0
     aspect: float | None = None
     conform: str = "expandAperture"
+    aperture_offset: tuple[float, float] = (0.0, 0.0)
     dynamic: Any = field(default=None, hash=False)
 
     def __post_init__(self) -> None:
@@ -68,7 +72,7 @@ class Camera:
 
         if not isinstance(self.name, str) or self.name.encode(errors="ignore").decode() != self.name:
             raise refuse("name", "must be a string without lone surrogates")
-        for name, count in (("position", 3), ("rotation", 4)):
+        for name, count in (("position", 3), ("rotation", 4), ("aperture_offset", 2)):
             if not _are_numbers(getattr(self, name), count):
                 raise refuse(name, f"must be finite numbers, {count} of them")
             object.__setattr__(self, name, tuple(float(component) for component in getattr(self, name)))
@@ -185,12 +189,30 @@ class Camera:
         return matrix
 
     def intrinsics(self, width: int, height: int) -> NDArray[np.float64]:
-        """Return OpenCV's matrix K, 3x3, px: pixel centers are at integers, so cx = (width - 1) / 2.
+        """Return OpenCV's matrix K, 3x3, px: pixel centers are at integers, so cx = (width - 1) / 2 without an offset.
 
         The matrix of an orthographic camera maps (x, y, 1) to pixels, for any z.
         """
         focal = self.framed(width / height).pixels(height)
-        return np.array([[focal, 0.0, 0.5 * (width - 1)], [0.0, focal, 0.5 * (height - 1)], [0.0, 0.0, 1.0]])
+        right, up = self.aperture_offset
+        cx, cy = 0.5 * (width - 1) - focal * right, 0.5 * (height - 1) + focal * up
+        return np.array([[focal, 0.0, cx], [0.0, focal, cy], [0.0, 0.0, 1.0]])
+
+    def image_from_camera(self) -> NDArray[np.float64]:
+        """Return the 4x4 matrix from OpenCV camera coordinates to those whose z axis passes through the image's center.
+
+        It keeps z. A perspective camera's is a shear, an orthographic camera's a translation.
+        """
+        matrix = np.eye(4)
+        right, up = self.aperture_offset
+        matrix[:2, 2 if self.orthographic_height is None else 3] = -right, up
+        return matrix
+
+    def image_center(self, depth: Any) -> tuple[Any, Any]:
+        """Return how far right and up of the optical axis the image's center is, m, at depths along the axis, m."""
+        right, up = self.aperture_offset
+        factor = depth if self.orthographic_height is None else 1.0
+        return right * factor, up * factor
 
     def pixels(self, height: int) -> float:
         """Return the focal length in an image of that height, px; of an orthographic camera, px per meter."""
@@ -222,10 +244,12 @@ class Camera:
         if framed.orthographic_height is not None:
             tangent, half = 0.0, 0.5 * framed.orthographic_height
         planes = []
-        for across, size in ((right, aspect), (-right, aspect), (up, 1.0), (-up, 1.0)):
-            normal = across - backward * (tangent * size)
+        x, y = self.aperture_offset
+        for across, size, offset in ((right, aspect, x), (-right, aspect, -x), (up, 1.0, y), (-up, 1.0, -y)):
+            sheared, moved = (offset, 0.0) if framed.orthographic_height is None else (0.0, offset)
+            normal = across - backward * (tangent * size - sheared)
             unit = normal / np.linalg.norm(normal)
-            planes.append([*unit, half * size - unit @ position])
+            planes.append([*unit, half * size - moved - unit @ position])
         planes.append([*-backward, backward @ position - self.near])
         planes.append([*backward, -(backward @ position) + (self.far if far is None else far)])
         return np.array(planes)

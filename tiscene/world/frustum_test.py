@@ -39,8 +39,16 @@ def in_view(camera: Camera, aspect: float, boxes: Array, poses: Array) -> NDArra
     if camera.orthographic_height is not None:  # a perspective camera very far away
         tangent = 0.5 / _AFAR
         tip = tip + backward * (_AFAR * camera.orthographic_height)
+    across, above = camera.image_center(1.0)
+    if camera.orthographic_height is not None:
+        tip = tip + across * right + above * up
+        across = above = 0.0
     rays = np.array(
-        [x * right + y * up - backward for x in (-aspect * tangent, aspect * tangent) for y in (-tangent, tangent)]
+        [
+            (across + x) * right + (above + y) * up - backward
+            for x in (-aspect * tangent, aspect * tangent)
+            for y in (-tangent, tangent)
+        ]
     )
     sides = np.array([np.cross(rays[a], rays[b]) for a, b in ((0, 1), (1, 3), (3, 2), (2, 0))])
     sides *= np.sign(sides @ rays.sum(axis=0))[:, None]  # normals point inwards

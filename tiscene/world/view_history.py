@@ -126,5 +126,7 @@ class ViewHistory:
         if in_view:
             local = (poses[:, :3] - camera.position) @ camera.axes()
             half = np.array([camera.half_height(max(depth, 0.0)) for depth in (-local[:, 2]).tolist()])
-            kept = (-local[:, 2] > 0.0) & (np.abs(local[:, 1]) <= half) & (np.abs(local[:, 0]) <= half * self._aspect)
+            x, y = camera.image_center(-local[:, 2])
+            kept = (-local[:, 2] > 0.0) & (np.abs(local[:, 1] - y) <= half)
+            kept &= np.abs(local[:, 0] - x) <= half * self._aspect
         return {row: direction for row, direction, shown in zip(rows, directions, kept, strict=True) if shown}

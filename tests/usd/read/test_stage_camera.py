@@ -118,7 +118,6 @@ def test_orthographic_camera_survives_a_file(tmp_path):
 
 
 OMITTED = [
-    ("float verticalApertureOffset = 1", "aperture offset is not applied: </Eye>", 1),
     ("float2 clippingRange = (5, 1)", "clippingRange of 5 to 1 m is not used: </Eye>", 1),
     (
         "float focalLength.timeSamples = { 0: 20, 9: 50 }\nfloat fStop.timeSamples = { 0: 2, 9: 2 }",

@@ -23,6 +23,7 @@ _MAX_APERTURE = 1e6  # in focal lengths: a field of view of 180 degrees but for 
 _EXPOSURE_ATTRIBUTES = ("exposure", "exposure:iso", "exposure:time", "exposure:fStop", "exposure:responsivity")
 _STATIC_ATTRIBUTES = (
     *("projection", "focalLength", "horizontalAperture", "verticalAperture", "fStop", "focusDistance", "clippingRange"),
+    *("horizontalApertureOffset", "verticalApertureOffset"),
     *("shutter:open", "shutter:close", *_EXPOSURE_ATTRIBUTES),
 )
 
@@ -74,10 +75,15 @@ def read_camera(
         text = f"verticalAperture {aperture} and focalLength {focal_length} must be positive numbers"
         report.problem(path, "camera", text)
         return None
-    for name in ("horizontalApertureOffset", "verticalApertureOffset"):
-        if number(name):
-            report.omission(path, "a camera's aperture offset is not applied")
     optional: dict[str, Any] = {}
+    offset = number("horizontalApertureOffset"), number("verticalApertureOffset")
+    if all(abs(each) <= _MAX_APERTURE * (aperture if orthographic else focal_length) for each in offset):
+        scale = meters_per_unit / 10.0 if orthographic else 1.0 / focal_length
+        optional["aperture_offset"] = (offset[0] * scale, offset[1] * scale)
+    else:
+        report.omission(
+            path, f"a camera's aperture offset of {offset[0]:g}, {offset[1]:g} is not used: it is too large"
+        )
     width = number("horizontalAperture")
     if policy != "adjustApertureWidth":  # that policy keeps the height in all images
         if 0.0 < width < math.inf and (orthographic or width <= _MAX_APERTURE * focal_length):

@@ -180,6 +180,10 @@ class OverLayer:
         lens.CreateVerticalApertureAttr(height)
         lens.CreateHorizontalApertureAttr(height * (camera.aspect or 4.0 / 3.0))
         lens.CreateFocalLengthAttr(focal_length)
+        if any(camera.aperture_offset):
+            unit = focal_length if camera.orthographic_height is None else per_meter * 10.0
+            lens.CreateHorizontalApertureOffsetAttr(camera.aperture_offset[0] * unit)
+            lens.CreateVerticalApertureOffsetAttr(camera.aperture_offset[1] * unit)
         lens.CreateFocusDistanceAttr(camera.focus_distance * per_meter)
         if camera.lens_radius > 0.0:
             lens.CreateFStopAttr(focal_length / 10.0 / (2.0 * camera.lens_radius * per_meter))

@@ -361,6 +361,7 @@ class _ScenarioReader:
                 content[key] = float(value)
         if schema.has(prim, schema.CAMERA):
             content["aspect"] = authored(prim, "tiscene:camera:aspect") or None
+            content["aperture_offset"] = list(authored(prim, "tiscene:camera:apertureOffset") or camera.aperture_offset)
             content["conform"] = str(authored(prim, "tiscene:camera:conform") or camera.conform)
         return content
 

@@ -8,7 +8,7 @@ import os
 from collections.abc import Mapping
 from typing import Any
 
-from pxr import Sdf, Usd, UsdGeom, Vt
+from pxr import Gf, Sdf, Usd, UsdGeom, Vt
 
 from tiscene.errors import CameraNotFound
 from tiscene.scene.camera import Camera
@@ -130,6 +130,8 @@ def _write_camera(over: OverLayer, content: Mapping[str, Any], report: StageRepo
     aspect = prim.CreateAttribute("tiscene:camera:aspect", _TYPES.Double, False, Sdf.VariabilityUniform)
     aspect.Set(content["aspect"] or 0.0)
     _set(prim, "tiscene:camera:conform", _TYPES.Token, content["conform"])
+    if any(content["aperture_offset"]):
+        _set(prim, "tiscene:camera:apertureOffset", _TYPES.Double2, Gf.Vec2d(*content["aperture_offset"]))
     if content["dynamic"] is not None:
         write_dynamic(prim, content["dynamic"], over.units, lambda: _part_path(over, prim), report)
     return prim

@@ -74,7 +74,8 @@ class LabelFrames:
 def instance_motion(placement: Placement, view: View) -> NDArray[np.float32]:
     """Return the kernels' description of each instance's motion, float32 [max(n, 1), 51].
 
-    Columns: 0-35 mesh to camera coordinates (x right, y down, z forward) at k-1, k, k+1, each 3x4; 36-47 world
+    Columns: 0-35 mesh to camera coordinates (x right, y down, z forward, where the z axis passes through the image's
+    center: see `Camera.image_from_camera`) at k-1, k, k+1, each 3x4; 36-47 world
     displacement from k to k+1, 3x4; 48-50 whether the instance is present at k-1, k, k+1.
     """
     world = placement.world_from_object
@@ -84,22 +85,32 @@ def instance_motion(placement: Placement, view: View) -> NDArray[np.float32]:
         pose = camera.world_from_camera()
         relative = world[time].copy()
         relative[:, :, 3] -= pose[:3, 3]
-        motion[:count, 12 * time : 12 * time + 12] = _product(pose[:3, :3].T, relative).reshape(count, 12)
+        placed = _product(pose[:3, :3].T, relative)
+        if any(camera.aperture_offset):
+            image_from_camera = camera.image_from_camera()
+            placed = _product(image_from_camera[:3, :3], placed)
+            placed[:, :, 3] += image_from_camera[:3, 3]
+        motion[:count, 12 * time : 12 * time + 12] = placed.reshape(count, 12)
     motion[:count, kernels.DISPLACEMENT : kernels.PRESENT] = (world[NEXT] - world[CURRENT]).reshape(count, 12)
     motion[:count, kernels.PRESENT :] = placement.present.T
     return motion
 
 
 def camera_motion(view: View) -> NDArray[np.float32]:
-    """Return the kernels' description of the camera's motion, float32 [3, 11], one row per time.
+    """Return the kernels' description of the camera's motion, float32 [3, 13], one row per time.
 
     Columns: 0-8 rotation from the current camera's coordinates to that camera's, 3x3; 9 focal length, px; 10 whether it
-    is orthographic.
+    is orthographic; 11-12 shear, x and y per z, from these coordinates to those of the optical axis. The coordinates
+    are those of `instance_motion`.
     """
     rotations = view.camera_from_world()[:, :, :3]
-    motion = np.empty((3, 11), np.float32)
+    motion = np.zeros((3, 13), np.float32)
+    now = rotations[CURRENT].T
+    if any(view.current.aperture_offset):
+        now = np.linalg.inv(rotations[CURRENT])
     for time in (PREVIOUS, CURRENT, NEXT):
-        motion[time, :9] = _product(rotations[time], rotations[CURRENT].T).ravel()
+        motion[time, :9] = _product(rotations[time], now).ravel()
+        motion[time, kernels.SHEAR : kernels.SHEAR + 2] = -view.cameras[time].image_from_camera()[:2, 2]
     motion[:, kernels.FOCAL_LENGTH] = view.focal_lengths()
     motion[:, kernels.ORTHOGRAPHIC] = [camera.orthographic_height is not None for camera in view.cameras]
     return motion

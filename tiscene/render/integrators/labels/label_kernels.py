@@ -11,7 +11,7 @@ from tiscene.scene.placement import CURRENT
 
 # Columns of the instance motion array after the three matrices to camera coordinates, see `instance_motion`.
 DISPLACEMENT, PRESENT, MOTION_COLUMNS = 36, 48, 51
-FOCAL_LENGTH, ORTHOGRAPHIC = 9, 10  # columns of the camera motion array, after the rotation
+FOCAL_LENGTH, ORTHOGRAPHIC, SHEAR = 9, 10, 11  # columns of the camera motion array, after the rotation
 
 # Minimum depth for projection, m. Points nearer than this or behind the camera get a finite flow that leads far out of
 # the image.

@@ -21,6 +21,7 @@ from tiscene.render.integrators.labels.label_kernels import (
     DISPLACEMENT,
     FOCAL_LENGTH,
     ORTHOGRAPHIC,
+    SHEAR,
     affine,
     camera_point,
     deformed_point,
@@ -180,7 +181,10 @@ def surface_labels(
         if wanted[OF_DEPTH]:
             depth[y, x] = camera_space.z if row >= 0 else ti.math.inf
         if wanted[OF_DISTANCE]:
-            length = camera_space.norm() if ahead > 0.0 else camera_space.z
+            length = camera_space.z
+            if ahead > 0.0:
+                shear = vec2(camera_motion[first + CURRENT, SHEAR], camera_motion[first + CURRENT, SHEAR + 1])
+                length = vec3(camera_space.xy + shear * camera_space.z, camera_space.z).norm()
             distance[y, x] = length if row >= 0 else ti.math.inf
         if wanted[OF_SEMANTIC]:
             semantic[y, x] = geometry.instance_info[row, INFO_CATEGORY_ID] if row >= 0 else 0
