@@ -26,7 +26,8 @@ from dynamics import AllTogether, Dynamic, RigidBody, Still, Timing, argument_ch
 from tiscene import catalog
 from tiscene.errors import ArgumentError, MissingFile, ScenarioError, scenario_errors
 from tiscene.scenario import serialization
-from tiscene.scenario.edits import Edit, EditLog, ObjectHistory, StageObjectHistory
+from tiscene.scenario.edits import Edit, EditLog, ObjectHistory, Spawn, StageObjectHistory
+from tiscene.scenario.joints import Joint, check_joints
 from tiscene.scenario.light_motion import LightMotion
 from tiscene.scenario.objects import Frustum, Object
 from tiscene.scenario.overrides import Override
@@ -69,6 +70,8 @@ class Scenario:
         exposure_compensation: stops by which `rgb` is brighter than the cameras' exposure makes it.
         physics: objects without a trajectory get a RigidBody(): they fall and are pushed. Objects with `Still()` stay.
             Needs the extra `physics`.
+        joints: joints between rigid bodies, and between them and the world or objects on paths; see
+            `tiscene.scenario.joints`.
 
     Raises:
         ScenarioError: the parts contradict each other, such as timings that cannot work for a trajectory.
@@ -85,6 +88,7 @@ class Scenario:
     overrides: Sequence[Override] = ()
     exposure_compensation: float = 0.0
     physics: bool = False
+    joints: Sequence[Joint] = ()
 
     def __post_init__(self) -> None:
         scene = os.fspath(self.scene) if isinstance(self.scene, os.PathLike) else self.scene
@@ -104,6 +108,8 @@ class Scenario:
             except ValueError as error:
                 raise ScenarioError(f"timings: {error}") from error
             object.__setattr__(self, "edits", check_edits(self.edits))
+            spawned = [each.object for each in self.edits if isinstance(each, Spawn)]
+            object.__setattr__(self, "joints", check_joints(self.joints, [*self.objects, *spawned]))
             object.__setattr__(self, "lights", check_lights(self.lights))
             object.__setattr__(self, "variants", check_variants(self.variants))
             object.__setattr__(self, "overrides", check_overrides(self.overrides))

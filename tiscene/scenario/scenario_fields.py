@@ -12,6 +12,7 @@ import dynamics
 from dynamics import Dynamic
 from tiscene.errors import ScenarioError
 from tiscene.scenario.edits import Despawn, Edit, Move, PlaceCamera, SetFrustumWalls, Spawn
+from tiscene.scenario.joints import DistanceJoint, FixedJoint, PrismaticJoint, RevoluteJoint, SphericalJoint
 from tiscene.scenario.light_motion import LightMotion
 from tiscene.scenario.objects import Frustum, Object, check_dynamic
 from tiscene.scenario.overrides import CameraOverride, LightOverride, MaterialOverride, ObjectOverride, Override
@@ -63,6 +64,7 @@ FIELDS: dict[str, Mapping[str, type]] = {
     "dynamic": _DYNAMICS,
     "edits": classes(Despawn, SetFrustumWalls, Move, PlaceCamera, Spawn),
     "frustum": classes(Frustum),
+    "joints": classes(DistanceJoint, FixedJoint, PrismaticJoint, RevoluteJoint, SphericalJoint),
     "lights": classes(LightMotion),
     "motion": _DYNAMICS,
     "object": classes(Object),

@@ -19,7 +19,9 @@ from dynamics.clocks import exact
 from dynamics.rigid_body import RigidBody
 from dynamics.rotation import quaternion
 from tiscene.scenario.edits import Edit, EditLog
+from tiscene.scenario.joints import Joint
 from tiscene.scenario.objects import Object
+from tiscene.world.physics.joint_tree import WORLD, PhysicsJoint, compose, inverse
 from tiscene.world.physics.part_shapes import PartShape
 from tiscene.world.physics.parts_cache import PartsCache
 from tiscene.world.physics.physics_model import PhysicsBody, Surroundings
@@ -99,7 +101,7 @@ class PhysicsTrajectories(Trajectories):
 
     def _simulated(self, frame: int) -> PhysicsFrame:
         if self._physics is None:
-            self._physics_world = ScenarioPhysics(self, self._log, self._setting)
+            self._physics_world = ScenarioPhysics(self, self._log, self._setting, self._scenario.joints)
             self._physics = RigidBodySimulation(self._physics_world, exact(self._setting.fps))
         return self._physics.frame(max(frame, 0))
 
@@ -119,10 +121,15 @@ class ScenarioPhysics:
         trajectories: poses of the objects that are no rigid bodies, and walls.
         log: the scenario's edit log.
         setting: what the objects move in.
+        joints: the scenario's joints.
     """
 
-    def __init__(self, trajectories: PhysicsTrajectories, log: EditLog, setting: TrajectoryContext) -> None:
-        self._trajectories, self._log, self._setting = trajectories, log, setting
+    def __init__(
+        self, trajectories: PhysicsTrajectories, log: EditLog, setting: TrajectoryContext, joints: Sequence[Joint]
+    ) -> None:
+        self._trajectories, self._log, self._setting, self._joints = trajectories, log, setting, joints
+        self._joined = {id for each in joints for id in (each.body, each.parent) if id is not None}
+        self._made_joints: dict[tuple[int, int, int | None], PhysicsJoint] = {}
         self._parts: dict[tuple[object, ...], list[PartShape]] = {}
         self._stage_parts = StageParts(setting.stage.meshes, trajectories.progress)
 
@@ -132,11 +139,43 @@ class ScenarioPhysics:
             history = self._log.lives[row]
             spec = history.spec
             rigid = spec.dynamic if isinstance(spec.dynamic, RigidBody) else None
-            if history.alive(frame, as_of=frame) and (spec.collide or rigid is not None):
-                parts = self._parts_of(spec) if spec.collide else []
-                if parts or rigid is not None:
-                    found.append(PhysicsBody(row, parts, rigid, spec.frustum_limited))
+            needed = rigid is not None or spec.id in self._joined
+            if history.alive(frame, as_of=frame) and (spec.collide or needed):
+                parts = self._parts_of(spec) if spec.collide or rigid is not None else []
+                if parts or needed:
+                    found.append(PhysicsBody(row, parts, rigid, spec.frustum_limited, spec.collide))
         return found
+
+    def joints(self, frame: int) -> Sequence[PhysicsJoint]:
+        found = []
+        for number, each in enumerate(self._joints):
+            rows = [None if id is None else self._log.row(id) for id in (each.body, each.parent)]
+            if all(row is None or self._log.lives[row].alive(frame, as_of=frame) for row in rows):
+                body, parent = rows
+                if body is not None and (parent is not None or each.parent is None):
+                    key = number, body, parent
+                    if key not in self._made_joints:
+                        self._made_joints[key] = self._joint(number, each, body, parent)
+                    found.append(self._made_joints[key])
+        return found
+
+    def _joint(self, number: int, joint: Joint, body: int, parent: int | None) -> PhysicsJoint:
+        """Return a joint with both of its frames."""
+        own = np.array([*joint.position, *quaternion(joint.rotation)])
+        other = compose(inverse(WORLD if parent is None else self._begin(parent)), compose(self._begin(body), own))
+        if joint.parent_position is not None:
+            other[:3] = joint.parent_position
+        if joint.parent_rotation is not None:
+            other[3:] = quaternion(joint.parent_rotation)
+        return PhysicsJoint(number, joint, body, parent, own, other)
+
+    def _begin(self, row: int) -> Array:
+        """Return the pose [7] at which an object begins."""
+        spec = self._log.lives[row].spec
+        if isinstance(spec.dynamic, RigidBody):
+            return self.start(row)
+        begin: Array = self._trajectories.kinematic_poses(spec.first_frame, (row,))[0][0]
+        return begin
 
     def surroundings(self, frame: int) -> tuple[Hashable, Callable[[], Surroundings]]:
         return self._trajectories.stage_epoch(frame), lambda: self._surroundings(frame)

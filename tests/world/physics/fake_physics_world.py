@@ -7,6 +7,7 @@ import numpy as np
 
 from dynamics import RigidBody
 from dynamics.rotation import quaternion
+from tiscene.world.physics.joint_tree import PhysicsJoint
 from tiscene.world.physics.part_shapes import PartShape
 from tiscene.world.physics.physics_model import PhysicsBody, Surroundings
 from tiscene.world.physics.rigid_body_simulation import RigidBodySimulation
@@ -39,17 +40,22 @@ class FakePhysicsWorld:
         life: first and last frame of rigid bodies by number.
         moved: poses by frame and number.
         fps: frames per second.
+        joined: (joint, number of the body, number of the other or None, frame, its frame) of each joint.
     """
 
-    def __init__(self, rigid, static=(), movers=(), planes=None, life=None, moved=None, fps=25):
+    def __init__(self, rigid, static=(), movers=(), planes=None, life=None, moved=None, fps=25, joined=()):
         self.rigid, self.static, self.movers, self.planes = rigid, static, movers, planes
-        self.life, self.moved, self.fps = life or {}, moved or {}, fps
+        self.life, self.moved, self.fps, self.joined = life or {}, moved or {}, fps, joined
 
     def bodies(self, frame):
         count = len(self.rigid)
         here = [n for n in range(count) if self.life.get(n, (0, 10**9))[0] <= frame <= self.life.get(n, (0, 10**9))[1]]
         rigid = [PhysicsBody(n, [self.rigid[n][0]], self.rigid[n][2], True) for n in here]
         return [*rigid, *(PhysicsBody(count + n, [part], None, False) for n, (part, _) in enumerate(self.movers))]
+
+    def joints(self, frame):
+        here = {None, *(body.number for body in self.bodies(frame))}
+        return [PhysicsJoint(n, *each) for n, each in enumerate(self.joined) if {each[1], each[2]} <= here]
 
     def surroundings(self, frame):
         placed = [(row, place, [part]) for row, (place, part) in enumerate(self.static)]

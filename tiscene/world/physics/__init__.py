@@ -5,6 +5,8 @@
 
     rigid_body_simulation  frames of a simulation, with checkpoints
     physics_model          bodies and surroundings as a MuJoCo model
+    joint_tree             bodies that hang on others, and the joints that are left over
+    joints_in_engine       coordinates of free and of joined bodies in the model
     stage_parts            meshes of a stage as convex parts
     parts_cache            convex parts on disk
     convex_parts           surfaces as convex parts

@@ -3,7 +3,8 @@
 
 Rigid bodies fall and collide. Movers follow poses that are given: they are free bodies of great mass whose position and
 velocity are set before every step, so that they carry and push others and nothing pushes them. The surroundings and the
-walls do not move others than by being in their way.
+walls do not move others than by being in their way. Bodies that hang on others by joints have the coordinates of the
+joint; all others have those of a free body.
 """
 
 from __future__ import annotations
@@ -18,12 +19,15 @@ from numpy.typing import NDArray
 
 from dynamics.rigid_body import RigidBody
 from dynamics.rotation import matrix_from_quaternion
+from tiscene.world.physics.joint_tree import PhysicsJoint, joint_tree
+from tiscene.world.physics.joints_in_engine import JointsInEngine
 from tiscene.world.physics.part_shapes import PartShape
 
 Array = NDArray[np.float64]
 STEP = 0.002  # s: longest step of the engine
 CONTACT_TIME = 0.006  # s: time constant of a contact
 MOVER_MASS = 1e5  # kg
+CARRIER_MASS = 1e8  # kg: of movers that others hang on
 SEPARATIONS = 40  # most moves of bodies that are placed inside of something
 SLOP = 5e-4  # m: bodies that overlap by less are not moved
 STATIC, RIGID, MOVER, WALL = 1, 2, 4, 8  # bits of collision
@@ -39,12 +43,14 @@ class PhysicsBody:
         parts: Its shape.
         rigid: Its properties; None for a mover, whose poses are given.
         limited: Whether walls hold it.
+        collides: Whether its parts touch others; else they are its mass alone.
     """
 
     number: int
     parts: Sequence[PartShape]
     rigid: RigidBody | None
     limited: bool
+    collides: bool = True
 
 
 @dataclass(frozen=True, eq=False)
@@ -66,9 +72,19 @@ class PhysicsModel:
     Attributes:
         bodies: The bodies in the order of their rows.
         walled: Whether there are walls.
+        joints: How bodies hang on others.
+        lag: How much earlier than poses velocities are, s. Free bodies are integrated by steps of velocity and position
+            in turn (leapfrog), which is exact for free fall; joints by the Runge-Kutta method, which keeps energy.
     """
 
-    def __init__(self, bodies: Sequence[PhysicsBody], around: Surroundings, walled: bool, step: float) -> None:
+    def __init__(
+        self,
+        bodies: Sequence[PhysicsBody],
+        around: Surroundings,
+        walled: bool,
+        step: float,
+        joints: Sequence[PhysicsJoint] = (),
+    ) -> None:
         """Compile a model.
 
         Args:
@@ -76,25 +92,36 @@ class PhysicsModel:
             around: What stands around them.
             walled: Whether there are walls.
             step: Length of a step, s.
+            joints: Joints between the bodies.
         """
         import mujoco
 
         self.bodies, self.walled = tuple(bodies), walled
+        rows = {body.number: row for row, body in enumerate(self.bodies)}
+        links, loops = joint_tree(joints, rows, [row for row, body in enumerate(self.bodies) if body.rigid is None])
+        self.joints = JointsInEngine(mujoco, links, loops, rows)
         self._engine: Any = mujoco
         spec = mujoco.MjSpec()
+        spec.compiler.degree = False
         option = spec.option
         option.timestep, option.gravity = step, list(around.gravity)
         option.cone, option.impratio = mujoco.mjtCone.mjCONE_ELLIPTIC, 10.0
         option.noslip_iterations, option.iterations = 4, 100
-        self._owners: list[tuple[str, int]] = []
+        if links:
+            option.integrator = mujoco.mjtIntegrator.mjINT_RK4
+        self.lag = 0.0 if links else 0.5 * step
+        stage: list[int] = []
         for number, pose, parts in around.placed:
             for part in parts:
-                self._add(spec, spec.worldbody, part, ("stage", number), contype=STATIC, conaffinity=0, pose=pose)
-        for row, body in enumerate(self.bodies):
-            self._add_body(spec, row, body)
+                self._add(spec, spec.worldbody, part, contype=STATIC, conaffinity=0, pose=pose)
+                stage.append(number)
+        made: dict[int, Any] = {}
+        for row in self.joints.order(len(self.bodies)):
+            made[row] = self._add_body(spec, self.joints.add_body(spec, row, made), row)
+        self.joints.add_loops(spec, made, step)
         if walled:
             for wall in range(WALLS):
-                holder = spec.worldbody.add_body(mocap=True)
+                holder = spec.worldbody.add_body(mocap=True, name=f"wall_{wall}")
                 holder.add_geom(
                     type=mujoco.mjtGeom.mjGEOM_PLANE,
                     size=[0.0, 0.0, 1.0],
@@ -102,22 +129,28 @@ class PhysicsModel:
                     conaffinity=0,
                     friction=[0.0] * 3,
                 )
-                self._owners.append(("wall", wall))
         self._model = spec.compile()
         masses = [
-            float(self._model.body_mass[1 + row]) for row, body in enumerate(self.bodies) if body.rigid is not None
+            float(self._model.body(f"body_{row}").mass[0])
+            for row, body in enumerate(self.bodies)
+            if body.rigid is not None
         ]
         self._model.stat.meaninertia = sum(masses) / len(masses) if masses else 1.0
         self._data = mujoco.MjData(self._model)
+        self.joints.bind(self._model, self._data)
+        self._owners = [("stage", number) for number in stage]
+        for body in self._model.geom_bodyid[len(stage) :].tolist():
+            kind, _, row = self._model.body(body).name.partition("_")
+            self._owners.append((kind, int(row)))
         self._state_size = mujoco.mj_stateSize(self._model, mujoco.mjtState.mjSTATE_INTEGRATION)
 
-    def _add_body(self, spec: Any, row: int, body: PhysicsBody) -> None:
-        """Add a body with its parts."""
-        made = spec.worldbody.add_body()
-        made.add_freejoint()
+    def _add_body(self, spec: Any, made: Any, row: int) -> Any:
+        """Add properties and parts to a body; return it."""
+        body = self.bodies[row]
         if body.rigid is None:
-            made.explicitinertial, made.mass = True, MOVER_MASS
-            made.inertia, made.gravcomp = [MOVER_MASS] * 3, 1.0
+            mass = CARRIER_MASS if self.joints.carries(row) else MOVER_MASS
+            made.explicitinertial, made.mass = True, mass
+            made.inertia, made.gravcomp = [mass] * 3, 1.0
             named: dict[str, Any] = {"contype": MOVER, "conaffinity": 0}
         else:
             damping = _damping_of(body.rigid.restitution)
@@ -130,12 +163,13 @@ class PhysicsModel:
                 "condim": 6 if body.rigid.friction > 0.0 else 1,
                 "priority": 1,
             }
+        if not body.collides:
+            named |= {"contype": 0, "conaffinity": 0}
         for part in body.parts:
-            self._add(spec, made, part, ("body", row), **named)
+            self._add(spec, made, part, **named)
+        return made
 
-    def _add(
-        self, spec: Any, body: Any, part: PartShape, owner: tuple[str, int], pose: Array | None = None, **named: Any
-    ) -> None:
+    def _add(self, spec: Any, body: Any, part: PartShape, pose: Array | None = None, **named: Any) -> None:
         """Add a part to a body, at a pose or in the axes of the body."""
         kinds = self._engine.mjtGeom
         turn = np.array([1.0, 0.0, 0.0, 0.0]) if pose is None else pose[3:]
@@ -153,13 +187,12 @@ class PhysicsModel:
                 half = math.sqrt(0.5)  # MuJoCo's axis is z: turn about x by -90 degrees first
                 turn = half * np.array([w + x, x - w, y - z, z + y])
             case _:
-                name = f"part_{len(self._owners)}"
+                name = f"part_{len(spec.meshes)}"
                 mesh = spec.add_mesh(name=name)
                 mesh.uservert = part.points.ravel().tolist()
                 mesh.inertia = self._engine.mjtMeshInertia.mjMESH_INERTIA_CONVEX
                 shape = {"type": kinds.mjGEOM_MESH, "meshname": name}
         body.add_geom(pos=position.tolist(), quat=turn.tolist(), **shape, **named)
-        self._owners.append(owner)
 
     # State
 
@@ -179,16 +212,19 @@ class PhysicsModel:
 
     def pose(self, row: int) -> Array:
         """Return the pose [7] of a body."""
-        return np.array(self._data.qpos[7 * row : 7 * row + 7])
+        return self.joints.pose(row)
 
     def motion(self, row: int) -> Array:
         """Return linear (world) and angular velocity (own axes) of a body, [6], as the engine keeps them."""
-        return np.array(self._data.qvel[6 * row : 6 * row + 6])
+        return self.joints.motion(row)
 
     def place(self, row: int, pose: Array, motion: Array) -> None:
-        """Set pose [7] and motion [6] of a body."""
-        self._data.qpos[7 * row : 7 * row + 7] = pose
-        self._data.qvel[6 * row : 6 * row + 6] = motion
+        """Set pose [7] and motion [6] of a body; what hangs on it comes along, and it stays on its own joint."""
+        self.joints.place(row, pose, motion)
+
+    def accelerate(self, row: int, change: Array) -> None:
+        """Change the motion of a mover by `change` [6] in the next step, which those that hang on it feel."""
+        self.joints.push(row, CARRIER_MASS * change / self._model.opt.timestep)
 
     def separate(self, rows: Sequence[int]) -> None:
         """Move rigid bodies out of what they are placed inside of, without giving them speed.
@@ -196,7 +232,7 @@ class PhysicsModel:
         Args:
             rows: The bodies that may move.
         """
-        movable = set(rows)
+        movable = {row for row in rows if not self.joints.joined(row)}
         for _ in range(SEPARATIONS if movable else 0):
             self._engine.mj_fwdPosition(self._model, self._data)
             shifts: dict[int, Array] = {}
@@ -215,7 +251,7 @@ class PhysicsModel:
             if not shifts:
                 return
             for row, shift in shifts.items():
-                self._data.qpos[7 * row : 7 * row + 3] += shift
+                self.joints.shift(row, shift)
 
     def place_walls(self, planes: Array) -> None:
         """Move the walls to planes [6, 4]; inside is n . x + d >= 0."""
@@ -235,22 +271,20 @@ class PhysicsModel:
         return touching
 
 
-def start_motion(rigid: RigidBody, pose: Array, gravity: Sequence[float], step: float, *, still: bool = False) -> Array:
+def start_motion(rigid: RigidBody, pose: Array, gravity: Sequence[float], lag: float, *, still: bool = False) -> Array:
     """Return the motion [6] with which a rigid body begins.
-
-    The engine's velocities are those half a step earlier, so that free fall follows its parabola exactly.
 
     Args:
         rigid: The body.
         pose: Its pose [7].
         gravity: m/s2.
-        step: Length of a step, s.
+        lag: As of `PhysicsModel`.
         still: Begin at rest, whatever its initial velocities.
     """
     velocity = np.zeros(3) if still else np.array(rigid.velocity)
     spin = np.zeros(3) if still else np.array(rigid.angular_velocity)
     own = matrix_from_quaternion(pose[3:]).T @ spin
-    return np.concatenate([velocity - 0.5 * step * np.asarray(gravity), own])
+    return np.concatenate([velocity - lag * np.asarray(gravity), own])
 
 
 def _damping_of(restitution: float) -> float:

@@ -19,6 +19,7 @@ import numpy as np
 
 from dynamics.rotation import matrix_from_quaternion, multiply
 from tiscene.errors import requires_extra
+from tiscene.world.physics.joint_tree import PhysicsJoint
 from tiscene.world.physics.physics_model import STEP, Array, PhysicsBody, PhysicsModel, Surroundings, start_motion
 
 CHECKPOINT = 16  # initial number of frames between checkpoints
@@ -32,6 +33,9 @@ class PhysicsWorld(Protocol):
 
     def bodies(self, frame: int) -> Sequence[PhysicsBody]:
         """Return the bodies that exist at a frame, by ascending number."""
+
+    def joints(self, frame: int) -> Sequence[PhysicsJoint]:
+        """Return the joints between the bodies of a frame, by ascending number."""
 
     def surroundings(self, frame: int) -> tuple[Hashable, Callable[[], Surroundings]]:
         """Return a key of the surroundings from a frame to the next, and a function that returns them."""
@@ -74,6 +78,7 @@ class _Saved(NamedTuple):
     rigid: dict[int, tuple[Array, Array]]
     engine: Array
     contacts: tuple[tuple[int, str, int], ...]
+    lag: float = 0.0  # s: how much earlier than poses velocities are
 
 
 class RigidBodySimulation:
@@ -169,14 +174,6 @@ class RigidBodySimulation:
         shape = (len(numbers), 7)
         return PhysicsFrame(numbers, np.reshape(poses, shape), np.reshape(arrivals, shape), saved.contacts)
 
-    def _arrival(self, body: PhysicsBody, saved: _Saved) -> tuple[Array, Array]:
-        """Return pose and motion with which a rigid body arrives at a frame; a new one begins there."""
-        if body.number in saved.rigid:
-            return saved.rigid[body.number]
-        assert body.rigid is not None
-        pose = self._world.start(body.number)
-        return pose, start_motion(body.rigid, pose, self._gravity(), self._step)
-
     def _gravity(self) -> Sequence[float]:
         if self._loaded is None:
             key, make = self._world.surroundings(0)
@@ -186,60 +183,98 @@ class RigidBodySimulation:
     def _advance(self, frame: int, saved: _Saved) -> _Saved:
         """Simulate from a frame to the next."""
         self.simulated_frames += 1
-        bodies = self._world.bodies(frame)
+        bodies, joints = self._world.bodies(frame), self._world.joints(frame)
         if not any(body.rigid is not None for body in bodies):
             return _Saved(None, {}, np.zeros(0), ())
         times = [Fraction(frame * self._steps + part, self._steps) / self._fps for part in range(self._steps + 1)]
         walls = [self._world.walls(time) for time in times]
         walled = all(planes is not None for planes in walls)
         around, make = self._world.surroundings(frame)
-        key = (tuple((body.number, body.limited) for body in bodies), around, walled)
-        model = self._model(key, bodies, around, make, walled)
+        key = (
+            tuple((body.number, body.limited) for body in bodies),
+            tuple(each.number for each in joints),
+            around,
+            walled,
+        )
+        model = self._model(key, bodies, joints, around, make, walled)
         teleports = self._world.teleports(frame)
         if saved.key == key:
             model.restore(saved.engine)
         else:
             model.reset()
-        placed = {body.number for body in bodies if body.number in teleports or body.number not in saved.rigid}
-        for row, body in enumerate(bodies):
+        paths = self._mover_paths(frame, bodies, model)
+        for row, path in paths.items():
+            model.place(row, *path.at(0, self._steps, self._step))
+        begun, gravity = [], self._gravity()
+        for row in model.joints.order(len(bodies)):
+            body = bodies[row]
             if body.rigid is None:
                 continue
+            joined = model.joints.joined(row)
             if body.number in teleports:
                 pose = teleports[body.number]
-                motion = start_motion(body.rigid, pose, self._gravity(), self._step, still=True)
-                model.place(row, pose, motion)
+                model.place(row, pose, start_motion(body.rigid, pose, gravity, model.lag, still=True))
+                begun.append(row)
             elif saved.key != key:
-                pose, motion = self._arrival(body, saved)
-                first = body.number not in saved.rigid
-                model.place(row, _inside(pose, body, walls[0]) if first and body.limited else pose, motion)
-        movers = [(row, body.number) for row, body in enumerate(bodies) if body.rigid is None]
-        paths = self._world.mover_poses(frame, [number for _, number in movers]) if movers else None
-        if paths is not None:
-            for place, (row, _) in enumerate(movers):
-                model.place(row, *_on_the_way(paths[0][place], paths[1][place], 0, self._steps, self._step))
-        model.separate([row for row, body in enumerate(bodies) if body.rigid is not None and body.number in placed])
+                if body.number in saved.rigid:
+                    pose, motion = saved.rigid[body.number]
+                    if saved.lag != model.lag:
+                        motion = motion + (saved.lag - model.lag) * np.array([*gravity, 0.0, 0.0, 0.0])
+                else:
+                    pose = self._world.start(body.number)
+                    motion = start_motion(body.rigid, pose, gravity, model.lag)
+                    pose = _inside(pose, body, walls[0]) if body.limited and not joined else pose
+                    begun.append(row)
+                model.place(row, pose, motion)
+            elif body.number not in saved.rigid:
+                begun.append(row)
+        model.separate(begun)
         touched: dict[tuple[int, str, int], None] = {}
         for part in range(self._steps):
-            if paths is not None:
-                for place, (row, _) in enumerate(movers):
-                    model.place(row, *_on_the_way(paths[0][place], paths[1][place], part, self._steps, self._step))
+            for row, path in paths.items():
+                pose, motion = path.at(part, self._steps, self._step)
+                if path.before is not None:
+                    model.accelerate(row, motion - path.before)
+                    path.before, motion = motion, path.before
+                model.place(row, pose, motion)
             planes = walls[part + 1]
             if walled and planes is not None:
                 model.place_walls(planes)
             for row, (kind, other) in model.step():
                 number = bodies[other].number if kind == "body" else other
                 touched[bodies[row].number, kind, number] = None
+        model.joints.update()
         rigid = {
             body.number: (model.pose(row), model.motion(row))
             for row, body in enumerate(bodies)
             if body.rigid is not None
         }
-        return _Saved(key, rigid, model.save(), tuple(sorted(touched)))
+        return _Saved(key, rigid, model.save(), tuple(sorted(touched)), model.lag)
+
+    def _mover_paths(self, frame: int, bodies: Sequence[PhysicsBody], model: PhysicsModel) -> dict[int, _MoverPath]:
+        """Return the ways of the movers from a frame to the next, by row."""
+        rows = [row for row, body in enumerate(bodies) if body.rigid is None]
+        if not rows:
+            return {}
+        here, there = self._world.mover_poses(frame, [bodies[row].number for row in rows])
+        paths = {row: _MoverPath(here[place], there[place]) for place, row in enumerate(rows)}
+        carriers = [row for row in rows if model.joints.carries(row)]
+        for row in carriers:
+            paths[row].before = paths[row].at(0, self._steps, self._step)[1]
+        before = {body.number for body in self._world.bodies(frame - 1)} if carriers and frame else set()
+        known = [row for row in carriers if bodies[row].number in before]
+        if known:
+            earlier = self._world.mover_poses(frame - 1, [bodies[row].number for row in known])
+            for place, row in enumerate(known):
+                way = _MoverPath(earlier[0][place], earlier[1][place])
+                paths[row].before = way.at(self._steps - 1, self._steps, self._step)[1]
+        return paths
 
     def _model(
         self,
         key: Hashable,
         bodies: Sequence[PhysicsBody],
+        joints: Sequence[PhysicsJoint],
         around: Hashable,
         make: Callable[[], Surroundings],
         walled: bool,
@@ -250,29 +285,43 @@ class RigidBodySimulation:
             return self._models[key]
         if self._loaded is None or self._loaded[0] != around:
             self._loaded = around, make()
-        model = self._models[key] = PhysicsModel(bodies, self._loaded[1], walled, self._step)
+        model = self._models[key] = PhysicsModel(bodies, self._loaded[1], walled, self._step, joints)
         while len(self._models) > CACHED_MODELS:
             self._models.popitem(last=False)
         return model
 
 
-def _on_the_way(before: Array, after: Array, part: int, parts: int, step: float) -> tuple[Array, Array]:
-    """Return pose [7] and motion [6] of a mover at the start of a step on its way between two frames."""
-    turn = multiply(after[3:], before[3:] * np.array([1.0, -1.0, -1.0, -1.0]))
-    turn = -turn if turn[0] < 0.0 else turn
-    angle = 2.0 * math.atan2(float(np.linalg.norm(turn[1:])), float(turn[0]))
-    axis = turn[1:] / max(float(np.linalg.norm(turn[1:])), 1e-300)
-    share = part / parts
-    partly = np.array([math.cos(0.5 * share * angle), *(math.sin(0.5 * share * angle) * axis)])
-    rotation = multiply(partly, before[3:])
-    pose = np.concatenate([before[:3] + share * (after[:3] - before[:3]), rotation])
-    spin = matrix_from_quaternion(rotation).T @ (axis * (angle / (parts * step)))
-    return pose, np.concatenate([(after[:3] - before[:3]) / (parts * step), spin])
+@dataclass(eq=False)
+class _MoverPath:
+    """The way of a mover between two frames, at constant velocity.
+
+    Attributes:
+        start: Pose [7] at the first frame.
+        end: Pose [7] at the second.
+        before: Its motion [6] in the step before; None if nothing hangs on it.
+    """
+
+    start: Array
+    end: Array
+    before: Array | None = None
+
+    def at(self, part: int, parts: int, step: float) -> tuple[Array, Array]:
+        """Return pose [7] and motion [6] at the start of a step."""
+        turn = multiply(self.end[3:], self.start[3:] * np.array([1.0, -1.0, -1.0, -1.0]))
+        turn = -turn if turn[0] < 0.0 else turn
+        angle = 2.0 * math.atan2(float(np.linalg.norm(turn[1:])), float(turn[0]))
+        axis = turn[1:] / max(float(np.linalg.norm(turn[1:])), 1e-300)
+        share = part / parts
+        partly = np.array([math.cos(0.5 * share * angle), *(math.sin(0.5 * share * angle) * axis)])
+        rotation = multiply(partly, self.start[3:])
+        pose = np.concatenate([self.start[:3] + share * (self.end[:3] - self.start[:3]), rotation])
+        spin = matrix_from_quaternion(rotation).T @ (axis * (angle / (parts * step)))
+        return pose, np.concatenate([(self.end[:3] - self.start[:3]) / (parts * step), spin])
 
 
 def _inside(pose: Array, body: PhysicsBody, planes: Array | None) -> Array:
     """Return a pose moved inside of the walls."""
-    if planes is None or not body.parts:
+    if planes is None or not body.parts or not body.collides:
         return pose
     points = np.concatenate([part.points for part in body.parts]) @ matrix_from_quaternion(pose[3:]).T
     moved = pose.copy()

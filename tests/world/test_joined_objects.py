@@ -1,0 +1,152 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Joints of scenarios: validation, JSON, and streams of what hangs on them."""
+
+import math
+
+import numpy as np
+import pytest
+
+pytest.importorskip("mujoco")
+
+from scipy.special import ellipk
+
+import tiscene as ts
+
+BUFFERS = ("instance", "depth")
+FALL = 60.0  # degrees from the lowest point
+
+
+def pendulum(**named):
+    """Return a ball that hangs on a point of the world, 0.6 m above its center."""
+    turned = math.radians(FALL)
+    at = (0.6 * math.sin(turned), 1.6 - 0.6 * math.cos(turned), -2.0)
+    ball = ts.Object("ball", "Sphere", at, (0, 0, FALL), scale=0.25)
+    joint = ts.RevoluteJoint("ball", position=(0, 0.6, 0), axis="Z", parent_rotation=(0, 0, 0))
+    return ts.Scenario("object_view", [ball], physics=True, joints=[joint], **named)
+
+
+def stream_of(scenario):
+    return ts.Stream(scenario, width=24, height=18, buffers=BUFFERS, fps=100)
+
+
+def angle(stream, frame):
+    x, y, _ = next(row.position for row in stream[frame].objects if row.name == "ball")
+    return math.atan2(x, 1.6 - y)
+
+
+def test_pendulum_of_a_scenario_has_its_period():
+    stream = stream_of(pendulum())
+    radius = 0.5 * 0.25 * 0.4  # of the template, scaled; see `tiscene show`
+    length = 0.6 + 0.4 * radius**2 / 0.6
+    period = 4.0 * math.sqrt(length / 9.81) * ellipk(math.sin(math.radians(FALL / 2)) ** 2)
+    at = period * 3 * 100
+    low, high = math.floor(at), math.ceil(at)
+    assert angle(stream, low) == pytest.approx(math.radians(FALL), abs=2e-3)
+    assert angle(stream, high) == pytest.approx(math.radians(FALL), abs=2e-3)
+    assert angle(stream, round(at / 2)) > 0.9 * math.radians(FALL) or angle(stream, round(at / 2)) < -0.9
+
+
+def test_seek_returns_the_frames_of_playing_in_another_stream():
+    played, sought = stream_of(pendulum()), stream_of(ts.Scenario.from_json(pendulum().to_json()))
+    frames = [played[frame] for frame in range(20)]
+    for frame in (19, 4, 18):
+        for name in BUFFERS:
+            assert sought[frame][name].tobytes() == frames[frame][name].tobytes()
+
+
+def test_object_hangs_on_one_that_moves_along_a_path():
+    """A cube on a rope is drawn along by its end."""
+    path = ts.LinearWaypoints([ts.Waypoint((-1, 2, -2)), ts.Waypoint((1, 2, -2))], total_time=4.0)
+    objects = [
+        ts.Object("hook", "Cube", dynamic=path, scale=0.1, collide=False),
+        ts.Object("load", "Cube", (-1.0, 1.4, -2.0), scale=0.5, collide=False),
+    ]
+    joint = ts.SphericalJoint("load", "hook", position=(0, 0.6, 0))
+    stream = ts.Stream(ts.Scenario("object_view", objects, physics=True, joints=[joint]), width=8, height=6)
+    for frame in (1, 20, 45):
+        hook, load = (next(r for r in stream.world.state(frame).objects if r.name == n) for n in ("hook", "load"))
+        assert np.linalg.norm(np.subtract(hook.position, load.position)) == pytest.approx(0.6, abs=1e-6)
+    assert load.position[0] > -0.6
+
+
+def test_despawning_one_of_two_joined_objects_frees_the_other():
+    objects = [
+        ts.Object("post", "Cube", (0, 2, -2), dynamic=ts.Still(), scale=0.1),
+        ts.Object("load", "Cube", (0, 1, -2)),
+    ]
+    scenario = ts.Scenario("object_view", objects, physics=True, joints=[ts.FixedJoint("load", "post")])
+    stream = stream_of(scenario)
+    for _ in range(10):
+        next(stream)
+    stream.world.despawn("post")
+
+    def height(frame):
+        return next(row.position[1] for row in stream[frame].objects if row.name == "load")
+
+    assert [height(frame) for frame in (3, 10)] == pytest.approx([1.0, 1.0], abs=1e-9)
+    assert height(30) == pytest.approx(1.0 - 0.5 * 9.81 * 0.2**2, abs=1e-7)
+
+
+JOINTS = [
+    ts.FixedJoint("a", "b", (0, 1, 0), (0, 0, 10), (1, 2, 3), (1, 0, 0, 0), collide=True),
+    ts.RevoluteJoint("a", axis="Y", lower_limit=-30, upper_limit=60.5),
+    ts.PrismaticJoint("b", position=(0.1, 0.2, 0.3), upper_limit=2),
+    ts.SphericalJoint("b", "c", parent_position=(0, 0, 1)),
+    ts.DistanceJoint("c", "a", min_distance=0.5, max_distance=1.5),
+]
+
+
+def scenario_of(joints, **named):
+    return ts.Scenario("object_view", [ts.Object(n, "Cube") for n in "abc"], joints=joints, physics=True, **named)
+
+
+@pytest.mark.parametrize("joint", JOINTS)
+def test_joints_are_the_same_after_a_round_trip_through_json(joint, tmp_path):
+    scenario = scenario_of([joint])
+    scenario.save(tmp_path / "run.json")
+    assert ts.Scenario.load(tmp_path / "run.json") == scenario
+
+
+@pytest.mark.parametrize(
+    ("joints", "message"),
+    [
+        ([5], r"joints\[0\]=5: must be a joint"),
+        ([ts.FixedJoint("x")], r"joints\[0\].body='x': there is no object"),
+        ([ts.FixedJoint("a", "x")], r"joints\[0\].parent='x': there is no object"),
+        ([ts.FixedJoint("d")], r"neither 'd' nor its parent is a rigid body"),
+        ([ts.FixedJoint("a"), ts.RevoluteJoint("a", lower_limit=0)], r"joints\[1\]: its objects are connected already"),
+        ("joint", "must be a sequence"),
+    ],
+)
+def test_joints_that_cannot_work_are_errors(joints, message):
+    objects = [ts.Object("a", "Cube"), ts.Object("d", "Cube", dynamic=ts.Still())]
+    with pytest.raises(ts.TisceneError, match=message):
+        ts.Scenario("object_view", objects, joints=joints, physics=True)
+
+
+@pytest.mark.parametrize(
+    "make",
+    [
+        lambda: ts.RevoluteJoint("a", "a"),
+        lambda: ts.RevoluteJoint(""),
+        lambda: ts.RevoluteJoint("a", axis="W"),
+        lambda: ts.RevoluteJoint("a", lower_limit=2, upper_limit=1),
+        lambda: ts.PrismaticJoint("a", lower_limit=math.nan),
+        lambda: ts.SphericalJoint("a", position=(1, 2)),
+        lambda: ts.DistanceJoint("a", min_distance=-1),
+        lambda: ts.DistanceJoint("a", min_distance=2, max_distance=1),
+        lambda: ts.DistanceJoint("a", max_distance=0),
+        lambda: ts.FixedJoint("a", parent_rotation=(0, 0, 0, 0)),
+        lambda: ts.FixedJoint("a", collide=1),
+    ],
+)
+def test_invalid_joints_are_errors(make):
+    with pytest.raises(ts.TisceneError):
+        make()
+
+
+def test_rigid_body_that_does_not_collide_falls_through_the_floor():
+    ball = ts.Object("ball", "Sphere", (0, 1, 0), collide=False)
+    stream = ts.Stream(ts.Scenario("solid_benchmark", [ball], physics=True), width=8, height=6, buffers=("depth",))
+    (row,) = (each for each in stream[25].objects if each.name == "ball")
+    assert row.position[1] == pytest.approx(1.0 - 0.5 * 9.81, abs=1e-9)

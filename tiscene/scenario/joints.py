@@ -1,0 +1,193 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Joints between rigid bodies, and between a rigid body and the world or an object on a path; as in UsdPhysics.
+
+A joint has a frame on each side: a position and a rotation in the axes of the object, in meters whatever its scale, or
+in the world. The joint makes the two frames coincide up to its freedom: a fixed joint has none, a revolute one turns
+about an axis of the frames, a prismatic one slides along it, a spherical one turns about their common origin. A
+distance joint bounds the distance of the origins.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Sequence
+from dataclasses import dataclass, fields
+from typing import Any
+
+from dynamics import RigidBody, argument_checks
+from tiscene.errors import ScenarioError, scenario_errors
+from tiscene.scenario.objects import Object
+from tiscene.scene.camera import Vector3
+
+AXES = ("X", "Y", "Z")
+
+
+@dataclass(frozen=True)
+class Joint:
+    """What all joints have. It exists while its objects do.
+
+    Attributes:
+        body: id of an object; this or `parent` is a rigid body.
+        parent: id of another object; None: the world.
+        position: origin of the frame in the axes of `body`, m.
+        rotation: of the frame in the axes of `body`; Euler angles in degrees, or a quaternion.
+        parent_position: origin of the frame in the axes of `parent`, or in the world, m. None: where the frame of
+            `body` is at the start poses of both objects.
+        parent_rotation: of the frame in the axes of `parent`, or in the world. None: as of `parent_position`.
+        collide: whether the two objects collide with each other.
+
+    Raises:
+        ScenarioError: a value is out of range.
+    """
+
+    body: str
+    parent: str | None = None
+    position: Vector3 = (0.0, 0.0, 0.0)
+    rotation: tuple[float, ...] = (0.0, 0.0, 0.0)
+    parent_position: Vector3 | None = None
+    parent_rotation: tuple[float, ...] | None = None
+    collide: bool = False
+
+    def __post_init__(self) -> None:
+        with scenario_errors():
+            argument_checks.text(self.body, "body")
+            if self.parent is not None and argument_checks.text(self.parent, "parent") == self.body:
+                raise ScenarioError(f"parent={self.parent!r}: must be another object than body")
+            for name in ("position", "parent_position"):
+                if getattr(self, name) is not None:
+                    object.__setattr__(self, name, argument_checks.vector(getattr(self, name), name))
+            for name in ("rotation", "parent_rotation"):
+                if getattr(self, name) is not None:
+                    object.__setattr__(self, name, argument_checks.rotation(getattr(self, name), name))
+            argument_checks.flag(self.collide, "collide")
+            for each in fields(self):
+                if each.name in ("lower_limit", "upper_limit", "max_distance") and getattr(self, each.name) is not None:
+                    object.__setattr__(self, each.name, argument_checks.number(getattr(self, each.name), each.name))
+
+
+@dataclass(frozen=True)
+class FixedJoint(Joint):
+    """Holds two objects together; see `Joint`."""
+
+
+@dataclass(frozen=True)
+class AxialJoint(Joint):
+    """What joints with an axis have; see `Joint`.
+
+    Attributes:
+        axis: "X", "Y" or "Z", of the frames.
+        lower_limit: least value; None: unlimited.
+        upper_limit: greatest value; None: unlimited.
+    """
+
+    axis: str = "X"
+    lower_limit: float | None = None
+    upper_limit: float | None = None
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        with scenario_errors():
+            argument_checks.choice(self.axis, "axis", AXES)
+            low, high = self.lower_limit, self.upper_limit
+            if low is not None and high is not None and low > high:
+                raise ScenarioError(f"lower_limit={low!r}: must not be greater than upper_limit={high!r}")
+
+
+@dataclass(frozen=True)
+class RevoluteJoint(AxialJoint):
+    """A hinge: `body` turns about the axis; see `AxialJoint`. Limits are degrees that it has turned, right-handed."""
+
+
+@dataclass(frozen=True)
+class PrismaticJoint(AxialJoint):
+    """A slider: `body` moves along the axis without turning; see `AxialJoint`. Limits are meters."""
+
+
+@dataclass(frozen=True)
+class SphericalJoint(Joint):
+    """A ball in a socket: `body` turns about the origin of the frame, without limits; see `Joint`."""
+
+
+@dataclass(frozen=True)
+class DistanceJoint(Joint):
+    """Bounds the distance of the origins of the two frames, as a rope or a rod does; see `Joint`.
+
+    Attributes:
+        min_distance: m.
+        max_distance: m; None: unlimited.
+    """
+
+    min_distance: float = 0.0
+    max_distance: float | None = None
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        with scenario_errors():
+            least = argument_checks.not_negative(self.min_distance, "min_distance")
+            object.__setattr__(self, "min_distance", least)
+            if self.max_distance is not None and not (self.max_distance >= least and self.max_distance > 0.0):
+                raise ScenarioError(
+                    f"max_distance={self.max_distance!r}: must be greater than 0, and at least min_distance={least!r}"
+                )
+
+
+def check_joints(value: Any, objects: Collection[Object]) -> tuple[Joint, ...]:
+    """Return joints as a tuple.
+
+    Args:
+        value: a sequence of joints.
+        objects: the objects that they may name.
+
+    Raises:
+        ScenarioError: a joint is invalid; the message names it.
+    """
+    if isinstance(value, str) or not isinstance(value, Sequence):
+        raise ScenarioError(f"joints={value!r}: must be a sequence of joints, such as RevoluteJoint(...)")
+    rigid = {each.id: isinstance(each.dynamic, RigidBody) for each in objects}
+    for row, each in enumerate(value):
+        if not isinstance(each, Joint) or type(each) in (Joint, AxialJoint):
+            raise ScenarioError(f"joints[{row}]={each!r}: must be a joint, such as RevoluteJoint(...)")
+        for name, id in (("body", each.body), ("parent", each.parent)):
+            if id is not None and id not in rigid:
+                raise ScenarioError(f"joints[{row}].{name}={id!r}: there is no object with this id")
+        if not any(rigid[id] for id in (each.body, each.parent) if id is not None):
+            raise ScenarioError(
+                f"joints[{row}]: neither {each.body!r} nor its parent is a rigid body; give one of them "
+                "dynamic=RigidBody(), or the scenario physics=True"
+            )
+    ends = [tuple(id if id is not None and rigid[id] else None for id in (each.body, each.parent)) for each in value]
+    for row in closing_joints(ends, [isinstance(each, DistanceJoint) for each in value]):
+        each = value[row]
+        if isinstance(each, AxialJoint) and (
+            isinstance(each, PrismaticJoint) or each.lower_limit is not None or each.upper_limit is not None
+        ):
+            raise ScenarioError(
+                f"joints[{row}]: its objects are connected already, by other joints or by the world; there, "
+                "prismatic joints and limits are not supported. List this joint before the others"
+            )
+    return tuple(value)
+
+
+def closing_joints(ends: Sequence[tuple[Any, ...]], loose: Sequence[bool]) -> list[int]:
+    """Return the rows of joints that connect what earlier ones have connected.
+
+    Args:
+        ends: the two ends of each joint; None for all that is no rigid body.
+        loose: whether a joint connects nothing in this sense.
+    """
+    roots: dict[Any, Any] = {}
+
+    def root(end: Any) -> Any:
+        while end in roots:
+            end = roots[end]
+        return end
+
+    closing = []
+    for row, ((one, other), is_loose) in enumerate(zip(ends, loose, strict=True)):
+        if is_loose:
+            continue
+        first, second = root(one), root(other)
+        if first == second:
+            closing.append(row)
+        else:
+            roots[first if first is not None else second] = second if first is not None else first
+    return closing
