@@ -7,7 +7,9 @@ import taichi as ti
 
 from tiscene.device.kernel_types import Floats2
 from tiscene.errors import ArgumentError
-from tiscene.render.view import View, camera_ray
+from tiscene.render.integrators.incremental.frame_scratch import CORRECTION_COLUMNS, MOVER_COLUMNS
+from tiscene.render.integrators.path.path_state import FILM_COLUMNS
+from tiscene.render.view import MAX_PIXELS, View, camera_ray, check_image_size
 from tiscene.scene.camera import Camera
 from tiscene.scene.placement import CURRENT, NEXT
 
@@ -54,3 +56,11 @@ def test_array_is_cached_and_empty_size_raises() -> None:
     np.testing.assert_array_equal(view.array().to_numpy(), view.rows())
     with pytest.raises(ArgumentError, match="0x48 pixels"):
         View(CAMERA, CAMERA, CAMERA, 0, HEIGHT)
+
+
+def test_images_whose_arrays_kernels_cannot_count_are_refused() -> None:
+    check_image_size(16384, 8192)
+    assert MAX_PIXELS == 16384 * 8192
+    assert MAX_PIXELS * max(FILM_COLUMNS, CORRECTION_COLUMNS, MOVER_COLUMNS) < 2**31
+    with pytest.raises(ArgumentError, match="image of 16384x16384 pixels: at most 134217728 pixels"):
+        View(CAMERA, CAMERA, CAMERA, 16384, 16384)

@@ -207,6 +207,7 @@ def test_clamps_and_filters_change_color_alone():
         (BufferNotFound, "Did you mean 'depth'", "object_view", {"buffers": ("dept",)}),
         (ArgumentError, "sequence of names", "object_view", {"buffers": "rgb"}),
         (ArgumentError, "width=0: must be from 1", "object_view", {"width": 0}),
+        (ArgumentError, "at most 134217728 pixels", "object_view", {"width": 16384, "height": 16384}),
         (ArgumentError, "height=1.5: must be a whole number", "object_view", {"height": 1.5}),
         (ArgumentError, "fps=-1", "object_view", {"fps": -1}),
         (ArgumentError, "fps='fast'", "object_view", {"fps": "fast"}),

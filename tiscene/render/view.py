@@ -22,6 +22,18 @@ VIEW_COLUMNS = 22
 POSITION, RIGHT, UP, FORWARD, TANGENT, LENS_RADIUS, FOCUS_DISTANCE, BACKGROUND = 0, 3, 6, 9, 12, 13, 14, 15
 HALF_HEIGHT, CENTER = 18, 19
 SKY = (-1.0, -1.0, -1.0)  # as View.background: show the lights at infinity
+MAX_PIXELS = 1 << 27  # of an image; kernels count the elements of arrays, up to 15 a pixel, in int32
+
+
+def check_image_size(width: int, height: int) -> None:
+    """Raise an ArgumentError unless an image of this size, px, can be rendered."""
+    if width < 1 or height < 1:
+        raise ArgumentError(f"image of {width}x{height} pixels: width and height must be at least 1")
+    if width * height > MAX_PIXELS:
+        raise ArgumentError(
+            f"image of {width}x{height} pixels: at most {MAX_PIXELS} pixels, for example 16384x8192, are possible; "
+            "reduce width or height"
+        )
 
 
 @dataclass(frozen=True)
@@ -39,7 +51,7 @@ class View:
             illuminate the scene; SKY shows them.
 
     Raises:
-        ArgumentError: If the image is empty.
+        ArgumentError: If the image is empty or too large.
     """
 
     previous: Camera
@@ -52,8 +64,7 @@ class View:
     _device: dict[str, Any] = field(default_factory=dict, init=False, repr=False, compare=False)
 
     def __post_init__(self) -> None:
-        if self.width < 1 or self.height < 1:
-            raise ArgumentError(f"view of {self.width}x{self.height} pixels: width and height must be at least 1")
+        check_image_size(self.width, self.height)
         for name in ("previous", "current", "next"):
             object.__setattr__(self, name, getattr(self, name).framed(self.width / self.height))
 

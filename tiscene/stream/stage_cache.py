@@ -13,6 +13,7 @@ from dynamics.argument_checks import integer
 from tiscene import catalog
 from tiscene.frame.buffers import rendered_buffers
 from tiscene.render.render_settings import RenderSettings
+from tiscene.render.view import check_image_size
 from tiscene.scenario.scenario import Scenario
 from tiscene.scene.description import SceneDescription, Template
 from tiscene.stream.loading import load
@@ -143,9 +144,15 @@ def digest(digests: dict[str, str]) -> str:
 
 
 def image_size(width: int | None, height: int | None, resolution: tuple[int, int] | None) -> tuple[int, int]:
-    """Return the size of the images: what the caller gave, completed from the stage's resolution, else 256 x 192."""
+    """Return the size of the images: what the caller gave, completed from the stage's resolution, else 256 x 192.
+
+    Raises:
+        ArgumentError: The size is too large to be rendered.
+    """
     if resolution is not None and width is None:
         width = resolution[0] if height is None else max(1, round(height * resolution[0] / resolution[1]))
     if resolution is not None and height is None and width is not None:
         height = max(1, round(width * resolution[1] / resolution[0]))
-    return integer(width or 256, "width", 1, MAX_SIZE), integer(height or 192, "height", 1, MAX_SIZE)
+    size = integer(width or 256, "width", 1, MAX_SIZE), integer(height or 192, "height", 1, MAX_SIZE)
+    check_image_size(*size)
+    return size
