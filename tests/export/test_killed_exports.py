@@ -7,18 +7,18 @@ import sys
 
 import pytest
 
-from tests.export.fake_stream import FAKE_FORMATS, fake_stream_for, skip_without_extra
+import tiscene as ts
+from tests.export.fake_stream import FAKE_FORMATS, FakeStream, fake_stream_for, skip_without_extra
 from tests.export.test_export import contents
 from tiscene.export import export
-from tiscene.export.formats import find_format
+from tiscene.export.formats import FORMATS, find_format
 
 FRAMES = 9
 # Kills itself before a file operation: renaming a file to its place, or deleting one.
 KILLED = """
 import os, signal, sys
 from pathlib import Path
-from tests.export.fake_stream import fake_stream_for
-from tests.export.test_killed_exports import FRAMES, small_files
+from tests.export.test_killed_exports import FRAMES, small_files, source
 from tiscene.export import export
 
 folder, format, operations = sys.argv[1], sys.argv[2], [int(number) for number in sys.argv[3].split(",")]
@@ -39,10 +39,19 @@ for number in operations:
     child = os.fork()
     if child == 0:
         left = number
-        export(fake_stream_for(format), folder, format=format, frames=range(FRAMES))
+        export(source(format), folder, format=format, frames=range(FRAMES))
         os._exit(0)
     print(os.waitpid(child, 0)[1])
 """
+
+
+def source(format: str) -> FakeStream | ts.Stream:
+    """Return a stream with all buffers that a format can hold; one that renders where points are followed."""
+    if format in FAKE_FORMATS:
+        return fake_stream_for(format)
+    path = ts.LinearWaypoints([ts.Waypoint((-0.4, 0.0, 0.2)), ts.Waypoint((0.4, 0.0, 0.2))], total_time=0.4)
+    scenario = ts.Scenario("object_view", [ts.Object("cube", "Cube", (-0.4, 0.0, 0.2), dynamic=path)])
+    return ts.Stream(scenario, width=32, height=24, buffers=("instance", "depth"))
 
 
 def small_files(format: str) -> None:
@@ -63,11 +72,11 @@ def check(tmp_path, monkeypatch, format: str, kills: int) -> None:
     writer = find_format(format).writer()
     monkeypatch.setattr(writer, "FRAMES_PER_FILE", getattr(writer, "FRAMES_PER_FILE", None), raising=False)
     small_files(format)
-    export(fake_stream_for(format), tmp_path / "whole", format=format, frames=range(FRAMES))
+    export(source(format), tmp_path / "whole", format=format, frames=range(FRAMES))
     operations = [random.Random(f"{format} {number}").randrange(1, 40) for number in range(kills)]
     statuses = kill(tmp_path / "killed", format, operations)
     assert 9 in statuses
-    export(fake_stream_for(format), tmp_path / "killed", format=format, frames=range(FRAMES))
+    export(source(format), tmp_path / "killed", format=format, frames=range(FRAMES))
     assert contents(tmp_path / "killed") == contents(tmp_path / "whole")
 
 
@@ -76,6 +85,6 @@ def test_killed_export_of_shards_is_continued_to_the_same_bytes(tmp_path, monkey
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("format", FAKE_FORMATS)
+@pytest.mark.parametrize("format", FORMATS)
 def test_export_killed_ten_times_is_continued_to_the_same_bytes(tmp_path, monkeypatch, format):
     check(tmp_path, monkeypatch, format, 10)

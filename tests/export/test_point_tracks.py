@@ -83,6 +83,23 @@ def test_points_stay_on_their_objects(stream, tracks):
     assert (behind[hidden] > 0.04).mean() > 0.9
 
 
+def test_points_are_occluded_by_objects_that_did_not_exist_when_they_were_chosen(tmp_path):
+    camera = ts.Camera.look_at((0.0, 0.3, 2.5), (0.0, 0.0, 0.0))
+    scenario = ts.Scenario("object_view", [ts.Object("cube", "Cube")], camera=camera)
+    stream = ts.Stream(scenario, width=48, height=36, buffers=("instance",))
+    stream.seek(3)
+    late = stream.world.spawn("Sphere", (0.2, 0.1, 1.2))
+    export(stream, tmp_path, format="tracks", frames=range(FRAMES))
+    with np.load(tmp_path / "tracks" / "000000.npz") as clip:
+        tracks = dict(clip)
+    rows, x, y = first(tracks)
+    np.testing.assert_array_equal(tracks["target_points"][rows, -1], tracks["target_points"][rows, 0])
+    hidden = stream[4].instance[y, x] == late
+    assert 5 < hidden.sum() < len(rows)
+    np.testing.assert_array_equal(tracks["occluded"][rows, 4], hidden)
+    assert not tracks["occluded"][rows, 1].any()
+
+
 def test_points_are_chosen_evenly_among_objects_and_never_in_the_background():
     instance = np.zeros((40, 40), np.int32)
     instance[:, 10:], instance[0, :5] = 7, 3

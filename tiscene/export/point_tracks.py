@@ -32,6 +32,7 @@ from numpy.typing import NDArray
 from tiscene.export.array_files import Contents, archive, from_npy, npy
 from tiscene.render.view import View
 from tiscene.scene.camera import Camera
+from tiscene.scene.placement import Placement
 
 if TYPE_CHECKING:
     from tiscene.export.packing import ExportRun, FramePieces
@@ -51,6 +52,7 @@ class Query:
         frame: Index of the frame.
         now: The camera at that frame.
         after: The camera at the next one.
+        placement: The instances at that frame.
         x: Columns of their pixels, int64 [n].
         y: Rows of their pixels, int64 [n].
         instance: Ids of their objects, int32 [n].
@@ -59,6 +61,7 @@ class Query:
     frame: int
     now: Camera
     after: Camera
+    placement: Placement
     x: NDArray[np.int64]
     y: NDArray[np.int64]
     instance: NDArray[np.int32]
@@ -72,12 +75,11 @@ _KEPT_QUERIES = 8
 def pieces(frame: Frame, labels: dict[str, Any], stream: Stream) -> dict[str, Contents]:
     """Return the picture, and where the clip's points are in the frame."""
     clip = frame.index // FRAMES_PER_FILE
-    cameras = [step[1] for step in stream.world.state(frame.index).cameras]
+    state = stream.world.state(frame.index)
+    cameras = [step.current for step in state.cameras]
     row = [camera.name for camera in cameras].index(frame.camera.camera.name)
-    tracks = [
-        query_tracks(stream, query_points(stream, row, clip * FRAMES_PER_FILE + query), frame, cameras[row])
-        for query in QUERY_FRAMES
-    ]
+    queries = [query_points(stream, row, clip * FRAMES_PER_FILE + query) for query in QUERY_FRAMES]
+    tracks = [query_tracks(stream, query, frame.index, cameras[row], state.placement) for query in queries]
     columns = {name: np.concatenate([track[name] for track in tracks]) for name in tracks[0]}
     video: dict[str, Contents] = {"rgb": partial(npy, frame.rgb)} if "rgb" in frame else {}
     return video | {name: npy(column) for name, column in columns.items()}
@@ -94,24 +96,27 @@ def query_points(stream: Stream, row: int, index: int) -> Query:
     known = _queries.setdefault(stream, {})
     key = row, index, stream.width, stream.height, len(stream.scenario.edits)
     if key not in known:
-        before, now, after = stream.world.state(index).cameras[row]
-        view = View(before, now, after, width=stream.width, height=stream.height)
+        state = stream.world.state(index)
+        view = View(*state.cameras[row], width=stream.width, height=stream.height)
         instance = stream.render_view(index, view, ("instance",)).instance
         x, y = chosen_pixels(instance, np.random.default_rng([stream.seed, index, row]))
         while len(known) >= _KEPT_QUERIES:
             del known[next(iter(known))]
-        known[key] = Query(index, now, after, x, y, instance[y, x])
+        known[key] = Query(index, view.current, view.next, state.placement, x, y, instance[y, x])
     return known[key]
 
 
-def query_tracks(stream: Stream, query: Query, frame: Frame, camera: Camera) -> dict[str, NDArray[Any]]:
+def query_tracks(
+    stream: Stream, query: Query, frame: int, camera: Camera, placement: Placement
+) -> dict[str, NDArray[Any]]:
     """Return where the points of a query are in a frame.
 
     Args:
         stream: The stream.
         query: The points.
-        frame: The frame.
+        frame: Index of the frame.
         camera: The camera at the frame.
+        placement: The instances at the frame.
 
     Returns:
         `query` float32 [n, 3]: frame of the clip, y, x; `target` float32 [n, 2]: x, y; `occluded` bool [n]; `instance`
@@ -119,12 +124,15 @@ def query_tracks(stream: Stream, query: Query, frame: Frame, camera: Camera) -> 
     """
     x, y = query.x, query.y
     centers = np.stack([x + 0.5, y + 0.5], axis=1)
-    if query.frame == frame.index:
+    if query.frame == frame:
         target, occluded = centers, np.zeros(len(x), bool)
     else:
         view = View(camera, query.now, query.after, width=stream.width, height=stream.height)
-        seen = stream.render_view(query.frame, view, ("backward_flow", "backward_occlusion"), since=frame.index)
-        target, occluded = centers + seen.backward_flow[y, x], seen.backward_occlusion[y, x]
+        pixels = np.zeros((stream.height, stream.width), bool)
+        pixels[y, x] = True
+        moved = query.placement.including(placement).since(placement)  # what came later may occlude
+        seen = stream.label_pixels(moved, view, ("backward_flow", "backward_occlusion"), pixels)
+        target, occluded = centers + seen["backward_flow"][y, x], seen["backward_occlusion"][y, x]
     place = np.full(len(x), query.frame % FRAMES_PER_FILE)
     return {
         "query": np.stack([place, y + 0.5, x + 0.5], axis=1).astype(np.float32),

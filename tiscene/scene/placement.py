@@ -64,6 +64,26 @@ class Placement:
         seconds[PREVIOUS] = earlier.seconds[CURRENT]
         return replace(self, world_from_object=world_from_object, present=present, seconds=seconds)
 
+    def including(self, other: Placement) -> Placement:
+        """Return this placement with the instances that only another one of the same scene has, absent at all times.
+
+        They follow the others. After `since(other)` they are present at PREVIOUS, where they may occlude.
+        """
+        rows = np.flatnonzero(~np.isin(other._keys(), self._keys()))
+        if not len(rows):
+            return self
+        own, others = (np.zeros(len(each.mesh), np.int32) if each.part is None else each.part for each in (self, other))
+        return replace(
+            self,
+            mesh=np.append(self.mesh, other.mesh[rows]),
+            instance_id=np.append(self.instance_id, other.instance_id[rows]),
+            category_id=np.append(self.category_id, other.category_id[rows]),
+            world_from_object=np.append(self.world_from_object, other.world_from_object[:, rows], axis=1),
+            box_from_object=np.append(self.box_from_object, other.box_from_object[rows], axis=0),
+            present=np.append(self.present, np.zeros((3, len(rows)), bool), axis=1),
+            part=np.append(own, others[rows]),
+        )
+
     def _keys(self) -> NDArray[np.int64]:
         """Return a number for each instance, int64 [n], by its label and its place among those of that label."""
         order = np.argsort(self.instance_id, kind="stable")

@@ -1,19 +1,27 @@
 # SPDX-License-Identifier: Apache-2.0
-"""StreamOutput: methods of Stream for USD programs and notebooks."""
+"""StreamOutput: methods of Stream for USD programs, notebooks and point tracks."""
 
 from __future__ import annotations
 
 import os
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping, Sequence
 from html import escape
-from typing import Any, Protocol
+from typing import TYPE_CHECKING, Any, Protocol
 
+from numpy.typing import NDArray
+
+from tiscene.device import runtime
 from tiscene.errors import ArgumentError
 from tiscene.frame.frame import Frame
 from tiscene.render.render_settings import RenderSettings
 from tiscene.scenario.scenario import Scenario
 from tiscene.usd.scenario.bake import write_motion
 from tiscene.world.world import World
+
+if TYPE_CHECKING:
+    from tiscene.render.view import View
+    from tiscene.scene.placement import Placement
+    from tiscene.stream.view_renderer import ViewRenderer
 
 
 class OutputSource(Protocol):
@@ -39,11 +47,28 @@ class OutputSource(Protocol):
     def buffers(self) -> tuple[str, ...]: ...
     @property
     def render_settings(self) -> RenderSettings: ...
+    @property
+    def _renderer(self) -> ViewRenderer: ...
     def __getitem__(self, index: int, /) -> Frame: ...
 
 
 class StreamOutput:
-    """A stream as a USD layer, and as a table in a notebook."""
+    """A stream as a USD layer, as a table in a notebook, and the labels of a few of its pixels."""
+
+    @runtime.one_thread_at_a_time
+    def label_pixels(
+        self: OutputSource, placement: Placement, view: View, buffers: Sequence[str], pixels: NDArray[Any]
+    ) -> Mapping[str, NDArray[Any]]:
+        """Render label buffers of some pixels of a view: with few pixels much faster than `render_view`.
+
+        Args:
+            placement: the instances, such as `stream.world.state(12).placement`; its `since` chooses the frame from
+                which `backward_flow` is measured.
+            view: the camera at the three times of the placement, and the image size.
+            buffers: names of label buffers.
+            pixels: bool [h, w], True where the buffers are computed; elsewhere their values are undefined.
+        """
+        return self._renderer.label_pixels(placement, view, buffers, pixels)
 
     def to_usd(self: OutputSource, path: str | os.PathLike[str], frames: int | Iterable[int] | None = None) -> None:
         """Write the motion as a USD layer over the scene (.usda, .usdc, .usd), to be played by any USD program.

@@ -20,6 +20,7 @@ from tiscene.render.renderer import Renderer
 from tiscene.render.view import View
 from tiscene.scene.bvh.obstacle_tree import MeshTrees
 from tiscene.scene.device_scene import DeviceScene
+from tiscene.scene.placement import Placement
 from tiscene.stream.incremental import is_static_view, movers
 from tiscene.stream.shutter import shutter_samples
 from tiscene.world.world import World
@@ -220,6 +221,21 @@ class ViewRenderer:
         )
         rendered = {name: labels[name] if name in labels else rendered[name] for name in buffers}
         return Pixels(complete(names, rendered), rendered.get("instance"), renderer.spp if colored else 0.0)
+
+    def label_pixels(
+        self, placement: Placement, view: View, buffers: Sequence[str], pixels: NDArray[np.bool_]
+    ) -> Labels:
+        """Render label buffers of some pixels of a view.
+
+        Args:
+            placement: the instances.
+            view: the camera at the three times of the placement, and the image size.
+            buffers: names of label buffers.
+            pixels: bool [h, w], True where the buffers are computed; elsewhere their values are undefined.
+        """
+        self.check_session()
+        self._upload_descriptions()
+        return self._renderer(view).render_pixels(view, placement, buffers, pixels)
 
     def label_batch(
         self, states: Sequence[WorldState], buffers: Sequence[str], width: int, height: int

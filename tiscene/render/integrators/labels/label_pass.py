@@ -88,6 +88,16 @@ class LabelPass:
             self._draw(self._frame(view), queue, count, arrays, static=image.samples)
         return arrays
 
+    def render_pixels(self, view: View, buffers: Sequence[str], pixels: NDArray[np.bool_]) -> dict[str, NDArray[Any]]:
+        """Render label buffers where an image, bool [h, w], is True: the bytes of `render` there, undefined elsewhere.
+
+        Other arguments are those of `render`. Costs what these pixels cost.
+        """
+        arrays = _empty(view, buffers)
+        queue, count = self._rays.resized(view.width, view.height).queue_of(pixels)
+        self._draw(self._frame(view), queue, count, arrays)
+        return arrays
+
     def render_frames(
         self, views: Sequence[View], placements: Sequence[Placement], buffers: Sequence[str]
     ) -> list[dict[str, NDArray[Any]]] | None:
