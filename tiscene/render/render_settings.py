@@ -104,9 +104,9 @@ class RenderSettings:
 
 
 PRESETS = {
-    "fast": RenderSettings(spp=1, max_depth=4, denoiser="fast", incremental=True, base_spp=64, near_spp=4, downscale=2),
-    "preview": RenderSettings(spp=4, max_depth=4, denoiser="fast", incremental=True, base_spp=64),
-    "standard": RenderSettings(spp=16, max_depth=6),
+    "fast": RenderSettings(spp=1, max_depth=8, denoiser="fast", incremental=True, base_spp=64, near_spp=4, downscale=2),
+    "preview": RenderSettings(spp=4, max_depth=8, denoiser="fast", incremental=True, base_spp=64),
+    "standard": RenderSettings(spp=16, max_depth=8),
     "photo": RenderSettings(spp=256, max_depth=12, denoiser="high", base_spp=1024),
 }
 
