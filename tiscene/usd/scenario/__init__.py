@@ -7,6 +7,7 @@
     write               write a scenario as a layer over its scene
     motion_schema       trajectories as attributes of TisceneMotionAPI
     rigid_body_schema   rigid bodies by the schemas of UsdPhysics
+    joint_schema        joints by the schemas of UsdPhysics
     layer               layers over a scene: references, cameras, poses
     bake                a stream's motion as time samples
     light_time_samples  animated lights, read and written

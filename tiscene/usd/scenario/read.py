@@ -32,6 +32,7 @@ from tiscene.usd.lights.light import is_light
 from tiscene.usd.read.stage_camera import read_camera
 from tiscene.usd.read.stage_render_settings import read_render_settings
 from tiscene.usd.read.subprocess_reader import read_in_subprocess
+from tiscene.usd.scenario.joint_schema import read_joints
 from tiscene.usd.scenario.light_time_samples import read_light_motion
 from tiscene.usd.scenario.motion_schema import read_dynamic
 from tiscene.usd.scenario.rigid_body_schema import read_rigid_body
@@ -131,6 +132,7 @@ class _ScenarioReader:
                 objects.append(made)
                 paths.append(str(prim.GetPath()))
         self._name(objects, paths)
+        content |= read_joints(self._stage, objects, paths, content.get("physics", False), self._time, self._report)
         camera = None
         with self._report.guard("/"):
             camera = self._camera(root, cameras)

@@ -16,6 +16,7 @@ from tiscene.usd.core import schema
 from tiscene.usd.core.pose import unit_rotation
 from tiscene.usd.core.report import StageReport
 from tiscene.usd.core.stage import quiet, readable
+from tiscene.usd.scenario.joint_schema import write_joints
 from tiscene.usd.scenario.layer import OverLayer
 from tiscene.usd.scenario.motion_schema import write_dynamic
 from tiscene.usd.scenario.read import CAMERA_VALUES
@@ -53,6 +54,7 @@ def write_scenario(content: Mapping[str, Any], path: str | os.PathLike[str]) -> 
             _set(root, "tiscene:scenario:frustumFar", _TYPES.Double, far)
         prims = [_write_object(over, each, report) for each in content["objects"]]
         root.CreateRelationship("tiscene:scenario:objects", False).SetTargets([prim.GetPath() for prim in prims])
+        write_joints(over, content.get("joints", ()), content["objects"], prims)
         camera = content["camera"]
         if camera is not None:
             cameras = [

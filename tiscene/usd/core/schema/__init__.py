@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The codeless USD schema of scenarios: TisceneScenarioAPI, TisceneObjectAPI, TisceneMotionAPI, TisceneCameraAPI.
+"""The codeless USD schema of scenarios: TisceneScenarioAPI, and one for objects, motion, joints and cameras each.
 
 `generatedSchema.usda` in this folder documents every attribute. tiscene registers it with USD when it first opens a
 stage. Other USD programs find it through the environment variable PXR_PLUGINPATH_NAME, set to this folder
@@ -19,11 +19,13 @@ from tiscene.usd.core.report import StageReport
 
 FOLDER = Path(__file__).parent
 SCENARIO, OBJECT, MOTION, CAMERA = "TisceneScenarioAPI", "TisceneObjectAPI", "TisceneMotionAPI", "TisceneCameraAPI"
+JOINT = "TisceneJointAPI"
 NAMESPACES = {
     SCENARIO: "tiscene:scenario",
     OBJECT: "tiscene:object",
     MOTION: "tiscene:motion",
     CAMERA: "tiscene:camera",
+    JOINT: "tiscene:joint",
 }
 
 

@@ -1,0 +1,159 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Joints in USD layers, for tiscene and for other programs."""
+
+import math
+
+import numpy as np
+import pytest
+from pxr import Gf, UsdGeom, UsdPhysics
+
+import tiscene as ts
+from tiscene.errors import StageWarning
+from tiscene.scenario.edits import Spawn
+from tiscene.usd.core.stage import open_stage
+from tiscene.usd.scenario.read import read_scenario
+
+PATH = ts.LinearWaypoints([ts.Waypoint((0, 3, 0)), ts.Waypoint((1, 3, 0))])
+OBJECTS = [
+    ts.Object("bob", "Cube", (0.3, 1, 0), (0, 0, 20), scale=(1, 2, 1)),
+    ts.Object("other", "Ball 01", (0, 2, 0.1), (1, 0, 0, 0), dynamic=ts.RigidBody()),
+    ts.Object("carrier", "Cube", (5, 5, 5), dynamic=PATH),
+    ts.Object("Chair", "Chair 01", (1, 0, -1), (10, 20, 30)),
+]
+JOINTS = [
+    ts.RevoluteJoint("bob", position=(0, 0.6, 0), axis="Z", lower_limit=-30, upper_limit=60.5),
+    ts.FixedJoint("other", "bob", (0, 1, 0), (0, 0, 10), (1, 2, 0.1), (1, 0, 0, 0), collide=True),
+    ts.DistanceJoint("Chair", "other", min_distance=0.1, max_distance=3.3),
+    ts.SphericalJoint("Chair", "carrier", position=(0.1, 0.5, 0)),
+]
+
+
+SPAWN = Spawn(4, ts.Object("spawned", "Cube", dynamic=ts.RigidBody(), first_frame=4))
+
+
+def scenario_of(joints=JOINTS, objects=OBJECTS, scene="object_view", **named):
+    return ts.Scenario(scene, objects, joints=joints, physics=True, **named)
+
+
+@pytest.mark.parametrize("suffix", [".usda", ".usdc"])
+def test_scenario_with_joints_is_the_same_after_a_round_trip(tmp_path, suffix):
+    scenario = scenario_of([*JOINTS, ts.PrismaticJoint("spawned", upper_limit=0.7)], edits=[SPAWN])
+    scenario.save(tmp_path / f"run{suffix}")
+    assert ts.Scenario.load(tmp_path / f"run{suffix}").to_json() == scenario.to_json()
+
+
+def frame_of(stage, relationship, position, rotation):
+    """Return a local frame of a joint in the world as other programs compute it: the scale applies to the position."""
+    world = Gf.Transform()
+    for target in relationship.GetTargets():
+        world = Gf.Transform(UsdGeom.Xformable(stage.GetPrimAtPath(target)).ComputeLocalToWorldTransform(0.0))
+    scaled = Gf.CompMult(Gf.Vec3d(position.Get()), world.GetScale())
+    turn = Gf.Rotation(world.GetRotation().GetQuat() * Gf.Quatd(rotation.Get()))
+    place = world.GetTranslation() + world.GetRotation().TransformDir(scaled)
+    return np.array([*place, *turn.TransformDir(Gf.Vec3d(1, 2, 3))])
+
+
+def test_other_programs_find_both_frames_of_a_joint_in_the_same_place(tmp_path):
+    scenario_of().save(tmp_path / "run.usda")
+    stage = open_stage(tmp_path / "run.usda", None)
+    joint = UsdPhysics.RevoluteJoint(stage.GetPrimAtPath("/Scenario/Joints/bob_RevoluteJoint"))
+    assert (joint.GetAxisAttr().Get(), joint.GetLowerLimitAttr().Get(), joint.GetUpperLimitAttr().Get()) == (
+        "Z",
+        -30.0,
+        60.5,
+    )
+    assert joint.GetBody0Rel().GetTargets() == []
+    assert joint.GetBody1Rel().GetTargets() == ["/Scenario/Objects/bob"]
+    first = frame_of(stage, joint.GetBody0Rel(), joint.GetLocalPos0Attr(), joint.GetLocalRot0Attr())
+    second = frame_of(stage, joint.GetBody1Rel(), joint.GetLocalPos1Attr(), joint.GetLocalRot1Attr())
+    np.testing.assert_allclose(first, second, atol=1e-5)
+    top = math.radians(20)
+    pivot = (0.3 - 0.6 * math.sin(top), 1.0 + 0.6 * math.cos(top), 0.0)
+    np.testing.assert_allclose(joint.GetLocalPos0Attr().Get(), pivot, atol=1e-6)
+
+
+def test_joint_that_another_program_changes_is_read_as_changed(tmp_path):
+    scenario_of(JOINTS[:2]).save(tmp_path / "run.usda")
+    stage = open_stage(tmp_path / "run.usda", None)
+    joint = UsdPhysics.RevoluteJoint(stage.GetPrimAtPath("/Scenario/Joints/bob_RevoluteJoint"))
+    joint.GetUpperLimitAttr().Set(45.0)
+    UsdPhysics.Joint(stage.GetPrimAtPath("/Scenario/Joints/other_FixedJoint")).CreateJointEnabledAttr(False)
+    stage.GetRootLayer().Save()
+    (read,) = ts.Scenario.load(tmp_path / "run.usda").joints
+    assert read.upper_limit == 45.0
+    assert read.position == pytest.approx((0.0, 0.6, 0.0), abs=1e-6)
+    assert read.parent is None
+    assert read.parent_position[1] == pytest.approx(1.0 + 0.6 * math.cos(math.radians(20)), abs=1e-6)
+
+
+FOREIGN = """#usda 1.0
+(
+    metersPerUnit = 0.01
+    upAxis = "Y"
+)
+def Xform "World"
+{
+    double3 xformOp:translate = (0, 100, 0)
+    uniform token[] xformOpOrder = ["xformOp:translate"]
+    def Cube "Frame"
+    {
+        double3 xformOp:translate = (0, 50, 0)
+        uniform token[] xformOpOrder = ["xformOp:translate"]
+    }
+    def Cube "Door" (prepend apiSchemas = ["TisceneObjectAPI", "PhysicsRigidBodyAPI"])
+    {
+        double3 xformOp:translate = (50, 0, 0)
+        double3 xformOp:scale = (40, 80, 2)
+        uniform token[] xformOpOrder = ["xformOp:translate", "xformOp:scale"]
+    }
+    def Cube "Knob" (prepend apiSchemas = ["TisceneObjectAPI", "PhysicsRigidBodyAPI"])
+    {
+        double3 xformOp:translate = (80, 0, 5)
+        uniform token[] xformOpOrder = ["xformOp:translate"]
+    }
+    def PhysicsRevoluteJoint "Hinge" (prepend apiSchemas = ["PhysicsDriveAPI:angular"])
+    {
+        rel physics:body0 = </World/Door>
+        rel physics:body1 = </World/Frame>
+        point3f physics:localPos0 = (-1, 0, 0)
+        point3f physics:localPos1 = (10, -50, 0)
+        uniform token physics:axis = "Y"
+        float physics:lowerLimit = -20
+        float physics:upperLimit = 90
+        float physics:breakForce = 5
+    }
+    def PhysicsDistanceJoint "Rope"
+    {
+        rel physics:body0 = </World/Door>
+        rel physics:body1 = </World/Knob>
+        float physics:maxDistance = 30
+    }
+    def PhysicsJoint "Free"
+    {
+        rel physics:body1 = </World/Knob>
+    }
+    def PhysicsFixedJoint "Elsewhere"
+    {
+        rel physics:body1 = </World/Frame>
+    }
+}
+"""
+
+
+def test_joints_of_another_program_are_read_in_meters_and_their_omissions_are_named(tmp_path):
+    path = tmp_path / "foreign.usda"
+    path.write_text(FOREIGN)
+    with pytest.warns(StageWarning) as warned:
+        content = read_scenario(path).content
+    text = str(warned[0].message)
+    for part in ("breakForce", "PhysicsDriveAPI", "PhysicsJoint is not simulated"):
+        assert part in text
+    hinge, rope = content["joints"]
+    assert (hinge["type"], hinge["body"], hinge["parent"], hinge["axis"]) == ("RevoluteJoint", "Door", None, "Y")
+    assert (hinge["lower_limit"], hinge["upper_limit"]) == (-90.0, 20.0)  # of the door in the frame
+    assert hinge["position"] == pytest.approx([-0.4, 0.0, 0.0])
+    assert hinge["parent_position"] == pytest.approx([0.1, 1.0, 0.0])
+    assert (rope["type"], rope["body"], rope["parent"], rope["max_distance"]) == ("DistanceJoint", "Knob", "Door", 0.3)
+    with pytest.warns(StageWarning):
+        joints = ts.Scenario.load(path).joints
+    assert [type(each) for each in joints] == [ts.RevoluteJoint, ts.DistanceJoint]
