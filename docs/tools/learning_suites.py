@@ -26,6 +26,7 @@ from usd_scenes.author.home_01 import WALK
 FOLDER = Path(ts.__file__).parent / "learning" / "suites"
 TAUGHT = SupervisionRules(Combined([OnePixelPerMovingObject(), RandomPixels(2)]))
 TESTED = {"frames": 16, "step": 20}
+COPIES = 2  # of each template of the suite room
 
 
 @dataclass(frozen=True)
@@ -34,7 +35,7 @@ class Grade:
 
     Attributes:
         name: its name.
-        objects: moving objects of a phase.
+        objects: templates that move in a phase.
         size: least size of an object, as a fraction of the image's height.
         depth: distances from the camera, m.
         speed: m/s.
@@ -53,15 +54,23 @@ class Grade:
 
 GRADES = (
     Grade("easy", 1, 0.25, (1.0, 2.5), (0.2, 0.4), (0.1, 0.5)),
-    Grade("medium", 2, 0.15, (1.2, 3.2), (0.3, 0.8), (0.3, 1.2)),
+    Grade("medium", 2, 0.15, (1.0, 3.0), (0.3, 0.8), (0.3, 1.2)),
     Grade("hard", 2, 0.08, (1.2, 4.5), (0.6, 1.6), (1.0, 3.0)),
 )
 
 
-def moving(scene: str, templates: Sequence[str], grade: Grade, seed: int) -> ts.Scenario:
-    """Return a scenario in which one object of each template moves on a random loop."""
+def moving(scene: str, templates: Sequence[str], grade: Grade, seed: int, copies: int = 1) -> ts.Scenario:
+    """Return a scenario in which objects of each template move, each on a random loop of its own.
+
+    Args:
+        scene: name of the scene.
+        templates: of which the grade takes the first ones.
+        grade: ranges of size, distance and speed.
+        seed: of all loops.
+        copies: objects of each template. More of them show it from more sides.
+    """
     objects: list[ts.Object] = []
-    for row, template in enumerate(templates[: grade.objects]):
+    for row, template in enumerate(templates[: grade.objects] * copies):
         drawn = ts.Scenario.sample(
             scene,
             seed=100 * seed + row,
@@ -71,8 +80,12 @@ def moving(scene: str, templates: Sequence[str], grade: Grade, seed: int) -> ts.
             min_size=grade.size,
             speed=grade.speed,
             angular_speed=grade.spin,
+            waypoints=(5, 8),
         )
-        objects.append(replace(drawn.objects[0], id=template.lower().replace(" ", "_"), collide=False))
+        name = template.lower().replace(" ", "_") + (
+            "" if copies == 1 else f"_{row // min(grade.objects, len(templates)) + 1}"
+        )
+        objects.append(replace(drawn.objects[0], id=name, collide=False))
     return ts.Scenario(scene, objects)
 
 
@@ -105,9 +118,10 @@ def solids(grade: Grade) -> Course:
 def room(grade: Grade) -> Course:
     """Return a course in one room: two groups of objects in turn, day and night, other instances, clutter."""
     scene = "room_02"
-    first, second = ("Chair 01", "Teddy Bear 01"), ("Ball 01", "Suitcase 01")
-    a, b = (moving(scene, group, grade, seed) for seed, group in enumerate((first, second), 1))
-    other = replace(a, objects=[replace(a.objects[0], template="Chair 02"), *a.objects[1:]])
+    first, second = ("Chair 01", "Ball 01"), ("Teddy Bear 01", "Suitcase 01")
+    a, b = (moving(scene, group, grade, seed, COPIES) for seed, group in enumerate((first, second), 1))
+    others = [replace(each, template="Chair 02") if each.template == "Chair 01" else each for each in a.objects]
+    other = replace(a, objects=others)
     n = grade.frames
     night = Drift("illumination", ("day", "night"), Cycle(n // 2))
     phases = [
@@ -120,11 +134,11 @@ def room(grade: Grade) -> Course:
     if grade.name == "easy":
         phases = phases[:4]
     tests = [
-        Phase(_title(scenario), moving(scene, group, grade, seed), **TESTED)
+        Phase(_title(scenario), moving(scene, group, grade, seed, COPIES), **TESTED)
         for scenario, group, seed in ((a, first, 11), (b, second, 12))
     ]
     tests += counterfactuals(tests, {"illumination": ["night"]}, **TESTED)
-    names = ["chair", "teddy bear", "ball", "suitcase"]
+    names = ["chair", "ball", "teddy bear", "suitcase"]
     return course(phases, tests, names)
 
 
@@ -181,7 +195,7 @@ def _classes_in_turn(scene: str, groups: Sequence[Sequence[str]], grade: Grade, 
 
 
 def _title(scenario: ts.Scenario) -> str:
-    return ", ".join(ts.templates()[each.template].category for each in scenario.objects)
+    return ", ".join(dict.fromkeys(ts.templates()[each.template].category for each in scenario.objects))
 
 
 SUITES: dict[str, Callable[[Grade], Course]] = {"solids": solids, "room": room, "home": home}

@@ -110,7 +110,7 @@ def test_naive_forgets_and_replay_does_not():
     for name in ("naive", "replay"):
         learner = taught(make_learner(name, CATEGORIES, seed=2), 1, 60)
         taught(learner, 2, 80, start=60)
-        assert accuracy(learner, 2) > 0.9
+        assert accuracy(learner, 2) > 0.8
         kept[name] = accuracy(learner, 1)
     assert kept["replay"] > 0.9
     assert kept["naive"] < 0.5

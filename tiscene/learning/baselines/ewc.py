@@ -12,7 +12,7 @@ from collections.abc import Mapping
 
 from tiscene.errors import requires_extra
 from tiscene.learning.baselines.consolidation import ConsolidatingLearner
-from tiscene.learning.baselines.pixel_network import LabeledPicture, pictures
+from tiscene.learning.baselines.pixel_network import LabeledPicture, one_thread, pictures
 
 with requires_extra("torch"):
     import torch
@@ -54,6 +54,7 @@ class ElasticWeightConsolidation(ConsolidatingLearner):
         rows = zip(self.fisher, self.network.parameters(), self.anchor, strict=False)
         return 0.5 * self.strength * sum((F * (w - old).square()).sum() for F, w, old in rows)
 
+    @one_thread()
     def consolidate(self) -> None:
         weights = list(self.network.parameters())
         squares = [torch.zeros_like(w) for w in weights]

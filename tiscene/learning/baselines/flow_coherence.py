@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tiscene.errors import ArgumentError, requires_extra
-from tiscene.learning.baselines.pixel_network import LabeledPicture, PixelLearner, pictures
+from tiscene.learning.baselines.pixel_network import LabeledPicture, PixelLearner, one_thread, pictures
 from tiscene.learning.phase import CourseFrame
 from tiscene.learning.supervision import Answer
 
@@ -35,7 +35,7 @@ class FlowCoherence(PixelLearner):
         temperature: of the contrastive loss.
     """
 
-    HEAD_RATE = 5.0  # the last layer learns that much faster than the features
+    HEAD_RATE = 20.0  # the last layer learns that much faster than the features
 
     def __init__(
         self,
@@ -52,7 +52,7 @@ class FlowCoherence(PixelLearner):
     def reset(self) -> None:
         super().reset()
         groups = [
-            {"params": self.network.features.parameters()},
+            {"params": self.network.layers.parameters()},
             {"params": self.network.head.parameters(), "lr": self.HEAD_RATE * self.rate},
         ]
         self.optimizer = torch.optim.Adam(groups, lr=self.rate)
@@ -65,6 +65,7 @@ class FlowCoherence(PixelLearner):
         self.previous = frame.index, frame.rgb, frame.forward_flow
         super().learn(frame, answers)
 
+    @one_thread()
     def _cohere(self, before: NDArray[np.uint8], flow: NDArray[np.float32], after: NDArray[np.uint8]) -> None:
         """Take a step that makes features coherent along the flow between two frames."""
         start = self._drawn(flow)
@@ -93,6 +94,7 @@ class FlowCoherence(PixelLearner):
         chosen = np.unique(np.concatenate([anywhere, moving]))
         return np.column_stack(np.divmod(chosen, flow.shape[1]))
 
+    @one_thread()
     def step(self, batch: list[LabeledPicture]) -> None:
         """Train the last layer alone on labeled pictures."""
         with torch.no_grad():

@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tiscene.errors import requires_extra
+from tiscene.learning.baselines.pixel_network import one_thread
 from tiscene.learning.phase import CourseFrame
 from tiscene.learning.supervision import Answer
 
@@ -78,6 +79,7 @@ class NearestMean:
         vars(self).update({name: value.copy() for name, value in state.items()})
 
 
+@one_thread()
 def fixed_features(rgb: NDArray[np.uint8]) -> NDArray[np.float64]:
     """Return mean and deviation of the color in windows around each pixel: float64 [h, w, n]."""
     picture = torch.from_numpy(rgb).permute(2, 0, 1)[None].double() / 255.0

@@ -20,15 +20,18 @@ class Shuffled(PixelLearner):
     Args:
         categories: names by category id.
         seed: of all draws.
-        rate: learning rate.
-        batch: pictures of each step; there are as many steps as labeled pictures.
+        rate: learning rate of the first step; it falls to 0 along the steps.
+        batch: pictures of each step.
+        passes: steps for each labeled picture, so each is drawn `passes * batch` times on average.
     """
 
     sees_phases = True
 
-    def __init__(self, categories: Mapping[int, str], seed: int = 0, rate: float = 2e-3, batch: int = 5) -> None:
+    def __init__(
+        self, categories: Mapping[int, str], seed: int = 0, rate: float = 2e-3, batch: int = 5, passes: int = 2
+    ) -> None:
         super().__init__(categories, seed, rate)
-        self.batch = batch
+        self.batch, self.passes = batch, passes
         self.stored: list[LabeledPicture] = []
 
     def learn(self, frame: CourseFrame, answers: Sequence[Answer]) -> None:
@@ -38,7 +41,10 @@ class Shuffled(PixelLearner):
     def end_of_phase(self) -> None:
         """Train anew."""
         self.reset()
-        for _ in range(len(self.stored)):
+        steps = self.passes * len(self.stored)
+        for number in range(steps):
+            for group in self.optimizer.param_groups:
+                group["lr"] = self.rate * (1.0 - number / steps)
             rows = self.rng.choice(len(self.stored), min(self.batch, len(self.stored)), replace=False)
             self.step([self.stored[row] for row in rows.tolist()])
 

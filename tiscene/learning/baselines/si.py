@@ -11,7 +11,7 @@ from collections.abc import Mapping
 
 from tiscene.errors import requires_extra
 from tiscene.learning.baselines.consolidation import ConsolidatingLearner
-from tiscene.learning.baselines.pixel_network import LabeledPicture, pictures
+from tiscene.learning.baselines.pixel_network import LabeledPicture, one_thread, pictures
 
 with requires_extra("torch"):
     import torch
@@ -43,6 +43,7 @@ class SynapticIntelligence(ConsolidatingLearner):
         rows = zip(self.importance, self.network.parameters(), self.anchor, strict=True)
         return self.strength * sum((each * (w - old).square()).sum() for each, w, old in rows)
 
+    @one_thread()
     def step(self, batch: list[LabeledPicture]) -> None:
         weights = list(self.network.parameters())
         before = [w.detach().clone() for w in weights]
