@@ -82,11 +82,9 @@ def moving(scene: str, templates: Sequence[str], grade: Grade, seed: int, copies
             angular_speed=grade.spin,
             waypoints=(5, 8),
         )
-        name = template.lower().replace(" ", "_") + (
         name = template.lower().replace(" ", "_")
         if copies > 1:
             name += f"_{row // len(templates[: grade.objects]) + 1}"
-        )
         objects.append(replace(drawn.objects[0], id=name, collide=False))
     return ts.Scenario(scene, objects)
 
