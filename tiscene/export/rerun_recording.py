@@ -23,7 +23,8 @@ them Rerun writes an id by the clock and an index in random order: the manifest 
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from functools import partial
 from itertools import chain
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -31,12 +32,13 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from tiscene.export.array_files import png
+from tiscene.export.array_files import Contents, png
 from tiscene.export.png import ids16
 
 if TYPE_CHECKING:
     from tiscene.export.packing import ExportRun, FramePieces
-    from tiscene.frame.frame import Frame
+    from tiscene.frame.frame import Frame, FrameCamera
+    from tiscene.frame.object_table import Box, ObjectRow, OrientedBox
     from tiscene.stream.stream import Stream
 
 FRAMES_PER_FILE = 250  # Rerun holds a file in memory while it is written
@@ -45,23 +47,39 @@ CAMERA = "world/camera"
 
 def archetypes(frame: Frame) -> dict[str, list[Any]]:
     """Return what a frame logs: Rerun's archetypes by entity path."""
+    return {path: make() for path, make in _makers(frame).items()}
+
+
+def _makers(frame: Frame) -> dict[str, Callable[[], list[Any]]]:
+    """Return functions that make what a frame logs, by entity path. They may be called in other threads."""
+    rows = list(frame.objects)
+    boxes = [row.box_3d for row in rows]  # rendered on demand: here
+    seen = [(row, row.visible_box) for row in rows if row.visible_pixels > 0]
+    return {
+        CAMERA: partial(_camera, frame.camera),
+        **{f"{CAMERA}/{name}": partial(_buffer, name, buffer) for name, buffer in frame.buffers.items()},
+        "world/objects": partial(_boxes_3d, rows, boxes),
+        f"{CAMERA}/boxes": partial(_boxes_2d, [(row, box) for row, box in seen if box is not None]),
+    }
+
+
+def _camera(camera: FrameCamera) -> list[Any]:
+    """Return the pose and the intrinsics of a camera."""
     import rerun as rr
 
-    camera = frame.camera
     pose, K = camera.world_from_camera, camera.K_at(0.5)
-    logged: dict[str, list[Any]] = {
-        CAMERA: [
-            rr.Transform3D(translation=pose[:3, 3], mat3x3=pose[:3, :3]),
-            rr.Pinhole(
-                image_from_camera=K, resolution=[camera.width, camera.height], camera_xyz=rr.ViewCoordinates.RDF
-            ),
-        ]
-    }
-    for name, buffer in frame.buffers.items():
-        logged[f"{CAMERA}/{name}"] = [_archetype(name, buffer)]
-    rows = list(frame.objects)
-    boxes = [row.box_3d for row in rows]
-    logged["world/objects"] = [
+    size = [camera.width, camera.height]
+    return [
+        rr.Transform3D(translation=pose[:3, 3], mat3x3=pose[:3, :3]),
+        rr.Pinhole(image_from_camera=K, resolution=size, camera_xyz=rr.ViewCoordinates.RDF),
+    ]
+
+
+def _boxes_3d(rows: Sequence[ObjectRow], boxes: Sequence[OrientedBox]) -> list[Any]:
+    """Return the boxes of all objects, with their names."""
+    import rerun as rr
+
+    return [
         rr.Boxes3D(
             centers=np.array([box.center for box in boxes], np.float32).reshape(-1, 3),
             half_sizes=0.5 * np.array([box.size for box in boxes], np.float32).reshape(-1, 3),
@@ -70,8 +88,13 @@ def archetypes(frame: Frame) -> dict[str, list[Any]]:
             labels=[row.name for row in rows],
         )
     ]
-    seen = [(row, row.visible_box) for row in rows if row.visible_pixels > 0 and row.visible_box is not None]
-    logged[f"{CAMERA}/boxes"] = [
+
+
+def _boxes_2d(seen: Sequence[tuple[ObjectRow, Box]]) -> list[Any]:
+    """Return the boxes of the visible objects, with their names."""
+    import rerun as rr
+
+    return [
         rr.Boxes2D(
             array=np.array([box for _, box in seen], np.float32).reshape(-1, 4),
             array_format=rr.Box2DFormat.XYXY,
@@ -79,25 +102,30 @@ def archetypes(frame: Frame) -> dict[str, list[Any]]:
             labels=[row.name for row, _ in seen],
         )
     ]
-    return logged
 
 
-def pieces(frame: Frame, labels: dict[str, Any], stream: Stream) -> dict[str, bytes]:
-    """Return the chunks of a frame as Arrow record batches."""
+def pieces(frame: Frame, labels: dict[str, Any], stream: Stream) -> dict[str, Contents]:
+    """Return the chunks of a frame, each as a stream of one Arrow record batch."""
+    return {path: partial(_chunk, path, frame.index, frame.time, make) for path, make in _makers(frame).items()}
+
+
+def _chunk(path: str, index: int, time: float, make: Callable[[], list[Any]]) -> bytes:
+    """Return the chunk of an entity at a frame."""
+    import pyarrow as pa
     import rerun as rr
     from rerun.chunk import Chunk
 
-    found = {}
     indexes = [
-        rr.TimeColumn("frame", sequence=[frame.index]),
-        rr.TimeColumn("time", duration=[np.timedelta64(round(frame.time * 1e9), "ns")]),
+        rr.TimeColumn("frame", sequence=[index]),
+        rr.TimeColumn("time", duration=[np.timedelta64(round(time * 1e9), "ns")]),
     ]
-    for path, values in archetypes(frame).items():
-        columns = [column for value in values for column in _columns(value)]
-        batch = _with_ids(Chunk.from_columns(path, indexes, columns).to_record_batch(), f"{frame.index} {path}")
-        found[path] = batch.serialize().to_pybytes()
-        found[f"{path}.schema"] = batch.schema.serialize().to_pybytes()
-    return found
+    columns = [column for value in make() for column in _columns(value)]
+    batch = _with_ids(Chunk.from_columns(path, indexes, columns).to_record_batch(), f"{index} {path}")
+    sink = pa.BufferOutputStream()
+    with pa.ipc.new_stream(sink, batch.schema) as target:
+        target.write_batch(batch)
+    data: bytes = sink.getvalue().to_pybytes()
+    return data
 
 
 def pack(frames: Iterable[FramePieces], run: ExportRun, folder: Path) -> None:
@@ -136,10 +164,13 @@ def _chunks(frames: Iterable[FramePieces]) -> Iterator[Any]:
     from rerun.chunk import Chunk
 
     for frame in frames:
-        for name, data in frame.members.items():
-            if not name.endswith(".schema"):
-                schema = pa.ipc.read_schema(pa.py_buffer(frame.members[f"{name}.schema"]))
-                yield from Chunk.from_record_batch(pa.ipc.read_record_batch(pa.py_buffer(data), schema))
+        for data in frame.members.values():
+            yield from Chunk.from_record_batch(pa.ipc.open_stream(pa.py_buffer(data)).read_next_batch())
+
+
+def _buffer(name: str, buffer: NDArray[Any]) -> list[Any]:
+    """Return a buffer as an archetype."""
+    return [_archetype(name, buffer)]
 
 
 def _archetype(name: str, buffer: NDArray[Any]) -> Any:

@@ -212,21 +212,29 @@ class SceneMeasures:
         first, last = np.searchsorted(ids, self._ids), np.searchsorted(ids, self._ids, side="right")
         return [present[a:b] for a, b in zip(first.tolist(), last.tolist(), strict=True)]
 
-    def _signature(self, parts: NDArray[np.int64]) -> bytes:
-        """Return all inputs of an object's measurements in a view, as bytes."""
+    def _signatures(self) -> list[bytes]:
+        """Return all inputs of each object's measurements in a view, as bytes."""
         placed = self._placement
-        meshes = placed.mesh[parts]
-        signature: bytes = meshes.tobytes() + placed.world_from_object[CURRENT, parts].tobytes()
-        signature += placed.box_from_object[parts[:1]].tobytes()
-        if self._scene.deforms and any(self._scene.meshes[mesh].deformation is not None for mesh in meshes):
-            signature += repr(placed.seconds[CURRENT]).encode()
-        return signature
+        count = len(placed.mesh)
+        poses, boxes = placed.world_from_object[CURRENT].reshape(count, 12), placed.box_from_object.reshape(count, 12)
+        columns = [np.ascontiguousarray(each).view(np.uint8) for each in (placed.mesh[:, None], poses, boxes)]
+        rows = np.hstack(columns)
+        data, width = rows.tobytes(), rows.shape[1]
+        signatures = [
+            b"".join([data[row * width : (row + 1) * width] for row in parts.tolist()]) for parts in self._parts
+        ]
+        if self._scene.deforms:
+            now = repr(placed.seconds[CURRENT]).encode()
+            for number, parts in enumerate(self._parts):
+                if any(self._scene.meshes[mesh].deformation is not None for mesh in placed.mesh[parts]):
+                    signatures[number] += now
+        return signatures
 
     @_Measured
     def _objects(self) -> list[_CachedMeasurements]:
         """Measurements of each object; those missing in the cache are made."""
         known = self._measurer.cache_of(self._view)
-        signatures = [self._signature(parts) for parts in self._parts]
+        signatures = self._signatures()
         ids = self._ids.tolist()
         new = [
             row
