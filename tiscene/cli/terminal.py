@@ -3,16 +3,19 @@
 
 from __future__ import annotations
 
+import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, SpinnerColumn, TextColumn, TimeRemainingColumn
 
+LINE_EVERY = 60.0  # s between lines of progress, where stderr is no terminal
+
 
 @contextmanager
 def progress(task: str, total: int) -> Iterator[Callable[..., None]]:
-    """Show a progress bar, on terminals only.
+    """Show a progress bar. Where stderr is no terminal, as in a log file, print a line each minute instead.
 
     Args:
         task: The text beside the bar.
@@ -31,9 +34,16 @@ def progress(task: str, total: int) -> Iterator[Callable[..., None]]:
     console = Console(stderr=True)
     with Progress(*columns, console=console, transient=True, disable=not console.is_terminal) as bar:
         bar_task = bar.add_task(task, total=total)
+        next_line = time.monotonic() + LINE_EVERY
 
         def step(advance: int = 1, task: str | None = None) -> None:
+            nonlocal next_line
             bar.update(bar_task, advance=advance, description=task)
+            if bar.disable and time.monotonic() >= next_line:
+                shown = bar.tasks[0]
+                count = f"{shown.completed:g} of {shown.total:g}" if shown.total else f"{shown.completed:g}"
+                note(f"{shown.description}: {count}")
+                next_line = time.monotonic() + LINE_EVERY
 
         yield step
 
