@@ -95,6 +95,8 @@ class Mesh:
         deformation: Vertices over time. None: they do not move.
         second_uv: float32 [n, 2], read by some materials. None exactly if `colors` is.
         colors: float32 [n, 4], RGB and opacity of vertices, read by some materials. None: none.
+        link_class: Number of the meshes that the same lights light and shadow, where a light has `lit` or `shadowing`.
+            0 also holds what is spawned.
     """
 
     name: str
@@ -107,6 +109,7 @@ class Mesh:
     deformation: Deformation | None = None
     second_uv: FloatArray | None = None
     colors: FloatArray | None = None
+    link_class: int = 0
 
     def corners(self) -> FloatArray:
         """Return points [k, 3] whose convex hull holds the mesh at all times."""

@@ -30,7 +30,7 @@ from tiscene.scene.textures.atlas import TextureAtlas
 from tiscene.scene.vertex_rows import color_rows, stack_rows
 
 HAS_NORMALS, HAS_UV, MIRRORED, HAS_COLORS = 1, 2, 4, 8  # bits of `instance_info` column 5
-INFO_COLUMNS = 17
+INFO_COLUMNS = 18
 
 
 class DeviceScene:
@@ -360,17 +360,17 @@ class DeviceScene:
             self._mesh_is_empty[row] = deforming.blas[CURRENT].empty
             self._parts.entries[row] = 0
             deforming.invalidate()
-        color_offsets = first_colors - 3 * first_vertices[:-1]
-        columns = [entries, self._first_triangles[:-1], flags, deforming_vertices, color_offsets]
-        self._mesh_table = np.array(columns, np.int32).T.reshape(-1, 5)
+        colors, links = first_colors - 3 * first_vertices[:-1], [mesh.link_class for mesh in meshes]
+        columns = [entries, self._first_triangles[:-1], flags, deforming_vertices, colors, links]
+        self._mesh_table = np.array(columns, np.int32).T.reshape(-1, 6)
         self._mesh_arrays_are_stale = False
 
     def _upload_instances(self, inverse: NDArray[np.float64], determinant: NDArray[np.float64]) -> None:
         placement = self.placement
         count = len(placement.mesh)
         info = np.zeros((count, INFO_COLUMNS), np.int32)
-        info[:, [0, 1, 5, 7, 8]] = self._mesh_table[placement.mesh]
-        info[:, INFO_PARTS:] = self._parts.entries[placement.mesh]
+        info[:, [0, 1, 5, 7, 8, 17]] = self._mesh_table[placement.mesh]
+        info[:, INFO_PARTS : INFO_PARTS + PARTS] = self._parts.entries[placement.mesh]
         info[:, 2] = placement.instance_id
         info[:, 3] = placement.category_id
         info[:, 4] = placement.mesh

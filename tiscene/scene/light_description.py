@@ -55,6 +55,9 @@ class Light:
         shaping: None: emits alike in all directions.
         casts_shadows: False: nothing blocks the light.
         seen_by_camera: False: the camera sees what is behind the light; mirrors and glass still show it.
+        lit: Light linking: for each link class (`Mesh.link_class`) whether the light lights its meshes. None: it lights
+            all.
+        shadowing: Shadow linking: for each link class whether its meshes cast shadows in the light. None: all do.
     """
 
     name: str
@@ -67,6 +70,8 @@ class Light:
     shaping: Shaping | None = None
     casts_shadows: bool = True
     seen_by_camera: bool = True
+    lit: tuple[bool, ...] | None = None
+    shadowing: tuple[bool, ...] | None = None
 
 
 @dataclass(frozen=True, eq=False)

@@ -224,8 +224,6 @@ def test_lights_without_emission_are_dropped(tmp_path):
 
 UNSUPPORTED = [
     ("RectLight", "rel light:filters = </F>", "", "light filters are not applied"),
-    ("RectLight", "uniform bool collection:lightLink:includeRoot = 0", "", "lightLink is not applied"),
-    ("RectLight", "rel collection:shadowLink:excludes = </F>", "", "shadowLink is not applied"),
     ("DomeLight", 'token inputs:texture:format = "angular"', "", "a dome texture of format 'angular'"),
     ("PluginLight", "", "", "lights of type PluginLight are not supported"),
     ("DistantLight", "float inputs:angle = 270", "", "wider than a hemisphere"),

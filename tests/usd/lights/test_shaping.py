@@ -93,10 +93,6 @@ UNRENDERED = [
     ("float inputs:shadow:distance = 2", "shadow:distance is not applied"),
     ("color3f inputs:shadow:color = (1, 0, 0)", "shadow:color is not applied"),
     (
-        'uniform opaque collection:lightLink\nuniform pathExpression collection:lightLink:membershipExpression = "//A"',
-        "lightLink",
-    ),
-    (
         "float inputs:intensity.connect = </N.outputs:out>",
         "the connection of a light's inputs:intensity is not read",
     ),

@@ -15,7 +15,7 @@ from tiscene.render.sampling.sobol import pixel_order
 _TILE = 8
 
 # Arrays of vectors: the address of an element does not depend on the array's shape.
-# ray: origin, unused, direction, t_max. hit: distance, b1, b2, unused. hit_id: instance row, triangle.
+# ray: origin, LINKS, direction, t_max. hit: distance, b1, b2, unused. hit_id: instance row, triangle.
 ray = ti.types.vector(8, ti.f32)
 hit = ti.types.vector(4, ti.f32)
 hit_id = ti.types.vector(2, ti.i32)
@@ -24,6 +24,7 @@ Rays = ti.types.ndarray(ray, 1)
 Hits = ti.types.ndarray(hit, 1)
 HitIds = ti.types.ndarray(hit_id, 1)
 Pixels = ti.types.ndarray(pixel, 1)
+LINKS = 3  # of a shadow ray: 1 + SHADOWING of its light (see `light_table`); 0: all meshes cast shadows
 ROW, PLACE = 0, 1  # of a pixel: y * width + x, and its position in `pixel_order`
 
 

@@ -12,7 +12,7 @@ import taichi as ti
 from tiscene.device.kernel_types import Floats2, Floats3, Ints1, Ints2, Template, vec2, vec3, vec4
 
 INFO_FIRST_TRIANGLE, INFO_INSTANCE_ID, INFO_CATEGORY_ID, INFO_MESH, INFO_FLAGS, INFO_PART, INFO_MOVED = range(1, 8)
-INFO_COLORS = 8
+INFO_COLORS, INFO_LINK_CLASS = 8, 17
 HAS_NORMALS, HAS_UV, HAS_COLORS = 1, 2, 8
 
 # Offset of a new ray's origin along the normal, relative to the surface's `magnitude`: about 80 float32 steps.

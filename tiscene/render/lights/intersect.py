@@ -12,9 +12,17 @@ from tiscene.render.intersect.bvh8 import fast_max, fast_min, mask_bits, slabs
 from tiscene.render.lights import dispatch, emissive_mesh
 from tiscene.render.lights.importance import weigh_entries
 from tiscene.render.lights.lane_ops import lowest_set_bit
-from tiscene.render.lights.light_sample import header
+from tiscene.render.lights.light_sample import header, is_linked
 from tiscene.scene.lights.light_bvh import BLOCK_ROWS, BLOCKS, REFERENCE
-from tiscene.scene.lights.light_table import ON_DIFFUSE, ON_INDIRECT, ON_SPECULAR, SHADOWLESS, UNSEEN
+from tiscene.scene.lights.light_table import (
+    LIT,
+    ON_DIFFUSE,
+    ON_INDIRECT,
+    ON_SPECULAR,
+    SHADOWING,
+    SHADOWLESS,
+    UNSEEN,
+)
 from tiscene.scene.lights.light_tree import (
     H_AREA_COUNT,
     H_BVH_ROW,
@@ -137,6 +145,7 @@ def weighted_emission(
     diffuse_part: ti.f32,
     depth: ti.i32,
     mis: ti.i32,
+    link_class: ti.i32,
 ) -> vec3:
     """Return the emission at a path's vertex, weighted against having sampled it from the last vertex.
 
@@ -155,6 +164,7 @@ def weighted_emission(
         diffuse_part: Fraction of the scattering there that is diffuse.
         depth: Number of that surface on the path.
         mis: 0: light sampling alone counts.
+        link_class: Of the mesh at the last vertex, if lights have links: lights that are not linked to it add nothing.
     """
     result = vec3(0.0)
     first, end, from_vertex = light, light + 1, distance
@@ -176,10 +186,15 @@ def weighted_emission(
             radiance = dispatch.emitted(lights, textures, row, origin, direction, distance, pdf)
             if depth == 0 and lights.values[row, UNSEEN] > 0.0:  # a light at infinity; others are not hit
                 radiance = vec3(0.0)
+        is_sampled_alone = mis == 0
+        if ti.static(lights.with_links):
+            if depth > 0 and is_linked(lights, row, LIT, link_class) == 0:
+                radiance = vec3(0.0)
+            is_sampled_alone = is_sampled_alone or lights.values[row, SHADOWING] >= 0.0
         if pdf > 0.0 and radiance.max() > 0.0:
             weight = 0.0  # without MIS, light sampling alone counts
             # A light without shadows is sampled through occluders, where no BSDF sample reaches it.
-            if mis != 0 and lights.values[row, SHADOWLESS] == 0.0:
+            if not is_sampled_alone and lights.values[row, SHADOWLESS] == 0.0:
                 if not is_weighed:
                     count, scale, _ = weigh_entries(lights, last_vertex, vec3(0.0), weights, weights, False)
                     is_weighed = True

@@ -13,13 +13,19 @@ FAR = 1e30  # finite stand-in for the distance to lights at infinity, m
 
 
 class LightTables(NamedTuple):
-    """The arrays of a LightTable, bundled inside a kernel. geometry, materials: None if no emissive mesh is sampled."""
+    """The arrays of a LightTable, bundled inside a kernel.
+
+    Attributes:
+        geometry, materials: None if no emissive mesh is sampled.
+        with_links: Whether a light has light or shadow linking.
+    """
 
     values: Any
     nodes: Any
     distribution: Any
     geometry: Any = None
     materials: Any = None
+    with_links: bool = False
 
     @property
     def with_meshes(self) -> bool:
@@ -27,9 +33,11 @@ class LightTables(NamedTuple):
         return self.geometry is not None
 
 
-def lights_of(values: Any, nodes: Any, distribution: Any, geometry: Any, materials: Any, meshes: bool) -> LightTables:
-    """Bundle the arrays. Without `meshes`, no code for emissive meshes is compiled."""
-    return LightTables(values, nodes, distribution, *((geometry, materials) if meshes else ()))
+def lights_of(
+    values: Any, nodes: Any, distribution: Any, geometry: Any, materials: Any, meshes: bool, links: bool = False
+) -> LightTables:
+    """Bundle the arrays. Without `meshes`, no code for emissive meshes is compiled; without `links`, none for links."""
+    return LightTables(values, nodes, distribution, *((geometry, materials) if meshes else (None, None)), links)
 
 
 @ti.dataclass
@@ -59,6 +67,16 @@ def no_sample():
 def integer(array: Template, row: ti.i32, column: Template) -> ti.i32:
     """Return a column of a float table as an integer."""
     return ti.cast(array[row, column], ti.i32)
+
+
+@ti.func
+def is_linked(lights: Template, row: ti.i32, column: Template, link_class: ti.i32):
+    """Return 1 if the light in a row lights (column LIT) or shadows (SHADOWING) the meshes of a link class, else 0."""
+    table = integer(lights.values, row, column)
+    result = 1
+    if table >= 0:
+        result = ti.cast(lights.distribution[table + link_class], ti.i32)
+    return result
 
 
 @ti.func

@@ -81,13 +81,15 @@ from tiscene.scene.textures.atlas import TextureAtlas
 #     light tree, first triangle. The slots of all its triangles, 0 for none, are at DISTRIBUTION.
 # SHAPED: 1 if the light has a Shaping. CONE_COSINE: of its cone's angle. CONE_EDGE (3): angles at which the soft edge
 #     begins and ends, rad, and the cosine where it begins. FOCUS, FOCUS_TINT (3), PROFILE: as `Shaping`.
-COLUMNS = 40
+# LIT, SHADOWING: where the light's `lit` and `shadowing` begin in `distribution`, a number per link class; -1: none.
+COLUMNS = 42
 KIND, TRANSFORM, RADIANCE, SIZE, TEXTURE, DISTRIBUTION, GRID, IMAGE_FRACTION = 0, 1, 13, 16, 18, 19, 20, 22
 SLOT, DOME_ROW, PORTAL_MAPS, SMALL_IMAGE, ON_DIFFUSE, ON_SPECULAR, SHADOWLESS = 23, 24, 24, 24, 25, 26, 27
 INSTANCE, TREE, FIRST_TRIANGLE = 13, 14, 15
 SHAPED, CONE_COSINE, CONE_EDGE, FOCUS, FOCUS_TINT, PROFILE = 28, 29, 30, 33, 34, 37
 ON_INDIRECT = 38
 UNSEEN = 39
+LIT, SHADOWING = 40, 41
 
 _ROUNDING = 1e-6  # boxes are enlarged by this fraction of their coordinates, against float32 rounding
 _PORTAL_MARGIN = 0.05  # portals are enlarged by this fraction of their size, for rounding and the width of the sun
@@ -145,6 +147,21 @@ def _box(light: Light, shape: LightShape) -> NDArray[np.float64]:
     return np.array([matrix[:, 3] - reach, matrix[:, 3] + reach])
 
 
+def _link_tables(lights: Sequence[Light], values: NDArray[np.float32]) -> list[NDArray[np.float32]]:
+    """Fill in the columns LIT and SHADOWING, and return the parts of `distribution` that they refer to."""
+    values[:, [LIT, SHADOWING]] = -1.0
+    tables: dict[tuple[bool, ...], int] = {}
+    used = 0
+    for row, light in enumerate(lights):
+        for column, link in ((LIT, light.lit), (SHADOWING, light.shadowing)):
+            if link is not None:
+                if link not in tables:
+                    tables[link] = used
+                    used += len(link)
+                values[row, column] = tables[link]
+    return [np.array(link, np.float32) for link in tables]
+
+
 class LightTable:
     """The lights of a scene. The device arrays are rebuilt when lights change."""
 
@@ -198,6 +215,16 @@ class LightTable:
             self._meshes, self._places = list(meshes), places.copy()
             self._arrays = None
 
+    @property
+    def any_links(self) -> bool:
+        """Whether light or shadow linking restricts a light."""
+        return any(light.lit is not None or light.shadowing is not None for light in self.lights)
+
+    @property
+    def any_shadow_links(self) -> bool:
+        """Whether shadow linking restricts a light."""
+        return any(light.shadowing is not None for light in self.lights)
+
     def arrays(self, atlas: TextureAtlas) -> LightArrays:
         """Return the device arrays."""
         if self._arrays is None:
@@ -228,8 +255,8 @@ class LightTable:
         leaves = light_tree.empty_rows(len(values))
         leaves[:, ROW] = np.arange(len(leaves))
         values[:, TEXTURE] = values[:, PROFILE] = -1.0
-        distributions: list[NDArray[np.float32]] = []
-        used = 0
+        distributions = _link_tables(lights, values)  # first: rays hold their places as float32
+        used = sum(map(len, distributions))
 
         def add_distribution(row: int, made: tuple[NDArray[np.float32], tuple[int, int], float]) -> float:
             """Append a CDF; returns the fraction that comes with it."""

@@ -73,6 +73,7 @@ class ReadingBudget:
         refined: refined surfaces by the content of their control meshes, so that copies are refined once.
         skins: what moves the points of skinned meshes, by path.
         baked_skins: paths of the prims whose skinning was baked instead.
+        links: the stage's light and shadow links; None: none (`tiscene.usd.lights.light_linking`).
         start: start of reading, seconds of the monotonic clock.
     """
 
@@ -84,6 +85,7 @@ class ReadingBudget:
     refined: dict[bytes, Any] = field(default_factory=dict)
     skins: dict[Any, Any] = field(default_factory=dict)
     baked_skins: set[Any] = field(default_factory=set)
+    links: Any = None
     start: float = field(default_factory=time.monotonic)
 
     def add_prim(self) -> None:

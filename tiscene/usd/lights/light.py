@@ -30,6 +30,7 @@ from tiscene.scene.description import (
 from tiscene.scene.lights.light_kinds import UsdLightInputs, usd_reader
 from tiscene.usd.core.report import StageReport
 from tiscene.usd.core.transform import to_matrix, unscaled
+from tiscene.usd.lights.light_linking import links_of
 from tiscene.usd.lights.shaping import is_seen_by_camera, light_input, read_shaping, report_unsupported
 from tiscene.usd.materials.texture import TextureTable
 
@@ -112,7 +113,9 @@ class LightReader:
             return None
         shadows = not prim.HasAPI(UsdLux.ShadowAPI) or bool(self._input(prim, "shadow:enable", True))
         shaping = read_shaping(prim, self._time, self._textures, self._report)
-        controls = {"diffuse": diffuse, "specular": specular, "shaping": shaping, "casts_shadows": shadows}
+        links = links_of(self._report)
+        controls: dict[str, Any] = {} if links is None else dict(links.of_light(prim))
+        controls |= {"diffuse": diffuse, "specular": specular, "shaping": shaping, "casts_shadows": shadows}
         return controls | {"seen_by_camera": is_seen_by_camera(prim, self._time)}
 
     def _is_animated(self, prim: Usd.Prim) -> bool:

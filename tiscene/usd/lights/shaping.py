@@ -17,6 +17,7 @@ from pxr import Sdf, Usd, UsdLux
 from tiscene.scene.description import Shaping
 from tiscene.usd.core.report import StageReport
 from tiscene.usd.lights.ies import read_ies
+from tiscene.usd.lights.light_linking import LINKS, is_restricted, links_of
 from tiscene.usd.materials.image import read_file
 from tiscene.usd.materials.texture import TextureTable
 
@@ -125,14 +126,10 @@ def report_unsupported(prim: Usd.Prim, time: Usd.TimeCode, report: StageReport) 
             report.omission(path, "a light's shadow:color is not applied")
     if UsdLux.LightAPI(prim).GetFiltersRel().GetTargets():
         report.omission(path, "light filters are not applied")
-    for name in ("lightLink", "shadowLink"):
-        collection = Usd.CollectionAPI(prim, name)
-        if collection and (
-            collection.GetIncludeRootAttr().Get() is False
-            or collection.GetExcludesRel().GetTargets()
-            or collection.GetMembershipExpressionAttr().HasAuthoredValue()
-        ):
-            report.omission(path, f"{name} is not applied: every light illuminates all objects")
+    links = links_of(report)
+    for name, field in LINKS.items():
+        if is_restricted(prim, name) and (links is None or field not in links.of_light(prim)):
+            report.omission(path, f"{name} is not applied to a mesh light or a template's light: it lights all objects")
     for attribute in prim.GetAuthoredAttributes():
         if attribute.GetName().startswith("inputs:") and attribute.GetConnections():
             report.omission(path, f"the connection of a light's {attribute.GetName()} is not read")

@@ -25,6 +25,7 @@ from tiscene.usd.geometry.skinned_mesh import content_of
 from tiscene.usd.geometry.skinning import skin_of
 from tiscene.usd.geometry.triangulate import cross
 from tiscene.usd.geometry.vertex_weld import WeldedMesh
+from tiscene.usd.lights.light_linking import links_of
 from tiscene.usd.materials.material import Binding, MaterialTableBuilder
 
 Partition = tuple[tuple[str, ...], NDArray[np.int32] | None]  # names of parts, and the part of each face
@@ -78,11 +79,14 @@ class MeshTable:
         whole = emitter or self._materials.binding(prim, prim)
         subsets = [] if emitter else self._subsets(prim, whole)
         bindings = (whole, *(binding for binding, _ in subsets))
-        key = (source, bindings, id(skin_of(prim, self._report)))
+        links = links_of(self._report)
+        link_class = 0 if links is None else links.class_of(prim)
+        key = (source, bindings, id(skin_of(prim, self._report)), link_class)
         if key not in self._rows:
             surface = self._surface(prim, source, bindings, subsets)
             parts = self._parts(prim, source)
-            self._rows[key] = None if surface is None else self._add(prim, surface, whole, subsets, parts)
+            row = None if surface is None else self._add(prim, surface, whole, subsets, parts, link_class)
+            self._rows[key] = row
         return self._rows[key]
 
     def subset_names(self, prim: Usd.Prim) -> tuple[str, ...]:
@@ -172,7 +176,13 @@ class MeshTable:
         return self._surfaces[key]
 
     def _add(
-        self, prim: Usd.Prim, surface: WeldedMesh, whole: Binding, subsets: Subsets, partition: Partition
+        self,
+        prim: Usd.Prim,
+        surface: WeldedMesh,
+        whole: Binding,
+        subsets: Subsets,
+        partition: Partition,
+        link_class: int,
     ) -> int | None:
         self._report.budget.add_mesh(len(surface.triangles))
         materials = np.full(len(surface.triangles), whole.row, dtype=np.int32)
@@ -200,9 +210,10 @@ class MeshTable:
         for array in arrays:
             digest.update(b"none" if array is None else np.ascontiguousarray(array).data)
             digest.update(b"|")
+        digest.update(bytes([link_class]))
         content = digest.digest()
         if content not in self._rows_by_content:
             self._rows_by_content[content] = len(self.meshes)
             faces = surface.triangles, materials, surface.normals, uv, parts
-            self.meshes.append(Mesh(prim.GetName(), positions, *faces, deformation, second_uv, colors))
+            self.meshes.append(Mesh(prim.GetName(), positions, *faces, deformation, second_uv, colors, link_class))
         return self._rows_by_content[content]

@@ -17,6 +17,7 @@ from tiscene.usd.core.semantics import check_taxonomy
 from tiscene.usd.core.stage import Variants, changes_over_time, open_stage, quiet, readable, reading_time
 from tiscene.usd.geometry.skinning import prepare_skinning
 from tiscene.usd.geometry.subdivision_budget import DEFAULT_TRIANGLES, limit_subdivision
+from tiscene.usd.lights.light_linking import prepare_links
 from tiscene.usd.read.extracted_prims import RemainderReader, extracted_templates
 from tiscene.usd.read.room_volumes import read_room_volumes
 from tiscene.usd.read.subprocess_reader import read_in_subprocess
@@ -98,6 +99,7 @@ def read_stage(
         check_taxonomy(stage, taxonomy)
         time = reading_time(stage, time_code)
         prepare_skinning(stage, time, report)
+        prepare_links(stage, report)
         limit_subdivision(stage, time, DEFAULT_TRIANGLES if subdivision is None else subdivision, report)
         reader = RemainderReader(stage, time, report, extract, taxonomy)
         reader.walk(stage.GetPseudoRoot(), TraversalContext())

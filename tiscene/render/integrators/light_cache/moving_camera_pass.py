@@ -86,13 +86,14 @@ class MovingCameraPass:
             max_depth: Largest number of segments of a path.
 
         Returns:
-            The image; None if movers change so much that path tracing costs no more, or emit light.
+            The image; None if movers change so much that path tracing costs no more, or emit light, or if lights
+            have links.
         """
         paths = self._paths
         paths.background = view.background
         present = placement.present[CURRENT]
         still, moving = present & ~moving, present & moving
-        if self._emits(moving):
+        if self._emits(moving) or self.scene.lights.any_links:
             return None
         cache = self._cache(placement, still, seed, max_depth)
         scene = FrameScene(paths, moving, still)

@@ -7,12 +7,13 @@ and the shading of the last vertex.
 
 import taichi as ti
 
-from tiscene.device.kernel_types import Float8s1, Floats1, Floats2, Ints1, Ints2, vec3
+from tiscene.device.kernel_types import Float8s1, Floats1, Floats2, Ints1, Ints2, Template, vec3
 from tiscene.render.integrators.path.path_state import (
     DEPTH_MASK,
     DIFFUSE_FRACTION,
     DIRECT,
     LIGHT_PENDING,
+    LINK_CLASS_SHIFT,
     ORIGIN,
     PDF,
     RADIANCE,
@@ -43,15 +44,16 @@ def finish_at_lights(
     occluded: Ints1,
     state: States,
     status: Ints1,
+    any_links: Template,
 ):
     """End the paths in the queue. Rays whose nearest light emits toward them become shadow rays to that light."""
     textures = ti.static(Textures(texture_info, texture_words, texture_floats))
-    lights = ti.static(LightTables(light_values, light_nodes, light_distribution))
+    lights = ti.static(LightTables(light_values, light_nodes, light_distribution, with_links=any_links))
     for k in range(count):
         i = queue[k]
         if (status[i] & LIGHT_PENDING) != 0 and occluded[i] == 0:
             set3(state, i, RADIANCE, get3(state, i, RADIANCE) + get3(state, i, DIRECT))
-        depth = status[i] & DEPTH_MASK
+        depth, link_class = status[i] & DEPTH_MASK, status[i] >> LINK_CLASS_SHIFT
         status[i] = 0
         origin, direction = ray_origin(rays, i), ray_direction(rays, i)
         pdf, diffuse_fraction, last_vertex = state[i][PDF], state[i][DIFFUSE_FRACTION], get3(state, i, ORIGIN)
@@ -72,6 +74,7 @@ def finish_at_lights(
             diffuse_fraction,
             depth,
             mis,
+            link_class,
         )
         if emitted.max() > 0.0:
             set3(state, i, DIRECT, get3(state, i, THROUGHPUT) * emitted)

@@ -24,7 +24,7 @@ from tiscene.render.bsdfs.energy_tables import energy_tables
 from tiscene.render.integrators.light_cache.cells import VALUE_COLUMNS, Cells
 from tiscene.render.integrators.path import wavefront_kernels as kernels
 from tiscene.render.integrators.path.last_segment import finish_at_lights
-from tiscene.render.integrators.path.path_scene import MAX_ALPHA_LAYERS, CellLookup, PathScene, SceneArrays
+from tiscene.render.integrators.path.path_scene import CellLookup, PathScene, SceneArrays
 from tiscene.render.integrators.path.path_state import CHUNK, FILM_COLUMNS, PathSamples, PathState
 from tiscene.render.integrators.path.shading import shade
 from tiscene.render.integrators.path.shadow_rays import continue_shadow_rays
@@ -242,8 +242,8 @@ class PathPass:
         if scene.ends_at_lights and step == max_depth - 1 > 0:
             with self.vector_mode():
                 finish_at_lights(
-                    *scene.arrays.lighting, mis,
-                    state.queue, live, state.rays, state.shadow_rays, state.occluded, state.state, state.status,
+                    *scene.arrays.lighting, mis, state.queue, live, state.rays, state.shadow_rays, state.occluded,
+                    state.state, state.status, scene.any_links,
                 )  # fmt: skip
         else:
             tree = scene.tree
@@ -256,8 +256,7 @@ class PathPass:
                     *scene.arrays, self.pixels, first, spp, bits, key, step, max_depth, mis, *self.background,
                     state.queue, live, state.rays, state.hits, state.hit_ids, state.shadow_rays, state.occluded,
                     state.state, state.features, state.status, state.first_sample, scene.any_emission,
-                    scene.any_extended,
-                    *cells,
+                    scene.any_extended, scene.any_links, *cells,
                 )  # fmt: skip
         counts = kernels.compact(state.status, state.queue, live, state.next_queue, state.shadow_queue, state.chunks)
         state.swap_queues()
@@ -285,16 +284,16 @@ class PathPass:
             tree: MOVERS for movers only; None: that of `scene`.
         """
         tree = scene.tree if tree is None else tree
-        if not scene.any_coverage:
+        if not (scene.any_coverage or scene.any_shadow_links):
             occluded(self.scene, tree, state.shadow_rays, state.shadow_queue, count, state.occluded)
             return
         spp, _, key = samples
         hits, hit_ids = state.shadow_hits
-        for layer in range(MAX_ALPHA_LAYERS):
+        for layer in range(scene.shadow_layers):
             closest(self.scene, tree, state.shadow_rays, state.shadow_queue, count, hits, hit_ids)
             continued = continue_shadow_rays(
                 *scene.arrays, self.pixels, first, spp, key, step, layer, state.shadow_queue, count,
-                state.shadow_rays, hits, hit_ids, state.occluded, state.first_sample,
+                state.shadow_rays, hits, hit_ids, state.occluded, state.first_sample, scene.any_shadow_links,
             )  # fmt: skip
             if not continued:
                 break
@@ -322,8 +321,7 @@ class PathPass:
             *(lights or scene.lights.arrays(scene.textures)),
             self._energy,
         )
-        ends_at_lights = not (materials.any_coverage or materials.any_emission)
-        return PathScene(arrays, materials.any_coverage, materials.any_emission, materials.any_extended, ends_at_lights)
+        return PathScene.of(arrays, materials, scene.lights)
 
     def _check(self, view: View, spp: int, max_depth: int) -> None:
         if spp < 1 or max_depth < 1:

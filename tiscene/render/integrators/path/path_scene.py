@@ -2,13 +2,17 @@
 """Scene data for the path tracing kernels: device arrays in the order of kernel arguments, and what they contain."""
 
 from dataclasses import dataclass
-from typing import Any, NamedTuple, Protocol
+from typing import Any, NamedTuple, Protocol, Self
 
 from tiscene.render.integrators.path.path_state import PathSamples, PathState
+from tiscene.scene.lights.light_table import LightTable
+from tiscene.scene.material_table import MaterialTable
 from tiscene.scene.placement import CURRENT
 
 # Alpha-rejected surfaces that a path passes without counting them as path depth.
 MAX_ALPHA_LAYERS = 16
+# Surfaces that a shadow ray passes where shadow linking restricts a light.
+MAX_UNLINKED_LAYERS = 256
 
 
 class SceneArrays(NamedTuple):
@@ -53,6 +57,8 @@ class PathScene:
         any_coverage: Whether a material is partially opaque (alpha), so that hits may be rejected.
         any_emission: Whether a material is emissive.
         any_extended: Whether a material has extended lobes.
+        any_links: Whether light or shadow linking restricts a light.
+        any_shadow_links: Whether shadow linking does.
         ends_at_lights: Whether the last segment of a path contributes only if it reaches a light: no surface emits and
             no hit is ever rejected.
         tree: Tree that paths are traced through: CURRENT for all instances.
@@ -64,6 +70,26 @@ class PathScene:
     any_extended: bool
     ends_at_lights: bool
     tree: int = CURRENT
+    any_links: bool = False
+    any_shadow_links: bool = False
+
+    @classmethod
+    def of(cls, arrays: SceneArrays, materials: MaterialTable, lights: LightTable) -> Self:
+        """Return what the tables of materials and lights contain, with their arrays."""
+        return cls(
+            arrays,
+            any_coverage=materials.any_coverage,
+            any_emission=materials.any_emission,
+            any_extended=materials.any_extended,
+            ends_at_lights=not (materials.any_coverage or materials.any_emission),
+            any_links=lights.any_links,
+            any_shadow_links=lights.any_shadow_links,
+        )
+
+    @property
+    def shadow_layers(self) -> int:
+        """Surfaces that a shadow ray may pass."""
+        return MAX_UNLINKED_LAYERS if self.any_shadow_links else MAX_ALPHA_LAYERS
 
     def steps(self, max_depth: int) -> int:
         """Return how many times paths may be advanced."""

@@ -28,6 +28,7 @@ DEPTH_MASK = 0xFFFF
 LIVE = 1 << 16  # the path has another segment to trace
 FEATURES_WRITTEN = 1 << 17
 LIGHT_PENDING = 1 << 18  # DIRECT still has to be added, if the shadow ray is not occluded
+LINK_CLASS_SHIFT = 19  # above: the link class of the mesh at the last vertex, if lights have links
 
 # Columns of the film, sums over the samples of a pixel: radiance, albedo, normal, number of non-finite samples.
 FILM_COLUMNS = 10

@@ -24,6 +24,7 @@ from tiscene.render.integrators.path.path_state import (
     DIRECT,
     FEATURES_WRITTEN,
     LIGHT_PENDING,
+    LINK_CLASS_SHIFT,
     LIVE,
     NORMAL,
     ORIGIN,
@@ -37,8 +38,8 @@ from tiscene.render.integrators.path.path_state import (
     set3,
 )
 from tiscene.render.integrators.path.wavefront_kernels import FIRST_STEP_SET, path_index
-from tiscene.render.intersect.ray_queue import HitIds, Hits, Pixels, Rays, ray_direction, ray_origin, write_ray
-from tiscene.render.intersect.surface_interaction import Geometry, offset_origin, surface_at
+from tiscene.render.intersect.ray_queue import LINKS, HitIds, Hits, Pixels, Rays, ray_direction, ray_origin, write_ray
+from tiscene.render.intersect.surface_interaction import INFO_LINK_CLASS, Geometry, offset_origin, surface_at
 from tiscene.render.lights import dispatch, distant
 from tiscene.render.lights.intersect import (
     LIGHT_FRONT,
@@ -48,12 +49,12 @@ from tiscene.render.lights.intersect import (
     response,
     weighted_emission,
 )
-from tiscene.render.lights.light_sample import FAR, lights_of
+from tiscene.render.lights.light_sample import FAR, is_linked, lights_of
 from tiscene.render.sampling.sobol import combine, draw, set_key, set_keys
 from tiscene.render.sampling.warp import INV_PI
 from tiscene.render.texture_lookup import Textures
 from tiscene.scene.lights.light_kinds import MESH
-from tiscene.scene.lights.light_table import KIND, SHADOWLESS
+from tiscene.scene.lights.light_table import KIND, LIT, SHADOWING, SHADOWLESS
 from tiscene.scene.material_table import COVERAGE, EMITS, EXTENDED, FLAGS, GLASS, MATTE, TRANSLUCENT
 from tiscene.scene.placement import CURRENT
 
@@ -113,6 +114,7 @@ def shade(
     first_sample: ti.i32,
     any_emission: Template,
     any_extended: Template,
+    any_links: Template,
     cells: Cells,
     cell_width: ti.f32,
     keeps_rays: ti.i32,
@@ -140,6 +142,7 @@ def shade(
         first_sample: Number of the first of the `spp` samples in each pixel.
         any_emission: Compile-time: whether a material is emissive.
         any_extended: Compile-time: whether a material has extended lobes.
+        any_links: Compile-time: whether light or shadow linking restricts a light.
         cells: The light cache.
         cell_width: Width of its cells over that of a ray's footprint.
         keeps_rays: 1 generates the rays that path tracing would trace where cells replace their light, to test them
@@ -151,7 +154,9 @@ def shade(
         looks_up: Compile-time: whether wide lobes reflect the cells' light, where there is any. All lobes do at the
             second vertex that is not mirror-like, where the path ends.
     """
-    lights = ti.static(lights_of(light_values, light_nodes, light_distribution, geometry, materials, any_emission))
+    lights = ti.static(
+        lights_of(light_values, light_nodes, light_distribution, geometry, materials, any_emission, any_links)
+    )
     first_set = FIRST_STEP_SET + SETS * step
     texture_key = set_key(frame_key, first_set + TEXTURE_SET)
     ti.loop_config(block_dim=128)
@@ -167,6 +172,8 @@ def shade(
             radiance += get3(state, i, DIRECT)
         depth = status_bits & DEPTH_MASK
         continues, sampled = False, 0
+        link_class = status_bits >> LINK_CLASS_SHIFT
+        last_link_class = link_class
 
         instance = hit_ids[i][0]
         light, distance = nearest_light(lights, depth, origin, direction, hits[i][0])
@@ -199,6 +206,8 @@ def shade(
                     if material.flags & EMITS:
                         emits, triangle, emission, distance = True, hit_ids[i][1], material.emissive_color, hits[i][0]
                 depth += 1
+                if ti.static(any_links):
+                    link_class = geometry.instance_info[instance, INFO_LINK_CLASS]
                 if ti.static(any_extended):
                     throughput *= transmittance(materials, surface, hits[i][0])
                 wo = -1.0 * direction
@@ -236,6 +245,8 @@ def shade(
                     # Glass receives light from both sides: a zero normal excludes no light.
                     lit_normal = normal * ti.cast((material.flags & (GLASS | TRANSLUCENT)) == 0, ti.f32)
                     light_sample = dispatch.sample(lights, textures, surface.position, lit_normal, light_u)
+                    if ti.static(any_links):
+                        light_sample.pdf *= is_linked(lights, light_sample.row, LIT, link_class)
                     bsdf_u = draw(set_keys(frame_key, first_set + DIRECTION_SET), index)
                     lobe_and_survival = vec2(0.0)
                     if (material.flags & MATTE) == 0 or depth >= RUSSIAN_ROULETTE_DEPTH or looked_up:
@@ -275,7 +286,10 @@ def shade(
                         reflected = response(light_values, light_row, scattering.diffuse_parts.x, depth)
                         direct *= reflected / light_sample.pdf
                         shadowless = light_values[light_row, SHADOWLESS] > 0.0
-                        if mis != 0 and light_sample.delta == 0 and not shadowless:
+                        weighs = mis != 0 and light_sample.delta == 0 and not shadowless
+                        if ti.static(any_links):  # where a shadow ray passes meshes, no BSDF sample does
+                            weighs = weighs and light_values[light_row, SHADOWING] < 0.0
+                        if weighs:
                             direct *= power_heuristic(light_sample.mis_pdf, scattering.towards_light.w)
                         if shadowless:
                             if not is_all:
@@ -294,6 +308,8 @@ def shade(
                             if is_blocked_by_light(lights, light_row, start, towards, reach * (1.0 - LIGHT_FRONT)) == 0:
                                 sampled = 0 if is_all else LIGHT_PENDING
                                 write_ray(shadow_rays, i, start, towards, reach)
+                                if ti.static(any_links):
+                                    shadow_rays[i][LINKS] = light_values[light_row, SHADOWING] + 1.0
                                 set3(state, i, DIRECT, direct)
 
                     # Next segment, along the sampled BSDF direction.
@@ -325,7 +341,7 @@ def shade(
         if emits:
             emitted = weighted_emission(
                 lights, textures, light, instance, triangle, emission,
-                origin, direction, distance, last_vertex, pdf, diffuse_fraction, previous_depth, mis,
+                origin, direction, distance, last_vertex, pdf, diffuse_fraction, previous_depth, mis, last_link_class,
             )  # fmt: skip
         if emitted.max() > 0.0:
             radiance += throughput * emitted
@@ -337,4 +353,6 @@ def shade(
         status_bits = depth | (status_bits & FEATURES_WRITTEN) | sampled
         if continues:
             status_bits |= LIVE
+        if ti.static(any_links):
+            status_bits |= link_class << LINK_CLASS_SHIFT
         status[i] = status_bits
