@@ -18,7 +18,7 @@ import io
 import json
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
-from functools import partial
+from functools import lru_cache, partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -127,6 +127,7 @@ def decode(path: str | Path) -> dict[str, Mattes]:
         return result
 
 
+@lru_cache(maxsize=65536)
 def hash_of(name: str) -> int:
     """Return the id of a name as the bits of a float: its MurmurHash3, changed where the exponent would be 0 or 255."""
     bits = murmur3(name.encode())
@@ -164,38 +165,51 @@ def _object_name(row: ObjectRow) -> str:
 
 
 def _ranked(coverage: NDArray[np.float32], hashes: Mapping[int, int]) -> tuple[NDArray[np.uint32], NDArray[np.float32]]:
-    """Convert a coverage buffer to hashes and weights [h, w, ranks].
+    """Convert a coverage buffer to hashes and weights, each [ranks, h, w].
 
-    Ids with the same hash are merged; ranks are sorted by descending weight.
+    Ids with the same hash are merged; ranks are sorted by descending weight. Most pixels have one id: only the others
+    are looked at in full.
 
     Args:
-        coverage: Pairs of id and weight, [h, w, ranks, 2].
+        coverage: Pairs of id and weight by descending weight, [h, w, ranks, 2].
         hashes: The hash of each id.
     """
-    known = np.array([0, *hashes], np.int64)
-    table = np.array([0, *hashes.values()], np.uint32)
-    order = np.argsort(known)
-    ids = coverage[..., 0].astype(np.int64)
-    found = order[np.minimum(np.searchsorted(known[order], ids), len(known) - 1)]
-    bits = np.where(known[found] == ids, table[found], 0).astype(np.uint32)
-    weights = np.where(bits > 0, coverage[..., 1], 0.0).astype(np.float32)
-    for rank in range(1, bits.shape[-1]):
+    height, width, ranks, _ = coverage.shape
+    table = np.zeros(max(hashes, default=0) + 2, np.uint32)  # its last row is that of unknown ids
+    table[list(hashes)] = list(hashes.values())
+    pairs = coverage.reshape(-1, ranks, 2)
+    bits, weights = np.zeros((ranks, len(pairs)), np.uint32), np.zeros((ranks, len(pairs)), np.float32)
+    bits[0], weights[0] = _named(pairs[:, 0], table)
+    several = np.flatnonzero(pairs[:, 1, 1] > 0.0)
+    bits[:, several], weights[:, several] = (each.T for each in _merged(*_named(pairs[several], table)))
+    return bits.reshape(ranks, height, width), weights.reshape(ranks, height, width)
+
+
+def _named(pairs: NDArray[np.float32], table: NDArray[np.uint32]) -> tuple[NDArray[np.uint32], NDArray[np.float32]]:
+    """Return the hashes of pairs of id and weight [..., 2], from a table by id, and their weights; 0 without a name."""
+    bits = table[np.minimum(pairs[..., 0].astype(np.int64), len(table) - 1)]
+    return bits, np.where(bits > 0, pairs[..., 1], np.float32(0.0))
+
+
+def _merged(bits: NDArray[np.uint32], weights: NDArray[np.float32]) -> tuple[NDArray[np.uint32], NDArray[np.float32]]:
+    """Return hashes and weights [n, ranks] with equal hashes of a pixel added up, by descending weight."""
+    for rank in range(1, bits.shape[1]):
         for earlier in range(rank):
-            same = (bits[..., rank] == bits[..., earlier]) & (bits[..., rank] > 0)
-            weights[..., earlier] += np.where(same, weights[..., rank], 0.0)
-            weights[..., rank][same] = 0.0
-            bits[..., rank][same] = 0
-    ranks = np.argsort(-weights, axis=-1, kind="stable")
-    return np.take_along_axis(bits, ranks, axis=-1), np.take_along_axis(weights, ranks, axis=-1)
+            same = (bits[:, rank] == bits[:, earlier]) & (bits[:, rank] > 0)
+            weights[:, earlier] += np.where(same, weights[:, rank], 0.0)
+            weights[same, rank] = 0.0
+            bits[same, rank] = 0
+    order = np.argsort(-weights, axis=1, kind="stable")
+    return np.take_along_axis(bits, order, axis=1), np.take_along_axis(weights, order, axis=1)
 
 
 def _layer(name: str, ids: NDArray[np.uint32], weights: NDArray[np.float32]) -> dict[str, NDArray[np.float32]]:
     """Return the channels of a set by name, two ranks in the R G B A of each level."""
     channels = {}
-    for rank in range(ids.shape[-1]):
+    for rank, (hashes, coverage) in enumerate(zip(ids.view(np.float32), weights, strict=True)):
         level, (id_channel, weight_channel) = f"{name}{rank // 2:02d}", ("RG", "BA")[rank % 2]
-        channels[f"{level}.{id_channel}"] = np.ascontiguousarray(ids[..., rank]).view(np.float32)
-        channels[f"{level}.{weight_channel}"] = np.ascontiguousarray(weights[..., rank])
+        channels[f"{level}.{id_channel}"] = hashes
+        channels[f"{level}.{weight_channel}"] = coverage
     return channels
 
 
