@@ -198,40 +198,55 @@ def interrupt_often(
     return Outcome(f"Ctrl-C at {number} random moments of {use}", figures, hit > 0 and not (wrong or torn or different))
 
 
-def rows(scale: float) -> Iterator[Outcome]:
-    """Run the row; scale 1 is the full count."""
+SCENARIO, MODEL = "scenario.json", "model"
+FRAMES = ("render", SCENARIO, *SIZE, "--quality", "fast", "--frames", "0:24")
+DEMO = ("demo", "--frames", "2", "--width", "64", "--height", "48", "--quality", "fast")
+
+
+class Use(NamedTuple):
+    """A command to interrupt.
+
+    Attributes:
+        name: Of the use.
+        arguments: Of the command; SCENARIO and MODEL stand for paths.
+        full: How often at scale 1.
+        output, cold: See `interrupt_often`.
+    """
+
+    name: str
+    arguments: tuple[str, ...]
+    full: int
+    output: bool = True
+    cold: bool = False
+
+
+USES = {
+    "render": Use("`tiscene render`", FRAMES, 50),
+    "workers": Use("`tiscene render --workers 2`", (*FRAMES, "--workers", "2"), 20),
+    "cold": Use("`tiscene render` with cold caches", (*FRAMES[:-1], "0:2"), 20, cold=True),
+    "npz": Use("`tiscene render --format npz`", (*FRAMES, "--format", "npz"), 20),
+    "demo": Use(
+        "`tiscene demo`", ("demo", "--frames", "2", "--width", "64", "--height", "48", "--quality", "fast"), 10
+    ),
+    "import": Use("`tiscene import`", ("import", MODEL, "--name", "Grid"), 20),
+    "inspect": Use("`tiscene inspect`", ("inspect", "room_02"), 10, output=False),
+    "show": Use("`tiscene show`", ("show", "room_02"), 10, output=False),
+    "list": Use("`tiscene list`", ("list",), 10, output=False),
+    "bench": Use("`tiscene bench`", ("bench", "object_view", "--seconds", "0.01"), 10, output=False),
+}
+
+
+def rows(scale: float, use: str | None = None) -> Iterator[Outcome]:
+    """Run the row, or one of USES; scale 1 is the full count."""
     with tempfile.TemporaryDirectory(prefix="tiscene-stress-") as name:
         folder = Path(name)
         from tests.stress.steady_state import scenario
 
-        scenario().save(folder / "scenario.json")
-        model = str(write_model(folder / "model"))
-        colors = ("render", str(folder / "scenario.json"), *SIZE, "--quality", "fast")
-        uses: tuple[tuple[str, tuple[str, ...], int, bool, bool], ...] = (
-            ("`tiscene render`", (*colors, "--frames", "0:24"), 50, True, False),
-            (
-                "`tiscene render --workers 2`",
-                (*colors, "--frames", "0:24", "--workers", "2"),
-                20,
-                True,
-                False,
-            ),
-            ("`tiscene render` with cold caches", (*colors, "--frames", "0:2"), 20, True, True),
-            ("`tiscene render --format npz`", (*colors, "--frames", "0:24", "--format", "npz"), 20, True, False),
-            (
-                "`tiscene demo`",
-                ("demo", "--frames", "2", "--width", "64", "--height", "48", "--quality", "fast"),
-                10,
-                True,
-                False,
-            ),
-            ("`tiscene import`", ("import", model, "--name", "Grid"), 20, True, False),
-            ("`tiscene inspect`", ("inspect", "room_02"), 10, False, False),
-            ("`tiscene show`", ("show", "room_02"), 10, False, False),
-            ("`tiscene list`", ("list",), 10, False, False),
-            ("`tiscene bench`", ("bench", "object_view", "--seconds", "0.01"), 10, False, False),
-        )
-        for number, (use, arguments, full, output, cold) in enumerate(uses):
-            own = folder / str(number)
-            own.mkdir()
-            yield interrupt_often(use, arguments, count(full, scale, 2), own, output=output, cold=cold, seed=number)
+        scenario().save(folder / SCENARIO)
+        paths = {SCENARIO: str(folder / SCENARIO), MODEL: str(write_model(folder / MODEL))}
+        for seed, (key, each) in enumerate(USES.items()):
+            if use in (None, key):
+                own, arguments = folder / key, [paths.get(word, word) for word in each.arguments]
+                own.mkdir()
+                number = count(each.full, scale, 2)
+                yield interrupt_often(each.name, arguments, number, own, output=each.output, cold=each.cold, seed=seed)

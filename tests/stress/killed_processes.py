@@ -241,15 +241,19 @@ def kill_imports(kills: int, folder: Path) -> Outcome:
     return Outcome(use, figures, hit > 0 and not torn and not different)
 
 
-def rows(scale: float) -> Iterator[Outcome]:
-    """Run the row; scale 1 is the full count."""
-    uses: tuple[tuple[Callable[[int, Path], Outcome], int], ...] = (
-        (kill_exports, count(50, scale)),
-        (kill_image_writers, count(20, scale)),
-        (kill_compilations, count(20, scale)),
-        (share_cold_cache, 2),
-        (kill_imports, count(20, scale)),
-    )
-    for use, repetitions in uses:
+USES: dict[str, tuple[Callable[[int, Path], Outcome], int]] = {
+    "exports": (kill_exports, 50),
+    "images": (kill_image_writers, 20),
+    "kernels": (kill_compilations, 20),
+    "shared": (share_cold_cache, 2),
+    "imports": (kill_imports, 20),
+}
+
+
+def rows(scale: float, use: str | None = None) -> Iterator[Outcome]:
+    """Run the row, or one of USES; scale 1 is the full count."""
+    for name in USES if use is None else (use,):
+        run, full = USES[name]
+        repetitions = full if run is share_cold_cache else count(full, scale)
         with tempfile.TemporaryDirectory(prefix="tiscene-stress-") as folder:
-            yield use(repetitions, Path(folder))
+            yield run(repetitions, Path(folder))

@@ -55,7 +55,21 @@ def _edits() -> Callable[[int], Any]:
     return cycle
 
 
-def _restarts(scenes: tuple[str, ...]) -> Callable[[int], Any]:
+def _phases() -> Callable[[int], Any]:
+    template = ("Cube", "Dish 01", "Sphere", "Ball 01")
+    stream = ts.Stream("object_view", buffers=("instance", "depth"), **SIZE)
+
+    def restart(step: int) -> None:
+        mover = ts.UniformMovementRandomBounce(0.5, seed=step)
+        names = (template[step % 4], template[step // 4 % 4])
+        objects = [ts.Object(f"object_{i}", name, (0.3 * i, 0.1, 0.2), dynamic=mover) for i, name in enumerate(names)]
+        stream.restart(ts.Scenario("object_view", objects))
+        next(stream)
+
+    return restart
+
+
+def _scenes(scenes: tuple[str, ...] = SCENES) -> Callable[[int], Any]:
     scenarios = [ts.Scenario(scene, [ts.Object("ball", "Ball 01", (0, 1, 0))]) for scene in scenes]
     stream = ts.Stream(scenarios[0], buffers=("instance", "depth"), **SIZE)
     order = itertools.cycle(scenarios)
@@ -71,8 +85,18 @@ RUNS: dict[str, Callable[[], Callable[[int], Any]]] = {
     "labels": _label_frames,
     "fast": _fast_frames,
     "edits": _edits,
-    "restarts": lambda: _restarts(SCENES),
-    "small restarts": lambda: _restarts(SMALL_SCENES),
+    "phases": _phases,
+    "scenes": _scenes,
+    "small scenes": lambda: _scenes(SMALL_SCENES),
+}
+# Name, full count, and allowed growth. A period is a number of steps after which the same scene is shown again.
+PERIOD = 2 * len(SCENES)
+USES: dict[str, tuple[str, int, float]] = {
+    "labels": ("label frames", 100_000, GROWTH),
+    "fast": ("`fast` frames", 10_000, GROWTH),
+    "edits": ("cycles of spawn and despawn", 10_000, GROWTH),
+    "phases": ("restarts of phases with other objects", 10_000, GROWTH),
+    "scenes": (f"restarts over {len(SCENES)} scenes", 1_000, RESTART_GROWTH),
 }
 
 
@@ -122,15 +146,13 @@ def run_one(use: str, kind: str, steps: int, warm_up: int, growth: float, second
     return Outcome(use, figures, grown < growth and files[-1] <= files[0] and threads[-1] <= threads[0])
 
 
-def rows(scale: float) -> Iterator[Outcome]:
-    """Run the row; scale 1 is the full count."""
-    for use, kind, full in (
-        ("label frames", "labels", 100_000),
-        ("`fast` frames", "fast", 10_000),
-        ("cycles of spawn and despawn", "edits", 10_000),
-    ):
+def rows(scale: float, use: str | None = None) -> Iterator[Outcome]:
+    """Run the row, or one of USES; scale 1 is the full count."""
+    for kind in USES if use is None else (use,):
+        name, full, growth = USES[kind]
         steps = count(full, scale, 100)
-        yield run_one(use, kind, steps, max(50, round(WARM_UP * steps)), GROWTH)
-    period = 2 * len(SCENES)  # so that each measurement is made in the same scene
-    steps = -(-count(10_000, scale, 30) // period) * period
-    yield run_one(f"restarts over {len(SCENES)} scenes", "restarts", steps, 2 * period, RESTART_GROWTH)
+        warm_up = max(50, round(WARM_UP * steps))
+        if kind == "scenes":
+            steps = -(-count(full, scale, 30) // PERIOD) * PERIOD
+            warm_up = 2 * PERIOD
+        yield run_one(name, kind, steps, warm_up, growth)

@@ -26,6 +26,18 @@ def test_unknown_row_is_refused(capsys):
     assert "no row 'memroy'; known: memory, kills" in capsys.readouterr().err
 
 
+@pytest.mark.parametrize(
+    ("name", "message"),
+    [
+        ("memory:scene", "row 'memory' has no use 'scene' that runs alone; known: labels, fast, edits, phases, scenes"),
+        ("big:lights", "row 'big' has no use 'lights' that runs alone; known: none"),
+    ],
+)
+def test_unknown_use_is_refused(name, message, capsys):
+    assert main([name]) == 2
+    assert message in capsys.readouterr().err
+
+
 @pytest.mark.slow
 @pytest.mark.skipif(sys.platform != "linux", reason="reads /proc")
 @pytest.mark.parametrize("row", ROWS)
