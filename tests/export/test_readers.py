@@ -296,6 +296,31 @@ def test_lerobot_layout_has_rows_video_and_statistics(exported):
     assert pq.read_table(folder / "meta" / "tasks.parquet").to_pandas().loc["observe the scene", "task_index"] == 0
 
 
+@pytest.mark.parametrize("size", [(12, 8), (13, 7)])
+def test_lerobot_reads_its_data_set(exported, size):
+    """LeRobot pins most of its dependencies: run this test in an environment of its own."""
+    pytest.importorskip("lerobot.datasets.lerobot_dataset")
+    from lerobot.datasets.lerobot_dataset import LeRobotDataset
+
+    folder, frames = exported("lerobot", ("rgb",), width=size[0], height=size[1])
+    data = LeRobotDataset("tiscene/test", root=folder)
+    assert (len(data), data.num_episodes, data.fps) == (FRAMES, 1, 25)
+    pictures = decoded(next(folder.rglob("*.mp4")), "rgb24")[0]
+    poses = [np.array((*frame.camera.position, *frame.camera.rotation), np.float32) for frame in frames]
+    next_poses = [*poses[1:], poses[-1]]
+    rows = zip(frames, data, pictures, poses, next_poses, strict=True)
+    for frame, row, picture, pose, next_pose in rows:
+        np.testing.assert_array_equal(row["observation.state"].numpy(), pose)
+        np.testing.assert_array_equal(row["action"].numpy(), next_pose)
+        assert (int(row["frame_index"]), row["task"]) == (frame.index, "observe the scene")
+        assert float(row["timestamp"]) == pytest.approx(frame.time)
+        image = row["observation.images.rgb"].numpy().transpose(1, 2, 0)
+        assert list(image.shape) == list(data.features["observation.images.rgb"]["shape"])
+        np.testing.assert_array_equal(np.round(255.0 * image), picture)
+    ahead = LeRobotDataset("tiscene/test", root=folder, delta_timestamps={"action": [0.0, 1 / 25]})
+    np.testing.assert_array_equal(ahead[0]["action"].numpy(), [poses[1], poses[2]])
+
+
 def test_rerun_reads_ids_depth_and_boxes(exported):
     pytest.importorskip("rerun")
     from rerun.chunk import RrdReader

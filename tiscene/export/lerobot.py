@@ -80,14 +80,15 @@ def _write_meta(
 ) -> None:
     """Write what LeRobot reads first: features, statistics, tasks and episodes."""
     count = len(columns["index"])
+    height, width = (size + size % 2 for size in shape[:2])  # H.264 has even sizes
     features: dict[str, Any] = {
         VIDEO: {
             "dtype": "video",
-            "shape": list(shape),
+            "shape": [height, width, 3],
             "names": ["height", "width", "channels"],
             "info": {
-                "video.height": shape[0] + shape[0] % 2,
-                "video.width": shape[1] + shape[1] % 2,
+                "video.height": height,
+                "video.width": width,
                 "video.codec": "h264",
                 "video.pix_fmt": "yuv420p",
                 "video.is_depth_map": False,
