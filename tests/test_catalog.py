@@ -223,3 +223,29 @@ def test_folder_or_file_of_another_type_raises_argument_error(tmp_path):
         catalog.find_scene(touch(tmp_path / "x.txt"))
     with pytest.raises(ArgumentError, match=r"is a \.json file"):
         catalog.find_template(touch(tmp_path / "x.json"))
+
+
+def test_unchanged_folders_are_listed_once_and_changed_ones_again(shelf, monkeypatch):
+    first, _ = shelf
+    folders = [first / "templates" / "chair_77", first / "templates"]
+    for folder in folders:
+        os.utime(folder, (1e9, 1e9))  # as if nothing had changed for years
+    reads = []
+    listdir = os.listdir
+    monkeypatch.setattr(os, "listdir", lambda folder: (reads.append(Path(folder)), listdir(folder))[1])
+    for _ in range(3):
+        assert "Chair 77" in catalog.templates()
+    assert reads.count(first / "templates") == 1
+    touch(first / "templates" / "chair_78" / "template.usda")
+    assert catalog.find_template("Chair 78") == first / "templates" / "chair_78" / "template.usda"
+    os.remove(first / "templates" / "chair_77" / "template.usda")
+    assert "Chair 77" not in catalog.templates()
+
+
+def test_folders_that_have_just_changed_are_listed_each_time(shelf, monkeypatch):
+    first, _ = shelf
+    time = os.stat(first / "templates").st_mtime_ns
+    assert "Chair 77" in catalog.templates()
+    touch(first / "templates" / "chair_79" / "template.usda")
+    os.utime(first / "templates", ns=(time, time))  # within the resolution of the file system's clock
+    assert "Chair 79" in catalog.templates()

@@ -18,6 +18,7 @@ import importlib
 import json
 import os
 import re
+import time
 import warnings
 from dataclasses import dataclass
 from pathlib import Path
@@ -36,6 +37,8 @@ FIRST_UNREGISTERED_ID = 1000
 TEMPLATE_READER = ("tiscene.usd.read.template", "read_template")
 
 _TEXT_HEADER_BYTES = 1 << 16  # how much of a .usda file is searched for a label
+_SETTLED = 2_000_000_000  # ns: folders changed more recently may change again within the resolution of their times
+_MAX_LISTINGS = 64  # folders whose listing is kept
 
 
 @dataclass(frozen=True)
@@ -85,13 +88,12 @@ def search_path() -> list[Path]:
 
 def scenes() -> dict[str, SceneEntry]:
     """Return the scenes that can be asked for by name, sorted by name. Opens no file."""
-    return {name: SceneEntry(name, path) for name, path in _stages("*", "scene").items()}
+    return {name: SceneEntry(name, path) for name, path in _stages("", "scene").items()}
 
 
 def templates() -> dict[str, TemplateEntry]:
     """Return the object templates that can be asked for by name ("Chair 01"), sorted by name. Opens no file."""
-    files = {template_name(folder): path for folder, path in _stages("templates/*", "template").items()}
-    return {name: TemplateEntry(name, path) for name, path in files.items()}
+    return {name: TemplateEntry(name, path) for name, path in _template_files().items()}
 
 
 def categories() -> dict[str, int]:
@@ -149,13 +151,13 @@ def find_template(template: str | os.PathLike[str], *, scene: str = "") -> Path:
     path = _existing_file(template, STAGE_SUFFIXES)
     if path is not None:
         return path
-    known = templates()
+    known = _template_files()
     if template not in known:
         where = f" in scene {scene!r}" if scene else ""
         command = f"tiscene show {scene}" if scene else "tiscene list"
         hint = f"`{command}` lists all {len(known)}.{_missing_folders()}"
         raise TemplateNotFound("template", str(template), known, where=where, hint=hint)
-    return known[str(template)].path
+    return known[str(template)]
 
 
 def template_variants(template: str) -> tuple[str, dict[str, str]]:
@@ -186,16 +188,61 @@ def is_prim_path(template: str) -> bool:
     return template.startswith("/") and Path(template.partition("{")[0]).suffix.lower() not in STAGE_SUFFIXES
 
 
-def _stages(pattern: str, stem: str) -> dict[str, Path]:
-    """Return the file `stem`.usd* of each folder that matches the pattern on the search path, by folder name."""
+def _template_files() -> dict[str, Path]:
+    """Return the file of each template, by the name of the template."""
+    return {template_name(folder): path for folder, path in _stages("templates", "template").items()}
+
+
+def _stages(folder: str, stem: str) -> dict[str, Path]:
+    """Return the file `stem`.usd* of each subfolder of a folder on the search path, by the name of the subfolder."""
     found: dict[str, Path] = {}
     for root in search_path():
-        for folder in root.glob(pattern) if os.path.isdir(root) else ():
-            files = [folder / f"{stem}{suffix}" for suffix in STAGE_SUFFIXES]
-            present = [path for path in files if os.path.isfile(path)]
-            if present:
-                found.setdefault(folder.name, present[0])
+        for name, path in _listing(os.path.join(root, folder) if folder else str(root), stem).items():
+            found.setdefault(name, path)
     return dict(sorted(found.items()))
+
+
+@dataclass(frozen=True)
+class _Listing:
+    """Files of the subfolders of a folder, which hold as long as the statuses of the folders do."""
+
+    statuses: dict[str, tuple[int, ...]]
+    files: dict[str, Path]
+
+
+_listings: dict[tuple[str, str], _Listing] = {}  # by folder and stem
+
+
+def _listing(folder: str, stem: str) -> dict[str, Path]:
+    """Return the file `stem`.usd* of each subfolder that has one. Folders that have not changed are not read again."""
+    key = folder, stem
+    known = _listings.get(key)
+    if known is not None and all(_status(each) == status for each, status in known.statuses.items()):
+        return known.files
+    statuses = {folder: _status(folder)}  # before the folder is read
+    files: dict[str, Path] = {}
+    for name in os.listdir(folder) if os.path.isdir(folder) else ():
+        subfolder = os.path.join(folder, name)
+        if os.path.isdir(subfolder):
+            statuses[subfolder] = _status(subfolder)
+            present = [path for suffix in STAGE_SUFFIXES if (path := Path(subfolder, stem + suffix)).is_file()]
+            if present:
+                files[name] = present[0]
+    _listings.pop(key, None)
+    if max(status[0] for status in statuses.values()) < time.time_ns() - _SETTLED:
+        while len(_listings) >= _MAX_LISTINGS:
+            del _listings[next(iter(_listings))]
+        _listings[key] = _Listing(statuses, files)
+    return files
+
+
+def _status(folder: str) -> tuple[int, ...]:
+    """Return what changes when a file is added to a folder or removed; zeros if there is no such folder."""
+    try:
+        status = os.stat(folder)
+    except OSError:
+        return 0, 0, 0
+    return status.st_mtime_ns, status.st_ino, status.st_dev
 
 
 @functools.cache
