@@ -273,5 +273,7 @@ def _smoothing_groups(cage: Cage) -> Ints:
         np.minimum.at(following, b, smallest)
         following = following[following]
         if (following == label).all():
-            return np.unique(label, return_inverse=True)[1].reshape(-1)
+            used = np.zeros(len(label), np.int64)
+            used[label] = 1
+            return np.asarray((np.cumsum(used) - 1)[label])
         label = following

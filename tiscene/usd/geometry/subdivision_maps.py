@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tiscene.scene.skinned_deformation import LinearMap
-from tiscene.usd.geometry.catmull_clark import Cage, Floats, Ints
+from tiscene.usd.geometry.catmull_clark import Cage, Floats, Ints, distinct
 
 
 @dataclass(frozen=True, eq=False)
@@ -139,8 +139,8 @@ def _map(blocks: list[_Terms], sizes: list[int], columns: int) -> LinearMap:
         _Terms(each.rows + start, each.columns, each.weights) for each, start in zip(blocks, first, strict=False)
     ]
     terms = _sum(shifted)
-    keys, place = np.unique(terms.rows * columns + terms.columns, return_inverse=True)
-    weights: Any = np.bincount(place.reshape(-1), terms.weights, minlength=len(keys))
+    keys, place = distinct(terms.rows * columns + terms.columns)
+    weights: Any = np.bincount(place, terms.weights, minlength=len(keys))
     rows, column = np.divmod(keys, columns)
     starts: NDArray[np.int64] = np.searchsorted(rows, np.arange(int(first[-1])))
     return LinearMap(starts, column.astype(np.int32), weights)
