@@ -1,13 +1,18 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Agents in the object view, which is quick to read and to render."""
+"""Agents and clients of a server in the object view, which is quick to read and to render."""
+
+import contextlib
 
 import pytest
 
-from tiscene.sailenv import Agent
+from tests.sailenv.client import Client
+from tests.sailenv.served import served
+from tiscene.sailenv import Agent, CatmullWaypoints, Object, Waypoint
 
 SCENE = "object_view/scene"
 HOME = (0.0, 1.0, 0.0)  # agents look along +z
 SETTINGS = {"scene": SCENE, "spp": 1}
+WAIT = 2.0  # s: for how long the server's clock waits for a slow client
 
 
 @pytest.fixture
@@ -27,3 +32,27 @@ def make_agent(request):
     yield make
     for agent in agents:
         agent.delete()
+
+
+@pytest.fixture(scope="package")
+def server(tmp_path_factory):
+    with served(tmp_path_factory.mktemp("serve"), "object_view", "--spp", "1", "--wait", str(WAIT)) as server:
+        yield server
+
+
+@pytest.fixture
+def connect(server):
+    """Return a function that connects a client to an empty scene."""
+    with contextlib.ExitStack() as stack:
+
+        def connect(**others):
+            return stack.enter_context(Client(server.address, **others))
+
+        assert connect().change_scene(SCENE) == "ok"
+        yield connect
+
+
+def circling(**others):
+    """Return a cylinder that moves along a closed curve."""
+    waypoints = [Waypoint((0.0, 1.0, 2.5)), Waypoint((0.6, 1.3, 3.0)), Waypoint((-0.5, 0.8, 3.5))]
+    return Object("c", "Cylinder", (0, 0, 2), (0, 0, 0), CatmullWaypoints(waypoints, 10.0), **others)

@@ -1,0 +1,161 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The TCP server: clients that send garbage, half messages or nothing, or disappear."""
+
+import contextlib
+import json
+import random
+import signal
+import socket
+import struct
+import subprocess
+import sys
+import time
+
+import pytest
+
+from tests.sailenv.client import OBJECT, Client, text
+from tests.sailenv.conftest import SCENE
+
+COMMANDS = range(0x1F)
+
+
+def serves(server):
+    """Return whether a new client is served."""
+    with Client(server.address) as client:
+        return client.frame(OBJECT)["object"].shape == (24, 32, 3)
+
+
+@pytest.mark.parametrize(
+    "message",
+    [
+        b"",
+        b"\x10",
+        struct.pack("<ii?", -1, 5, False),
+        struct.pack("<ii?", 2**31 - 1, 2**31 - 1, False),
+        struct.pack("<ii?", 0, 0, True),
+        b"GET / HTTP/1.1\r\nHost: localhost\r\n\r\n",
+    ],
+)
+def test_client_with_an_invalid_registration_is_dropped(server, message):
+    with socket.create_connection(server.address, timeout=20.0) as connection:
+        connection.sendall(message)
+        connection.shutdown(socket.SHUT_WR)
+        assert connection.recv(1) == b""
+    assert serves(server)
+
+
+@pytest.mark.parametrize(
+    "message",
+    [
+        b"\xff",
+        b"\x1f",
+        b"\x02" + struct.pack("<i", -1),
+        b"\x02" + struct.pack("<i", 2**31 - 1) + b"x" * 100,
+        b"\x02" + struct.pack("<i", 4) + b"\xff\xfe\xfd\xfc",
+        b"\x0c" + text("a.zip") + struct.pack("<i", 2**31 - 1),
+        b"\x0c" + text("a.zip") + struct.pack("<i", -5),
+        b"\x1d" + text("{]"),
+        b"\x1d" + text("[" * 5000),
+        b"\x1d" + text("5"),
+        b"\x09"
+        + text("Cube")
+        + struct.pack("<6f?3f??", 0, 1, 3, 0, 0, 0, 1, 1, 1, 1, 1, 1)
+        + b"\1"
+        + text("x")
+        + text("]"),
+    ],
+)
+def test_client_that_violates_the_protocol_is_dropped_and_others_are_served(server, connect, message):
+    other = connect()
+    with Client(server.address, timeout=20.0) as c, contextlib.suppress(ConnectionError):
+        c.write(message)
+        assert c.socket.recv(1) == b""
+    assert other.frame(OBJECT)["object"].shape == (24, 32, 3)
+
+
+@pytest.mark.parametrize(
+    "message",
+    [b"\x00", b"\x02\x05\x00\x00\x00ab", b"\x09" + text("Cube") + b"\0" * 7, b"\x0c" + text("a") + b"\x00\x01\0\0abc"],
+)
+def test_incomplete_message_of_one_client_does_not_block_others(server, connect, message):
+    other, silent = connect(), connect()
+    silent.write(message)
+    assert other.frame(OBJECT)["object"].shape == (24, 32, 3)
+    silent.socket.close()
+    assert other.spawn("Cube", (0, 1, 3)) != ""
+
+
+def test_client_that_never_reads_does_not_block_others(server, connect):
+    unread, other = connect(width=640, height=480), connect()
+    for _ in range(40):
+        unread.ask(0x00, bytes([OBJECT]))
+    assert other.frame(OBJECT)["object"].shape == (24, 32, 3)
+    unread.socket.close()
+
+
+def test_client_killed_in_the_middle_of_a_frame_does_not_block_others(server, connect):
+    other = connect()
+    script = (
+        "import sys, time\nfrom tests.sailenv.client import Client\n"
+        f"c = Client({server.address!r}, width=320, height=240)\n"
+        "for _ in range(3): c.frame()\n"
+        "print('framing', flush=True)\n"
+        "while True: c.ask(0x00, bytes([61]))\n"
+    )
+    child = subprocess.Popen([sys.executable, "-c", script], stdout=subprocess.PIPE)
+    assert child.stdout.readline().strip() == b"framing"
+    time.sleep(0.05)
+    child.send_signal(signal.SIGKILL)
+    child.wait()
+    child.stdout.close()
+    for _ in range(3):
+        assert other.frame(OBJECT)["object"].shape == (24, 32, 3)
+
+
+def fuzz(server, rounds, seed):
+    """Connect clients that send random valid and invalid messages."""
+    random_bytes = random.Random(seed)
+
+    def garbage(count):
+        return random_bytes.randbytes(random_bytes.randrange(count))
+
+    def message():
+        command = random_bytes.choice([*COMMANDS, random_bytes.randrange(256)])
+        parts = {
+            0: lambda: garbage(64),
+            1: lambda: text(random_bytes.choice(["Cube", "Main Light", "a.zip", SCENE, "file:/etc/passwd", "x" * 500])),
+            2: lambda: struct.pack("<i", random_bytes.choice([0, 1, -1, 5, 255, 65536, 2**31 - 1, -(2**31)])),
+            3: lambda: struct.pack("<3f", *(random_bytes.choice([0, 1.5, -1e30, 1e38, float("nan")]) for _ in "xyz")),
+            4: lambda: text(json.dumps({"scene_name": SCENE, "objects": random_bytes.choice([[], [1], [{}], {}, 7])})),
+            5: lambda: bytes([random_bytes.randrange(2)]),
+        }
+        return bytes([command]) + b"".join(parts[random_bytes.randrange(6)]() for _ in range(random_bytes.randrange(6)))
+
+    for _ in range(rounds):
+        with socket.create_connection(server.address, timeout=20.0) as connection, contextlib.suppress(OSError):
+            if random_bytes.random() < 0.1:
+                connection.sendall(garbage(40))
+                continue
+            connection.sendall(struct.pack("<ii?", 16, 12, random_bytes.random() < 0.5))
+            for _ in range(random_bytes.randrange(1, 8)):
+                connection.sendall(message())
+            if random_bytes.random() < 0.5:
+                connection.shutdown(socket.SHUT_WR)
+                connection.settimeout(2.0)
+                while connection.recv(65536):
+                    pass
+
+
+def test_server_survives_random_messages(server):
+    fuzz(server, 40, seed=1)
+    assert serves(server)
+
+
+@pytest.mark.slow
+def test_memory_does_not_grow_with_random_messages(server):
+    fuzz(server, 300, seed=2)
+    before = server.resident
+    for seed in range(3, 8):
+        fuzz(server, 300, seed=seed)
+    assert server.resident - before < 40 << 20
+    assert serves(server)
