@@ -1,11 +1,13 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Courses in other libraries: Avalanche, river, Gymnasium. Each test uses the library itself."""
+"""Courses in other libraries: Avalanche, river, Gymnasium, UNaIVERSE. Each test uses the library itself."""
+
+import sys
 
 import numpy as np
 import pytest
 
 from dynamics import CatmullWaypoints, Waypoint
-from tiscene.errors import ArgumentError
+from tiscene.errors import ArgumentError, MissingExtra
 from tiscene.learning.adapters.labeled_patches import labeled_patches, patch_around, patches_of_tests
 from tiscene.learning.adapters.river_pairs import color_features, river_pairs
 from tiscene.learning.course import Course
@@ -217,3 +219,52 @@ def test_environment_needs_a_scenario():
         LookAround()
     with pytest.raises(ArgumentError, match="length=0"):
         LookAround("object_view", length=0)
+
+
+@pytest.mark.filterwarnings("ignore")
+def test_unaiverse_streams_show_frames_and_labels_in_step(course):
+    pytest.importorskip("unaiverse")
+    from unaiverse.clock import clock
+    from unaiverse.streams.streamproxy import StreamProxy
+
+    from tiscene.learning.adapters.unaiverse_streams import UNLABELED, unaiverse_streams
+
+    pictures, targets = unaiverse_streams(course)
+    assert len(pictures) == len(targets) == 12
+    stdin, stdtar = StreamProxy(), StreamProxy()
+    stdin.bind({"agent:pictures": pictures})
+    stdtar.bind({"agent:targets": targets})
+    expected = list(labeled_patches(course, 9))
+    for k in range(12):
+        clock.next_cycle()
+        (picture,), (target,) = stdin.get(requested_by="agent"), stdtar.get(requested_by="agent")
+        assert (np.asarray(picture) == course[k].rgb).all()
+        assert pictures.get_tag() == targets.get_tag() == k
+        labels = targets.props.check_and_preprocess(target, targets=True)
+        assert labels.shape == (1, 24, 32)
+        found = {(int(y), int(x)): int(labels[0, y, x]) for _, y, x in (labels != UNLABELED).nonzero()}
+        assert found == {each.pixel: each.category_id for each in expected if each.frame == k}
+    clock.next_cycle()
+    assert pictures[12, None] == (None, -1)
+
+
+@pytest.mark.filterwarnings("ignore")
+def test_unaiverse_streams_begin_anew_for_each_reader(course):
+    pytest.importorskip("unaiverse")
+    from tiscene.learning.adapters.unaiverse_streams import UNLABELED, unaiverse_streams
+
+    _, targets = unaiverse_streams(make_course(SupervisionRules(RandomPixels(1), budget=2)))
+    labeled = {who: [int((targets[k, who][0] != UNLABELED).sum()) for k in range(6)] for who in ("a", "b")}
+    assert labeled["a"] == labeled["b"] == [1, 1, 0, 0, 0, 0]
+    assert (targets[1, "a"][0] == targets[1, "b"][0]).all()
+    with pytest.raises(ArgumentError, match="set delay=0"):
+        unaiverse_streams(make_course(SupervisionRules(RandomPixels(1), delay=2)))
+
+
+def test_unaiverse_streams_name_the_extra_that_is_missing(course, monkeypatch):
+    from tiscene.learning.adapters.unaiverse_streams import unaiverse_streams
+
+    monkeypatch.setitem(sys.modules, "unaiverse", None)
+    monkeypatch.setitem(sys.modules, "unaiverse.streams", None)
+    with pytest.raises(MissingExtra, match=r"tiscene\[unaiverse\]"):
+        unaiverse_streams(course)

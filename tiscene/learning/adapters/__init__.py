@@ -7,4 +7,5 @@
     avalanche_benchmark  Avalanche: an experience for each phase (extra avalanche)
     river_pairs      river: pairs of features and category (extra river)
     look_around      Gymnasium: LookAround-v0 (extra gymnasium)
+    unaiverse_streams  UNaIVERSE: pictures and targets of an agent (extra unaiverse)
 """
