@@ -138,13 +138,16 @@ class StageError(TisceneError, ValueError):
     Attributes:
         stage: Name or path of the stage.
         problems: One line for each problem, beginning with the prim path.
+        advice: What to do about them. "": the problems say it.
     """
 
-    def __init__(self, stage: str, problems: Sequence[str]) -> None:
+    def __init__(self, stage: str, problems: Sequence[str], advice: str = "") -> None:
         count = "1 problem" if len(problems) == 1 else f"{len(problems)} problems"
-        super().__init__(f"{stage} has {count}:\n" + "\n".join(f"  {problem}" for problem in problems))
+        lines = [f"{stage} has {count}:", *(f"  {problem}" for problem in problems)]
+        super().__init__("\n".join([*lines, advice] if advice else lines))
         self.stage = stage
         self.problems = tuple(problems)
+        self.advice = advice
 
 
 class ScenarioError(TisceneError, ValueError):

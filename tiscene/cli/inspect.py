@@ -47,6 +47,7 @@ def run(args: argparse.Namespace) -> None:
         report["seconds"] = round(time.perf_counter() - began, 3)
     except StageError as error:
         report |= {"verdict": _refusal(error), "refused": True, "problems": list(error.problems)}
+        report["advice"] = error.advice
         print(json.dumps(report, indent=1, ensure_ascii=False) if args.json else f"\n{report['verdict']}")
         raise
     warned = [str(each.message) for each in caught if isinstance(each.message, StageWarning)]

@@ -162,3 +162,18 @@ def test_template_with_a_broken_part_keeps_the_rest(tmp_path):
     path = write(tmp_path, body, more='defaultPrim = "Root"')
     with pytest.warns(StageWarning, match="</Root/M> mesh: .*; left out"):
         assert len(read_template(path).description.instances) == 1
+
+
+def test_refusal_says_what_is_left_and_how_to_go_on(tmp_path):
+    missing = 'def "R" (references = @gone.usd@)\n{\n}\ndef NurbsPatch "N"\n{\n}\n'
+    with pytest.raises(StageError) as caught:
+        read_stage(write(tmp_path, missing))
+    assert caught.value.advice == str(caught.value).split("\n")[-1]
+    for text in ("nothing is left to draw", "prims of type NurbsPatch are not drawn", "Put the missing files where"):
+        assert text in caught.value.advice
+    assert "Mend the prims" not in caught.value.advice
+    with pytest.raises(StageError, match=r"nothing is left to draw\. Mend the prims named above") as caught:
+        read_stage(write(tmp_path, BROKEN["mesh"][0]), limits=ts.Limits())
+    assert "missing files" not in caught.value.advice
+    with pytest.raises(StageError, match="without it, the other parts are rendered"):
+        read_stage(write(tmp_path, CUBE + BROKEN["mesh"][0]), strict=True)

@@ -20,6 +20,7 @@ from tiscene.errors import StageError, StageWarning
 from tiscene.usd.core.limits import Limits, ReadingBudget, RootFolder
 
 _INTERNAL_NAMESPACE = re.compile(r"\bpxrInternal\w*::")
+UNDRAWN = "are not drawn"  # ends the omission of prims of a type
 _MAX_PATHS = 5  # prims listed per line of the warning
 _MAX_PROBLEMS = 100  # problems listed by an error
 _MAX_DIAGNOSTICS = 20  # lines of USD's diagnostics per failure; a damaged file can give a million
@@ -129,7 +130,26 @@ class StageReport:
             anything_left: whether the stage can be rendered without its broken parts.
         """
         if self._problems and (self.strict or self._refused or not anything_left):
-            raise StageError(self.stage, self._listed_problems())
+            raise StageError(self.stage, self._listed_problems(), self._advice(anything_left))
+
+    def _advice(self, anything_left: bool) -> str:
+        """Return how to go on after a refusal."""
+        if self._refused:
+            return ""
+        if anything_left:
+            return "strict reading refuses the stage for this; without it, the other parts are rendered"
+        lines = ["Without these parts nothing is left to draw."]
+        undrawn = [text for text in self._omissions if text.endswith(UNDRAWN)]
+        if undrawn:
+            lines.append(f"Of the rest, {'; '.join(undrawn)}.")
+        if any("> composition: " in problem for problem in self._problems):
+            lines.append(
+                "Put the missing files where the stage looks for them: relative paths begin at the folder of the file "
+                "that names them. If a variant does not need them, choose it (variants=, --variant)."
+            )
+        if any("> composition: " not in problem for problem in self._problems):
+            lines.append("Mend the prims named above in the program that wrote the stage.")
+        return " ".join(lines)
 
     def warn(self, problems: bool = True) -> None:
         """Give one StageWarning that lists all problems and omissions, on behalf of the caller's caller, if any.

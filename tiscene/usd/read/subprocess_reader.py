@@ -186,9 +186,9 @@ class SubprocessReader:
             warnings.warn(StageWarning(str(text)), stacklevel=4)
         if kind == "result":
             return content
-        name, message, stage, problems = content
+        name, message, stage, problems, advice = content
         if name == "StageError":
-            raise StageError(str(stage), [str(problem) for problem in problems])
+            raise StageError(str(stage), [str(problem) for problem in problems], str(advice))
         if name == "MemoryError" and self._limits is not None:
             raise StageError(self._path, [self._limits.exceeded("memory")])
         known = getattr(errors, str(name), None)

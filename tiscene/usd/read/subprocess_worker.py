@@ -51,8 +51,9 @@ def run(request: str, result: str) -> None:
             answer = ("result", _with_mipmaps(function(path, **options)))
             del stage  # kept open until here: opening its layers again costs nothing
         except Exception as error:
-            name, problems = (error.stage, error.problems) if isinstance(error, StageError) else ("", ())
-            answer = ("error", (type(error).__name__, str(error), name, problems))
+            refusal = error if isinstance(error, StageError) else StageError("", ())
+            facts = refusal.stage, refusal.problems, refusal.advice
+            answer = ("error", (type(error).__name__, str(error), *facts))
     texts = [str(each.message) for each in caught if isinstance(each.message, StageWarning)]
     if _has_ended(parent):  # then this process has to delete the temporary files
         shutil.rmtree(Path(result).parent, ignore_errors=True)

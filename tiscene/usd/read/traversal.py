@@ -14,7 +14,7 @@ from pxr import Sdf, Tf, Usd, UsdGeom, UsdLux, UsdSkel
 
 from tiscene.scene.camera import Camera
 from tiscene.scene.description import Matrix, SceneDescription, Template
-from tiscene.usd.core.report import StageReport
+from tiscene.usd.core.report import UNDRAWN, StageReport
 from tiscene.usd.core.semantics import direct_label, is_component, is_object_instance, taxonomies_of
 from tiscene.usd.core.time_samples import TransformSamples
 from tiscene.usd.core.transform import is_singular, range_fault, to_matrix
@@ -180,9 +180,9 @@ class StageReader(PointInstancerReader):
         """Report a prim that other renderers draw and this one does not."""
         kind = prim.GetTypeName()
         if prim.IsA(UsdGeom.Boundable) and not prim.IsA(UsdSkel.Root) and not prim.IsA(UsdSkel.Skeleton):
-            self._report.omission(prim.GetPath(), f"prims of type {kind} are not drawn")
+            self._report.omission(prim.GetPath(), f"prims of type {kind} {UNDRAWN}")
         elif kind and kind not in _METADATA_TYPES and prim.GetPrimTypeInfo().GetSchemaType() == Tf.Type.Unknown:
-            self._report.omission(prim.GetPath(), f"prims of the unknown type {kind} are not drawn")
+            self._report.omission(prim.GetPath(), f"prims of the unknown type {kind} {UNDRAWN}")
 
     def _read_camera(self, prim: Usd.Prim, here: TraversalContext) -> None:
         if self._parts is not None:
