@@ -17,6 +17,7 @@ if TYPE_CHECKING:
     Floats1: TypeAlias = Any
     Floats2: TypeAlias = Any
     Floats3: TypeAlias = Any
+    Ints3: TypeAlias = Any
     Floats4: TypeAlias = Any
     Ints1: TypeAlias = Any
     Ints2: TypeAlias = Any
@@ -39,6 +40,7 @@ else:
     Floats1 = ti.types.ndarray(ti.f32, 1)
     Floats2 = ti.types.ndarray(ti.f32, 2)
     Floats3 = ti.types.ndarray(ti.f32, 3)
+    Ints3 = ti.types.ndarray(ti.i32, 3)
     Floats4 = ti.types.ndarray(ti.f32, 4)
     Ints1 = ti.types.ndarray(ti.i32, 1)
     Ints2 = ti.types.ndarray(ti.i32, 2)

@@ -15,7 +15,7 @@ from typing import Any
 from tiscene import catalog
 from tiscene.errors import ArgumentError, ExportError, MissingFile, SceneNotFound, TemplateNotFound
 from tiscene.export.manifest import Manifest, file_digest
-from tiscene.render.render_settings import MOVING_CAMERAS, PRESETS, preset
+from tiscene.render.render_settings import PRESETS, preset
 from tiscene.scenario.scenario import Scenario
 from tiscene.stream.stream import Stream
 
@@ -63,8 +63,6 @@ def render_arguments(settings: Mapping[str, Any]) -> dict[str, Any]:
         arguments |= {"denoise": settings["denoiser"] is not None, "incremental": incremental is not None}
         if incremental is not None:
             arguments["base_spp"] = incremental[0]
-            if len(incremental) > 3:
-                arguments["incremental"] = MOVING_CAMERAS
         cache_bytes = incremental[2] if incremental is not None else 1
         found = preset(name, **arguments).to_json(cache_bytes)
         if all(settings.get(key) == value for key, value in found.items()):

@@ -11,8 +11,6 @@ from dynamics import argument_checks
 from tiscene.errors import ArgumentError
 from tiscene.render.sampling.pixel_filter import pixel_filter
 
-MOVING_CAMERAS = "camera"  # value of `incremental` in `preset` that turns the light cache on
-CELL_SPP = 64
 MAX_DEPTH = 1024  # kept paths have room for each segment; no light is left after so many
 DEFAULT_MAX_SPP = 1024  # with a relative error, but no spp
 
@@ -30,9 +28,7 @@ class RenderSettings:
         incremental: whether frames with a static camera are rendered incrementally.
         base_spp: samples per pixel of the base image of the static scene, in incremental rendering.
         near_spp: samples per pixel added to `spp` where movers are visible, in incremental rendering.
-        cell_spp: paths per cell of the light cache for moving cameras, in incremental rendering; 0: no such cache.
-        cell_width: largest width of a cell, px.
-        moving_spp: least samples per pixel of frames that use the light cache.
+        panorama: whether incremental rendering includes frames whose camera turns about a fixed center, approximately.
         downscale: light is traced in an image smaller by this factor along each axis, and upsampled along the surfaces
             that the labels show. Incremental rendering denoises at full size where much changes only.
         relative_error: sample each pixel until the standard error of its luminance is estimated to be at most this
@@ -48,17 +44,15 @@ class RenderSettings:
     incremental: bool = False
     base_spp: int = 256
     near_spp: int = 0
-    cell_spp: int = 0
-    cell_width: float = 1.0
-    moving_spp: int = 4
+    panorama: bool = False
     downscale: int = 1
     relative_error: float | None = None
     clamp: float | None = None
     pixel_filter: str = "box"
 
     def __post_init__(self) -> None:
-        for name in ("spp", "max_depth", "base_spp", "near_spp", "cell_spp", "moving_spp", "downscale"):
-            least = 0 if name in ("near_spp", "cell_spp") else 1
+        for name in ("spp", "max_depth", "base_spp", "near_spp", "downscale"):
+            least = 0 if name == "near_spp" else 1
             most = MAX_DEPTH if name == "max_depth" else sys.maxsize
             object.__setattr__(self, name, argument_checks.integer(getattr(self, name), name, least, most))
         for name in ("relative_error", "clamp"):
@@ -77,20 +71,13 @@ class RenderSettings:
         """Whether paths can be kept: each must count for itself, and as much as any other."""
         return self.relative_error is None and self.clamp is None and self.pixel_filter != "mitchell"
 
-    @property
-    def uses_light_cache(self) -> bool:
-        """Whether frames with a moving camera use the light cache."""
-        return self.incremental and self.cell_spp > 0
-
     def to_json(self, cache_bytes: int) -> dict[str, Any]:
         """Return the settings that pixels depend on, as JSON values.
 
         Args:
             cache_bytes: memory limit of kept paths, on which incremental rendering depends.
         """
-        incremental: list[float] = [self.base_spp, self.near_spp, cache_bytes]
-        if self.uses_light_cache:
-            incremental += [self.cell_spp, self.cell_width, self.moving_spp]
+        incremental = [self.base_spp, self.near_spp, cache_bytes, int(self.panorama)]
         return {
             "spp": self.spp,
             "max_depth": self.max_depth,
@@ -104,8 +91,10 @@ class RenderSettings:
 
 
 PRESETS = {
-    "fast": RenderSettings(spp=1, max_depth=8, denoiser="fast", incremental=True, base_spp=64, near_spp=4, downscale=2),
-    "preview": RenderSettings(spp=4, max_depth=8, denoiser="fast", incremental=True, base_spp=64),
+    "fast": RenderSettings(
+        spp=1, max_depth=8, denoiser="fast", incremental=True, panorama=True, base_spp=64, near_spp=4, downscale=2
+    ),
+    "preview": RenderSettings(spp=4, max_depth=8, denoiser="fast", incremental=True, panorama=True, base_spp=64),
     "standard": RenderSettings(spp=16, max_depth=8),
     "photo": RenderSettings(spp=256, max_depth=12, denoiser="high", base_spp=1024),
 }
@@ -127,12 +116,7 @@ def preset(name: str, **overrides: Any) -> RenderSettings:
     parts = {part: value for part, value in overrides.items() if value is not None}
     if "relative_error" in parts:
         parts.setdefault("spp", DEFAULT_MAX_SPP)
-    incremental = parts.get("incremental")
-    if incremental == MOVING_CAMERAS:
-        parts |= {"incremental": True, "cell_spp": CELL_SPP}
-    elif isinstance(incremental, str):
-        raise ArgumentError(f"incremental={incremental!r}: must be True, False, None or {MOVING_CAMERAS!r}")
-    if incremental is None:
+    if parts.get("incremental") is None:
         plain = replace(PRESETS[name], **parts | {"incremental": False})
         parts["incremental"] = PRESETS[name].incremental and plain.allows_incremental
     return replace(PRESETS[name], **parts)

@@ -25,7 +25,7 @@ from tiscene.render.integrators.incremental.base_image_cache import BaseImageCac
 from tiscene.render.integrators.incremental.incremental_pass import CACHE_BYTES, IncrementalPass
 from tiscene.render.integrators.labels.label_pass import LabelPass
 from tiscene.render.integrators.labels.surface_labels import FILTERED_ALBEDO
-from tiscene.render.integrators.light_cache.moving_camera_pass import MovingCameraPass
+from tiscene.render.integrators.panorama.panorama_pass import PanoramaPass
 from tiscene.render.integrators.path.path_pass import PathImage, PathPass
 from tiscene.render.render_settings import RenderSettings
 from tiscene.render.view import View
@@ -34,6 +34,7 @@ from tiscene.scene.placement import CURRENT, Placement
 
 # Labels that guide the upsampling of light traced at reduced size.
 UPSAMPLING_GUIDES = (FILTERED_ALBEDO, "normal")
+MOVER_SPP = 8  # least samples per pixel in which a mover is visible, in frames over a panorama
 
 
 @dataclass(frozen=True, eq=False)
@@ -92,11 +93,9 @@ class Renderer:
             scene, width, height,
             memory_limit=cache_bytes, images=BaseImageCache(), progress=progress, paths=self._full_size_paths,
         )  # fmt: skip
-        self._moving_camera = MovingCameraPass(
-            self._paths,
-            cell_spp=settings.cell_spp,
-            cell_width=settings.cell_width,
-            memory_limit=cache_bytes,
+        self._panorama = PanoramaPass(
+            self._full_size_paths,
+            memory_limit=cache_bytes // 2,
             progress=progress or (lambda stage, done: None),
         )
 
@@ -110,7 +109,7 @@ class Renderer:
         seed: int,
         exposure: float,
         moving: NDArray[np.bool_] | None = None,
-        camera_moves: bool = False,
+        turning: bool = False,
         shutter_samples: Iterable[ShutterSample] = (),
     ) -> dict[str, NDArray[Any]]:
         """Render the buffers of a frame.
@@ -124,7 +123,7 @@ class Renderer:
             exposure: Exposure of `rgb`, stops.
             moving: bool [n], the movers, if lights are static: color is rendered incrementally if that is estimated to
                 be cheaper. None: color is path traced.
-            camera_moves: Whether the camera moves; then a light cache takes the place of the base image.
+            turning: Whether the camera turns about a fixed center; then a panorama takes the place of the base image.
             shutter_samples: Color is the mean over these times, path traced at full size; empty: the frame's time.
 
         Returns:
@@ -135,23 +134,26 @@ class Renderer:
         colored = not COLORS.isdisjoint(buffers)
         labels = [name for name in buffers if name not in COLORS]
         sampling: dict[str, int] = {"seed": seed, "max_depth": settings.max_depth}
-        seen_moving = moving if camera_moves else None
-        if camera_moves:
-            moving = None
-        if colored and moving is not None and not self._incremental.is_cheaper(view, placement, moving, **sampling):
-            moving = None
-        if colored and moving is not None:
+        if colored and moving is not None and turning:
+            self._panorama.prepare(
+                view, placement, moving,
+                frame_index=frame_index, spp=settings.spp, panorama_spp=settings.base_spp, **sampling,
+            )  # fmt: skip
+            labels += ["instance"] if "instance" not in labels else []
+        elif colored and moving is not None and self._incremental.is_cheaper(view, placement, moving, **sampling):
             self._incremental.prepare(
                 view, placement, moving,
                 spp=settings.spp, base_spp=max(settings.base_spp, settings.spp), near_spp=settings.near_spp, **sampling,
             )  # fmt: skip
-        elif colored and settings.downscale > 1:
+        else:
+            moving = None
+        if colored and moving is None and settings.downscale > 1:
             labels += [name for name in UPSAMPLING_GUIDES if name not in labels]
         self.scene.place(placement, times=times_needed([*buffers, *labels]))
         result = self._labels.render(view, labels)
         if colored:
             blurred = self._trace_shutter(shutter_samples, frame_index, seed)
-            result |= self._color(view, frame_index, seed, exposure, buffers, moving, seen_moving, result, blurred)
+            result |= self._color(view, frame_index, seed, exposure, buffers, moving, turning, result, blurred)
         return {name: result[name] for name in buffers}
 
     def render_pixels(
@@ -191,7 +193,7 @@ class Renderer:
         exposure: float,
         buffers: Sequence[str],
         moving: NDArray[np.bool_] | None,
-        seen_moving: NDArray[np.bool_] | None,
+        turning: bool,
         labels: dict[str, NDArray[Any]],
         blurred: PathImage | None,
     ) -> dict[str, NDArray[Any]]:
@@ -204,8 +206,9 @@ class Renderer:
             exposure: Exposure of `rgb`, stops.
             buffers: Names of the requested buffers.
             moving: The movers of an incremental frame; None: path tracing.
-            seen_moving: The movers of a frame whose camera moves and that uses the light cache; None: path tracing.
-            labels: Rendered labels, with UPSAMPLING_GUIDES if light is traced at reduced size.
+            turning: Whether the incremental frame is rendered over a panorama.
+            labels: Rendered labels, with UPSAMPLING_GUIDES if light is traced at reduced size, and `instance` for a
+                frame over a panorama.
             blurred: Image over the shutter interval, if the shutter is open.
         """
         settings, sharp = self.settings, view.current.lens_radius == 0.0 and blurred is None
@@ -214,7 +217,14 @@ class Renderer:
         upsampling = replace(denoising, denoiser=None)
         result: dict[str, NDArray[Any]] = {}
         needs_denoised = "rgb" in buffers or "denoised" in buffers
-        if moving is not None:
+        if moving is not None and turning:
+            panorama = self._panorama.render(moving, labels["instance"], spp=max(MOVER_SPP, settings.spp))
+            self.spp = float(settings.spp)
+            result["hdr"] = panorama.hdr
+            guides = panorama.albedo, panorama.normal
+            if needs_denoised:
+                radiance = denoising.process_panorama(panorama)
+        elif moving is not None:
             incremental = self._incremental.render(moving)
             self.spp = float(settings.spp)
             result["hdr"] = incremental.hdr
@@ -224,8 +234,7 @@ class Renderer:
         else:
             if downscale > 1:
                 view = replace(view, width=self._paths.width, height=self._paths.height)
-            image = blurred or self._trace_from_cache(view, frame_index, seed, seen_moving)
-            image = image or self._trace(view, frame_index, seed)
+            image = blurred or self._trace(view, frame_index, seed)
             guides = image.albedo, image.normal
             if downscale > 1:
                 guides = labels[UPSAMPLING_GUIDES[0]], labels[UPSAMPLING_GUIDES[1]]
@@ -260,19 +269,6 @@ class Renderer:
             first += sample.spp
             self.spp = float(first)
         return image
-
-    def _trace_from_cache(
-        self, view: View, frame_index: int, seed: int, moving: NDArray[np.bool_] | None
-    ) -> PathImage | None:
-        """Return the image of a moving camera with light from the cache; None where it is to be path traced."""
-        if moving is None:
-            return None
-        spp = max(self.settings.spp, self.settings.moving_spp)
-        self.spp = float(spp)
-        return self._moving_camera.render(
-            view, self.scene.placement, moving,
-            frame_index=frame_index, seed=seed, spp=spp, max_depth=self.settings.max_depth,
-        )  # fmt: skip
 
     def _trace(self, view: View, frame_index: int, seed: int) -> PathImage:
         """Path trace an image, adaptively if a relative error is set."""

@@ -19,14 +19,17 @@ def is_static_view(view: View) -> bool:
     return view.previous == view.current == view.next
 
 
-def movers(state: WorldState, *, several_light_groups: bool = True) -> NDArray[np.bool_] | None:
+def turns_in_place(view: View) -> bool:
+    """Return whether a pinhole camera turns about its center around a frame."""
+    cameras = view.cameras
+    is_pinhole = view.current.lens_radius == 0.0 and view.current.orthographic_height is None
+    return is_pinhole and not is_static_view(view) and len({camera.position for camera in cameras}) == 1
+
+
+def movers(state: WorldState) -> NDArray[np.bool_] | None:
     """Return which instances of a state move; None if its lights are not those of the stream's start.
 
     Args:
         state: of the world, at the frame to render.
-        several_light_groups: whether lights that only change their intensity count as the same lights.
     """
-    groups = state.placement.light_groups
-    if not state.starting_lights or (not several_light_groups and groups is not None and len(groups.factors) > 1):
-        return None
-    return state.movers
+    return state.movers if state.starting_lights else None

@@ -16,7 +16,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from functools import partial
 from types import TracebackType
-from typing import Any, Literal, overload
+from typing import Any, overload
 
 from dynamics.argument_checks import distinct_names, integer, number, positive
 from tiscene import catalog
@@ -76,8 +76,8 @@ class Stream(BatchedFrames, LoaderMethods, StreamOutput, SavedState, Iterator[Fr
         clamp: maximum radiance per sample and channel, W/m²/sr. Removes fireflies; biased.
         pixel_filter: "box", "triangle", "gaussian", "mitchell" or "blackman-harris".
         incremental: whether frames with a static camera and the lights of the start are rendered as a base image of the
-            static scene plus what movers change. None: as the preset says ("fast", "preview": yes). The first such
-            frame waits for the base image. "camera": also frames whose camera moves, approximately, by a light cache.
+            static scene plus what movers change, and with "fast" and "preview" those whose camera turns in place over
+            a panorama. None: as the preset says ("fast", "preview": yes). The first such frame waits for the image.
         base_spp: samples per pixel of base images; None: by the preset.
         seed: of the rendering's random numbers; trajectories have their own.
         camera: a Camera or the name of one on the stage, in place of the scenario's. Several: all watch one simulation;
@@ -125,7 +125,7 @@ class Stream(BatchedFrames, LoaderMethods, StreamOutput, SavedState, Iterator[Fr
         relative_error: float | None = None,
         clamp: float | None = None,
         pixel_filter: str | None = None,
-        incremental: bool | Literal["camera"] | None = None,
+        incremental: bool | None = None,
         base_spp: int | None = None,
         seed: int = 0,
         camera: Camera | str | Sequence[Camera | str] | None = None,

@@ -21,7 +21,7 @@ from tiscene.render.view import View
 from tiscene.scene.bvh.obstacle_tree import MeshTrees
 from tiscene.scene.device_scene import DeviceScene
 from tiscene.scene.placement import Placement
-from tiscene.stream.incremental import is_static_view, movers
+from tiscene.stream.incremental import is_static_view, movers, turns_in_place
 from tiscene.stream.shutter import shutter_samples
 from tiscene.world.world import World
 from tiscene.world.world_state import CameraStep, WorldState
@@ -198,10 +198,10 @@ class ViewRenderer:
                 self.world, state, view, self._shutter, spp=self.settings.spp, seed=self._seed, camera_row=camera_row
             )
         incremental = self.settings.incremental if incremental is None else incremental
-        camera_moves = not is_static_view(view)
+        turning = self.settings.panorama and turns_in_place(view)
         moving = None
-        if colored and incremental and samples is None and (not camera_moves or self.settings.uses_light_cache):
-            moving = movers(state, several_light_groups=not camera_moves)
+        if colored and incremental and samples is None and (turning or is_static_view(view)):
+            moving = movers(state)
         exposure = view.current.exposure
         if exposure is None:
             exposure = self.exposure(*main_size) if "rgb" in buffers else 0.0
@@ -216,7 +216,7 @@ class ViewRenderer:
             seed=self._seed,
             exposure=exposure,
             moving=moving,
-            camera_moves=camera_moves,
+            turning=turning,
             shutter_samples=samples or (),
         )
         rendered = {name: labels[name] if name in labels else rendered[name] for name in buffers}

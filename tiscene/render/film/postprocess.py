@@ -13,6 +13,7 @@ from tiscene.render.film.upsample import demodulate, upsample
 from tiscene.render.integrators.incremental.base_image import IncrementalBase
 from tiscene.render.integrators.incremental.changed_regions import MARGIN, Region
 from tiscene.render.integrators.incremental.incremental_pass import IncrementalImage
+from tiscene.render.integrators.panorama.panorama_pass import PanoramaImage
 from tiscene.render.integrators.path.path_pass import PathImage
 
 FloatImage = NDArray[np.float32]
@@ -60,6 +61,21 @@ class Postprocessor:
                 weight = blend_weights(here, shown.shape[0], shown.shape[1])
                 shown[here] += weight * (fine - shown[here])
         return np.maximum(shown, 0.0, out=shown)
+
+    def process_panorama(self, image: PanoramaImage) -> FloatImage:
+        """Return the radiance, [h, w, 3], of an image over a panorama.
+
+        The static image is denoised, and the movers' change of light is what they change in the denoised irradiance.
+        """
+        if self.denoiser is None:
+            return np.maximum(image.hdr, 0.0)
+        shown = self._denoised(image.static, image.albedo, image.normal, self.sharp)
+        if image.after is not None:
+            before, after = (
+                self._denoised(each, image.white, image.reduced_normal, False) for each in (image.before, image.after)
+            )
+            shown = shown + image.upsampled(after - before)
+        return np.maximum(shown, 0.0)
 
     def _corrected(self, quick: FloatImage, image: IncrementalImage, here: Region, kind: str) -> FloatImage:
         """Add the known corrections outside of movers, in place."""

@@ -6,5 +6,5 @@
     labels       one exact ray per pixel center
     path         path tracing with next-event estimation
     incremental  base image of the static scene, corrected where movers change its light
-    light_cache  light on surfaces of the static scene, for cameras that move
+    panorama     the same for a camera that turns in place, over a panorama of its surroundings
 """

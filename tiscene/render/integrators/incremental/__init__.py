@@ -13,6 +13,7 @@ Most paths are touched by no mover and cost only an intersection test. `incremen
     base_lights       lights of a base image
     path_cache        cached paths of the static scene
     path_recording    kernels that record paths
+    path_retracer     PathRetracer: trace again what movers invalidate
     selected_paths    cached paths of some pixels
     retrace_kernels   find and re-trace invalidated paths, compose the frame
     frame_scratch     device arrays of a frame

@@ -21,8 +21,6 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from tiscene.device.kernel_types import float8
-from tiscene.device.memory import device_array
 from tiscene.errors import ArgumentError
 from tiscene.render.integrators.incremental import retrace_kernels as kernels
 from tiscene.render.integrators.incremental.base_image import (
@@ -37,25 +35,21 @@ from tiscene.render.integrators.incremental.base_lights import BaseLights
 from tiscene.render.integrators.incremental.changed_regions import Region, changed_regions
 from tiscene.render.integrators.incremental.cost_estimate import ProbePaths
 from tiscene.render.integrators.incremental.frame_scratch import FrameScratch
-from tiscene.render.integrators.incremental.mover_bounds import cluster_boxes
 from tiscene.render.integrators.incremental.mover_coverage import NO_MOVER_NEAR, SUBPIXELS, MoverCoverage
-from tiscene.render.integrators.incremental.mover_culling import cull_rays
 from tiscene.render.integrators.incremental.outlier_filter import filter_outliers
-from tiscene.render.integrators.incremental.path_cache import PathBlock, PathCache, state_size
+from tiscene.render.integrators.incremental.path_cache import PathCache, state_size
 from tiscene.render.integrators.incremental.path_recording import AUXILIARY, light_column
+from tiscene.render.integrators.incremental.path_retracer import PathRetracer
 from tiscene.render.integrators.incremental.selected_paths import PathSelection
 from tiscene.render.integrators.path.path_pass import PathImage, PathPass
-from tiscene.render.integrators.path.path_scene import PathScene
 from tiscene.render.integrators.path.path_state import PathSamples, PathState
-from tiscene.render.intersect.trace import occluded
 from tiscene.render.sampling.sobol import frame_key, index_bits
 from tiscene.render.view import View
 from tiscene.scene.device_scene import DeviceScene
-from tiscene.scene.placement import CURRENT, MOVERS, Placement
+from tiscene.scene.placement import CURRENT, Placement
 
 # Frame numbers of the random numbers of cached paths, and of shadow rays through partially opaque movers.
 CACHED_PATHS_FRAME, MOVER_OPACITY_FRAME, EXTRA_PATHS_FRAME, EXTRA_OPACITY_FRAME = -2, -3, -5, -6
-SINGLE_PIXEL_SPP = 1 << 30  # rays without pixels: as if all were samples of one, so that the row alone numbers them
 CACHE_BYTES = 1 << 30
 MAX_PROBES = 16
 # If movers invalidate more of the paths than this, path tracing costs no more and may have less noise.
@@ -117,7 +111,7 @@ class IncrementalPass:
         self._probes: dict[tuple[Any, ...], tuple[ProbePaths, FrameScratch]] = {}
         self._scratch: FrameScratch | None = None
         self._selection = PathSelection()
-        self._mover_boxes = device_array(float8, 6)
+        self._retracer = PathRetracer(self._paths)
         self._path_state: PathState | None = None
 
     @property
@@ -209,8 +203,8 @@ class IncrementalPass:
             del self._probes[next(iter(self._probes))]
         self.scene.place(placement)
         paths, scratch = probe
-        self._place_movers(moving)
-        self._test_against_movers(paths.block.rays, paths.block.rows, scratch)
+        self._retracer.place_movers(moving)
+        self._retracer.test(paths.block.rays, paths.block.rows, scratch)
         return paths.invalidated_fraction(scratch.blocked) <= MAX_INVALIDATED
 
     def render(self, moving: NDArray[np.bool_]) -> IncrementalImage:
@@ -223,18 +217,18 @@ class IncrementalPass:
             ArgumentError: If no base is prepared.
         """
         base, scratch = self._prepared()
-        self._place_movers(moving)
+        self._retracer.place_movers(moving)
         factors = self._light_factors()
         scene = self._paths.scene_arrays(base.lights.scaled(factors))
         for block in base.cache.blocks:
-            self._retrace(scene, base.cache, block, base.cache.pixels, factors)
+            self._retracer.retrace(scene, base.cache, block, base.cache.pixels, factors, scratch)
         use_coverage = base.mover_spp < SUBPIXELS and base.coverage.sharp and self._paths.pixel_filter_name == "box"
         covered = self._count_covered(use_coverage)
         if base.extra_cache:
             near = np.flatnonzero(covered.ravel()[base.cache.order] != NO_MOVER_NEAR)
             for block, pixels in self._selection.blocks(base.extra_cache, near):
                 with self._paths.restricted_to(pixels):
-                    self._retrace(scene, base.extra_cache, block, pixels, factors, base.cache.spp)
+                    self._retracer.retrace(scene, base.extra_cache, block, pixels, factors, scratch, base.cache.spp)
         hdr, denoiser_input, albedo, normal = (np.empty((self.height, self.width, 3), np.float32) for _ in range(4))
         static_mask = np.empty((self.height, self.width, 1), np.float32)
         kernels.compose(
@@ -247,7 +241,7 @@ class IncrementalPass:
 
     def count_covered_subpixels(self, moving: NDArray[np.bool_], all_subpixels: bool = True) -> NDArray[np.int32]:
         """Return `MoverCoverage.count` of the base prepared last, for what the scene has placed at CURRENT."""
-        self._place_movers(moving)
+        self._retracer.place_movers(moving)
         return self._count_covered(all_subpixels)
 
     def corrected_path_mean(self) -> PathImage:
@@ -316,85 +310,8 @@ class IncrementalPass:
             self._path_state = PathState(size)
         return self._path_state
 
-    def _place_movers(self, moving: NDArray[np.bool_]) -> None:
-        """Build the tree MOVERS of the moving instances placed at CURRENT, and upload boxes around them."""
-        self._mover_boxes.from_numpy(cluster_boxes(self.scene.place_movers(moving)).T.copy())
-
     def _count_covered(self, all_subpixels: bool) -> NDArray[np.int32]:
         base, scratch = self._prepared()
         return base.coverage.count(
-            lambda rays, count: self._test_against_movers(rays, count, scratch), scratch.blocked, all_subpixels
+            lambda rays, count: self._retracer.test(rays, count, scratch), scratch.blocked, all_subpixels
         )
-
-    def _test_against_movers(self, rays: Any, count: int, scratch: FrameScratch) -> int:
-        """Set `scratch.blocked` of each ray to whether a mover blocks it; return the number of rays near movers."""
-        with self._paths.vector_mode():
-            near = cull_rays(rays, count, self._mover_boxes, scratch.blocked, scratch.candidates, scratch.row_chunks)
-        if near:
-            occluded(self.scene, MOVERS, rays, scratch.candidates, near, scratch.blocked)
-        return int(near)
-
-    def _pass_partially_opaque_movers(
-        self, scene: PathScene, cache: PathCache, block: PathBlock, near: int, scratch: FrameScratch
-    ) -> None:
-        """Unblock the shadow rays that alpha-rejected movers let pass.
-
-        The recorded rays passed the static surfaces. The movers' opacity is sampled with random numbers of its own.
-        """
-        state = cache.state
-        count = kernels.select_blocked_shadow_rays(
-            scratch.candidates, near, block.rays, scratch.blocked, scratch.shadow_rows, scratch.row_chunks
-        )
-        samples = PathSamples(SINGLE_PIXEL_SPP, 0, cache.mover_key)
-        for begin in range(0, count, state.size):
-            rays = min(state.size, count - begin)
-            kernels.gather_shadow_rays(
-                scratch.shadow_rows, begin, rays, block.rays, state.shadow_rays, state.shadow_queue
-            )
-            self._paths.cast_shadows(scene, state, rays, begin, block.number, samples, tree=MOVERS)
-            kernels.scatter_occlusion(scratch.shadow_rows, begin, rays, state.occluded, scratch.blocked)
-
-    def _retrace(
-        self,
-        scene: PathScene,
-        cache: PathCache,
-        block: PathBlock,
-        pixels: Any,
-        factors: NDArray[np.float32],
-        previous_paths: int = 0,
-    ) -> None:
-        """Trace the invalidated paths of a block again and add the changes of its pixels to the frame's sums.
-
-        Args:
-            scene: Data of the scene with the movers.
-            cache: The cache that the block belongs to.
-            block: Cached paths.
-            pixels: Their pixels.
-            factors: float32 [groups, 3], intensity of each light group.
-            previous_paths: Paths per pixel that the sums contain already.
-        """
-        _, scratch = self._prepared()
-        state, first = cache.state, block.first
-        near = self._test_against_movers(block.rays, block.rows, scratch)
-        if scene.any_coverage and near:
-            self._pass_partially_opaque_movers(scene, cache, block, near, scratch)
-        restart_offsets = np.zeros(cache.steps + 1, np.int32)
-        kernels.find_invalidated(
-            block.count, cache.steps, block.offsets, block.rays, block.light, factors, block.restart, scratch.blocked,
-            state.rays, state.state, state.features, state.status,
-            scratch.change, scratch.invalidated, scratch.path_chunks, scratch.restart_queue, restart_offsets,
-        )  # fmt: skip
-        live = 0
-        for step in range(cache.steps):
-            begin, end = int(restart_offsets[step]), int(restart_offsets[step + 1])
-            kernels.append_restarts(scratch.restart_queue, begin, end, state.queue, live)
-            live += end - begin
-            if live:
-                live, shadows = self._paths.advance(scene, state, live, first, step, cache.samples, cache.max_depth, 1)
-                if shadows:
-                    self._paths.cast_shadows(scene, state, shadows, first, step, cache.samples)
-        kernels.accumulate_corrections(
-            pixels, first, block.count, cache.spp, scratch.invalidated, block.restart, block.features,
-            state.status, state.occluded, state.state, state.features, scratch.change, previous_paths,
-            scratch.correction, scratch.mover_sums,
-        )  # fmt: skip

@@ -14,26 +14,24 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
-import taichi as ti
 from numpy.typing import NDArray
 
-from tiscene.device.memory import device_array, upload
+from tiscene.device.memory import upload
 from tiscene.device.vector_mode import vector_mode
 from tiscene.errors import ArgumentError
 from tiscene.render.bsdfs.energy_tables import energy_tables
-from tiscene.render.integrators.light_cache.cells import VALUE_COLUMNS, Cells
 from tiscene.render.integrators.path import wavefront_kernels as kernels
 from tiscene.render.integrators.path.last_segment import finish_at_lights
-from tiscene.render.integrators.path.path_scene import CellLookup, PathScene, SceneArrays
+from tiscene.render.integrators.path.path_scene import PathScene, SceneArrays
 from tiscene.render.integrators.path.path_state import CHUNK, FILM_COLUMNS, PathSamples, PathState
 from tiscene.render.integrators.path.shading import shade
 from tiscene.render.integrators.path.shadow_rays import continue_shadow_rays
-from tiscene.render.intersect.ray_queue import ray, tiled_order, upload_pixels
+from tiscene.render.intersect.ray_queue import tiled_order, upload_pixels
 from tiscene.render.intersect.surface_interaction import geometry_of
 from tiscene.render.intersect.trace import closest, occluded
 from tiscene.render.sampling.pixel_filter import pixel_filter as pixel_filter_named
 from tiscene.render.sampling.sobol import frame_key, index_bits
-from tiscene.render.view import SKY, View
+from tiscene.render.view import SKY, View, check_image_size
 from tiscene.scene.device_scene import DeviceScene
 from tiscene.scene.lights.light_table import LightArrays
 from tiscene.scene.placement import CURRENT
@@ -80,7 +78,7 @@ class PathPass:
         nonfinite: Number of infinite or NaN samples in the last image. They are left out of the means.
 
     Raises:
-        ArgumentError: If the image is empty.
+        ArgumentError: If the image is empty or too large.
     """
 
     def __init__(
@@ -93,8 +91,7 @@ class PathPass:
         pixel_filter: str = "box",
         clamp: float | None = None,
     ) -> None:
-        if width < 1 or height < 1:
-            raise ArgumentError(f"image size {width}x{height} pixels: width and height must be at least 1")
+        check_image_size(width, height)
         self.scene = scene
         self.width = width
         self.height = height
@@ -109,9 +106,6 @@ class PathPass:
         self.pixels = upload_pixels(self.order, width, height)
         self.film = upload(np.zeros((width * height, FILM_COLUMNS), np.float32))
         self._energy: Any = None
-        no_cells = Cells(device_array(ti.i32, (1, 2)), device_array(ti.f32, (1, VALUE_COLUMNS)))
-        no_rays = device_array(ray, 1)
-        self._no_lookup = (*no_cells, 1.0, 0, no_rays, -1, no_rays, device_array(ti.f32, (1, 3)), False)
         self._energy_key: tuple[Any, ...] | None = None
 
     def render(
@@ -170,11 +164,33 @@ class PathPass:
             key: Key of the random numbers, see `frame_key`.
             max_depth: See `render`.
         """
-        self._check(view, spp, max_depth)
-        with self.restricted_to(upload_pixels(pixels, self.width, self.height)):
-            self._trace(view, len(pixels), PathSamples(spp, index_bits(spp), key), max_depth)
+        self.trace_pixels(view, pixels, spp=spp, key=key, max_depth=max_depth)
         rows: NDArray[np.float32] = self.film.to_numpy()[pixels]
         return rows
+
+    def trace_pixels(
+        self,
+        view: View,
+        pixels: NDArray[np.int32],
+        *,
+        spp: int,
+        key: int,
+        max_depth: int,
+        scene: PathScene | None = None,
+    ) -> None:
+        """Trace `spp` paths through each of some pixels, whose rows of the film are set to the sums.
+
+        Args:
+            view: Camera and image size.
+            pixels: i32 [n], pixel numbers y * width + x.
+            spp: Samples per pixel.
+            key: Key of the random numbers, see `frame_key`.
+            max_depth: See `render`.
+            scene: Scene data; None: `scene_arrays()`.
+        """
+        self._check(view, spp, max_depth)
+        with self.restricted_to(upload_pixels(pixels, self.width, self.height)):
+            self._trace(view, len(pixels), PathSamples(spp, index_bits(spp), key), max_depth, scene=scene)
 
     def warm_up(self, view: View, emission: Callable[[], bool]) -> Iterator[None]:
         """Compile the kernels without tracing a path; yields between parts.
@@ -219,7 +235,6 @@ class PathPass:
         samples: PathSamples,
         max_depth: int,
         mis: int,
-        lookup: CellLookup | None = None,
     ) -> tuple[int, int]:
         """Intersect and shade one segment of the first `live` paths of the queue.
 
@@ -232,7 +247,6 @@ class PathPass:
             samples: Random numbers of the paths.
             max_depth: See `render`.
             mis: 0 samples lights only, see `render`.
-            lookup: Light cache whose cells replace the light of wide lobes; None: none.
 
         Returns:
             The number of paths that continue, at the head of the queue, and the number of shadow rays to cast, in
@@ -248,15 +262,12 @@ class PathPass:
         else:
             tree = scene.tree
             closest(self.scene, tree, state.rays, state.queue, live, state.hits, state.hit_ids, coherent=step == 0)
-            cells = self._no_lookup
-            if lookup:
-                cells = lookup.cells_for(scene, state, live, first, step, samples)
             with self.vector_mode():
                 shade(
                     *scene.arrays, self.pixels, first, spp, bits, key, step, max_depth, mis, *self.background,
                     state.queue, live, state.rays, state.hits, state.hit_ids, state.shadow_rays, state.occluded,
                     state.state, state.features, state.status, state.first_sample, scene.any_emission,
-                    scene.any_extended, scene.any_links, *cells,
+                    scene.any_extended, scene.any_links,
                 )  # fmt: skip
         counts = kernels.compact(state.status, state.queue, live, state.next_queue, state.shadow_queue, state.chunks)
         state.swap_queues()

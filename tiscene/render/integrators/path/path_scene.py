@@ -2,9 +2,8 @@
 """Scene data for the path tracing kernels: device arrays in the order of kernel arguments, and what they contain."""
 
 from dataclasses import dataclass
-from typing import Any, NamedTuple, Protocol, Self
+from typing import Any, NamedTuple, Self
 
-from tiscene.render.integrators.path.path_state import PathSamples, PathState
 from tiscene.scene.lights.light_table import LightTable
 from tiscene.scene.material_table import MaterialTable
 from tiscene.scene.placement import CURRENT
@@ -94,13 +93,3 @@ class PathScene:
     def steps(self, max_depth: int) -> int:
         """Return how many times paths may be advanced."""
         return max_depth + (MAX_ALPHA_LAYERS if self.any_coverage else 0)
-
-
-class CellLookup(Protocol):
-    """What `PathPass.advance` needs of a light cache."""
-
-    def cells_for(
-        self, scene: PathScene, state: PathState, live: int, first: int, step: int, samples: PathSamples
-    ) -> tuple[Any, ...]:
-        """Return the last arguments of `shade`, with all cells at the hits of the first `live` paths of the queue."""
-        ...

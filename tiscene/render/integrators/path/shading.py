@@ -10,13 +10,11 @@ combined by multiple importance sampling. See Physically Based Rendering, 4th ed
 import taichi as ti
 
 from tiscene.device.argument_bundles import bundled
-from tiscene.device.kernel_types import Float8s1, Floats1, Floats2, Ints1, Template, vec2, vec3, vec4
+from tiscene.device.kernel_types import Float8s1, Floats1, Floats2, Ints1, Template, vec2, vec3
 from tiscene.render.bsdfs import extended_surface_bsdf as extended_bsdf
 from tiscene.render.bsdfs import preview_surface_bsdf as bsdf
 from tiscene.render.bsdfs.lobe_inputs import transmittance
 from tiscene.render.bsdfs.material_inputs import Materials, is_mirror_like, shaded_material_at, shading_normal
-from tiscene.render.integrators.light_cache.cells import Cells, cell_for, lit_slot, lookup_width, own_cell
-from tiscene.render.integrators.light_cache.wide_lobes import wide_reflectance
 from tiscene.render.integrators.path.path_state import (
     ALBEDO,
     DEPTH_MASK,
@@ -40,7 +38,7 @@ from tiscene.render.integrators.path.path_state import (
 from tiscene.render.integrators.path.wavefront_kernels import FIRST_STEP_SET, path_index
 from tiscene.render.intersect.ray_queue import LINKS, HitIds, Hits, Pixels, Rays, ray_direction, ray_origin, write_ray
 from tiscene.render.intersect.surface_interaction import INFO_LINK_CLASS, Geometry, offset_origin, surface_at
-from tiscene.render.lights import dispatch, distant
+from tiscene.render.lights import dispatch
 from tiscene.render.lights.intersect import (
     LIGHT_FRONT,
     is_blocked_by_light,
@@ -49,13 +47,12 @@ from tiscene.render.lights.intersect import (
     response,
     weighted_emission,
 )
-from tiscene.render.lights.light_sample import FAR, is_linked, lights_of
+from tiscene.render.lights.light_sample import is_linked, lights_of
 from tiscene.render.sampling.sobol import combine, draw, set_key, set_keys
-from tiscene.render.sampling.warp import INV_PI
 from tiscene.render.texture_lookup import Textures
 from tiscene.scene.lights.light_kinds import MESH
 from tiscene.scene.lights.light_table import KIND, LIT, SHADOWING, SHADOWLESS
-from tiscene.scene.material_table import COVERAGE, EMITS, EXTENDED, FLAGS, GLASS, MATTE, TRANSLUCENT
+from tiscene.scene.material_table import COVERAGE, EMITS, FLAGS, GLASS, MATTE, TRANSLUCENT
 from tiscene.scene.placement import CURRENT
 
 # Sets of random numbers of each segment, offsets from FIRST_STEP_SET + SETS * step.
@@ -115,14 +112,6 @@ def shade(
     any_emission: Template,
     any_extended: Template,
     any_links: Template,
-    cells: Cells,
-    cell_width: ti.f32,
-    keeps_rays: ti.i32,
-    replaced_rays: Rays,
-    sharp_light: ti.i32,
-    sharp_rays: Rays,
-    sharp_radiance: Floats2,
-    looks_up: Template,
 ):
     """Shade the hits of the paths in queue[0..count) and generate their next segments and shadow rays.
 
@@ -143,16 +132,6 @@ def shade(
         any_emission: Compile-time: whether a material is emissive.
         any_extended: Compile-time: whether a material has extended lobes.
         any_links: Compile-time: whether light or shadow linking restricts a light.
-        cells: The light cache.
-        cell_width: Width of its cells over that of a ray's footprint.
-        keeps_rays: 1 generates the rays that path tracing would trace where cells replace their light, to test them
-            against movers.
-        replaced_rays: Output, next segments of that kind; their shadow rays are in `shadow_rays`.
-        sharp_light: Row of the distant light that is not in the cells; -1: none.
-        sharp_rays: Output, shadow rays to that light where a cell was looked up.
-        sharp_radiance: Output, f32 [n, 3], what these paths gain if that ray is not blocked.
-        looks_up: Compile-time: whether wide lobes reflect the cells' light, where there is any. All lobes do at the
-            second vertex that is not mirror-like, where the path ends.
     """
     lights = ti.static(
         lights_of(light_values, light_nodes, light_distribution, geometry, materials, any_emission, any_links)
@@ -212,35 +191,11 @@ def shade(
                     throughput *= transmittance(materials, surface, hits[i][0])
                 wo = -1.0 * direction
                 normal = shading_normal(surface, material, wo)
-                looked_up, is_all = False, False
-                if ti.static(looks_up):
-                    is_wide = is_mirror_like(material) == 0 and (material.flags & EXTENDED) == 0
-                    if depth < max_depth and is_wide:
-                        jitter = draw(set_keys(frame_key, first_set + TEXTURE_SET), index)
-                        is_reflected = ti.cast((status_bits & FEATURES_WRITTEN) != 0, ti.i32)
-                        width = lookup_width(hits[i][0], state[i][SPREAD], cell_width, is_reflected)
-                        slot = lit_slot(cells, cell_for(instance, width, surface, direction, jitter))
-                        if slot < 0:
-                            slot = lit_slot(cells, own_cell(instance, width, surface, direction))
-                        if slot >= 0:
-                            looked_up = True
-                            reflectance, is_all = wide_reflectance(surface, material, energy, normal, wo, is_reflected)
-                            radiance += throughput * reflectance * read3(cells.values, slot, 0)
-                            if sharp_light >= 0:
-                                u = draw(set_keys(frame_key, first_set + LIGHT_SET), index)
-                                sun = distant.sample(lights, textures, sharp_light, surface.position, u)
-                                cosine = normal.dot(sun.direction)
-                                if cosine > 0.0 and surface.geometric_normal.dot(sun.direction) > 0.0:
-                                    gain = throughput * reflectance * sun.radiance
-                                    gain *= cosine * INV_PI / sun.pdf * response(light_values, sharp_light, 1.0, depth)
-                                    write3(sharp_radiance, i, 0, gain)
-                                    start = offset_origin(surface, sun.direction)
-                                    write_ray(sharp_rays, i, start, sun.direction, FAR)
                 if (status_bits & FEATURES_WRITTEN) == 0 and is_mirror_like(material) == 0:
                     status_bits |= FEATURES_WRITTEN
                     write3(features, i, ALBEDO, material.diffuse_color)
                     write3(features, i, NORMAL, normal)
-                if depth < max_depth and (not is_all or keeps_rays != 0):
+                if depth < max_depth:
                     light_u = draw(set_keys(frame_key, first_set + LIGHT_SET), index)
                     # Glass receives light from both sides: a zero normal excludes no light.
                     lit_normal = normal * ti.cast((material.flags & (GLASS | TRANSLUCENT)) == 0, ti.f32)
@@ -249,19 +204,9 @@ def shade(
                         light_sample.pdf *= is_linked(lights, light_sample.row, LIT, link_class)
                     bsdf_u = draw(set_keys(frame_key, first_set + DIRECTION_SET), index)
                     lobe_and_survival = vec2(0.0)
-                    if (material.flags & MATTE) == 0 or depth >= RUSSIAN_ROULETTE_DEPTH or looked_up:
+                    if (material.flags & MATTE) == 0 or depth >= RUSSIAN_ROULETTE_DEPTH:
                         lobe_and_survival = draw(set_keys(frame_key, first_set + LOBE_SET), index)
                     scattering_u = vec3(bsdf_u, lobe_and_survival.x)
-                    if ti.static(looks_up):
-                        if looked_up and not is_all:
-                            towards = light_sample.direction
-                            if keeps_rays != 0:
-                                whole = bsdf.scatter(surface, material, energy, normal, wo, towards, scattering_u)
-                                start = offset_origin(surface, whole.direction)
-                                write_ray(replaced_rays, i, start, whole.direction, ti.math.inf)
-                            # The diffuse lobe is in the cell: sample the others only.
-                            if material.metallic == 0.0:
-                                material.diffuse_color = vec3(0.0)
                     scattering = (
                         extended_bsdf.scatter(
                             materials, textures, surface, material, energy, normal, direction, footprint_width,
@@ -270,14 +215,6 @@ def shade(
                         if ti.static(any_extended)
                         else bsdf.scatter(surface, material, energy, normal, wo, light_sample.direction, scattering_u)
                     )  # fmt: skip
-
-                    if ti.static(looks_up):
-                        if looked_up and not is_all:
-                            kept = 1.0 - scattering.diffuse_parts
-                            towards, onward = scattering.towards_light, scattering.onward
-                            scattering.towards_light = vec4(towards.xyz * kept.x, towards.w)
-                            scattering.onward = vec4(onward.xyz * kept.y, onward.w)
-                            scattering.diffuse_parts = vec2(0.0)
 
                     # Direct lighting: the shadow ray decides at the next step whether DIRECT counts.
                     if light_sample.pdf > 0.0:
@@ -292,8 +229,7 @@ def shade(
                         if weighs:
                             direct *= power_heuristic(light_sample.mis_pdf, scattering.towards_light.w)
                         if shadowless:
-                            if not is_all:
-                                radiance += direct
+                            radiance += direct
                         elif direct.max() > 0.0:
                             towards, reach = light_sample.direction, light_sample.distance
                             start = offset_origin(surface, towards)
@@ -306,7 +242,7 @@ def shade(
                                     towards = aim / ti.max(reach, 1e-20)
                             reach *= 1.0 - LIGHT_FRONT
                             if is_blocked_by_light(lights, light_row, start, towards, reach * (1.0 - LIGHT_FRONT)) == 0:
-                                sampled = 0 if is_all else LIGHT_PENDING
+                                sampled = LIGHT_PENDING
                                 write_ray(shadow_rays, i, start, towards, reach)
                                 if ti.static(any_links):
                                     shadow_rays[i][LINKS] = light_values[light_row, SHADOWING] + 1.0
@@ -320,15 +256,11 @@ def shade(
                             ior2 *= scattering.eta * scattering.eta
                             state[i][RELATIVE_IOR2] = ior2
                         survival = 1.0
-                        if depth >= RUSSIAN_ROULETTE_DEPTH or looked_up:
+                        if depth >= RUSSIAN_ROULETTE_DEPTH:
                             # The square root minimizes cost times error: the remaining radiance of a path varies more
                             # than its throughput.
                             survival = ti.min(ti.sqrt(throughput_onward.max() * ior2), MAX_SURVIVAL)
-                        if ti.static(looks_up):
-                            if is_all:
-                                start = offset_origin(surface, scattering.direction)
-                                write_ray(replaced_rays, i, start, scattering.direction, ti.math.inf)
-                        if lobe_and_survival.y < survival and throughput_onward.max() > 0.0 and not is_all:
+                        if lobe_and_survival.y < survival and throughput_onward.max() > 0.0:
                             continues = True
                             set3(state, i, THROUGHPUT, throughput_onward * (1.0 / survival))
                             state[i][PDF] = scattering.onward.w

@@ -1,0 +1,13 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Rendering of a camera that turns about a fixed center: static light from a panorama, changed by movers.
+
+A panorama holds the radiance that reaches one point from the static scene, for cells of the sphere of directions. Cells
+are computed when a view first shows them. They depend on the scene, the lights, the seed and the cell alone, so that
+frames have the same bytes in any order and in any process.
+
+::
+
+    panorama_pass     PanoramaPass: prepare a frame's static image, render the frame over it
+    panorama          cells around one point, traced tile by tile
+    panorama_kernels  kernels that find and resample cells
+"""

@@ -1,0 +1,204 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Panorama: radiance that reaches one point from the static scene, for cells of a cube around it.
+
+Each face of the cube is divided into pages, each the image of a pinhole camera with an offset aperture, and these into
+tiles. All cells of a tile are traced when a view first shows one. Cells far from the center of a face subtend less and
+have fewer samples, so that samples are equally dense in solid angle.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+import taichi as ti
+from numpy.typing import NDArray
+
+from tiscene.device.memory import device_array
+from tiscene.render.integrators.incremental.base_image import ProgressCallback, scene_under_group
+from tiscene.render.integrators.incremental.path_recording import AUXILIARY, light_column
+from tiscene.render.integrators.panorama import panorama_kernels as kernels
+from tiscene.render.integrators.panorama.panorama_kernels import TILE
+from tiscene.render.integrators.path.path_pass import PathPass
+from tiscene.render.integrators.path.path_state import FEATURE_COLUMNS
+from tiscene.render.sampling.sobol import frame_key
+from tiscene.render.view import View
+from tiscene.scene.camera import Camera, Vector3
+from tiscene.scene.placement import Placement
+
+PAGE = 16 * TILE  # cells along a side of a page
+CELL = 0.5  # width of a cell at the center of a face, px at the center of the image
+FIRST_FRAME = -1000  # frame number of the random numbers of the first page; the next ones count down
+_CELLS = TILE * TILE
+_FIRST_TILES = 1024  # that there is room for at first
+
+
+@dataclass(frozen=True)
+class PanoramaSettings:
+    """What the cells of a panorama depend on besides the scene.
+
+    Attributes:
+        center: Position of the camera, m.
+        faces: Cells along a side of a face.
+        spp: Samples per solid angle of a pixel at the center of the image.
+        max_depth: Largest number of segments of a path.
+        seed: Seed of the random numbers.
+    """
+
+    center: Vector3
+    faces: int
+    spp: int
+    max_depth: int
+    seed: int
+
+    @classmethod
+    def of(cls, view: View, *, spp: int, max_depth: int, seed: int) -> PanoramaSettings:
+        """Return the settings of the panorama that serves a view."""
+        pixel = 2.0 * math.tan(0.5 * view.current.vertical_fov) / view.height
+        faces = math.ceil(2.0 / (CELL * pixel) / TILE) * TILE
+        # Cells are smaller than CELL by rounding.
+        return cls(view.current.position, faces, spp, max_depth, seed)
+
+
+class Panorama:
+    """Cells around a point, as far as they were needed.
+
+    Args:
+        paths: Path tracer of pages, of PAGE x PAGE pixels.
+        static: Placement without the movers, see `base_placement`.
+        settings: What the cells depend on besides.
+    """
+
+    def __init__(self, paths: PathPass, static: Placement, settings: PanoramaSettings) -> None:
+        self.settings = settings
+        self._paths, self._static = paths, static
+        self._tiles = settings.faces // TILE  # along a side of a face
+        self._slots = np.full((6, self._tiles, self._tiles), -1, np.int32)
+        self._used = 0
+        groups = static.light_groups
+        self.groups = 1 if groups is None else len(groups.factors)
+        self._cells = device_array(ti.f32, (_FIRST_TILES * _CELLS, light_column(self.groups)))
+
+    @property
+    def bytes(self) -> int:
+        """Memory of the cells."""
+        return 4 * int(np.prod(self._cells.shape))
+
+    def bytes_with(self, tiles: int) -> int:
+        """Return the memory of the cells with room for further tiles."""
+        return 4 * self._room(self._used + tiles) * _CELLS * int(light_column(self.groups))
+
+    def clear(self) -> None:
+        """Forget all cells."""
+        self._slots.fill(-1)
+        self._used = 0
+
+    def missing(self, view: View) -> NDArray[np.int64]:
+        """Return the tiles that a view shows and that are not traced, [n, 3]: face, row and column."""
+        needed = np.zeros(self._slots.shape, np.int32)
+        kernels.find_tiles(view.array(), view.width, view.height, self.settings.faces, needed)
+        return np.argwhere((needed > 0) & (self._slots < 0))
+
+    def image(self, view: View) -> NDArray[np.float32]:
+        """Return the image of a view whose tiles are traced, float32 [h, w, columns], columns: see `light_column`."""
+        image = np.empty((view.height, view.width, light_column(self.groups)), np.float32)
+        kernels.resample(
+            view.array(), view.width, view.height, self.settings.faces, self._slots, self._cells,
+            light_column(self.groups), image,
+        )  # fmt: skip
+        return image
+
+    def trace(self, tiles: NDArray[np.int64], view: View, progress: ProgressCallback) -> None:
+        """Trace tiles that are missing. Changes what the scene has placed.
+
+        Args:
+            tiles: Of `missing`.
+            view: The view that they are for, which has the background.
+            progress: Called with "panorama" and the completed fraction.
+        """
+        self._reserve(self._used + len(tiles))
+        slots = self._used + np.arange(len(tiles), dtype=np.int32)
+        pages = list(self._pages(tiles))
+        done, total = 0, len(tiles) * self.groups
+        for group in range(self.groups):
+            self._place(group)
+            scene = scene_under_group(self._paths, group, None)
+            for number, page_view, members in pages:
+                first = tiles[members, 1:] % (PAGE // TILE) * TILE
+                pixels = _squares(first[:, 0] * PAGE + first[:, 1], PAGE)
+                rows = _squares(slots[members] * _CELLS, TILE)
+                spp = self._samples(page_view)
+                self._paths.trace_pixels(
+                    replace(page_view, background=view.background), pixels,
+                    spp=spp, key=frame_key(self.settings.seed, FIRST_FRAME - number),
+                    max_depth=self.settings.max_depth, scene=scene,
+                )  # fmt: skip
+                store = len(pixels), pixels, spp, self._paths.film
+                kernels.store_cells(*store, 0, rows, light_column(group), 3, 0, self._cells)
+                kernels.store_cells(*store, AUXILIARY, rows, AUXILIARY, FEATURE_COLUMNS, int(group > 0), self._cells)
+                done += len(members)
+                progress("panorama", done / total)
+        self._slots[tuple(tiles.T)] = slots
+        self._used += len(tiles)
+
+    def _place(self, group: int) -> None:
+        """Place the static scene with the lights of one group."""
+        groups = self._static.light_groups
+        self._paths.scene.place(
+            self._static if groups is None else replace(self._static, lights=groups.only_group(group))
+        )
+
+    def _pages(self, tiles: NDArray[np.int64]) -> Iterator[tuple[int, View, NDArray[np.int64]]]:
+        """Yield for each page with some of the tiles: its number, its view, and which tiles are its."""
+        along = -(-self._tiles * TILE // PAGE)
+        corner = tiles[:, 1:] // (PAGE // TILE)
+        numbers = (tiles[:, 0] * along + corner[:, 0]) * along + corner[:, 1]
+        for number in np.unique(numbers):
+            members = np.flatnonzero(numbers == number)
+            face, (row, column) = int(tiles[members[0], 0]), corner[members[0]]
+            yield int(number), self._page_view(face, int(row), int(column)), members
+
+    def _page_view(self, face: int, row: int, column: int) -> View:
+        """Return the view of a page, whose pixels are its cells."""
+        axes = np.eye(3)
+        ahead = axes[face // 2] * (1.0 if face % 2 else -1.0)
+        center = self.settings.center
+        middle = (np.array([column, row]) + 0.5) * (2.0 * PAGE / self.settings.faces) - 1.0
+        camera = Camera.look_at(
+            center,
+            (center[0] + ahead[0], center[1] + ahead[1], center[2] + ahead[2]),
+            tuple(-axes[(face // 2 + 2) % 3]),
+            vertical_fov=2.0 * math.atan(PAGE / self.settings.faces),
+            aperture_offset=(float(middle[0]), float(-middle[1])),
+        )
+        return View(camera, camera, camera, PAGE, PAGE)
+
+    def _samples(self, page_view: View) -> int:
+        """Return the samples per cell of a page."""
+        right, up = page_view.current.aperture_offset
+        return max(1, round(self.settings.spp * CELL**2 * (1.0 + right**2 + up**2) ** -1.5))
+
+    def _room(self, tiles: int) -> int:
+        """Return for how many tiles there is room once there is for a number of them; it doubles."""
+        room = int(self._cells.shape[0]) // _CELLS
+        return room if tiles <= room else max(tiles, 2 * room)
+
+    def _reserve(self, tiles: int) -> None:
+        """Make room for a number of tiles."""
+        room = self._room(tiles)
+        if room * _CELLS > self._cells.shape[0]:
+            old = self._cells.to_numpy()
+            self._cells = device_array(ti.f32, (room * _CELLS, light_column(self.groups)))
+            cells = np.zeros(self._cells.shape, np.float32)
+            cells[: len(old)] = old
+            self._cells.from_numpy(cells)
+
+
+def _squares(corners: NDArray[Any], stride: int) -> NDArray[np.int32]:
+    """Return for each corner the rows of a square of TILE x TILE cells in an array of `stride` cells per row."""
+    within = np.arange(TILE)[:, None] * stride + np.arange(TILE)
+    rows: NDArray[np.int32] = (corners[:, None] + within.ravel()).ravel().astype(np.int32)
+    return rows

@@ -1,0 +1,297 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The panorama pass: radiance of a frame whose camera turns about a fixed center.
+
+1. `PanoramaPass.prepare` resamples the light of the static scene from a panorama, and traces a few paths through the
+   static scene in an image of reduced size.
+2. `PanoramaPass.render` traces those of them again that movers invalidate, as the incremental pass does. The mean
+   change of each pixel is what movers add to or take from the light of static surfaces.
+3. Pixels in which a mover is visible are path traced.
+
+The image is approximate: resampling blurs by half a pixel, and movers change light at a reduced size. Every frame is a
+function of its own inputs, not of previous frames.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tiscene.render.film.upsample import ALBEDO_OFFSET, demodulate, upsample
+from tiscene.render.integrators.incremental.base_image import ProgressCallback, base_placement, scene_under_group
+from tiscene.render.integrators.incremental.base_image_cache import digest_of
+from tiscene.render.integrators.incremental.base_lights import BaseLights
+from tiscene.render.integrators.incremental.frame_scratch import FrameScratch
+from tiscene.render.integrators.incremental.mover_coverage import dilated
+from tiscene.render.integrators.incremental.outlier_filter import filter_outliers
+from tiscene.render.integrators.incremental.path_cache import PathCache, state_size
+from tiscene.render.integrators.incremental.path_recording import AUXILIARY, light_column
+from tiscene.render.integrators.incremental.path_retracer import PathRetracer
+from tiscene.render.integrators.incremental.retrace_kernels import MOVER_HITS
+from tiscene.render.integrators.panorama.panorama import PAGE, Panorama, PanoramaSettings
+from tiscene.render.integrators.path.path_pass import PathImage, PathPass
+from tiscene.render.integrators.path.path_state import PathSamples, PathState
+from tiscene.render.sampling.sobol import frame_key, index_bits
+from tiscene.render.view import View
+from tiscene.scene.device_scene import DeviceScene
+from tiscene.scene.placement import CURRENT, Placement
+
+FloatImage = NDArray[np.float32]
+
+REDUCTION = 2  # movers' changes of light are found in an image smaller by this factor along each axis
+# Frame numbers of keys whose random numbers then vary with the frame.
+CHANGES_FRAME, OPACITY_FRAME, MOVERS_FRAME = -7, -8, -9
+
+
+@dataclass(frozen=True, eq=False)
+class PanoramaImage(PathImage):
+    """Images of a frame over a panorama, and what its denoiser needs.
+
+    Attributes:
+        static: Radiance without the movers' changes of light on other surfaces, float32 [h, w, 3].
+        before: Irradiance of `static` at reduced size, float32 [h', w', 3], see `upsample.demodulate`.
+        after: The same with the movers' changes of light; None if there are none.
+        white: Albedo of the two, float32 [h', w', 3].
+        reduced_normal: Normals at reduced size, float32 [h', w', 3].
+        static_mask: float32 [h, w, 1], 1 where no mover is visible, else 0.
+    """
+
+    static: FloatImage
+    before: FloatImage
+    after: FloatImage | None
+    white: FloatImage
+    reduced_normal: FloatImage
+    static_mask: FloatImage
+
+    def upsampled(self, change: FloatImage) -> FloatImage:
+        """Return the change of radiance, [h, w, 3], for a change of irradiance at reduced size; 0 on movers."""
+        return self.static_mask * upsample(change, self.reduced_normal, self.albedo, self.normal, REDUCTION)
+
+
+class PanoramaPass:
+    """Renders radiance of a DeviceScene in which some instances move, before a camera that turns.
+
+    Args:
+        paths: Path tracer of the image size.
+        memory_limit: Limit of the memory of all panoramas, bytes. One view's cells are kept even if they exceed it.
+        progress: Called with the name of a stage and its completed fraction, 0..1.
+    """
+
+    def __init__(self, paths: PathPass, *, memory_limit: int, progress: ProgressCallback) -> None:
+        self.scene = paths.scene
+        self._paths = paths
+        self._memory_limit = memory_limit
+        self._progress = progress
+        self._panoramas: dict[tuple[Any, ...], Panorama] = {}  # least recently used first
+        self._page_paths: PathPass | None = None
+        self._changes: LightChanges | None = None
+
+    def prepare(
+        self,
+        view: View,
+        placement: Placement,
+        moving: NDArray[np.bool_],
+        *,
+        frame_index: int,
+        seed: int,
+        spp: int,
+        panorama_spp: int,
+        max_depth: int,
+    ) -> None:
+        """Make the static image of a frame. Afterwards the frame must be placed again.
+
+        Args:
+            view: Camera and image size.
+            placement: Placement of the frame.
+            moving: bool [n], the instances that are not in the panorama.
+            frame_index: Frame number; with `seed` it selects the random numbers.
+            seed: Seed of the random numbers.
+            spp: Paths per pixel of reduced size that find the movers' changes of light.
+            panorama_spp: Samples per pixel of the panorama.
+            max_depth: Largest number of segments of a path.
+        """
+        static = base_placement(placement, moving)
+        settings = PanoramaSettings.of(view, spp=panorama_spp, max_depth=max_depth, seed=seed)
+        self._view, self._max_depth = view, max_depth
+        self._base = self._panorama(view, static, settings).image(view)
+        self._movers_key = frame_key(frame_key(seed, MOVERS_FRAME), frame_index)
+        if (moving & placement.present[CURRENT]).any():
+            if self._changes is None:
+                self._changes = LightChanges(self.scene, view)
+            self.scene.place(static)
+            keys = (frame_key(frame_key(seed, frame), frame_index) for frame in (CHANGES_FRAME, OPACITY_FRAME))
+            self._changes.record(view, placement, keys, spp=spp, max_depth=max_depth)
+
+    def render(self, moving: NDArray[np.bool_], instance: NDArray[np.int32], *, spp: int) -> PanoramaImage:
+        """Render what the scene has placed at CURRENT, over the static image prepared last.
+
+        Args:
+            moving: bool [n], the instances that are not in the panorama, as for `prepare`.
+            instance: The frame's label of that name, int32 [h, w].
+            spp: Paths per pixel in which a mover is visible.
+        """
+        groups = self.scene.placement.light_groups
+        factors = np.ones((1, 3), np.float32) if groups is None else groups.factors
+        radiance = self._base[..., :3].copy()
+        for group in range(1, len(factors)):
+            radiance += factors[group] * self._base[..., light_column(group) : light_column(group) + 3]
+        albedo, normal = (self._base[..., first : first + 3].copy() for first in (AUXILIARY, AUXILIARY + 3))
+        moving = moving & self.scene.placement.present[CURRENT]
+        static_mask = np.ones((*instance.shape, 1), np.float32)
+        correction = None
+        if moving.any():
+            assert self._changes is not None, "made by prepare()"
+            correction = self._changes.find(moving, factors)
+            hits = correction[..., MOVER_HITS] > 0.0
+            shown = np.isin(instance, self.scene.placement.instance_id[moving]) | _enlarged(hits, instance.shape)
+            shown = dilated(shown)
+            pixels = np.flatnonzero(shown).astype(np.int32)
+            static_mask[shown] = 0.0
+            if len(pixels):
+                rows = self._paths.sums(self._view, pixels, spp=spp, key=self._movers_key, max_depth=self._max_depth)
+                for pixel_values, first in ((radiance, 0), (albedo, 3), (normal, 6)):
+                    pixel_values.reshape(-1, 3)[pixels] = rows[:, first : first + 3] / np.float32(spp)
+        before, white, reduced_normal = demodulate(radiance, albedo, normal, REDUCTION)
+        image = PanoramaImage(radiance, albedo, normal, radiance, before, None, white, reduced_normal, static_mask)
+        if correction is None or self._changes is None or not correction[..., :3].any():
+            return image
+        reduced_radiance, reduced_albedo = _block_means(radiance), _block_means(albedo)
+        filtered = self._changes.without_outliers(reduced_radiance)
+        scale = 1.0 / (reduced_albedo + ALBEDO_OFFSET)
+        after = np.maximum(before + _filled((filtered - reduced_radiance) * scale, hits), 0.0)
+        hdr = radiance + image.upsampled(_filled(correction[..., :3] * scale, hits))
+        return replace(image, hdr=hdr, after=after)
+
+    def _panorama(self, view: View, static: Placement, settings: PanoramaSettings) -> Panorama:
+        """Return the panorama that serves a view, with all tiles that it shows."""
+        groups = static.light_groups
+        lights = self.scene.lights.lights if static.lights is None else static.lights
+        still = static.present[CURRENT]
+        key = (
+            settings,
+            view.background,
+            np.flatnonzero(still).tobytes(),
+            static.mesh[still].tobytes(),
+            static.world_from_object[CURRENT, still].tobytes(),
+            digest_of(lights if groups is None else [groups.lights, groups.group]),
+        )
+        panorama = self._panoramas.pop(key, None)
+        if panorama is None:
+            if self._page_paths is None:
+                self._page_paths = PathPass(self.scene, PAGE, PAGE)
+            panorama = Panorama(self._page_paths, static, settings)
+        missing = panorama.missing(view)
+        if len(missing):
+            while self._panoramas and self._bytes() + panorama.bytes_with(len(missing)) > self._memory_limit:
+                del self._panoramas[next(iter(self._panoramas))]
+            if panorama.bytes_with(len(missing)) > self._memory_limit:
+                panorama.clear()
+                missing = panorama.missing(view)
+            panorama.trace(missing, view, self._progress)
+        self._panoramas[key] = panorama
+        return panorama
+
+    def _bytes(self) -> int:
+        return sum(panorama.bytes for panorama in self._panoramas.values())
+
+
+class LightChanges:
+    """What movers add to and take from the light of static surfaces, at reduced size.
+
+    Args:
+        scene: The scene.
+        view: A view of the image size.
+    """
+
+    def __init__(self, scene: DeviceScene, view: View) -> None:
+        reduced = reduced_view(view)
+        self._paths = PathPass(scene, reduced.width, reduced.height)
+        self._retracer = PathRetracer(self._paths)
+        self._state: PathState | None = None
+        self._scratch: FrameScratch | None = None
+
+    def record(self, view: View, placement: Placement, keys: Iterable[int], *, spp: int, max_depth: int) -> None:
+        """Trace paths through the static scene, which is placed.
+
+        Args:
+            view: Camera and image size.
+            placement: Placement of the frame.
+            keys: Keys of the random numbers of paths, and of those by which shadow rays pass partially opaque movers.
+            spp: Paths per pixel of reduced size.
+            max_depth: Largest number of segments of a path.
+        """
+        reduced = reduced_view(view)
+        size = state_size(reduced.width * reduced.height, spp)
+        if self._state is None or self._state.size < size:
+            self._state = PathState(size)
+        self._paths.background = view.background
+        self._lights = BaseLights(self._paths.scene, placement.light_groups)
+        scenes = [scene_under_group(self._paths, group, self._lights) for group in range(self._lights.groups)]
+        key, mover_key = keys
+        samples = PathSamples(spp, index_bits(spp), key)
+        self._cache = PathCache(
+            self._paths, scenes, reduced, self._state, samples=samples, mover_key=mover_key, max_depth=max_depth
+        )
+        if self._scratch is None or not self._scratch.fits(self._cache, 0):
+            self._scratch = FrameScratch(self._cache)
+
+    def find(self, moving: NDArray[np.bool_], factors: FloatImage) -> FloatImage:
+        """Return the corrections of the recorded paths, float32 [h', w', CORRECTION_COLUMNS].
+
+        Args:
+            moving: bool [n], the movers, which the scene has placed.
+            factors: float32 [groups, 3], intensity of each light group.
+        """
+        assert self._scratch is not None
+        self._retracer.place_movers(moving)
+        scene = self._paths.scene_arrays(self._lights.scaled(factors))
+        for block in self._cache.blocks:
+            self._retracer.retrace(scene, self._cache, block, self._cache.pixels, factors, self._scratch)
+        rows: FloatImage = self._scratch.correction.to_numpy()
+        return rows.reshape(self._paths.height, self._paths.width, -1)
+
+    def without_outliers(self, radiance: FloatImage) -> FloatImage:
+        """Return a static image of reduced size plus the corrections found last, without their outliers."""
+        assert self._scratch is not None
+        correction = self._scratch.correction.to_numpy()[:, :3].reshape(radiance.shape)
+        return filter_outliers(self._scratch.correction, radiance + correction)
+
+
+def reduced_view(view: View) -> View:
+    """Return the view whose pixels are blocks of REDUCTION x REDUCTION pixels of another view, of a pinhole camera."""
+    camera, width, height = view.current, -(-view.width // REDUCTION), -(-view.height // REDUCTION)
+    pixel = 2.0 * math.tan(0.5 * camera.vertical_fov) / view.height
+    right, up = camera.aperture_offset
+    right += 0.5 * pixel * (REDUCTION * width - view.width)
+    up -= 0.5 * pixel * (REDUCTION * height - view.height)
+    fov = 2.0 * math.atan(0.5 * pixel * REDUCTION * height)
+    camera = replace(camera, vertical_fov=fov, aperture_offset=(right, up))
+    return replace(view, previous=camera, current=camera, next=camera, width=width, height=height)
+
+
+def _block_means(image: FloatImage) -> FloatImage:
+    """Return the means of blocks of REDUCTION x REDUCTION pixels; edges are replicated."""
+    height, width = image.shape[:2]
+    padded = np.pad(image, ((0, -height % REDUCTION), (0, -width % REDUCTION), (0, 0)), mode="edge")
+    blocks = padded.reshape(len(padded) // REDUCTION, REDUCTION, -1, REDUCTION, image.shape[2])
+    means: FloatImage = blocks.mean(axis=(1, 3), dtype=np.float32)
+    return means
+
+
+def _enlarged(mask: NDArray[np.bool_], shape: tuple[int, ...]) -> NDArray[np.bool_]:
+    """Return a mask of reduced size in the full size, [h, w]."""
+    return mask.repeat(REDUCTION, 0).repeat(REDUCTION, 1)[: shape[0], : shape[1]]
+
+
+def _filled(change: FloatImage, unknown: NDArray[np.bool_]) -> FloatImage:
+    """Return changes of light with the unknown ones replaced by the mean of the known ones around them."""
+    weights = np.pad(1.0 - unknown[..., None].astype(np.float32), ((2, 2), (2, 2), (0, 0)))
+    values = np.pad(np.where(unknown[..., None], np.float32(0.0), change), ((2, 2), (2, 2), (0, 0)))
+    windows = [np.lib.stride_tricks.sliding_window_view(each, (5, 5), axis=(0, 1)) for each in (values, weights)]
+    sums, counts = (window.sum(axis=(-2, -1), dtype=np.float32) for window in windows)
+    result: FloatImage = np.where(unknown[..., None], sums / np.maximum(counts, 1.0), change)
+    return result
