@@ -443,11 +443,3 @@ def test_description_is_named_by_file_or_folder(tmp_path):
     folder = tmp_path / "room_07"
     folder.mkdir()
     assert read(folder, "", name="scene.usda").name == "room_07"
-
-
-def test_draw_mode_is_named_and_the_model_drawn(tmp_path):
-    lines = 'uniform token model:drawMode = "cards"\nuniform bool model:applyDrawMode = 1'
-    metadata = 'prepend apiSchemas = ["GeomModelAPI"]\n    kind = "component"'
-    body = f'def Xform "A" (\n    {metadata}\n)\n{{\n{lines}\ndef Cube "C"\n{{\n}}\n}}\n'
-    description = read_with_warning(tmp_path, body, "model:drawMode 'cards' is not applied: the model is drawn: </A>")
-    assert len(description.instances) == 1

@@ -13,6 +13,7 @@
     vertex_weld    welded meshes: one normal and uv per vertex
     gprim          cube, sphere, cylinder, cone, capsule, plane
     curves         curves as tubes or ribbons, points as spheres
+    draw_modes     models drawn as textured cards
     deforming      shapes with time samples
     skinning       UsdSkel: what moves the points of skinned meshes
     skinned_mesh   skinned meshes at the time read, and how vertices follow their points

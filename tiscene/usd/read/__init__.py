@@ -15,6 +15,7 @@
     room_volumes       volumes of rooms
     extracted_prims    prims that a scenario moves, as templates
     template           templates from files and from /Templates
+    kept_templates     templates that were read last
     inspection         metadata and statistics of a file
     subprocess_reader  read in a child process, with limits
     subprocess_worker  the child process

@@ -15,6 +15,7 @@ from tiscene.usd.core.limits import Limits, ReadingBudget, RootFolder
 from tiscene.usd.core.report import StageReport
 from tiscene.usd.core.semantics import check_taxonomy
 from tiscene.usd.core.stage import Variants, changes_over_time, open_stage, quiet, readable, reading_time
+from tiscene.usd.geometry.draw_modes import apply_draw_modes
 from tiscene.usd.geometry.skinning import prepare_skinning
 from tiscene.usd.geometry.subdivision_budget import DEFAULT_TRIANGLES, limit_subdivision
 from tiscene.usd.lights.light_linking import prepare_links
@@ -98,6 +99,7 @@ def read_stage(
         report.reads_animation = time_code is None and changes_over_time(stage)
         check_taxonomy(stage, taxonomy)
         time = reading_time(stage, time_code)
+        apply_draw_modes(stage, time, report)
         prepare_skinning(stage, time, report)
         prepare_links(stage, report)
         limit_subdivision(stage, time, DEFAULT_TRIANGLES if subdivision is None else subdivision, report)

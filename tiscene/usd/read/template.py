@@ -17,6 +17,7 @@ from tiscene.usd.core.limits import Limits
 from tiscene.usd.core.report import StageReport
 from tiscene.usd.core.semantics import asset_name, inherited_label, name_label, readable_name, spaced
 from tiscene.usd.core.stage import open_stage, quiet, readable, reading_time, select_variants
+from tiscene.usd.geometry.draw_modes import apply_draw_modes
 from tiscene.usd.geometry.skinning import prepare_skinning
 from tiscene.usd.geometry.subdivision_budget import DEFAULT_TRIANGLES, limit_subdivision
 from tiscene.usd.read.subprocess_reader import read_in_subprocess
@@ -58,6 +59,15 @@ def read_template(
     if limits is not None:
         options = {"up_axis": up_axis, "variants": variants, "taxonomy": taxonomy}
         return read_in_subprocess(read_template, path, options, limits)
+    template, report = template_and_report(path, up_axis, variants, taxonomy)
+    report.warn()
+    return template
+
+
+def template_and_report(
+    path: str | Path, up_axis: Literal["Y", "Z"] | None, variants: Mapping[str, str] | None, taxonomy: str | None
+) -> tuple[Template, StageReport]:
+    """Read a template in this process; return it, and what was left out of it. See `read_template`."""
     with quiet(), readable(path):
         report = StageReport(str(path))
         stage = open_stage(path, report=report)
@@ -68,12 +78,12 @@ def read_template(
             )
         if variants:
             select_variants(stage, {str(prim.GetPath()): variants})
+        apply_draw_modes(stage, reading_time(stage, None), report)
         prepare_skinning(stage, reading_time(stage, None), report)
         limit_subdivision(stage, reading_time(stage, None), DEFAULT_TRIANGLES, report)
         template = template_of(prim, display_name(prim) or readable_name(Path(path)), report, up_axis, taxonomy)
         report.raise_problems(anything_left=bool(template.description.instances))
-    report.warn()
-    return _with_unique_materials(template, str(prim.GetPath()))
+    return _with_unique_materials(template, str(prim.GetPath())), report
 
 
 def _with_unique_materials(template: Template, prim_path: str) -> Template:

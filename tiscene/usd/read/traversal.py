@@ -122,11 +122,6 @@ class StageReader(PointInstancerReader):
                 hides = visibility.ValueMightBeTimeVarying()
                 animated = animated.with_child(prim, inherited.world, hides)
             visible = visible and (hides or visibility.Get(self._time) != UsdGeom.Tokens.invisible)
-            mode = prim.GetAttribute("model:drawMode")
-            if mode and mode.HasAuthoredValue() and mode.Get() in ("cards", "bounds", "origin"):
-                self._report.omission(
-                    prim.GetPath(), f"model:drawMode {mode.Get()!r} is not applied: the model is drawn"
-                )
             authored = imageable.GetPurposeAttr()
             if authored.HasAuthoredValue():
                 purpose = str(authored.Get())
