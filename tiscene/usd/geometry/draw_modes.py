@@ -88,7 +88,7 @@ def _is_applied(prim: Usd.Prim) -> bool:
     attribute = prim.GetAttribute("model:applyDrawMode")
     if attribute and attribute.HasAuthoredValue():
         return bool(attribute.Get())
-    return Kind.Registry.IsA(Usd.ModelAPI(prim).GetKind(), Kind.Tokens.component)
+    return bool(Kind.Registry.IsA(Usd.ModelAPI(prim).GetKind(), Kind.Tokens.component))
 
 
 def _outermost_instance(prim: Usd.Prim) -> Sdf.Path | None:
