@@ -15,8 +15,8 @@ from tiscene.scenario.scenario import Scenario
 from tiscene.scene.camera import Camera
 from tiscene.scene.description import SceneDescription
 from tiscene.usd.read.inspection import stage_facts
+from tiscene.usd.read.kept_templates import kept_template
 from tiscene.usd.read.stage_reader import read_stage
-from tiscene.usd.read.template import read_template
 from tiscene.world.overridden_stage import overridden
 
 KEPT = 4
@@ -98,8 +98,7 @@ def _variant_sets(file: Path, modified: int) -> Mapping[str, tuple[str, tuple[st
     return stage_facts(file).variants
 
 
-@functools.lru_cache(maxsize=64)
 def template_of(name: str, up_axis: str) -> SceneDescription:
     """Return a template of the catalog, or of a file, for a stage of an up axis."""
     file, variants = catalog.find_template(name), catalog.template_variants(name)[1]
-    return read_template(file, up_axis="Z" if up_axis == "Z" else "Y", variants=variants).description
+    return kept_template(file, up_axis="Z" if up_axis == "Z" else "Y", variants=variants).description

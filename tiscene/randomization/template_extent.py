@@ -8,12 +8,13 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
 from tiscene.scene.description import SceneDescription
-from tiscene.usd.read.template import read_template
+from tiscene.usd.read.kept_templates import kept_template
 
 Array = NDArray[np.float64]
 
@@ -34,7 +35,6 @@ class TemplateExtent:
     diameter: float
 
 
-@functools.lru_cache(maxsize=256)
 def template_extent(file: Path, up_axis: str) -> TemplateExtent:
     """Return the extent of a template.
 
@@ -42,7 +42,13 @@ def template_extent(file: Path, up_axis: str) -> TemplateExtent:
         file: its file.
         up_axis: "Y" or "Z", the up axis of the stage it is placed in.
     """
-    description = read_template(file, up_axis="Y" if up_axis == "Y" else "Z").description
+    return _extent(file, file.stat().st_mtime_ns, "Y" if up_axis == "Y" else "Z")
+
+
+@functools.lru_cache(maxsize=1024)
+def _extent(file: Path, modified: int, up_axis: Literal["Y", "Z"]) -> TemplateExtent:
+    """Measure a template; `modified` invalidates the cache."""
+    description = kept_template(file, up_axis=up_axis).description
     points = _vertices(description)
     radius = float(np.linalg.norm(points, axis=1).max(initial=0.0))
     return TemplateExtent(radius, math.sqrt(4.0 / math.pi * mean_silhouette(points)))

@@ -20,6 +20,7 @@ from tiscene.stream.loading import load
 from tiscene.stream.warm_trees import WarmTrees
 from tiscene.usd.core.layers import scene_digests
 from tiscene.usd.core.limits import Limits
+from tiscene.usd.read.kept_templates import kept_template
 from tiscene.usd.read.template import read_template
 
 MAX_STAGES = 3
@@ -119,7 +120,9 @@ class StageCache:
         """
         file, variants = catalog.find_template(name, scene=scenario.scene), catalog.template_variants(name)[1]
         taxonomy, limits = self._options["taxonomy"], self._loading["limits"]
-        return read_template(file, up_axis=stage.up_axis, taxonomy=taxonomy, variants=variants, limits=limits)
+        if limits is not None:
+            return read_template(file, up_axis=stage.up_axis, taxonomy=taxonomy, variants=variants, limits=limits)
+        return kept_template(file, up_axis=stage.up_axis, taxonomy=taxonomy, variants=variants)
 
 
 def _extracted(scenario: Scenario) -> tuple[str, ...]:

@@ -15,10 +15,11 @@ from typing import overload
 import numpy as np
 from numpy.typing import NDArray
 
-from dynamics import Body, Dynamic, Mover, RigidBody, Shape, Still, Teleport, UniformMovementRandomBounce, cover
+from dynamics import Body, Dynamic, Mover, RigidBody, Shape, Still, Teleport, UniformMovementRandomBounce
 from dynamics.rotation import quaternion
 from tiscene.scenario.edits import Despawn, Edit, EditLog, Move
 from tiscene.scenario.objects import Object
+from tiscene.world.proxy_cache import proxy_of
 
 MAX_SHAPES = 256  # sphere proxies kept; the least recently made ones are dropped first
 UNUSED = 64  # objects kept beside the used ones and as many others
@@ -139,7 +140,7 @@ class ObjectMovers(Sequence[Mover]):
             surface = self._surface(spec)
             while len(self._shapes) >= MAX_SHAPES:
                 del self._shapes[next(iter(self._shapes))]
-            self._shapes[key] = cover(surface) if len(surface) else None
+            self._shapes[key] = proxy_of(surface) if len(surface) else None
         return self._shapes[key]
 
 

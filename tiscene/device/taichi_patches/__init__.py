@@ -16,4 +16,5 @@ patches off, and any other version of Taichi does so with a warning; the results
     recording_file   recorded calls as files
     fingerprint      identify a kernel by everything its source depends on
     memcpy           copy arrays without kernels
+    tracebacks       make arrays without the text of the call stack
 """

@@ -20,7 +20,7 @@ from taichi.lang import impl, kernel_impl
 from taichi.lang.enums import AutodiffMode
 from taichi.lang.kernel_impl import Kernel
 
-from tiscene.device.taichi_patches import ast_recorder, fence, frontend, launch, memcpy
+from tiscene.device.taichi_patches import ast_recorder, fence, frontend, launch, memcpy, tracebacks
 
 _create_kernel: Any = kernel_impl._kernel_impl
 _is_inside_class: Any = kernel_impl._inside_class
@@ -58,6 +58,7 @@ def install() -> None:
     for kernel in impl.get_runtime().kernels:
         _adopt(kernel)
     memcpy.install()
+    tracebacks.install()
 
 
 def _adopt(kernel: Any) -> None:
