@@ -81,6 +81,39 @@ def test_scene_and_templates_are_found_by_digest_in_another_place(exported, tmp_
     assert (found.rendered, found.different) == (1, {})
 
 
+def test_saved_layer_travels_with_its_export(tmp_path, monkeypatch, capsys):
+    """Another home, another folder of templates, another working directory: nothing of the old paths is left."""
+    shelf = tmp_path / "old/shelf/templates/bouncing_ball"
+    shelf.mkdir(parents=True)
+    (shelf / "template.usda").write_text(BALL)
+    (tmp_path / "old/project").mkdir()
+    monkeypatch.setenv("HOME", str(tmp_path / "old"))
+    monkeypatch.setenv("TISCENE_PATH", str(tmp_path / "old/shelf"))
+    monkeypatch.chdir(tmp_path / "old/project")
+    path = [ts.Waypoint((-1.0, 0.5, 0.0)), ts.Waypoint((1.0, 0.5, 0.0))]
+    balls = [
+        ts.Object("ball", "Bouncing Ball", dynamic=ts.LinearWaypoints(path, total_time=1.0)),
+        ts.Object("b", "Cube"),
+    ]
+    with ts.Stream(ts.Scenario("object_view", balls), width=24, height=18, buffers=BUFFERS) as stream:
+        stream.to_usd("motion.usda", frames=4)
+    with ts.Stream("motion.usda", width=24, height=18, buffers=BUFFERS) as stream:
+        export(stream, "out", format="npz", frames=range(4))
+
+    (tmp_path / "new/far").mkdir(parents=True)
+    (tmp_path / "old/shelf").rename(tmp_path / "new/far/things")
+    (tmp_path / "old/project").rename(tmp_path / "new/moved")
+    (tmp_path / "old").rmdir()
+    monkeypatch.chdir(tmp_path / "new")
+    monkeypatch.setenv("HOME", str(tmp_path / "new"))
+    monkeypatch.delenv("TISCENE_PATH")
+    assert cli.main(["verify", "moved/out"]) == 2
+    assert "not here, or have another content than at the export: templates/bouncing_ball" in capsys.readouterr().err
+    monkeypatch.setenv("TISCENE_PATH", str(tmp_path / "new/far/things"))
+    assert cli.main(["verify", "moved/out"]) == 0
+    assert capsys.readouterr().out == "4 frames have their files; 4 rendered again are the same\n"
+
+
 def test_changed_scene_is_refused(exported, tmp_path):
     shutil.copytree(exported, tmp_path / "home")
     text = (tmp_path / "home/out/tiscene.json").read_text().replace(str(exported), str(tmp_path / "home"))

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Make the stream of an export again, from its manifest; also on another machine, where its files have other paths.
 
-A scene or template that the scenario names by a path is found by its digest: at that path, else beside the export, in
-the folders that are given, or in the catalog.
+A scene or template that the scenario names by a path is found by its digest: at that path, else in the folder of the
+export or beside it, in the folders that are given, or in the catalog.
 """
 
 from __future__ import annotations
@@ -18,6 +18,7 @@ from tiscene.export.manifest import Manifest, file_digest
 from tiscene.render.render_settings import PRESETS, preset
 from tiscene.scenario.scenario import Scenario
 from tiscene.stream.stream import Stream
+from tiscene.usd.core.layers import scene_digests
 
 _PLAIN = ("time_code", "taxonomy", "categories", "subdivision")  # settings that are arguments of Stream as they stand
 
@@ -33,8 +34,9 @@ def stream_of(manifest: Manifest, folders: Sequence[Path] = (), arch: str | None
     Raises:
         ExportError: A file of the scene is missing, or has another content than at the export.
     """
-    settings = manifest.provenance["settings"]
-    content = relocated(manifest.provenance["scenario"], manifest.provenance["file_digests"], folders)
+    settings, digests = manifest.provenance["settings"], manifest.provenance["file_digests"]
+    content = relocated(manifest.provenance["scenario"], digests, folders)
+    _check_stage(str(content["scene"]), digests)
     shutter = settings.get("shutter")
     return Stream(
         Scenario.from_json(content),
@@ -126,8 +128,25 @@ def _located(name: str, digest: str | None, folders: Sequence[Path], *, template
     )
 
 
+def _check_stage(scene: str, digests: Mapping[str, str]) -> None:
+    """Raise ExportError, which names files that the stage refers to, if those of the export are not here."""
+    present = set(scene_digests(scene, ()).values())
+    lacking = [name for name, digest in digests.items() if ": " not in name and digest not in present]
+    if lacking:
+        others = f" and {len(lacking) - 3} more" if len(lacking) > 3 else ""
+        raise ExportError(
+            f"{scene!r} refers to files that are not here, or have another content than at the export: "
+            f"{', '.join(lacking[:3])}{others}. Put them where they were relative to it, "
+            "or set TISCENE_PATH to the folder of the scenes and templates"
+        )
+
+
 def _candidates(name: str, folders: Iterable[Path]) -> Iterator[Path]:
-    """Yield files of a name in folders and below, and in the catalog."""
+    """Yield files of a name in folders and below, beside these folders, and in the catalog."""
+    folders = list(folders)
+    for beside in (folder.resolve().parent / name for folder in folders):
+        if beside.is_file():
+            yield beside
     for folder in [*folders, *catalog.search_path()]:
         for root, below, names in os.walk(folder):
             below.sort()
