@@ -11,6 +11,7 @@ pytest.importorskip("mujoco")
 from scipy.special import ellipk
 
 import tiscene as ts
+from tiscene.scenario.edits import Spawn
 
 BUFFERS = ("instance", "depth")
 FALL = 60.0  # degrees from the lowest point
@@ -87,6 +88,15 @@ def test_despawning_one_of_two_joined_objects_frees_the_other():
     assert height(30) == pytest.approx(1.0 - 0.5 * 9.81 * 0.2**2, abs=1e-7)
 
 
+def test_joint_begins_with_an_object_that_is_spawned_later():
+    spawned = ts.Object("load", "Cube", (0.3, 1, -2), dynamic=ts.RigidBody(), first_frame=6)
+    scenario = ts.Scenario("object_view", joints=[ts.FixedJoint("load")], edits=[Spawn(6, spawned)])
+    stream = stream_of(scenario)
+    for frame in (3, 6, 40):
+        rows = [row for row in stream[frame].objects if row.name == "load"]
+        assert [row.position for row in rows] == ([] if frame < 6 else [(0.3, 1.0, -2.0)])
+
+
 JOINTS = [
     ts.FixedJoint("a", "b", (0, 1, 0), (0, 0, 10), (1, 2, 3), (1, 0, 0, 0), collide=True),
     ts.RevoluteJoint("a", axis="Y", lower_limit=-30, upper_limit=60.5),
@@ -150,3 +160,55 @@ def test_rigid_body_that_does_not_collide_falls_through_the_floor():
     stream = ts.Stream(ts.Scenario("solid_benchmark", [ball], physics=True), width=8, height=6, buffers=("depth",))
     (row,) = (each for each in stream[25].objects if each.name == "ball")
     assert row.position[1] == pytest.approx(1.0 - 0.5 * 9.81, abs=1e-9)
+
+
+STAGE = """#usda 1.0
+(
+    metersPerUnit = 0.01
+    upAxis = "{up}"
+)
+def Xform "World"
+{{
+    def Camera "Camera"
+    {{
+        double3 xformOp:translate = (0, 0, 500)
+        uniform token[] xformOpOrder = ["xformOp:translate"]
+    }}
+    def DistantLight "Sun"
+    {{
+    }}
+    def Sphere "Bob" (prepend apiSchemas = ["TisceneObjectAPI", "PhysicsRigidBodyAPI"])
+    {{
+        double radius = 0.5
+        double3 xformOp:translate = {start}
+        double3 xformOp:scale = (10, 10, 10)
+        uniform token[] xformOpOrder = ["xformOp:translate", "xformOp:scale"]
+    }}
+    def PhysicsRevoluteJoint "Pivot"
+    {{
+        rel physics:body1 = </World/Bob>
+        point3f physics:localPos0 = (0, 0, 0)
+        point3f physics:localPos1 = {pivot}
+        uniform token physics:axis = "X"
+    }}
+}}
+"""
+
+
+@pytest.mark.parametrize(
+    ("up", "start", "pivot", "down"),
+    [("Y", (0, 0, -80), (0, 0, 8), (0, -0.8, 0)), ("Z", (0, 80, 0), (0, -8, 0), (0, 0, -0.8))],
+)
+def test_pendulum_that_another_program_has_authored_on_a_stage_swings(tmp_path, up, start, pivot, down):
+    """It starts at the height of its pivot; the pivot is given before the scale of the sphere, in centimeters."""
+    path = tmp_path / "pendulum.usda"
+    path.write_text(STAGE.format(up=up, start=start, pivot=pivot))
+    stream = ts.Stream(path, width=8, height=6, buffers=("depth",), fps=100)
+    quarter = math.sqrt((0.8 + 0.4 * 0.05**2 / 0.8) / 9.81) * ellipk(0.5) * 100
+    low, high = (
+        np.array(next(row.position for row in stream[frame].objects if row.name == "Bob"))
+        for frame in (math.floor(quarter), math.ceil(quarter))
+    )
+    share = quarter - math.floor(quarter)
+    np.testing.assert_allclose((1 - share) * low + share * high, down, atol=1e-3)
+    assert np.linalg.norm(high - low) > 0.03

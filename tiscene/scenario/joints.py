@@ -10,7 +10,7 @@ distance joint bounds the distance of the origins.
 from __future__ import annotations
 
 from collections.abc import Collection, Sequence
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 from typing import Any
 
 from dynamics import RigidBody, argument_checks
@@ -59,9 +59,6 @@ class Joint:
                 if getattr(self, name) is not None:
                     object.__setattr__(self, name, argument_checks.rotation(getattr(self, name), name))
             argument_checks.flag(self.collide, "collide")
-            for each in fields(self):
-                if each.name in ("lower_limit", "upper_limit", "max_distance") and getattr(self, each.name) is not None:
-                    object.__setattr__(self, each.name, argument_checks.number(getattr(self, each.name), each.name))
 
 
 @dataclass(frozen=True)
@@ -87,6 +84,9 @@ class AxialJoint(Joint):
         super().__post_init__()
         with scenario_errors():
             argument_checks.choice(self.axis, "axis", AXES)
+            for name in ("lower_limit", "upper_limit"):
+                if getattr(self, name) is not None:
+                    object.__setattr__(self, name, argument_checks.number(getattr(self, name), name))
             low, high = self.lower_limit, self.upper_limit
             if low is not None and high is not None and low > high:
                 raise ScenarioError(f"lower_limit={low!r}: must not be greater than upper_limit={high!r}")
@@ -124,10 +124,11 @@ class DistanceJoint(Joint):
         with scenario_errors():
             least = argument_checks.not_negative(self.min_distance, "min_distance")
             object.__setattr__(self, "min_distance", least)
-            if self.max_distance is not None and not (self.max_distance >= least and self.max_distance > 0.0):
-                raise ScenarioError(
-                    f"max_distance={self.max_distance!r}: must be greater than 0, and at least min_distance={least!r}"
-                )
+            if self.max_distance is not None:
+                most = argument_checks.positive(self.max_distance, "max_distance")
+                object.__setattr__(self, "max_distance", most)
+                if most < least:
+                    raise ScenarioError(f"max_distance={most!r}: must be at least min_distance={least!r}")
 
 
 def check_joints(value: Any, objects: Collection[Object]) -> tuple[Joint, ...]:
