@@ -2,7 +2,7 @@
 """Types of kernel arguments. Taichi needs the values at run time; mypy sees `Any`.
 
 Arrays are named by element type and number of axes: `Floats2` is a two-dimensional float32 array,
-`Float8s1` a one-dimensional array of 8-vectors.
+`Float8s1` a one-dimensional array of 8-vectors, `Floats` a float32 array of any number of axes.
 """
 
 from typing import TYPE_CHECKING, Any, TypeAlias
@@ -14,6 +14,9 @@ if TYPE_CHECKING:
     Bytes3: TypeAlias = Any
     Doubles1: TypeAlias = Any
     Doubles2: TypeAlias = Any
+    Bytes: TypeAlias = Any
+    Floats: TypeAlias = Any
+    Ints: TypeAlias = Any
     Floats1: TypeAlias = Any
     Floats2: TypeAlias = Any
     Floats3: TypeAlias = Any
@@ -37,6 +40,9 @@ else:
     Bytes3 = ti.types.ndarray(ti.u8, 3)
     Doubles1 = ti.types.ndarray(ti.f64, 1)
     Doubles2 = ti.types.ndarray(ti.f64, 2)
+    Bytes = ti.types.ndarray(dtype=ti.u8)
+    Floats = ti.types.ndarray(dtype=ti.f32)
+    Ints = ti.types.ndarray(dtype=ti.i32)
     Floats1 = ti.types.ndarray(ti.f32, 1)
     Floats2 = ti.types.ndarray(ti.f32, 2)
     Floats3 = ti.types.ndarray(ti.f32, 3)

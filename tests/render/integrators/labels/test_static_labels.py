@@ -5,6 +5,7 @@ from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
+import pytest
 import trimesh
 from numpy.typing import NDArray
 
@@ -14,6 +15,7 @@ from tiscene.render.integrators.labels.label_pass import LabelPass
 from tiscene.render.view import View
 from tiscene.scene.camera import Camera
 from tiscene.scene.description import Material, Texture, TextureLookup
+from tiscene.scene.device_scene import DeviceScene
 from tiscene.scene.placement import Placement
 
 CAMERA = Camera(position=(0.0, 0.2, 3.0))
@@ -91,6 +93,27 @@ def test_cached_labels_equal_new_pass() -> None:
     partial = [count for count in traced if count < whole]
     assert len(partial) >= 4  # not the first frames, and not while the box is around the camera
     assert min(partial) < 0.4 * whole
+
+
+def test_images_kept_on_the_device_give_the_same_bytes(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The layout of GPUs, whose label kernels write arrays in the device's memory that travel as one."""
+    room = Room()
+    made = DeviceScene.__init__
+    monkeypatch.setattr(DeviceScene, "__init__", lambda self, *_, **options: made(self, "bvh2", **options))
+    kept = Room()
+    labels, sizes = LabelPass(kept.scene), []
+    for frame in range(6):
+        for each in (room, kept):
+            each.scene.place(each.at(frame), ALL_TIMES)
+        names = LABELS if frame != 4 else ("depth", "coverage", "backward_occlusion")
+        expected, found = LabelPass(room.scene).render(VIEW, names), labels.render(VIEW, names)
+        sizes.append(labels.traced_pixels)
+        for name in names:
+            assert found[name].dtype == expected[name].dtype
+            assert found[name].tobytes() == expected[name].tobytes(), (frame, name)
+        for array in found.values():
+            array[...] = 0  # the arrays belong to the caller
+    assert min(sizes) < 0.4 * VIEW.width * VIEW.height  # some frames are drawn over the image of what is static
 
 
 def test_frame_without_movers_traces_no_pixel() -> None:

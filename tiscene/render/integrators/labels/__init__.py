@@ -5,6 +5,7 @@
 
     label_pass      LabelPass, the host side
     label_frames    LabelFrames: cameras and motion of one frame, or of several
+    label_images    LabelImages: the arrays that the kernels write
     label_kernels   kernels for rays, motion and occlusion
     first_hits      first hit, skipping alpha-rejected surfaces
     surface_labels  the kernel that writes label buffers at the hits

@@ -12,6 +12,7 @@ import taichi as ti
 from numpy.typing import NDArray
 
 from tiscene.device.kernel_types import Floats2, Floats4, Ints1, Ints2
+from tiscene.device.packed_copies import empty_on_device
 from tiscene.frame.buffers import RANKS
 from tiscene.render.integrators.labels.first_hits import first_hits
 from tiscene.render.intersect.ray_queue import HitIds, Hits, Rays, RayWave, write_ray
@@ -33,20 +34,20 @@ class CoverageSamples:
     """Hits of the coverage rays of each pixel.
 
     Attributes:
-        distance: float32 [pixels, SAMPLES], m.
+        distance: float32 [pixels, SAMPLES], m; NumPy or device array, as the others.
         ids: int32 [pixels, SAMPLES], instance ids; 0 for none.
         materials: int32 [pixels, SAMPLES], numbers in `MaterialTable.labels`; 0 for none or if not requested.
     """
 
-    distance: NDArray[np.float32]
-    ids: NDArray[np.int32]
-    materials: NDArray[np.int32]
+    distance: Any
+    ids: Any
+    materials: Any
 
     @classmethod
-    def empty(cls, pixels: int) -> Self:
-        """Return uninitialized samples of this many pixels."""
-        shape = (pixels, SAMPLES)
-        return cls(np.empty(shape, np.float32), np.empty(shape, np.int32), np.empty(shape, np.int32))
+    def empty(cls, pixels: int, on_card: bool) -> Self:
+        """Return uninitialized samples of this many pixels, in the device's memory if `on_card`."""
+        empty = empty_on_device if on_card else np.empty
+        return cls(*(empty((pixels, SAMPLES), dtype) for dtype in (np.float32, np.int32, np.int32)))
 
 
 class CoverageLabels:
@@ -59,16 +60,18 @@ class CoverageLabels:
     def __init__(self, scene: DeviceScene) -> None:
         self.scene = scene
         self._wave = RayWave()
-        self._none = CoverageSamples.empty(1)
+        self._on_card = scene.traversal == "bvh2"
+        self._none = CoverageSamples.empty(1, self._on_card)
         self._batch = self._none
+        self._distance: Any = None  # scratch in place of `max_distance`
 
     def render(
         self,
         view: View,
         queue: Any,
         count: int,
-        arrays: dict[str, NDArray[Any]],
-        max_distance: NDArray[np.float32],
+        arrays: dict[str, Any],
+        max_distance: NDArray[np.float32] | None,
         static: CoverageSamples | None = None,
         result: CoverageSamples | None = None,
     ) -> None:
@@ -78,13 +81,18 @@ class CoverageLabels:
             view: Camera and image size.
             queue: i32 pixel numbers on the device; count: their number.
             arrays: Output, buffers by name; those not in COVERAGES are ignored.
-            max_distance: Output, float32 [h, w], raised to the distance of the farthest hit of each pixel, m.
+            max_distance: Output, float32 [h, w], raised to the distance of the farthest hit of each pixel, m; None: not
+                needed.
             static: Samples of the static instances; only the tree MOVERS is traced in addition. None: all is traced.
             result: Output, samples of all pixels of the image; None: not needed.
         """
         tree, behind = (CURRENT, self._none) if static is None else (MOVERS, static)
-        if result is None and len(self._batch.ids) < min(count, _BATCH):
-            self._batch = CoverageSamples.empty(min(count, _BATCH))
+        if result is None and self._batch.ids.shape[0] < min(count, _BATCH):
+            self._batch = CoverageSamples.empty(min(count, _BATCH), self._on_card)
+        if max_distance is None:
+            shape = view.height, view.width
+            if self._distance is None or self._distance.shape != shape:
+                self._distance = (empty_on_device if self._on_card else np.zeros)(shape, np.float32)
         samples = self._batch if result is None else result
         materials = self.scene.materials.label_of_row()
         for first in range(0, count, _BATCH):
@@ -99,7 +107,8 @@ class CoverageLabels:
                 queue, first, pixels, wave.hits, wave.hit_ids, self.scene.instance_info,
                 int("material_coverage" in arrays), self.scene.triangle_material, materials, view.width,
                 int(static is not None), behind.distance, behind.ids, behind.materials,
-                int(result is not None), samples.distance, samples.ids, samples.materials, max_distance,
+                int(result is not None), samples.distance, samples.ids, samples.materials,
+                self._distance if max_distance is None else max_distance,
             )  # fmt: skip
             for name, ids in (("coverage", samples.ids), ("material_coverage", samples.materials)):
                 if name in arrays:

@@ -7,11 +7,12 @@ with probability `opacity`; a label has to decide.
 
 from typing import Any
 
-import numpy as np
 import taichi as ti
 
 from tiscene.device.argument_bundles import bundled
 from tiscene.device.kernel_types import Ints1
+from tiscene.device.memory import device_array
+from tiscene.device.restart import cached_on_device
 from tiscene.render.bsdfs.material_inputs import Footprint, Materials, material_at
 from tiscene.render.intersect.ray_queue import HitIds, Hits, RayArrays, Rays, RayWave, ray_direction
 from tiscene.render.intersect.surface_interaction import Geometry, geometry_of, offset_origin, surface_at
@@ -53,8 +54,7 @@ def first_hits(
         return
     for layer in range(MAX_LAYERS):
         next_queue = rays.next_queues[layer % 2]
-        found = np.zeros(1, np.int32)
-        reject_transparent_hits(
+        count = reject_transparent_hits(
             queue,
             count,
             rays.rays,
@@ -65,12 +65,18 @@ def first_hits(
             *scene.textures.arrays(),
             CURRENT if time == MOVERS else time,
             next_queue,
-            found,
+            counter(),
         )
-        queue, count = next_queue, int(found[0])
+        queue = next_queue
         if count == 0:
             return
         closest(scene, time, rays.rays, queue, count, rays.hits, rays.hit_ids, rays_per_frame=rays_per_frame)
+
+
+@cached_on_device(maxsize=1)
+def counter() -> Any:
+    """Return a device array, i32 [1], for kernels to count in."""
+    return device_array(ti.i32, (1,))
 
 
 @ti.kernel
@@ -87,8 +93,13 @@ def reject_transparent_hits(
     time: ti.i32,
     next_queue: Ints1,
     next_count: Ints1,
-):
-    """Move rays with alpha-rejected hits behind the surface and append them to `next_queue`."""
+) -> ti.i32:
+    """Move rays with alpha-rejected hits behind the surface, append them to `next_queue`, and return their number.
+
+    Args:
+        next_count: Scratch, i32 [1].
+    """
+    next_count[0] = 0
     for i in range(count):
         ray = queue[i]
         row = hit_ids[ray][0]
@@ -107,3 +118,4 @@ def reject_transparent_hits(
                 rays[ray][TRAVELED] += step
                 rays[ray][7] -= step
                 next_queue[ti.atomic_add(next_count[0], 1)] = ray
+    return next_count[0]

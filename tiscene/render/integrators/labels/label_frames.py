@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tiscene.device.memory import upload
+from tiscene.device.packed_copies import PackedCopies
 from tiscene.render.integrators.labels import label_kernels as kernels
 from tiscene.render.view import View
 from tiscene.scene.placement import CURRENT, NEXT, PREVIOUS, Placement
@@ -27,28 +28,37 @@ class LabelFrames:
     Attributes:
         views: Their views, of one image size.
         cameras: Device array, the rows of all views (`View.rows`).
-        instance_motion: float32 [max(n, 1), 51], of all their instances, see the function.
-        camera_motion: float32 [3 f, 11], see the function.
+        instance_motion: float32 [max(n, 1), 51], of all their instances, see the function; NumPy or device array.
+        camera_motion: float32 [3 f, 13], see the function; NumPy or device array.
     """
 
     views: Sequence[View]
     cameras: Any
-    instance_motion: NDArray[np.float32]
-    camera_motion: NDArray[np.float32]
+    instance_motion: Any
+    camera_motion: Any
 
     @classmethod
-    def of(cls, views: Sequence[View], placements: Sequence[Placement]) -> LabelFrames:
-        """Return the frames with these views and placements."""
+    def of(
+        cls, views: Sequence[View], placements: Sequence[Placement], copies: PackedCopies | None = None
+    ) -> LabelFrames:
+        """Return the frames with these views and placements.
+
+        Args:
+            views: The views.
+            placements: The placements.
+            copies: Takes the arrays to the device, together; None: kernels read NumPy arrays.
+        """
         if len(views) == 1:
-            cameras, (view,), (placement,) = views[0].array(), views, placements
-            return cls(views, cameras, instance_motion(placement, view), camera_motion(view))
-        pairs = list(zip(placements, views, strict=True))
-        motion = [instance_motion(placement, view)[: len(placement.mesh)] for placement, view in pairs]
-        empty = np.zeros((0 if any(map(len, motion)) else 1, kernels.MOTION_COLUMNS), np.float32)
-        cameras = upload(np.concatenate([view.rows() for view in views]))
-        return cls(
-            views, cameras, np.concatenate([*motion, empty]), np.concatenate([camera_motion(view) for view in views])
-        )
+            parts = instance_motion(placements[0], views[0]), camera_motion(views[0])
+        else:
+            motion = [instance_motion(*pair)[: len(pair[0].mesh)] for pair in zip(placements, views, strict=True)]
+            empty = np.zeros((0 if any(map(len, motion)) else 1, kernels.MOTION_COLUMNS), np.float32)
+            parts = np.concatenate([*motion, empty]), np.concatenate([camera_motion(view) for view in views])
+        if copies is not None:
+            moved, turned, cameras = copies.upload([*parts, np.concatenate([view.rows() for view in views])])
+            return cls(views, cameras, moved, turned)
+        cameras = views[0].array() if len(views) == 1 else upload(np.concatenate([view.rows() for view in views]))
+        return cls(views, cameras, *parts)
 
     @property
     def width(self) -> int:

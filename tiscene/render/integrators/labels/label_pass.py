@@ -12,12 +12,16 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from tiscene.device.memory import upload
+from tiscene.device.packed_copies import PackedCopies
+from tiscene.device.restart import cached_on_device
 from tiscene.errors import BufferNotFound
-from tiscene.frame.buffers import BUFFERS, LABELS, times_needed
+from tiscene.frame.buffers import LABELS, times_needed
 from tiscene.render.integrators.labels import label_kernels as kernels
 from tiscene.render.integrators.labels.coverage import COVERAGES, CoverageLabels, CoverageSamples
-from tiscene.render.integrators.labels.first_hits import first_hits
+from tiscene.render.integrators.labels.first_hits import counter, first_hits
 from tiscene.render.integrators.labels.label_frames import LabelFrames
+from tiscene.render.integrators.labels.label_images import Images, LabelImages
 from tiscene.render.integrators.labels.static_labels import StaticImage, StaticLabelCache
 from tiscene.render.integrators.labels.surface_labels import (
     FILTERED_ALBEDO,
@@ -32,7 +36,6 @@ from tiscene.scene.device_scene import DeviceScene
 from tiscene.scene.placement import CURRENT, NEXT, PREVIOUS, Placement
 
 MAX_MIRRORS = 4  # a mirror behind this many others is labeled itself
-_BUFFERS = BUFFERS | {FILTERED_ALBEDO: BUFFERS["albedo"]}
 _OCCLUSIONS = (("backward_occlusion", PREVIOUS), ("forward_occlusion", NEXT))
 
 
@@ -51,6 +54,9 @@ class LabelPass:
         self.traced_pixels = 0
         self._rays = RayArrays()
         self._occlusion_rays = RayArrays()
+        on_card = scene.traversal == "bvh2"
+        self._images = LabelImages(on_card)
+        self._copies = PackedCopies() if on_card else None
         self._coverage = CoverageLabels(scene)
         self._static_labels = StaticLabelCache(scene)
 
@@ -77,26 +83,28 @@ class LabelPass:
         cached = self._static_labels.lookup(view, buffers, times_needed(buffers), self._draw_static)
         if cached is None:
             rays = self._rays.resized(view.width, view.height)
-            arrays = _empty(view, buffers)
+            arrays = self._images.empty(buffers, view.width, view.height)
             self._draw(self._frame(view), rays.queue, rays.count, arrays)
         else:
             image, changed, moving = cached
-            arrays = {name: image.arrays[name].copy() for name in buffers}
+            arrays = self._images.copied(image.arrays, buffers)
             queue, count = self._rays.resized(view.width, view.height).queue_of(changed)
             if count and not arrays.keys().isdisjoint(COVERAGES):
                 self.scene.place_movers(moving)
-            self._draw(self._frame(view), queue, count, arrays, static=image.samples)
-        return arrays
+            if count:
+                self._draw(self._frame(view), queue, count, arrays, static=image.samples)
+        return self._images.results(arrays)
 
     def render_pixels(self, view: View, buffers: Sequence[str], pixels: NDArray[np.bool_]) -> dict[str, NDArray[Any]]:
         """Render label buffers where an image, bool [h, w], is True: the bytes of `render` there, undefined elsewhere.
 
         Other arguments are those of `render`. Costs what these pixels cost.
         """
-        arrays = _empty(view, buffers)
+        arrays = self._images.empty(buffers, view.width, view.height)
         queue, count = self._rays.resized(view.width, view.height).queue_of(pixels)
-        self._draw(self._frame(view), queue, count, arrays)
-        return arrays
+        if count:
+            self._draw(self._frame(view), queue, count, arrays)
+        return self._images.results(arrays)
 
     def render_frames(
         self, views: Sequence[View], placements: Sequence[Placement], buffers: Sequence[str]
@@ -118,31 +126,34 @@ class LabelPass:
         self.scene.place_frames(placements, times_needed(buffers))
         width, height = views[0].width, views[0].height
         rays = self._rays.resized(width, height * len(views))
-        arrays = {name: _BUFFERS[name].empty(width, height * len(views)) for name in buffers}
+        arrays = self._images.empty(buffers, width, height * len(views))
         self.traced_pixels = 0
-        self._draw(LabelFrames.of(views, placements), rays.queue, rays.count, arrays)
+        self._draw(LabelFrames.of(views, placements, self._copies), rays.queue, rays.count, arrays)
         frames = [slice(row, row + height) for row in range(0, height * len(views), height)]
-        return [{name: array[rows].copy() for name, array in arrays.items()} for rows in frames]
+        results = self._images.results(arrays)
+        return [{name: array[rows].copy() for name, array in results.items()} for rows in frames]
 
     def _draw_static(self, view: View, buffers: Sequence[str]) -> StaticImage:
         """Draw all pixels of a new image for the cache."""
         rays = self._rays.resized(view.width, view.height)
         shape = (view.height, view.width)
-        arrays = _empty(view, buffers)
-        samples = None if arrays.keys().isdisjoint(COVERAGES) else CoverageSamples.empty(rays.count)
+        arrays = self._images.empty(buffers, view.width, view.height, lasting=True)
+        samples = None
+        if not arrays.keys().isdisjoint(COVERAGES):
+            samples = CoverageSamples.empty(rays.count, self._images.on_card)
         image = StaticImage(arrays, np.empty(shape, np.float32), np.zeros(shape, bool), samples)
         self._draw(self._frame(view), rays.queue, rays.count, arrays, image)
         return image
 
     def _frame(self, view: View) -> LabelFrames:
-        return LabelFrames.of([view], [self.scene.placement])
+        return LabelFrames.of([view], [self.scene.placement], self._copies)
 
     def _draw(
         self,
         frames: LabelFrames,
         queue: Any,
         count: int,
-        arrays: dict[str, NDArray[Any]],
+        arrays: Images,
         image: StaticImage | None = None,
         static: CoverageSamples | None = None,
     ) -> None:
@@ -156,8 +167,6 @@ class LabelPass:
             image: Output, the cached image that the buffers belong to, if any.
             static: Coverage samples of the static instances; then only movers are traced for coverage.
         """
-        if not count:
-            return
         self.traced_pixels += count
         rays, pixels = self._rays, frames.pixels
         kernels.primary_rays(queue, count, frames.cameras, frames.width, frames.height, rays.rays, frames.stacked)
@@ -167,14 +176,13 @@ class LabelPass:
 
         if not arrays.keys().isdisjoint(COVERAGES):
             view = frames.views[0]
-            max_distance = np.zeros((view.height, view.width), np.float32) if image is None else image.max_distance
-            samples = None if image is None else image.samples
+            max_distance, samples = (None, None) if image is None else (image.max_distance, image.samples)
             self._coverage.render(view, queue, count, arrays, max_distance, static, samples)
 
         mirrors = self._draw_surfaces(frames, queue, count, arrays, SURFACE_BUFFERS, 0)
         for name, time in _OCCLUSIONS:
             if name in arrays:
-                self._draw_occlusion(frames, queue, count, time, arrays[name])
+                self._draw_occlusion(frames, queue, count, time, self._images.argument(arrays, name))
         # Last: reflected rays overwrite the hits.
         followed = 0
         while mirrors:
@@ -190,7 +198,7 @@ class LabelPass:
         frames: LabelFrames,
         queue: Any,
         count: int,
-        arrays: dict[str, NDArray[Any]],
+        arrays: Images,
         buffers: Sequence[str],
         followed: int,
     ) -> int:
@@ -204,12 +212,11 @@ class LabelPass:
             buffers: Names of the buffers to write.
             followed: Number of mirrors that reflected the rays before.
         """
-        wanted = np.array([name in arrays and name in buffers for name in SURFACE_BUFFERS], np.int32)
-        if not wanted.any():
+        wanted = tuple(name in arrays and name in buffers for name in SURFACE_BUFFERS)
+        if not any(wanted):
             return 0
         rays = self._rays
-        mirrors = np.zeros(1, np.int32)
-        surface_labels(
+        mirrors = surface_labels(
             queue,
             count,
             rays.rays,
@@ -227,12 +234,12 @@ class LabelPass:
             frames.height,
             int(followed < MAX_MIRRORS),
             rays.mirrored[followed % 2],
-            mirrors,
-            wanted,
-            *(arrays.get(name, _placeholder(name)) for name in SURFACE_BUFFERS),
+            counter(),
+            _uploaded_flags(wanted),
+            *(self._images.argument(arrays, name) for name in SURFACE_BUFFERS),
             frames.stacked,
         )
-        return int(mirrors[0])
+        return int(mirrors)
 
     def _draw_occlusion(
         self,
@@ -240,7 +247,7 @@ class LabelPass:
         queue: Any,
         count: int,
         time: int,
-        occluded: NDArray[np.bool_],
+        occluded: Any,
     ) -> None:
         """Write whether the queued pixels' surface points are occluded from the camera at another time."""
         rays, other = self._rays, self._occlusion_rays.resized(frames.width, frames.height * len(frames.views))
@@ -265,19 +272,9 @@ class LabelPass:
         )
         first_hits(self.scene, time, other, queue, count, rays_per_frame=frames.pixels)
         hits = rays.hit_ids, other.distance, other.hits, other.hit_ids
-        kernels.occlusion_labels(queue, count, *hits, frames.width, occluded.view(np.uint8))
+        kernels.occlusion_labels(queue, count, *hits, frames.width, occluded)
 
 
-def _empty(view: View, buffers: Sequence[str]) -> dict[str, NDArray[Any]]:
-    """Return uninitialized buffers by name."""
-    return {name: _BUFFERS[name].empty(view.width, view.height) for name in buffers}
-
-
-_PLACEHOLDERS: dict[str, NDArray[Any]] = {}
-
-
-def _placeholder(name: str) -> NDArray[Any]:
-    """Return the kernel argument for a buffer that is not requested: an array of its type with one pixel."""
-    if name not in _PLACEHOLDERS:
-        _PLACEHOLDERS[name] = _BUFFERS[name].empty(1, 1)
-    return _PLACEHOLDERS[name]
+@cached_on_device(maxsize=64)
+def _uploaded_flags(flags: tuple[bool, ...]) -> Any:
+    return upload(np.array(flags, np.int32))

@@ -32,13 +32,13 @@ class StaticImage:
     """Labels of the static instances in a view.
 
     Attributes:
-        arrays: Buffers by name.
+        arrays: Buffers by name, in NumPy or on the device.
         max_distance: float32 [h, w], m; instances beyond cannot change the pixel.
         mirrors: bool [h, w], pixels whose first hit is a mirror.
         samples: Coverage samples, if coverage is among the buffers.
     """
 
-    arrays: dict[str, NDArray[Any]]
+    arrays: dict[str, Any]
     max_distance: NDArray[np.float32]
     mirrors: NDArray[np.bool_]
     samples: CoverageSamples | None

@@ -140,7 +140,7 @@ def surface_labels(
     metallic: Floats2,
     filtered_albedo: Floats3,
     stacked: Template,
-):
+) -> ti.i32:
     """Write the label buffers at the hits of the rays in the queue.
 
     The arguments from `depth` to `filtered_albedo` are the buffers, in the order of SURFACE_BUFFERS, of one pixel where
@@ -150,10 +150,14 @@ def surface_labels(
         instance_motion, camera_motion: See the functions of these names in `label_pass`.
         follow: 1: where a material buffer is wanted and the surface is mirror-like, nothing is written to it and the
             ray is replaced by its reflection and appended to `mirrored`.
-        mirrored_count: i32 [1], number of reflected rays, incremented.
+        mirrored_count: Scratch, i32 [1].
         wanted: i32 [len(SURFACE_BUFFERS)], 1 for the buffers to write.
         stacked: See `label_kernels.first_camera`.
+
+    Returns:
+        The number of reflected rays.
     """
+    mirrored_count[0] = 0
     for i in range(count):
         pixel = queue[i]
         x, y = pixel % width, pixel // width
@@ -285,3 +289,4 @@ def surface_labels(
                     metallic[y, x] = metal
                 if wanted[OF_FILTERED_ALBEDO]:
                     write3(filtered_albedo, y, x, filtered_color)
+    return mirrored_count[0]
