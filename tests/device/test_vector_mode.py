@@ -211,7 +211,7 @@ def test_every_vector_mode_block_is_found():
         ("trace.py", "occluded"),
         ("path_pass.py", "start_paths"),
         ("path_pass.py", "finish_at_lights"),
-        ("incremental_pass.py", "cull_rays"),
+        ("path_retracer.py", "cull_rays"),
     }
     assert {"bvh8", "bvh8_packets", "bvh8_any_hit"} <= {kernel.__module__.split(".")[-1] for kernel in kernels()}
     assert any(kernel.__name__.startswith("shade") for kernel in kernels())

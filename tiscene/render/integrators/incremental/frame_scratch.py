@@ -40,7 +40,7 @@ class FrameScratch:
         self.row_chunks = device_array(ti.i32, (chunks_for(self.rows),))
         self.change = device_array(ti.f32, (self.paths, 3))
         self.invalidated = device_array(ti.i32, (self.paths, 2))
-        self.path_chunks = device_array(ti.i32, (chunks_for(self.paths), self.steps))
+        self.path_chunks = device_array(ti.i32, (chunks_for(self.paths) * self.steps,))
         self.restart_queue = device_array(ti.i32, (self.paths,))
         pixels = int(cache.mean.shape[0])
         self.correction = upload(np.zeros((pixels, CORRECTION_COLUMNS), np.float32))

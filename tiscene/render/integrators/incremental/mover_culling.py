@@ -9,23 +9,21 @@ import taichi as ti
 
 from tiscene.device.kernel_types import Float8s1, Ints1, Template
 from tiscene.render.integrators.path.path_state import chunk_size
+from tiscene.render.integrators.path.prefix_sums import exclusive_scan
 from tiscene.render.intersect.bvh8 import slabs
 from tiscene.render.intersect.ray_queue import Rays
 
 
-@ti.func
-def exclusive_scan(chunks: Template, count: ti.i32):
-    """Replace the counts of chunks by their exclusive prefix sums, followed by the total. Runs in one thread."""
-    total = 0
-    for chunk in range(count):
-        size = chunks[chunk]
-        chunks[chunk] = total
-        total += size
-    chunks[count] = total
-
-
 @ti.kernel
-def cull_rays(rays: Rays, count: ti.i32, boxes: Float8s1, near: Ints1, candidates: Ints1, chunks: Ints1) -> ti.i32:
+def cull_rays(
+    rays: Rays,
+    count: ti.i32,
+    boxes: Float8s1,
+    near: Ints1,
+    candidates: Ints1,
+    chunks: Ints1,
+    in_blocks: Template,
+) -> ti.i32:
     """Find the rays that intersect one of eight boxes.
 
     Args:
@@ -34,6 +32,7 @@ def cull_rays(rays: Rays, count: ti.i32, boxes: Float8s1, near: Ints1, candidate
         near: Output, i32 [rows], 1 for rays that intersect a box, else 0.
         candidates: Output, i32 [rows], the rows of those rays in increasing order.
         chunks: Scratch, i32 [chunks_for(count)].
+        in_blocks: Compile-time: see `exclusive_scan`.
 
     Returns:
         The number of candidates.
@@ -60,9 +59,7 @@ def cull_rays(rays: Rays, count: ti.i32, boxes: Float8s1, near: Ints1, candidate
             near[row] = is_near
             found += is_near
         chunks[chunk] = found
-    ti.loop_config(serialize=True)
-    for _ in range(1):
-        exclusive_scan(chunks, chunk_count)
+    exclusive_scan(chunks, chunk_count, in_blocks)
     for chunk in range(chunk_count):
         at = chunks[chunk]
         if chunks[chunk + 1] > at:

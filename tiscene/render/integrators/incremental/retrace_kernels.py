@@ -8,9 +8,8 @@ with the same random numbers, in the scene with the movers.
 
 import taichi as ti
 
-from tiscene.device.kernel_types import Floats2, Floats3, Ints1, Ints2, vec3
+from tiscene.device.kernel_types import Floats2, Floats3, Ints1, Ints2, Template, vec3
 from tiscene.render.integrators.incremental.mover_coverage import SUBPIXELS
-from tiscene.render.integrators.incremental.mover_culling import exclusive_scan
 from tiscene.render.integrators.incremental.path_recording import (
     R_DIFFUSE,
     R_IOR2,
@@ -40,6 +39,7 @@ from tiscene.render.integrators.path.path_state import (
     get3,
     set3,
 )
+from tiscene.render.integrators.path.prefix_sums import exclusive_scan
 from tiscene.render.integrators.path.shading import read3, write3
 from tiscene.render.intersect.ray_queue import ROW, Pixels, Rays, ray_direction, ray_origin, write_ray
 
@@ -50,6 +50,16 @@ CORRECTION_COLUMNS, MOVER_HITS = 10, 9
 # Columns of a pixel's sums, valid where camera rays hit a mover: light, albedo and normal of those paths; change of
 # light of the other paths; number of all paths.
 MOVER_COLUMNS, MISS_LIGHT, PATH_COUNT = 13, 9, 12
+
+
+@ti.func
+def place_in_queue(chunk: ti.i32, chunk_count: ti.i32) -> ti.i32:
+    """Return how many chunks are queued before a chunk: first every STRIDES-th, then those after them, and so on.
+
+    A thread traces neighboring entries of the queue: interleaving the chunks of the image balances the load.
+    """
+    stride = chunk % STRIDES
+    return stride * (chunk_count // STRIDES) + ti.min(stride, chunk_count % STRIDES) + chunk // STRIDES
 
 
 @ti.kernel
@@ -68,9 +78,10 @@ def find_invalidated(
     status: Ints1,
     change: Floats2,
     invalidated: Ints2,
-    chunks: Ints2,
+    chunks: Ints1,
     restart_queue: Ints1,
     restart_offsets: Ints1,
+    in_blocks: Template,
 ):
     """Subtract the light that movers block from each path, and restore the state of invalidated paths.
 
@@ -84,15 +95,17 @@ def find_invalidated(
         change: Output, f32 [count, 3], minus the blocked light.
         invalidated: Output, i32 [count, 2], index of the restart state and step of the first blocked segment; -1, -1
             for valid paths.
-        chunks: Scratch, i32 [chunks_for(count), steps].
+        chunks: Scratch, i32 [chunks_for(count) * steps].
         restart_queue: Output, i32 [count], invalidated paths sorted by step.
         restart_offsets: Output, i32 [steps + 1], first entry of each step in restart_queue.
+        in_blocks: Compile-time: see `exclusive_scan`.
     """
     size = chunk_size(count)
     chunk_count = (count + size - 1) // size
     for chunk in range(chunk_count):
+        at = place_in_queue(chunk, chunk_count)
         for s in range(steps):
-            chunks[chunk, s] = 0
+            chunks[s * chunk_count + at] = 0
         for i in range(chunk * size, ti.min(count, (chunk + 1) * size)):
             lost = vec3(0.0)
             restart_index, step, restart_row, segments = -1, -1, -1, 0
@@ -111,7 +124,7 @@ def find_invalidated(
             invalidated[i, 0] = restart_index
             invalidated[i, 1] = step
             if restart_index >= 0:
-                chunks[chunk, step] += 1
+                chunks[step * chunk_count + at] += 1
                 write_ray(path_rays, i, ray_origin(rays, restart_row), ray_direction(rays, restart_row), ti.math.inf)
                 set3(state, i, THROUGHPUT, read3(restart, restart_index, R_THROUGHPUT))
                 set3(state, i, RADIANCE, vec3(0.0))
@@ -123,25 +136,16 @@ def find_invalidated(
                 status[i] = ti.cast(restart[restart_index, R_STATUS], ti.i32)
                 for c in ti.static(range(FEATURE_COLUMNS)):
                     features[i, c] = 0.0
-    ti.loop_config(serialize=True)
-    for _ in range(1):
-        total = 0
-        for s in range(steps):
-            restart_offsets[s] = total
-            # A thread traces neighboring entries of the queue: interleave the chunks of the image to balance the load.
-            for stride in range(STRIDES):
-                for k in range((chunk_count - stride + STRIDES - 1) // STRIDES):
-                    chunk = k * STRIDES + stride
-                    found = chunks[chunk, s]
-                    chunks[chunk, s] = total
-                    total += found
-        restart_offsets[steps] = total
+    exclusive_scan(chunks, steps * chunk_count, in_blocks)
+    for s in range(steps + 1):
+        restart_offsets[s] = chunks[s * chunk_count]
     for chunk in range(chunk_count):
+        at = place_in_queue(chunk, chunk_count)
         for i in range(chunk * size, ti.min(count, (chunk + 1) * size)):
             step = invalidated[i, 1]
             if step >= 0:
-                restart_queue[chunks[chunk, step]] = i
-                chunks[chunk, step] += 1
+                restart_queue[chunks[step * chunk_count + at]] = i
+                chunks[step * chunk_count + at] += 1
 
 
 @ti.kernel
@@ -291,12 +295,13 @@ def compose(
 
 @ti.kernel
 def select_blocked_shadow_rays(
-    candidates: Ints1, count: ti.i32, rays: Rays, blocked: Ints1, rows: Ints1, chunks: Ints1
+    candidates: Ints1, count: ti.i32, rays: Rays, blocked: Ints1, rows: Ints1, chunks: Ints1, in_blocks: Template
 ) -> ti.i32:
     """Write to `rows` which candidates are blocked shadow rays, in order, and return their number.
 
     Args:
         chunks: Scratch, i32 [chunks_for(count)].
+        in_blocks: Compile-time: see `exclusive_scan`.
     """
     size = chunk_size(count)
     chunk_count = (count + size - 1) // size
@@ -307,9 +312,7 @@ def select_blocked_shadow_rays(
             if blocked[row] > 0 and rays[row][SEGMENT] < 0.0:
                 found += 1
         chunks[chunk] = found
-    ti.loop_config(serialize=True)
-    for _ in range(1):
-        exclusive_scan(chunks, chunk_count)
+    exclusive_scan(chunks, chunk_count, in_blocks)
     for chunk in range(chunk_count):
         at = chunks[chunk]
         for k in range(chunk * size, ti.min(count, (chunk + 1) * size)):

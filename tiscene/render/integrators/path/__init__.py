@@ -11,6 +11,7 @@ edition, chapter 15.
     path_pass          PathPass, the host side of the loop above
     path_scene         scene arrays for the kernels
     path_state         arrays of a batch of paths
+    prefix_sums        prefix sums of counts, for compactions
     wavefront_kernels  start paths, compact queues, accumulate the film
     shading            one vertex of every live path
     shadow_rays        shadow rays through partially opaque surfaces
