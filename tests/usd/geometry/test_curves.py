@@ -192,3 +192,45 @@ def test_points_with_time_samples_deform(tmp_path, line):
     grown = np.ptp(mesh.deformation.positions[1], axis=0) - np.ptp(mesh.deformation.positions[0], axis=0)
     assert grown[0] > 0.9
     assert (grown[1] > 0.9) == (kind == "widths")
+
+
+@pytest.mark.parametrize(
+    "normals", ["", "normal3f[] normals = [(0, 1, 0), (0, 1, 0), (0, 0, 1), (0, 0, 1), (0, 0, 1)]"]
+)
+def test_colors_vary_along_curves(tmp_path, normals):
+    """Red at z = 0 to blue at z = 4; black, white and green at x = 5, 6, 7."""
+    colors = "[(1, 0, 0), (0, 0, 1), (0, 0, 0), (1, 1, 1), (0, 1, 0)]"
+    lines = f'color3f[] primvars:displayColor = {colors} (interpolation = "vertex")\n{normals}'
+    description = read(tmp_path, STRAIGHT % ("[1]", lines))
+    (mesh,) = description.meshes
+    (material,) = {description.materials[row] for row in mesh.materials}
+    assert material.name == "displayColor"
+    first = mesh.positions[:, 0] < 2.0
+    at = np.where(first, 0.25 * mesh.positions[:, 2], mesh.positions[:, 0] - 5.0).clip(0.0, None)
+    expected = np.where(
+        first[:, None],
+        np.stack([1.0 - at, 0.0 * at, at], axis=-1),
+        np.stack([np.interp(at, (0, 1, 2), (0, 1, each)) for each in (0, 1, 0)], axis=-1),
+    )
+    np.testing.assert_allclose(mesh.colors[:, :3], expected, atol=1e-6)
+    np.testing.assert_array_equal(mesh.colors[:, 3], 1.0)
+
+
+def test_cubic_curves_have_colors_and_opacities_of_their_own_interpolation(tmp_path):
+    body = CUBIC % ("bezier", "nonperiodic", 7, [(x, 0, 0) for x in range(7)])
+    lines = """color3f[] primvars:displayColor = [(1, 0, 0), (0, 1, 0), (0, 0, 1)] (interpolation = "varying")
+    float[] primvars:displayOpacity = [0, 0, 0, 0.5, 1, 1, 1] (interpolation = "vertex")
+}"""
+    (mesh,) = read(tmp_path, body.rstrip().removesuffix("}") + lines).meshes
+    rings = mesh.positions[: 13 * 8].reshape(13, 8, 3)[:, :, 0].mean(axis=1)
+    colors = mesh.colors[: 13 * 8].reshape(13, 8, 4)[:, 0]
+    np.testing.assert_allclose(colors[:, 1], 1.0 - np.abs(rings - 3.0) / 3.0, atol=1e-6)
+    np.testing.assert_allclose(colors[[0, 6, 12], 3], (0.0, 0.5, 1.0), atol=1e-6)
+
+
+def test_colors_that_do_not_fit_curves_are_named(tmp_path):
+    lines = 'color3f[] primvars:displayColor = [(1, 0, 0), (0, 0, 1), (1, 1, 1)] (interpolation = "vertex")'
+    description = read_with_warning(
+        tmp_path, STRAIGHT % ("[1]", lines), "3 values fit neither 2 curves nor their points"
+    )
+    np.testing.assert_allclose(description.meshes[0].colors[:, :3], 0.18)

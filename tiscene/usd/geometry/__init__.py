@@ -12,6 +12,7 @@
     catmull_clark  control cages, refinement and limit rules
     vertex_weld    welded meshes: one normal and uv per vertex
     gprim          cube, sphere, cylinder, cone, capsule, plane
+    curve_evaluation  points, widths and colors along curves
     curves         curves as tubes or ribbons, points as spheres
     draw_modes     models drawn as textured cards
     deforming      shapes with time samples

@@ -8,6 +8,7 @@ get fewer sides and spheres fewer triangles; above 2,000,000 a prim is not drawn
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -15,23 +16,26 @@ from numpy.typing import NDArray
 from pxr import Usd, UsdGeom
 
 from tiscene.usd.core.report import StageReport
-from tiscene.usd.geometry.primvar import array_of
+from tiscene.usd.geometry.curve_evaluation import BASES, evaluate, evaluate_values
+from tiscene.usd.geometry.primvar import COLOR, NO_PRIMVARS, OPACITY, PrimvarNames, array_of, read_colors
 from tiscene.usd.geometry.triangulate import cross
 from tiscene.usd.geometry.vertex_weld import WeldedMesh
 
 Floats = NDArray[np.floating]
 _MAX_SAMPLES = 2_000_000  # points of a Points prim, or samples along all curves of a prim
 _MAX_FINE_SAMPLES = 100_000  # up to this many, tubes have 8 sides and spheres 80 triangles; above, 4 and 20
-_STEPS = 6  # samples of a cubic segment
-_BASES = {  # basis matrices; rows: powers of t from 3 to 0
-    "bezier": np.array([[-1, 3, -3, 1], [3, -6, 3, 0], [-3, 3, 0, 0], [1, 0, 0, 0]], float),
-    "bspline": np.array([[-1, 3, -3, 1], [3, -6, 3, 0], [-3, 0, 3, 0], [1, 4, 1, 0]], float) / 6.0,
-    "catmullRom": np.array([[-1, 3, -3, 1], [2, -5, 4, -1], [-1, 0, 1, 0], [0, 2, 0, 0]], float) / 2.0,
-}
 
 
-def read_curves(prim: Usd.Prim, time: Usd.TimeCode, report: StageReport) -> WeldedMesh | None:
+def read_curves(
+    prim: Usd.Prim, time: Usd.TimeCode, report: StageReport, names: PrimvarNames = NO_PRIMVARS
+) -> WeldedMesh | None:
     """Read curves as tubes of their widths, or as ribbons facing their normals where those are authored.
+
+    Args:
+        prim: the curves.
+        time: when to evaluate them.
+        report: collects what is wrong, and what is not drawn.
+        names: the color and opacity that their material reads per vertex.
 
     Returns:
         The mesh; None, with the reason reported, if there is nothing to draw.
@@ -47,8 +51,8 @@ def read_curves(prim: Usd.Prim, time: Usd.TimeCode, report: StageReport) -> Weld
     if len(normals) != len(points):
         normals = normals[:0]
     fault = _describe_fault(counts, point=points, width=widths, normal=normals)
-    if kind == "cubic" and basis not in _BASES:
-        fault = fault or f"basis {basis!r} is not known; expected one of {', '.join(_BASES)}"
+    if kind == "cubic" and basis not in BASES:
+        fault = fault or f"basis {basis!r} is not known; expected one of {', '.join(BASES)}"
     if fault:
         report.problem(prim.GetPath(), "curves", fault)
         return None
@@ -60,23 +64,35 @@ def read_curves(prim: Usd.Prim, time: Usd.TimeCode, report: StageReport) -> Weld
         report.omission(prim.GetPath(), "curves without widths are drawn with a width of a thousandth of their extent")
         widths = np.array([np.ptp(points, axis=0).max() / 1000.0], np.float32)
     starts = np.cumsum(counts) - counts
-    strips: list[tuple[Floats, Floats, Floats | None, NDArray[np.int64]]] = []
+    colors = read_colors(prim, names, time)
+    strips: list[_Strip] = []
     for count in np.unique(counts).tolist():
         curve_ids = np.flatnonzero(counts == count)
         rows = starts[curve_ids][:, None] + np.arange(count)
-        sampled = _evaluate(points[rows].astype(np.float64), basis, wrap)
+        sampled = evaluate(points[rows].astype(np.float64), basis, wrap)
         if sampled is None:
             report.omission(prim.GetPath(), f"curves of {count} points are too short for their basis")
             continue
-        width = _evaluate_widths(widths, rows, curve_ids, counts, basis, wrap, sampled.shape[1])
+        width = evaluate_values(widths[:, None], rows, curve_ids, counts, basis, wrap, sampled.shape[1])
         if width is None:
             report.problem(
                 prim.GetPath(), "curves", f"{len(widths)} widths fit neither {len(counts)} curves nor their points"
             )
             return None
-        normal = _evaluate(normals[rows].astype(np.float64), basis, wrap) if len(normals) else None
-        strips.append((sampled, width, normal, curve_ids))
-    samples = sum(strip[0].shape[0] * strip[0].shape[1] for strip in strips)
+        normal = evaluate(normals[rows].astype(np.float64), basis, wrap) if len(normals) else None
+        color = None
+        if names.has_more_than_uv:
+            color = np.zeros((*sampled.shape[:2], 8))
+            color[..., COLOR], color[..., OPACITY] = 0.18, 1.0
+        for name, columns, values in colors:
+            found = evaluate_values(values, rows, curve_ids, counts, basis, wrap, sampled.shape[1])
+            if color is None or found is None:
+                text = f"primvars:{name}: {len(values)} values fit neither {len(counts)} curves nor their points"
+                report.omission(prim.GetPath(), f"{text}, so that it is not used")
+                continue
+            color[..., columns] = np.clip(found, values.min(axis=0), values.max(axis=0))
+        strips.append(_Strip(sampled, width[..., 0], normal, color, curve_ids))
+    samples = sum(strip.line.shape[0] * strip.line.shape[1] for strip in strips)
     if samples > _MAX_SAMPLES:
         report.omission(prim.GetPath(), f"curves of {samples:,} samples are not drawn: the limit is {_MAX_SAMPLES:,}")
         return None
@@ -84,10 +100,8 @@ def read_curves(prim: Usd.Prim, time: Usd.TimeCode, report: StageReport) -> Weld
     closed = wrap == "periodic"
     return _concatenate(
         [
-            _ribbons(line, width, normal, curve_ids)
-            if normal is not None
-            else _tubes(line, width, curve_ids, sides, closed)
-            for line, width, normal, curve_ids in strips
+            _ribbons(strip, strip.normal) if strip.normal is not None else _tubes(strip, sides, closed)
+            for strip in strips
         ],
         prim,
         report,
@@ -133,6 +147,25 @@ def read_points(prim: Usd.Prim, time: Usd.TimeCode, report: StageReport) -> Weld
     return _concatenate([surface], prim, report)
 
 
+@dataclass(frozen=True, eq=False)
+class _Strip:
+    """Curves of one vertex count at m samples each.
+
+    Attributes:
+        line: [c, m, 3].
+        width: [c, m].
+        normal: [c, m, 3]; None: tubes.
+        color: [c, m, 8], the columns of `primvar.read_vertex_values`; None: none are read.
+        curve_ids: [c], the curves among all.
+    """
+
+    line: Floats
+    width: Floats
+    normal: Floats | None
+    color: Floats | None
+    curve_ids: NDArray[np.int64]
+
+
 def _describe_fault(counts: NDArray[np.int64], **values: Floats) -> str:
     """Describe what is wrong with the curves' values; `point` has a row for each control point. "" if nothing."""
     if len(counts) and counts.min() < 0:
@@ -143,104 +176,6 @@ def _describe_fault(counts: NDArray[np.int64], **values: Floats) -> str:
         if not np.isfinite(numbers).all():
             return f"a {name} is not a finite number"
     return ""
-
-
-def _segment_controls(values: Floats, basis: str, wrap: str) -> Floats | None:
-    """Return the four control values [c, segments, 4, k] of each cubic segment of curves [c, n, k]; None: too short."""
-    n = values.shape[1]
-    if wrap == "periodic":
-        segments = n // 3 if basis == "bezier" else n
-        step = 3 if basis == "bezier" else 1
-        if n < 3:
-            return None
-        index = (np.arange(segments)[:, None] * step + np.arange(4)) % n
-        return np.asarray(values[:, index])
-    if wrap == "pinned" and basis != "bezier":  # phantom points make the curve reach its ends
-        if n < 2:
-            return None
-        first, last = 2.0 * values[:, :1] - values[:, 1:2], 2.0 * values[:, -1:] - values[:, -2:-1]
-        values = np.concatenate([first, values, last], axis=1)
-        n += 2
-    step = 3 if basis == "bezier" else 1
-    segments = (n - 4) // step + 1 if n >= 4 else 0
-    if segments < 1:
-        return None
-    return np.asarray(values[:, np.arange(segments)[:, None] * step + np.arange(4)])
-
-
-def _evaluate(values: Floats, basis: str, wrap: str) -> Floats | None:
-    """Evaluate curves with control values [c, n, k] at m samples: [c, m, k]; None if n is too small.
-
-    Closed curves repeat their first sample at the end.
-    """
-    if basis == "linear":
-        if values.shape[1] < 2:
-            return None
-        return np.concatenate([values, values[:, :1]], axis=1) if wrap == "periodic" else values
-    control = _segment_controls(values, basis, wrap)
-    if control is None:
-        return None
-    t = np.arange(_STEPS + 1) / _STEPS
-    weights = np.stack([t**3, t**2, t, np.ones_like(t)], axis=-1) @ _BASES[basis]
-    samples = np.einsum("tq,csqk->cstk", weights, control)
-    inner = samples[:, :, :-1].reshape(len(values), -1, values.shape[2])
-    return np.concatenate([inner, samples[:, -1:, -1]], axis=1)
-
-
-def _evaluate_widths(
-    widths: Floats,
-    rows: NDArray[np.int64],
-    curve_ids: NDArray[np.int64],
-    counts: NDArray[np.int64],
-    basis: str,
-    wrap: str,
-    samples: int,
-) -> Floats | None:
-    """Evaluate the widths of some curves at their samples.
-
-    Args:
-        widths: constant (1), uniform (one for each curve), vertex (each control point) or varying (each segment end).
-        rows: [c, n], the control points of the curves among all.
-        curve_ids: [c], the curves among all.
-        counts: control points of every curve.
-        basis: "linear" or a cubic basis.
-        wrap: "nonperiodic", "periodic" or "pinned".
-        samples: samples m of each curve.
-
-    Returns:
-        float64 [c, m]; None if the number of widths fits none of these.
-    """
-    if len(widths) == 1:
-        return np.full((len(curve_ids), samples), float(widths[0]))
-    if len(widths) == len(counts):
-        return np.repeat(widths[curve_ids].astype(np.float64)[:, None], samples, axis=1)
-    if len(widths) == counts.sum():
-        sampled = _evaluate(widths[rows][..., None].astype(np.float64), basis, wrap)
-        return None if sampled is None else sampled[..., 0]
-    ends = _varying_counts(counts, basis, wrap)
-    if len(widths) != ends.sum():
-        return None
-    start = (np.cumsum(ends) - ends)[curve_ids]
-    count = int(ends[curve_ids[0]])
-    at = widths[start[:, None] + np.arange(count)].astype(np.float64)
-    if wrap == "periodic":
-        at = np.concatenate([at, at[:, :1]], axis=1)
-    position = np.linspace(0.0, at.shape[1] - 1.0, samples)
-    low = np.minimum(position.astype(int), at.shape[1] - 2)
-    fraction = position - low
-    return np.asarray(at[:, low] * (1.0 - fraction) + at[:, low + 1] * fraction)
-
-
-def _varying_counts(counts: NDArray[np.int64], basis: str, wrap: str) -> NDArray[np.int64]:
-    """Return how many values of varying interpolation each curve has, [curves]."""
-    if basis == "linear":
-        return counts
-    step = 3 if basis == "bezier" else 1
-    if wrap == "periodic":
-        return np.asarray(counts // step)
-    if wrap == "pinned" and basis != "bezier":
-        return counts
-    return np.asarray(np.maximum((counts - 4) // step + 2, 0))
 
 
 def _parallel_frames(line: Floats, closed: bool) -> tuple[Floats, Floats, Floats]:
@@ -265,8 +200,9 @@ def _parallel_frames(line: Floats, closed: bool) -> tuple[Floats, Floats, Floats
     return tangent, side, cross(tangent, side)
 
 
-def _tubes(line: Floats, width: Floats, curve_ids: NDArray[np.int64], sides: int, closed: bool) -> WeldedMesh:
-    """Make tubes with flat caps around polylines [c, m, 3] of widths [c, m]; closed ones have no caps."""
+def _tubes(strip: _Strip, sides: int, closed: bool) -> WeldedMesh:
+    """Make tubes with flat caps around curves; closed ones have no caps."""
+    line, width = strip.line, strip.width
     curves, samples = line.shape[:2]
     tangent, side, other = _parallel_frames(line, closed)
     turn = 2.0 * math.pi * np.arange(sides) / sides
@@ -276,9 +212,10 @@ def _tubes(line: Floats, width: Floats, curve_ids: NDArray[np.int64], sides: int
     after = (ring + 1) % sides
     lower = (np.arange(samples - 1) * sides)[:, None]
     quads = [lower + ring, lower + after, lower + sides + after, lower + sides + ring]
-    strip = np.stack([np.stack([quads[0], quads[1], quads[2]], -1), np.stack([quads[0], quads[2], quads[3]], -1)], -2)
+    faces = np.stack([np.stack([quads[0], quads[1], quads[2]], -1), np.stack([quads[0], quads[2], quads[3]], -1)], -2)
     positions, normals = rings.reshape(curves, -1, 3), outward.reshape(curves, -1, 3)
-    triangles = strip.reshape(-1, 3)
+    triangles = faces.reshape(-1, 3)
+    sample_of_vertex = np.repeat(np.arange(samples), sides)
     if not closed:
         fan = np.stack([np.zeros(sides - 2, int), np.arange(1, sides - 1), np.arange(2, sides)], axis=-1)
         caps = [fan[:, ::-1] + samples * sides, fan + (samples + 1) * sides]
@@ -286,11 +223,13 @@ def _tubes(line: Floats, width: Floats, curve_ids: NDArray[np.int64], sides: int
         positions = np.concatenate([positions, rings[:, 0], rings[:, -1]], axis=1)
         ends = [np.repeat(-tangent[:, :1], sides, axis=1), np.repeat(tangent[:, -1:], sides, axis=1)]
         normals = np.concatenate([normals, *ends], axis=1)
-    return _repeat_triangles(positions, normals, triangles, curve_ids)
+        sample_of_vertex = np.concatenate([sample_of_vertex, np.repeat([0, samples - 1], sides)])
+    return _repeat_triangles(positions, normals, triangles, strip, sample_of_vertex)
 
 
-def _ribbons(line: Floats, width: Floats, normal: Floats, curve_ids: NDArray[np.int64]) -> WeldedMesh:
-    """Make ribbons along polylines [c, m, 3] of widths [c, m], facing the normals [c, m, 3]."""
+def _ribbons(strip: _Strip, normal: Floats) -> WeldedMesh:
+    """Make ribbons along curves, facing the normals [c, m, 3]."""
+    line, width = strip.line, strip.width
     tangent, _, _ = _parallel_frames(line, closed=False)
     side = cross(tangent, normal)
     side = side / np.maximum(np.linalg.norm(side, axis=-1, keepdims=True), 1e-30) * (0.5 * width)[..., None]
@@ -299,21 +238,25 @@ def _ribbons(line: Floats, width: Floats, normal: Floats, curve_ids: NDArray[np.
     positions = np.stack([line - side, line + side], axis=2).reshape(len(line), -1, 3)
     low = 2 * np.arange(line.shape[1] - 1)[:, None]
     triangles = (low[:, :, None] + np.array([[0, 1, 3], [0, 3, 2]])).reshape(-1, 3)
-    return _repeat_triangles(positions, np.repeat(facing, 2, axis=1), triangles, curve_ids)
+    sample_of_vertex = np.repeat(np.arange(line.shape[1]), 2)
+    return _repeat_triangles(positions, np.repeat(facing, 2, axis=1), triangles, strip, sample_of_vertex)
 
 
 def _repeat_triangles(
-    positions: Floats, normals: Floats, triangles: NDArray[Any], curve_ids: NDArray[np.int64]
+    positions: Floats, normals: Floats, triangles: NDArray[Any], strip: _Strip, sample_of_vertex: NDArray[Any]
 ) -> WeldedMesh:
-    """Make a mesh of c curves with the same triangles; positions and normals are [c, v, 3]."""
+    """Make a mesh of c curves with the same triangles; positions and normals are [c, v, 3].
+
+    sample_of_vertex: [v], the sample of the curve whose color each vertex has.
+    """
     curves, vertices = positions.shape[:2]
     every = triangles + (np.arange(curves) * vertices)[:, None, None]
     return WeldedMesh(
         positions.reshape(-1, 3).astype(np.float32),
         every.reshape(-1, 3).astype(np.int32),
         normals.reshape(-1, 3).astype(np.float32),
-        None,
-        np.repeat(curve_ids, len(triangles)).astype(np.int32),
+        None if strip.color is None else strip.color[:, sample_of_vertex].reshape(-1, 8).astype(np.float32),
+        np.repeat(strip.curve_ids, len(triangles)).astype(np.int32),
     )
 
 
@@ -328,7 +271,7 @@ def _concatenate(surfaces: list[WeldedMesh], prim: Usd.Prim, report: StageReport
         np.concatenate([surface.positions for surface in surfaces]),
         np.concatenate([s.triangles + np.int32(start) for s, start in zip(surfaces, first, strict=False)]),
         np.concatenate([surface.normals for surface in surfaces if surface.normals is not None]),
-        None,
+        None if surfaces[0].uv is None else np.concatenate([each.uv for each in surfaces if each.uv is not None]),
         np.concatenate([surface.face for surface in surfaces]),
     )
 

@@ -56,16 +56,16 @@ def constant_primvar(
 
 
 def varies_over_surface(gprim: Usd.Prim, name: str, time: Usd.TimeCode, *, within_faces: bool = False) -> bool:
-    """Return whether a mesh's primvar has several values, so that it must become a vertex attribute.
+    """Return whether a primvar of a mesh or of curves has several values, so that it must become a vertex attribute.
 
     Args:
-        gprim: the prim; False for anything but a mesh.
+        gprim: the prim; False for anything but a mesh or curves.
         name: the primvar, without "primvars:"; False for "".
         time: when to evaluate it.
         within_faces: whether to ignore primvars of uniform interpolation, which are constant in each face.
     """
     primvar = UsdGeom.PrimvarsAPI(gprim).FindPrimvarWithInheritance(name) if name else None
-    if not primvar or not gprim.IsA(UsdGeom.Mesh) or not primvar.HasValue():
+    if not primvar or not (gprim.IsA(UsdGeom.Mesh) or gprim.IsA(UsdGeom.BasisCurves)) or not primvar.HasValue():
         return False
     if primvar.GetInterpolation() not in ("vertex", "varying", "faceVarying", *(() if within_faces else ("uniform",))):
         return False

@@ -176,6 +176,24 @@ def read_vertex_values(
     return Attribute(values, per_corner)
 
 
+def read_colors(prim: Usd.Prim, names: PrimvarNames, time: Usd.TimeCode) -> list[tuple[str, slice, NDArray[Any]]]:
+    """Read the color and opacity primvars that a material needs, without a topology.
+
+    Returns:
+        (name, columns as in `read_vertex_values`, finite values [n, components]) of each that is authored.
+    """
+    result = []
+    for name, columns in ((names.color, COLOR), (names.opacity, OPACITY)):
+        primvar = UsdGeom.PrimvarsAPI(prim).FindPrimvarWithInheritance(name) if name else None
+        value = primvar.ComputeFlattened(time) if primvar else None
+        width = columns.stop - columns.start
+        values = np.asarray(value if value is not None else (), np.float64)
+        values = values[:, None] if values.ndim == 1 else values[:, :width]
+        if len(values) and values.shape[1] == width and np.isfinite(values).all():
+            result.append((name, columns, values))
+    return result
+
+
 def _component_count(primvar: UsdGeom.Primvar, time: Usd.TimeCode) -> int:
     values = np.asarray(primvar.Get(time))
     return int(values.shape[1]) if values.ndim == 2 else 1

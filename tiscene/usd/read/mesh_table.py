@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import hashlib
 from collections.abc import Sequence
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -169,6 +170,8 @@ class MeshTable:
                 surface = read_mesh(prim, self._time, self._report, wanted, of_face, times)
             else:
                 read = _READERS[str(prim.GetTypeName())]
+                if prim.IsA(UsdGeom.BasisCurves):
+                    read = partial(read_curves, names=wanted[0])
                 surface = read(prim, self._time, self._report)
                 if times and surface is not None:
                     surface = with_shape_samples(prim, surface, times, self._report, read)
