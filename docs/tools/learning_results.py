@@ -17,7 +17,7 @@ from typing import Any
 from tiscene.cli.main import main as tiscene
 from tiscene.learning.course import Course
 from tiscene.learning.learner import BASELINES
-from tiscene.learning.results_page import COLUMNS, percent, value_of
+from tiscene.learning.results_page import COLUMNS, mean_and_range, percent, test_curve, value_of
 from tiscene.learning.score import read_score
 from tiscene.learning.svg_chart import line_chart, line_styles
 
@@ -27,7 +27,13 @@ STYLE = (
     "<style>svg{background:#fff}text{font:11px sans-serif;fill:#444c56}polyline{fill:none;stroke-width:1.8}"
     ".grid{stroke:#e3e6e9}.mark{stroke:#8a939c;stroke-dasharray:3 3}</style>"
 )
-SHOWN = ("naive", "replay", "ewc", "lwf", "blind", "ncm")  # in the curves
+SHOWN = ("naive", "replay", "shuffled", "ewc", "blind", "ncm")  # in the curves
+CURVES = (
+    ("online", "Online accuracy"),
+    ("near_future", "Near-future accuracy: 50 frames ahead"),
+    ("test", "Mean class accuracy of the test of the first phase ({}) after each phase"),
+)
+NEWLINES = "\n\n"
 
 INTRODUCTION = """# Results of the baselines
 
@@ -65,21 +71,21 @@ def table(scores: Mapping[str, Sequence[Mapping[str, Any]]]) -> str:
     return "\n".join(lines)
 
 
-def chart(scores: Mapping[str, Sequence[Mapping[str, Any]]], course: Course, path: Path) -> str:
-    """Write the online curves as an SVG file. Returns the legend."""
-    lines = {
-        name: [tuple(point) for point in runs[0]["scores"]["online"]["curve"]]
-        for name, runs in scores.items()
-        if name in SHOWN
-    }
-    styles = line_styles(list(lines))
+def chart(curves: Mapping[str, Sequence[Sequence[tuple[int, float]]]], course: Course, path: Path, label: str) -> None:
+    """Write curves of several seeds by learner as an SVG file."""
+    lines, bands = mean_and_range(curves)
     marks = {0: course.phases[0].name} | {k: text.removeprefix("phase ") for k, text in course.events().items()}
-    drawn = line_chart(lines, end=len(course), marks=marks, colors=styles, label="Online accuracy")
+    styles = line_styles(list(SHOWN))
+    drawn = line_chart(lines, end=len(course), marks=marks, colors=styles, label=label, bands=bands)
     body = drawn.replace("<svg ", '<svg xmlns="http://www.w3.org/2000/svg" ', 1).replace(">", f">{STYLE}", 1)
     path.write_text(body + "\n", encoding="utf-8")
+
+
+def legend() -> str:
+    """Return the names of the colors of the learners."""
     names = {"#0072b2": "blue", "#d55e00": "orange-red", "#009e73": "green", "#cc79a7": "pink", "#e69f00": "orange"}
     names |= {"#56b4e9": "light blue"}
-    return ", ".join(f"{name} {names[color]}" for name, (color, _) in styles.items())
+    return ", ".join(f"{name} {names[color]}" for name, (color, _) in line_styles(list(SHOWN)).items())
 
 
 def section(suite: str, folder: Path) -> str:
@@ -87,7 +93,21 @@ def section(suite: str, folder: Path) -> str:
     scores = scores_of(folder)
     first = next(iter(scores.values()))[0]
     course = Course.from_json(first["course"])
-    legend = chart(scores, course, DOCS / "images" / f"learning-{suite}.svg")
+    shown = {name: scores[name] for name in SHOWN if name in scores}
+    first_test = course.test_phases[0].name
+    figures = []
+    for key, text in CURVES:
+        if key == "test":
+            curves = {
+                name: [test_curve(run["scores"], course, first_test) for run in runs] for name, runs in shown.items()
+            }
+            text = text.format(first_test)
+        else:
+            online = {name: runs for name, runs in shown.items() if name != "shuffled"}  # it learns between phases
+            curves = {name: [run["scores"][key]["curve"] for run in runs] for name, runs in online.items()}
+        image = f"learning-{suite}-{key.replace('_', '-')}.svg"
+        chart(curves, course, DOCS / "images" / image, f"{text}, suite {suite}")
+        figures.append(f"**{text}**\n\n![{text}, suite {suite}](images/{image})")
     seeds = len(next(iter(scores.values())))
     phases = "; ".join(
         f"{phase.name} ({end - start} frames)"
@@ -102,9 +122,9 @@ Phases: {phases}. Seeds: {seeds}.
 
 {table(scores)}
 
-![Online accuracy on the suite {suite}](images/learning-{suite}.svg)
+{NEWLINES.join(figures)}
 
-Online accuracy of seed 0: {legend}.
+Lines: mean over seeds; bands: from the lowest to the highest. {legend()}.
 """
 
 

@@ -16,7 +16,8 @@ from tiscene.learning.course import Course
 from tiscene.learning.evaluation import evaluate_all
 from tiscene.learning.held_out_tests import counterfactuals, held_out
 from tiscene.learning.phase import Phase
-from tiscene.learning.results_page import mean_and_deviation, percent, write_page
+from tiscene.learning.results_page import mean_and_deviation, mean_and_range, percent, write_page
+from tiscene.learning.results_page import test_curve as accuracy_of_test
 from tiscene.learning.score import read_score
 from tiscene.learning.suite_names import load_course, suites
 from tiscene.learning.svg_chart import line_chart, line_styles
@@ -95,7 +96,7 @@ def test_page_shows_every_learner_and_escapes_names(course, tmp_path):
     assert "&lt;one&gt;" in text
     assert "<one>" not in text
     assert text.count("<h3>&lt;one&gt;</h3>") == 1  # its matrix
-    assert text.count("<polyline") == 4  # online and whole frame; nothing is 50 frames ahead
+    assert text.count("<polyline") == 6  # online, whole frame and the test; nothing is 50 frames ahead
     assert text.count("data:image/png") == 3  # true and two predictions of one test
     (tmp_path / "file").write_text("")
     with pytest.raises(ExportError):
@@ -109,10 +110,26 @@ def test_figures_have_mean_and_spread():
     assert percent([0.5, None]) == percent([]) == "–"
 
 
+def test_curve_of_a_test_has_a_point_after_each_phase(course):
+    (score,) = evaluate_all({"one": Ones()}, course)
+    curve = accuracy_of_test(score.scores, course, "a")
+    assert curve == [(0, 1.0), (5, 1.0), (9, 1.0)]  # before the first phase, after "a", after "b"
+
+
+def test_curves_of_seeds_have_mean_and_range():
+    lines, bands = mean_and_range({"a": [[(0, 0.2), (5, 0.4)], [(0, 0.6)]], "b": [[(0, 0.5)]]})
+    assert lines == {"a": [(0, pytest.approx(0.4)), (5, 0.4)], "b": [(0, 0.5)]}
+    assert bands == {"a": [(0, 0.2, 0.6), (5, 0.4, 0.4)]}
+
+
 def test_chart_places_points_by_frame_and_fraction():
     chart = line_chart({"a": [(0, 0.0), (10, 1.0)]}, end=10, marks={5: "x<y"}, colors=line_styles(["a"]), label="A")
     assert 'points="44.0,236.0 836.0,34.0"' in chart
     assert "x&lt;y" in chart
+    band = line_chart(
+        {"a": [(0, 0.5)]}, end=10, marks={}, colors=line_styles(["a"]), label="A", bands={"a": [(0, 0.0, 1.0)]}
+    )
+    assert 'points="44.0,236.0 44.0,34.0"' in band
 
 
 def test_command_writes_scores_and_page_and_verifies_them(course, tmp_path, capsys, monkeypatch):

@@ -178,21 +178,53 @@ def _curves(by_name: Mapping[str, Sequence[Score]], course: Course, styles: Mapp
     )
     marks = {0: course.phases[0].name} | {index: text.removeprefix("phase ") for index, text in course.events().items()}
     parts = [f'<p class="legend">{legend}</p>']
+    if max(map(len, by_name.values())) > 1:
+        parts.append(_note("Lines: mean over seeds. Bands: from the lowest to the highest."))
+
+    def add(title: str, label: str, curves: Mapping[str, Sequence[Sequence[tuple[int, float]]]]) -> None:
+        measured = {name: each for name, each in curves.items() if any(each)}
+        if measured:
+            lines, bands = mean_and_range(measured)
+            drawn = line_chart(lines, end=len(course), marks=marks, colors=styles, label=label, bands=bands)
+            parts.extend([f"<h3>{escape(title)}</h3>", drawn])
+
     for key, title in (("online", "Online"), ("near_future", "Near future"), ("online_frame", "Online, whole frame")):
-        measured = {name: runs for name, runs in by_name.items() if runs[0].scores.get(key, {}).get("curve")}
-        lines = {name: _mean_curve([run.scores[key]["curve"] for run in runs]) for name, runs in measured.items()}
-        if lines:
-            parts.append(f"<h3>{title}</h3>")
-            parts.append(line_chart(lines, end=len(course), marks=marks, colors=styles, label=f"{title} accuracy"))
+        curves = {name: [run.scores.get(key, {}).get("curve", ()) for run in runs] for name, runs in by_name.items()}
+        add(title, f"{title} accuracy", curves)
+    if course.test_phases:
+        parts.append(
+            _note("Below: mean class accuracy of tests after each phase. Where a line falls, it is forgotten.")
+        )
+    for test in course.test_phases:
+        curves = {name: [test_curve(run.scores, course, test.name) for run in runs] for name, runs in by_name.items()}
+        add(f"Test: {test.name}", f"Accuracy of the test {test.name}", curves)
     return parts
 
 
-def _mean_curve(curves: Sequence[Sequence[tuple[int, float]]]) -> list[tuple[float, float]]:
-    values: dict[int, list[float]] = {}
-    for curve in curves:
-        for frame, value in curve:
+def test_curve(scores: Mapping[str, Any], course: Course, test: str) -> list[tuple[int, float]]:
+    """Return the mean class accuracy of a test after each phase, as pairs (first frame after the phase, accuracy)."""
+    found = scores["tests"]
+    ends = dict(zip((phase.name for phase in course.phases), course.starts[1:], strict=True))
+    column = found["tests"].index(test)
+    rows = zip(found["rows"], found["class_accuracy"]["R"], strict=True)
+    # The row before the first phase has a name of its own.
+    return [(ends.get(name, 0), row[column]) for name, row in rows if row[column] is not None]
+
+
+def mean_and_range(
+    curves: Mapping[str, Sequence[Sequence[tuple[int, float]]]],
+) -> tuple[dict[str, list[tuple[float, float]]], dict[str, list[tuple[float, float, float]]]]:
+    """Return the mean over seeds of curves by name, and the range from the lowest to the highest value."""
+    lines: dict[str, list[tuple[float, float]]] = {}
+    bands: dict[str, list[tuple[float, float, float]]] = {}
+    for name, runs in curves.items():
+        values: dict[int, list[float]] = {}
+        for frame, value in (point for run in runs for point in run):
             values.setdefault(frame, []).append(value)
-    return [(frame, float(np.mean(values[frame]))) for frame in sorted(values)]
+        lines[name] = [(frame, float(np.mean(values[frame]))) for frame in sorted(values)]
+        if len(runs) > 1:
+            bands[name] = [(frame, min(values[frame]), max(values[frame])) for frame in sorted(values)]
+    return lines, bands
 
 
 def _matrices(by_name: Mapping[str, Sequence[Score]]) -> str:

@@ -22,6 +22,7 @@ def line_chart(
     marks: Mapping[int, str],
     colors: Mapping[str, tuple[str, str]],
     label: str,
+    bands: Mapping[str, Sequence[tuple[float, float, float]]] | None = None,
 ) -> str:
     """Return a chart of fractions over frames.
 
@@ -31,6 +32,7 @@ def line_chart(
         marks: vertical lines by frame, with their texts.
         colors: color and dash pattern by name, as `line_styles` gives.
         label: text for people who cannot see the chart.
+        bands: spread by name, (frame, lowest, highest fraction); None: none.
     """
 
     def x(frame: float) -> float:
@@ -55,6 +57,10 @@ def line_chart(
             f'<line class="mark" x1="{x(frame):.1f}" x2="{x(frame):.1f}" y1="{TOP}" y2="{HEIGHT - BOTTOM}"/>'
             f'<text x="{x(frame) + 3:.1f}" y="{TOP - (18 if raised else 6)}">{escape(text)}</text>'
         )
+    for name, rows in (bands or {}).items():
+        border = [(frame, low) for frame, low, _ in rows] + [(frame, high) for frame, _, high in reversed(rows)]
+        path = " ".join(f"{x(frame):.1f},{y(value):.1f}" for frame, value in border)
+        parts.append(f'<polygon fill="{colors[name][0]}" fill-opacity="0.15" points="{path}"/>')
     for name, points in lines.items():
         color, dash = colors[name]
         path = " ".join(f"{x(frame):.1f},{y(value):.1f}" for frame, value in points)
