@@ -253,6 +253,21 @@ def test_joined_bodies_collide_only_if_asked():
     assert apart(True) > 0.195
 
 
+def test_stack_beside_a_pendulum_rests():
+    """Joints change the integration of all bodies."""
+    world = pendulum(90.0)
+    world.static, world.fps = [FLOOR], 25
+    world.rigid += [(box(0.1, 0.1, 0.1), pose(x=3.0, y=0.1 + 0.2 * n), RigidBody()) for n in range(4)]
+    world.rigid.append((ball(0.1), pose(x=-2.0, y=1.1), RigidBody(restitution=0.8)))
+    simulation = world.simulation()
+    settled, later = simulation.frame(25).poses, simulation.frame(250).poses
+    assert np.abs(later[1:5] - settled[1:5]).max() < 1e-3
+    np.testing.assert_allclose(later[1:5, 1], 0.1 + 0.2 * np.arange(4), atol=5e-3)
+    bounced = max(simulation.frame(frame).poses[5, 1] for frame in range(14, 40)) - 0.1
+    assert bounced == pytest.approx(0.64, abs=0.06)
+    np.testing.assert_allclose(simulation.frame(10).poses[5, 1], 1.1 - 0.5 * G * 0.4**2, atol=1e-9)
+
+
 def hanging():
     """Return a chain that hangs on a mover, from which the lowest part is taken, and which a ball hits."""
     half = 0.15
