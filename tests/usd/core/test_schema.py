@@ -19,7 +19,7 @@ from tiscene.usd.scenario.motion_schema import CLASS_BY_TYPE, KEYS_BY_CLASS, PAR
 def test_importing_the_reader_registers_the_schema():
     code = (
         "import tiscene.usd.read.stage_reader\nfrom pxr import Usd\nregistry = Usd.SchemaRegistry()\n"
-        "for name in ('Scenario', 'Object', 'Motion', 'Camera'):\n"
+        "for name in ('Scenario', 'Object', 'Motion', 'Joint', 'Camera'):\n"
         "    print(len(registry.FindAppliedAPIPrimDefinition(f'Tiscene{name}API').GetPropertyNames()))\n"
         "stage = Usd.Stage.CreateInMemory()\nprim = stage.DefinePrim('/Thing', 'Xform')\n"
         "prim.AddAppliedSchema('TisceneMotionAPI')\n"
