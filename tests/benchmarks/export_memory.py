@@ -14,13 +14,14 @@ import tempfile
 import time
 from pathlib import Path
 
-FORMATS = ("png", "npz", "webdataset", "parquet", "coco", "video", "rerun", "mcap")
+from tiscene.export.formats import FORMATS
+
 BUFFERS = ("semantic", "instance", "depth", "forward_flow")
 FRAMES = 20_000
 SHARES = (0.05, 0.25, 0.5, 0.75)
 
 
-def print_table(formats: tuple[str, ...] = FORMATS, frames: int = FRAMES) -> None:
+def print_table(formats: tuple[str, ...] = tuple(FORMATS), frames: int = FRAMES) -> None:
     """Print the table.
 
     Args:
@@ -41,7 +42,7 @@ def print_table(formats: tuple[str, ...] = FORMATS, frames: int = FRAMES) -> Non
 def measure(format: str, frames: int) -> None:
     """Export frames in this process, and print the row of a format."""
     import tiscene as ts
-    from tiscene.export import FORMATS, export
+    from tiscene.export import export
 
     movers = [
         ts.Object(f"mover_{number}", name, (0.5 * number - 0.5, 0.8, 0.0), dynamic=ts.UniformMovementRandomBounce(0.8))
@@ -72,4 +73,4 @@ def _memory(kind: str) -> int:
 
 
 if __name__ == "__main__":
-    print_table(tuple(sys.argv[1:]) or FORMATS)
+    print_table(tuple(sys.argv[1:]) or tuple(FORMATS))

@@ -12,7 +12,7 @@
 
 Points are chosen in the first and in the middle frame of a clip, as many of each visible object, by random numbers that
 depend on seed and clip alone. Each is a point of a surface, which moves and deforms with it. Where it is in another
-frame, and whether it is visible there, is the flow and the occlusion of the label pass from that frame: a ray, and no
+frame, and whether it is visible there, is decided as flow and occlusion are in the label pass: by a ray, without a
 comparison of depths. A clip has those of its 24 frames that are exported.
 Doersch et al., "TAP-Vid: A Benchmark for Tracking Any Point in a Video", 2022.
 """
@@ -31,12 +31,12 @@ from numpy.typing import NDArray
 
 from tiscene.export.array_files import Contents, archive, from_npy, npy
 from tiscene.render.view import View
-from tiscene.scene.camera import Camera
-from tiscene.scene.placement import Placement
 
 if TYPE_CHECKING:
     from tiscene.export.packing import ExportRun, FramePieces
     from tiscene.frame.frame import Frame
+    from tiscene.render.integrators.labels.point_pass import SurfacePoints
+    from tiscene.scene.placement import Placement
     from tiscene.stream.stream import Stream
 
 FRAMES_PER_FILE = 24
@@ -50,25 +50,17 @@ class Query:
 
     Attributes:
         frame: Index of the frame.
-        now: The camera at that frame.
-        after: The camera at the next one.
-        placement: The instances at that frame.
-        x: Columns of their pixels, int64 [n].
-        y: Rows of their pixels, int64 [n].
+        points: The points.
         instance: Ids of their objects, int32 [n].
     """
 
     frame: int
-    now: Camera
-    after: Camera
-    placement: Placement
-    x: NDArray[np.int64]
-    y: NDArray[np.int64]
+    points: SurfacePoints
     instance: NDArray[np.int32]
 
 
-# Of each stream, those that were asked for last: choosing them takes as long as rendering.
-_queries: WeakKeyDictionary[Stream, dict[tuple[int, ...], Query]] = WeakKeyDictionary()
+# Of each world, those that were asked for last: choosing them takes as long as rendering.
+_queries: WeakKeyDictionary[Any, dict[tuple[int, ...], Query]] = WeakKeyDictionary()
 _KEPT_QUERIES = 8
 
 
@@ -76,10 +68,10 @@ def pieces(frame: Frame, labels: dict[str, Any], stream: Stream) -> dict[str, Co
     """Return the picture, and where the clip's points are in the frame."""
     clip = frame.index // FRAMES_PER_FILE
     state = stream.world.state(frame.index)
-    cameras = [step.current for step in state.cameras]
-    row = [camera.name for camera in cameras].index(frame.camera.camera.name)
+    row = [step.current.name for step in state.cameras].index(frame.camera.camera.name)
+    view = View(*state.cameras[row], width=stream.width, height=stream.height)
     queries = [query_points(stream, row, clip * FRAMES_PER_FILE + query) for query in QUERY_FRAMES]
-    tracks = [query_tracks(stream, query, frame.index, cameras[row], state.placement) for query in queries]
+    tracks = [query_tracks(stream, query, frame.index, state.placement, view) for query in queries]
     columns = {name: np.concatenate([track[name] for track in tracks]) for name in tracks[0]}
     video: dict[str, Contents] = {"rgb": partial(npy, frame.rgb)} if "rgb" in frame else {}
     return video | {name: npy(column) for name, column in columns.items()}
@@ -93,7 +85,7 @@ def query_points(stream: Stream, row: int, index: int) -> Query:
         row: Of the camera.
         index: Of the frame.
     """
-    known = _queries.setdefault(stream, {})
+    known = _queries.setdefault(stream.world, {})
     key = row, index, stream.width, stream.height, len(stream.scenario.edits)
     if key not in known:
         state = stream.world.state(index)
@@ -102,40 +94,32 @@ def query_points(stream: Stream, row: int, index: int) -> Query:
         x, y = chosen_pixels(instance, np.random.default_rng([stream.seed, index, row]))
         while len(known) >= _KEPT_QUERIES:
             del known[next(iter(known))]
-        known[key] = Query(index, view.current, view.next, state.placement, x, y, instance[y, x])
+        known[key] = Query(index, stream.surface_points(state.placement, view, x, y), instance[y, x])
     return known[key]
 
 
-def query_tracks(
-    stream: Stream, query: Query, frame: int, camera: Camera, placement: Placement
-) -> dict[str, NDArray[Any]]:
+def query_tracks(stream: Stream, query: Query, frame: int, placement: Placement, view: View) -> dict[str, NDArray[Any]]:
     """Return where the points of a query are in a frame.
 
     Args:
         stream: The stream.
         query: The points.
         frame: Index of the frame.
-        camera: The camera at the frame.
         placement: The instances at the frame.
+        view: The camera at the frame.
 
     Returns:
         `query` float32 [n, 3]: frame of the clip, y, x; `target` float32 [n, 2]: x, y; `occluded` bool [n]; `instance`
         int32 [n].
     """
-    x, y = query.x, query.y
-    centers = np.stack([x + 0.5, y + 0.5], axis=1)
+    chosen = query.points.pixels
     if query.frame == frame:
-        target, occluded = centers, np.zeros(len(x), bool)
+        target, occluded = chosen, np.zeros(len(chosen), bool)
     else:
-        view = View(camera, query.now, query.after, width=stream.width, height=stream.height)
-        pixels = np.zeros((stream.height, stream.width), bool)
-        pixels[y, x] = True
-        moved = query.placement.including(placement).since(placement)  # what came later may occlude
-        seen = stream.label_pixels(moved, view, ("backward_flow", "backward_occlusion"), pixels)
-        target, occluded = centers + seen["backward_flow"][y, x], seen["backward_occlusion"][y, x]
-    place = np.full(len(x), query.frame % FRAMES_PER_FILE)
+        target, occluded = stream.follow(query.points, placement, view)
+    place = np.full(len(chosen), query.frame % FRAMES_PER_FILE)
     return {
-        "query": np.stack([place, y + 0.5, x + 0.5], axis=1).astype(np.float32),
+        "query": np.column_stack([place, chosen[:, ::-1]]).astype(np.float32),
         "target": target.astype(np.float32),
         "occluded": occluded,
         "instance": query.instance,

@@ -156,13 +156,6 @@ class Renderer:
             result |= self._color(view, frame_index, seed, exposure, buffers, moving, turning, result, blurred)
         return {name: result[name] for name in buffers}
 
-    def render_pixels(
-        self, view: View, placement: Placement, buffers: Sequence[str], pixels: NDArray[np.bool_]
-    ) -> dict[str, NDArray[Any]]:
-        """Place instances, and render label buffers of some pixels; see `LabelPass.render_pixels`."""
-        self.scene.place(placement, times=times_needed(buffers))
-        return self._labels.render_pixels(view, buffers, pixels)
-
     def render_labels(
         self, views: Sequence[View], placements: Sequence[Placement], buffers: Sequence[str]
     ) -> list[dict[str, NDArray[Any]]] | None:

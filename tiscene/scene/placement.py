@@ -55,7 +55,7 @@ class Placement:
         Args:
             earlier: Placement of the same scene. Instances that it lacks are not present at that time.
         """
-        _, rows, earlier_rows = np.intersect1d(self._keys(), earlier._keys(), return_indices=True)
+        _, rows, earlier_rows = np.intersect1d(self.keys(), earlier.keys(), return_indices=True)
         world_from_object, present = self.world_from_object.copy(), self.present.copy()
         seconds = np.array(self.seconds, np.float64)
         world_from_object[PREVIOUS, rows] = earlier.world_from_object[CURRENT, earlier_rows]
@@ -64,30 +64,18 @@ class Placement:
         seconds[PREVIOUS] = earlier.seconds[CURRENT]
         return replace(self, world_from_object=world_from_object, present=present, seconds=seconds)
 
-    def including(self, other: Placement) -> Placement:
-        """Return this placement with the instances that only another one of the same scene has, absent at all times.
-
-        They follow the others. After `since(other)` they are present at PREVIOUS, where they may occlude.
-        """
-        rows = np.flatnonzero(~np.isin(other._keys(), self._keys()))
-        if not len(rows):
-            return self
-        own, others = (np.zeros(len(each.mesh), np.int32) if each.part is None else each.part for each in (self, other))
-        return replace(
-            self,
-            mesh=np.append(self.mesh, other.mesh[rows]),
-            instance_id=np.append(self.instance_id, other.instance_id[rows]),
-            category_id=np.append(self.category_id, other.category_id[rows]),
-            world_from_object=np.append(self.world_from_object, other.world_from_object[:, rows], axis=1),
-            box_from_object=np.append(self.box_from_object, other.box_from_object[rows], axis=0),
-            present=np.append(self.present, np.zeros((3, len(rows)), bool), axis=1),
-            part=np.append(own, others[rows]),
-        )
-
-    def _keys(self) -> NDArray[np.int64]:
+    def keys(self) -> NDArray[np.int64]:
         """Return a number for each instance, int64 [n], by its label and its place among those of that label."""
         order = np.argsort(self.instance_id, kind="stable")
         labels = self.instance_id[order].astype(np.int64)
         keys = np.empty(len(order), np.int64)
         keys[order] = (labels << 32) + np.arange(len(order)) - np.searchsorted(labels, labels)
         return keys
+
+    def rows(self, keys: NDArray[np.int64]) -> NDArray[np.int64]:
+        """Return the rows of instances by their keys, int64 [n]; -1 for those that are not placed."""
+        own = self.keys()
+        order = np.argsort(own)
+        places = np.minimum(np.searchsorted(own[order], keys), len(own) - 1)
+        found: NDArray[np.int64] = np.where(own[order[places]] == keys, order[places], -1) if len(own) else keys * 0 - 1
+        return found

@@ -4,10 +4,11 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable
 from html import escape
 from typing import TYPE_CHECKING, Any, Protocol
 
+import numpy as np
 from numpy.typing import NDArray
 
 from tiscene.device import runtime
@@ -19,6 +20,7 @@ from tiscene.usd.scenario.bake import write_motion
 from tiscene.world.world import World
 
 if TYPE_CHECKING:
+    from tiscene.render.integrators.labels.point_pass import SurfacePoints
     from tiscene.render.view import View
     from tiscene.scene.placement import Placement
     from tiscene.stream.view_renderer import ViewRenderer
@@ -53,22 +55,38 @@ class OutputSource(Protocol):
 
 
 class StreamOutput:
-    """A stream as a USD layer, as a table in a notebook, and the labels of a few of its pixels."""
+    """A stream as a USD layer, as a table in a notebook, and points of its surfaces."""
 
     @runtime.one_thread_at_a_time
-    def label_pixels(
-        self: OutputSource, placement: Placement, view: View, buffers: Sequence[str], pixels: NDArray[Any]
-    ) -> Mapping[str, NDArray[Any]]:
-        """Render label buffers of some pixels of a view: with few pixels much faster than `render_view`.
+    def surface_points(
+        self: OutputSource, placement: Placement, view: View, x: NDArray[np.int64], y: NDArray[np.int64]
+    ) -> SurfacePoints:
+        """Return the points of surfaces at the centers of pixels, to `follow` them through frames.
 
         Args:
-            placement: the instances, such as `stream.world.state(12).placement`; its `since` chooses the frame from
-                which `backward_flow` is measured.
-            view: the camera at the three times of the placement, and the image size.
-            buffers: names of label buffers.
-            pixels: bool [h, w], True where the buffers are computed; elsewhere their values are undefined.
+            placement: the instances, such as `stream.world.state(12).placement`.
+            view: the camera at that frame, and the image size.
+            x: columns of the pixels, int64 [n].
+            y: rows of the pixels, int64 [n].
         """
-        return self._renderer.label_pixels(placement, view, buffers, pixels)
+        return self._renderer.surface_points(placement, view, x, y)
+
+    @runtime.one_thread_at_a_time
+    def follow(
+        self: OutputSource, points: SurfacePoints, placement: Placement, view: View
+    ) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
+        """Return where points of surfaces are in another frame, and whether they are hidden there: exactly, by a ray.
+
+        Args:
+            points: of `surface_points`.
+            placement: the instances at the other frame.
+            view: the camera at the other frame, and the image size.
+
+        Returns:
+            float64 [n, 2], x and y, px, with pixel centers at halves, also where a point is hidden or out of view;
+            bool [n], True where it is not visible.
+        """
+        return self._renderer.follow(points, placement, view)
 
     def to_usd(self: OutputSource, path: str | os.PathLike[str], frames: int | Iterable[int] | None = None) -> None:
         """Write the motion as a USD layer over the scene (.usda, .usdc, .usd), to be played by any USD program.

@@ -15,12 +15,13 @@ from tiscene.frame.buffers import COLORS, complete, rendered_buffers
 from tiscene.frame.frame import Frame, FrameCamera
 from tiscene.render.annotations.object_measurements import Measurer
 from tiscene.render.integrators.incremental.base_image import ProgressCallback
+from tiscene.render.integrators.labels.point_pass import PointPass, SurfacePoints
 from tiscene.render.render_settings import RenderSettings
 from tiscene.render.renderer import Renderer
 from tiscene.render.view import View
 from tiscene.scene.bvh.obstacle_tree import MeshTrees
 from tiscene.scene.device_scene import DeviceScene
-from tiscene.scene.placement import Placement
+from tiscene.scene.placement import CURRENT, Placement
 from tiscene.stream.incremental import is_static_view, movers, turns_in_place
 from tiscene.stream.shutter import shutter_samples
 from tiscene.world.world import World
@@ -94,6 +95,7 @@ class ViewRenderer:
         world.trajectories.progress = self._progress
         self._scene = DeviceScene(stage_trees=stage_trees)
         self._measurer = Measurer(self._scene)
+        self._points = PointPass(self._scene)
         self._exposure = world.camera.exposure
 
     def close(self) -> None:
@@ -222,20 +224,23 @@ class ViewRenderer:
         rendered = {name: labels[name] if name in labels else rendered[name] for name in buffers}
         return Pixels(complete(names, rendered), rendered.get("instance"), renderer.spp if colored else 0.0)
 
-    def label_pixels(
-        self, placement: Placement, view: View, buffers: Sequence[str], pixels: NDArray[np.bool_]
-    ) -> Labels:
-        """Render label buffers of some pixels of a view.
-
-        Args:
-            placement: the instances.
-            view: the camera at the three times of the placement, and the image size.
-            buffers: names of label buffers.
-            pixels: bool [h, w], True where the buffers are computed; elsewhere their values are undefined.
-        """
+    def surface_points(
+        self, placement: Placement, view: View, x: NDArray[np.int64], y: NDArray[np.int64]
+    ) -> SurfacePoints:
+        """Place instances, and return the points of surfaces at pixels; see `PointPass.choose`."""
         self.check_session()
         self._upload_descriptions()
-        return self._renderer(view).render_pixels(view, placement, buffers, pixels)
+        self._scene.place(placement, (CURRENT,))
+        return self._points.choose(view, x, y)
+
+    def follow(
+        self, points: SurfacePoints, placement: Placement, view: View
+    ) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
+        """Place instances, and return where points are, and whether they are hidden; see `PointPass.follow`."""
+        self.check_session()
+        self._upload_descriptions()
+        self._scene.place(placement, (CURRENT,))
+        return self._points.follow(points, view)
 
     def label_batch(
         self, states: Sequence[WorldState], buffers: Sequence[str], width: int, height: int

@@ -10,5 +10,6 @@
     first_hits      first hit, skipping alpha-rejected surfaces
     surface_labels  the kernel that writes label buffers at the hits
     coverage        fractional coverage by objects and materials
+    point_pass      PointPass: points of surfaces, followed through frames
     static_labels   cache for static objects before a static camera
 """

@@ -191,6 +191,33 @@ def occlusion_rays(
 
 
 @ti.kernel
+def project_points(
+    queue: Ints1,
+    count: ti.i32,
+    hits: Hits,
+    hit_ids: HitIds,
+    vertex_position: Floats2,
+    triangle_vertices: Ints2,
+    instance_info: Ints2,
+    instance_motion: Floats2,
+    camera_motion: Floats2,
+    projected: Floats2,
+):
+    """Write where points of surfaces are in the image of the camera at CURRENT."""
+    for i in range(count):
+        point = queue[i]
+        row = hit_ids[point][0]
+        if row >= 0:
+            moved = vertex_offset(instance_info, row, CURRENT)
+            object_point = object_point_at(
+                vertex_position, triangle_vertices, hit_ids[point][1], hits[point][1], hits[point][2], moved
+            )
+            in_camera = affine(instance_motion, row, 12 * CURRENT, object_point)
+            place = from_principal_point(in_camera, camera_motion, CURRENT)
+            projected[point, 0], projected[point, 1] = place.x, place.y
+
+
+@ti.kernel
 def occlusion_labels(
     queue: Ints1,
     count: ti.i32,

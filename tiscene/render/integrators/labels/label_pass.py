@@ -95,17 +95,6 @@ class LabelPass:
                 self._draw(self._frame(view), queue, count, arrays, static=image.samples)
         return self._images.results(arrays)
 
-    def render_pixels(self, view: View, buffers: Sequence[str], pixels: NDArray[np.bool_]) -> dict[str, NDArray[Any]]:
-        """Render label buffers where an image, bool [h, w], is True: the bytes of `render` there, undefined elsewhere.
-
-        Other arguments are those of `render`. Costs what these pixels cost.
-        """
-        arrays = self._images.empty(buffers, view.width, view.height)
-        queue, count = self._rays.resized(view.width, view.height).queue_of(pixels)
-        if count:
-            self._draw(self._frame(view), queue, count, arrays)
-        return self._images.results(arrays)
-
     def render_frames(
         self, views: Sequence[View], placements: Sequence[Placement], buffers: Sequence[str]
     ) -> list[dict[str, NDArray[Any]]] | None:
