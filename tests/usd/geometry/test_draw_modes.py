@@ -184,5 +184,7 @@ def test_modes_that_are_not_applied_are_named(tmp_path, body, text):
 
 
 def test_missing_texture_is_named_and_the_color_drawn(tmp_path):
-    description = read_with_warning(tmp_path, model("asset model:cardTextureXPos = @./gone.png@"), "gone.png")
+    description = read_with_warning(
+        tmp_path, model("asset model:cardTextureXPos = @./gone.png@"), r"no texture @/.*/gone.png@ \(of its cards\)"
+    )
     assert set(meshes(description)) == {"CardXPos"}

@@ -38,11 +38,11 @@ BROKEN = {
     "type": (
         'def Mesh "M"\n{\nint[] faceVertexCounts = [3]\nint[] faceVertexIndices = [0, 1, 2]\n'
         'string[] points = ["a", "b", "c"]\n}\n',
-        "</M> cannot be read: a value has another type or size than USD says",
+        r"</M> cannot be read: points is string\[\], expected point3f\[\]",
     ),
     "width": (
         'def Points "M"\n{\nfloat2[] points = [(0, 0), (1, 0)]\nfloat[] widths = [1]\n}\n',
-        r"</M> cannot be read: .*points holds elements of shape \(2,\), expected 3",
+        r"</M> cannot be read: points is float2\[\], expected point3f\[\]",
     ),
     "instancer": (INSTANCER, "</P> instancer: 2 positions, but 3 protoIndices"),
     "points": (

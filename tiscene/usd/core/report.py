@@ -14,13 +14,14 @@ import warnings
 from collections.abc import Iterator
 from typing import Any
 
-from pxr import Tf
+from pxr import Tf, Usd
 
-from tiscene.errors import StageError, StageWarning
+from tiscene.errors import StageError, StageWarning, TisceneError
 from tiscene.usd.core.limits import Limits, ReadingBudget, RootFolder
 
 _INTERNAL_NAMESPACE = re.compile(r"\bpxrInternal\w*::")
 UNDRAWN = "are not drawn"  # ends the omission of prims of a type
+_OF_DAMAGED_VALUES = (TypeError, ValueError, ArithmeticError, MemoryError, RuntimeError, AttributeError, LookupError)
 _MAX_PATHS = 5  # prims listed per line of the warning
 _MAX_PROBLEMS = 100  # problems listed by an error
 _MAX_DIAGNOSTICS = 20  # lines of USD's diagnostics per failure; a damaged file can give a million
@@ -42,6 +43,19 @@ def one_line(error: Any) -> str:
         return _INTERNAL_NAMESPACE.sub("", " ".join(str(getattr(error, "commentary", error)).split()))
     except UnicodeDecodeError:
         return "USD's message about it is not valid UTF-8; the file is probably damaged"
+
+
+def _mistyped(prim: Usd.Prim) -> str:
+    """Return which attributes of a prim are authored with another type than that of its schemas; "" if none are."""
+    faults = []
+    definition = prim.GetPrimDefinition()
+    for attribute in prim.GetAuthoredAttributes():
+        schema = definition.GetAttributeDefinition(attribute.GetName())
+        if schema:
+            expected = schema.GetTypeName()
+            found = {spec.typeName for spec in attribute.GetPropertyStack(Usd.TimeCode.Default())}
+            faults += [f"{attribute.GetName()} is {each}, expected {expected}" for each in found if each != expected]
+    return "; ".join(sorted(faults))
 
 
 class StageReport:
@@ -97,17 +111,32 @@ class StageReport:
         self._refused = True
 
     @contextlib.contextmanager
-    def guard(self, path: Any) -> Iterator[None]:
-        """Turn exceptions of USD and NumPy, as damaged values cause them, into a problem of the prim at `path`."""
+    def guard(self, where: Any) -> Iterator[None]:
+        """Turn exceptions of USD and NumPy, as damaged values cause them, into a problem of a prim.
+
+        Args:
+            where: the prim, whose attributes of another type than its schema's are named, or a path.
+        """
+        path = where.GetPath() if isinstance(where, Usd.Prim) else where
         try:
             yield
-        except StageError:
+        except TisceneError:
             raise
         except Tf.ErrorException as error:
             for line in error_lines(error):
                 self.problem(path, "cannot be read", line)
-        except (TypeError, ValueError, OverflowError, MemoryError, RuntimeError) as error:
-            self.problem(path, "cannot be read", f"a value has another type or size than USD says ({one_line(error)})")
+        except (
+            TypeError,
+            ValueError,
+            ArithmeticError,
+            MemoryError,
+            RuntimeError,
+            AttributeError,
+            LookupError,
+        ) as error:
+            mistyped = _mistyped(where) if isinstance(where, Usd.Prim) else ""
+            text = mistyped or f"a value has another type or size than USD says ({one_line(error)})"
+            self.problem(path, "cannot be read", text)
 
     def omission(self, path: Any, text: str) -> None:
         """Add content that is left out or approximated. Prims with the same text share a line of the warning."""

@@ -42,7 +42,7 @@ def apply_draw_modes(stage: Usd.Stage, time: Usd.TimeCode, report: StageReport) 
                 stage.GetPrimAtPath(path).SetInstanceable(False)
     cache = UsdGeom.BBoxCache(time, _PURPOSES, useExtentsHint=True)
     for prim, mode, shows_up_axis in list(_drawn_otherwise(stage)):
-        with report.guard(prim.GetPath()):
+        with report.guard(prim):
             fault = "" if mode == "cards" else f"model:drawMode {mode!r} is lines without width"
             if not fault:
                 box = cache.ComputeUntransformedBound(prim).ComputeAlignedBox()
@@ -126,9 +126,10 @@ def _author_cards(prim: Usd.Prim, box: Gf.Range3d, time: Usd.TimeCode, hidden: s
     crossed = model.GetModelCardGeometryAttr().Get() == "cross"
     textures: dict[str, str] = {}
     for name in (f"{axis}{side}" for axis in "XYZ" for side in _SIDES):
-        asset = prim.GetAttribute(f"model:cardTexture{name}").Get(time)
+        attribute = prim.GetAttribute(f"model:cardTexture{name}")
+        asset = attribute.Get(time)
         if asset is not None and asset.path:
-            textures[name] = asset.resolvedPath or asset.path
+            textures[name] = asset.resolvedPath or _anchored(attribute, asset.path)
     for number, axis in enumerate("XYZ"):
         own = [f"{axis}{side}" for side in _SIDES if f"{axis}{side}" in textures]
         if axis == hidden or (textures and not own):
@@ -140,6 +141,13 @@ def _author_cards(prim: Usd.Prim, box: Gf.Range3d, time: Usd.TimeCode, hidden: s
             if crossed:
                 side = 0.5 + (side - 0.5) * _GAP * (len(own) - 1 if own else 0)
             _author_card(prim, name, box, number, side, shown, textures.get(shown), color)
+
+
+def _anchored(attribute: Usd.Attribute, path: str) -> str:
+    """Return a path relative to the layer that authors it as an absolute one."""
+    for spec in attribute.GetPropertyStack(Usd.TimeCode.Default()):
+        return str(spec.layer.ComputeAbsolutePath(path))
+    return path
 
 
 def _author_card(

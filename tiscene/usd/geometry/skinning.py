@@ -109,7 +109,7 @@ class _SkinReader:
         for skeleton, query in _bindings(root):
             prim = query.GetPrim()
             times = self._times(skeleton, query)
-            with self._report.guard(prim.GetPath()):
+            with self._report.guard(prim):
                 if not _is_on_demand(query):
                     self._bake(skeleton, query, times)
                     continue
@@ -150,11 +150,13 @@ class _SkinReader:
         if key not in self._poses:
             rows = [_matrices(skeleton.ComputeSkinningTransforms(code)) for code in self._codes(times)]
             count = len(skeleton.GetJointOrder())
-            if any(len(row) != count for row in rows):
+            if not count or any(len(row) != count for row in rows):
                 return None
             still = np.broadcast_to(_AFFINE, (len(rows), 1, 3, 4))
             seconds = in_seconds(self._stage, times) if times else np.zeros(1)
             transforms = np.concatenate([np.array(rows).reshape(-1, count, 3, 4), still], axis=1)
+            if not np.isfinite(transforms).all():
+                return None
             content = hashlib.blake2b(seconds.tobytes() + transforms.tobytes(), digest_size=16).digest()
             self._poses[key] = self._poses.setdefault(content, SkeletonPoses(seconds, transforms))
         return self._poses[key]
@@ -186,7 +188,8 @@ class _SkinReader:
         joints = weights = None
         bind = _AFFINE
         if query.HasJointInfluences():
-            found, weights_found = query.ComputeVaryingJointInfluences(len(points), self._time)
+            influences = query.ComputeVaryingJointInfluences(len(points), self._time)
+            found, weights_found = influences or ((), ())  # None where their numbers do not match the points'
             joints = np.asarray(found, np.int64).reshape(len(points), -1) if len(points) else np.zeros((0, 1), np.int64)
             weights = np.asarray(weights_found, np.float64).reshape(joints.shape)
             order, own = list(skeleton.GetJointOrder()), query.GetJointOrder()
@@ -225,7 +228,7 @@ class _SkinReader:
                 shape.append(np.full(len(values), number, np.int32))
                 point.append(at.astype(np.int32))
                 offset.append(values)
-        if not shape:
+        if not shape or not all(np.isfinite(each).all() for each in offset):
             return None
         codes = self._codes(times)
         weights = np.zeros((len(codes), blend.GetNumSubShapes()), np.float32)
@@ -233,6 +236,9 @@ class _SkinReader:
             remapped = mapper.Remap(Vt.FloatArray(animation.ComputeBlendShapeWeights(code)))
             values, _, sub_shapes = blend.ComputeSubShapeWeights(remapped)
             np.add.at(weights[row], np.asarray(sub_shapes, np.int64), np.asarray(values, np.float32))
+        if not np.isfinite(weights).all():
+            self._report.problem(query.GetPrim().GetPath(), "blend shapes", "a weight is not a finite number")
+            return None
         return BlendShapes(np.concatenate(shape), np.concatenate(point), np.concatenate(offset), weights)
 
     def _bake(self, skeleton: UsdSkel.SkeletonQuery, query: UsdSkel.SkinningQuery, times: Sequence[float]) -> None:

@@ -74,7 +74,10 @@ def limit_subdivision(stage: Usd.Stage, time: Usd.TimeCode, budget: int, report:
         budget: triangles of all subdivision surfaces together; instances and equal copies count once.
         report: gets the levels, and one omission for what was reduced.
     """
-    corners = sum(len(array_of(mesh.GetFaceVertexIndicesAttr(), time, np.int32)) for mesh in _surfaces(stage, time))
+    corners = 0
+    for mesh in _surfaces(stage, time):
+        with report.guard(mesh.GetPrim()):
+            corners += len(array_of(mesh.GetFaceVertexIndicesAttr(), time, np.int32))
     if 2 * corners * 4 ** (MAX_LEVELS - 1) <= budget:
         return
     cages, cameras = _cages(stage, time, report)
@@ -129,7 +132,7 @@ def _cages(
     worlds = UsdGeom.XformCache(time)
     prims = iter(Usd.PrimRange.Stage(stage, Usd.TraverseInstanceProxies()))
     for prim in prims:
-        with report.guard(prim.GetPath()):
+        with report.guard(prim):
             if prim.IsA(UsdGeom.Imageable) and _is_hidden(UsdGeom.Imageable(prim), time):
                 prims.PruneChildren()
             elif prim.IsA(UsdGeom.Camera):

@@ -88,7 +88,9 @@ class MaterialTableBuilder:
         for purpose in (UsdShade.Tokens.preview, UsdShade.Tokens.full):
             material, _ = api.ComputeBoundMaterial(purpose)
             if material and material.GetPath() != previous:
-                binding = self._read_material(material, prim, gprim)
+                binding = None
+                with self._report.guard(material.GetPrim()):
+                    binding = self._read_material(material, prim, gprim)
                 if binding is not None:
                     return binding
                 previous = material.GetPath()

@@ -183,6 +183,8 @@ class TextureTable:
 def _describe_layer(attribute: Usd.Attribute) -> str:
     """Describe the layer that authors an asset path, to which a relative path is relative."""
     for spec in attribute.GetPropertyStack(Usd.TimeCode.Default()):
+        if spec.layer == attribute.GetStage().GetSessionLayer():
+            return "of its cards"
         return f"named in {spec.layer.realPath or spec.layer.identifier}"
     return "named nowhere"
 

@@ -10,7 +10,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any
 
-from pxr import Usd, UsdGeom, UsdRender
+from pxr import Gf, Usd, UsdGeom, UsdRender
 
 from tiscene.usd.core.report import StageReport
 
@@ -74,12 +74,13 @@ def read_render_settings(stage: Usd.Stage, report: StageReport | None = None) ->
         report.omission(path, f"aspectRatioConformPolicy {policy!r} is not applied; {DEFAULT_POLICY} is used")
     if report and authored("pixelAspectRatio") not in (None, 1.0):
         report.omission(path, "pixelAspectRatio is not applied: pixels are square")
-    if report and tuple(authored("dataWindowNDC") or (0, 0, 1, 1)) != (0, 0, 1, 1):
+    if report and authored("dataWindowNDC") not in (None, Gf.Vec4f(0, 0, 1, 1)):
         report.omission(path, "dataWindowNDC is not applied: the whole image is rendered")
     size = authored("resolution")
-    valid = size is not None and len(size) == 2 and min(size) >= 1
+    valid = isinstance(size, Gf.Vec2i) and min(size) >= 1
     if report and size is not None and not valid:
-        report.omission(path, f"the resolution {tuple(size)} of the RenderSettings is not used: it must be positive")
+        text = f"the resolution {size} of the RenderSettings is not used: it must be two positive integers"
+        report.omission(path, text)
     return StageRenderSettings(
         str(camera.GetPath()) if camera else "",
         (int(size[0]), int(size[1])) if valid else None,

@@ -98,7 +98,7 @@ class StageReader(PointInstancerReader):
         while pending:
             prim, inherited = pending.pop()
             self._report.budget.add_prim()
-            with self._report.guard(prim.GetPath()):
+            with self._report.guard(prim):
                 here = self._enter(prim, inherited)
                 if self._read(prim, here, predicate):
                     pending += [(child, here) for child in reversed(prim.GetFilteredChildren(predicate))]
