@@ -3,7 +3,7 @@
 
 NAME is the beginning of a picture's name, such as "room_01" or "room_01_Main_night", or "table" for the table of labels
 in docs/scenes.md. By default everything is made. A picture takes minutes on two cores. An interrupted run continues:
-pictures of the current scene with at least N samples per pixel are not rendered again.
+pictures of the current scene with at least N samples per pixel and this width are not rendered again.
 """
 
 from __future__ import annotations
@@ -84,6 +84,13 @@ class GalleryPicture:
             comment = picture.info.get("comment", b"").decode()
         spp, _, scene = comment.partition(COMMENT)
         return int(spp) if scene == digest(self.scene) else 0
+
+    def is_made(self, spp: int, width: int) -> bool:
+        """Return whether the file shows the current scene with at least this many samples per pixel and this width."""
+        if self.spp < spp:
+            return False
+        with Image.open(self.file) as picture:
+            return picture.width >= width
 
     def render(self, spp: int, width: int = WIDTH) -> None:
         """Render the picture, 4:3 and `width` px wide, and write its file."""
@@ -231,7 +238,7 @@ def main() -> None:
     elif not chosen:
         known = ", ".join(picture.name for picture in PICTURES)
         parser.error(f"no picture's name begins with {' or '.join(arguments.names)}; known: table, {known}")
-    missing = [picture for picture in chosen if picture.spp < arguments.spp]
+    missing = [picture for picture in chosen if not picture.is_made(arguments.spp, arguments.width)]
     note(f"{len(chosen) - len(missing)} of {len(chosen)} pictures exist with {arguments.spp} samples per pixel or more")
     for index, picture in enumerate(missing):
         start = time.perf_counter()

@@ -19,6 +19,10 @@ def test_recorded_spp_counts_only_for_the_current_scene(tmp_path: Path, monkeypa
     picture, rgb = GalleryPicture("room_03", "Main", {"lighting": "night"}), np.zeros((6, 8, 3), np.uint8)
     assert picture.spp == 0
     save(picture.file, rgb, f"64{gallery.COMMENT}{gallery.digest('room_03')}")
+    width = rgb.shape[1]
+    assert picture.is_made(64, width)
+    assert not picture.is_made(65, width)
+    assert not picture.is_made(64, width + 1)
     assert picture.file.name == "room_03_Main_night.jpg"
     assert picture.spp == 64
     save(picture.file, rgb, f"64{gallery.COMMENT}another")
