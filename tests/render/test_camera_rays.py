@@ -9,6 +9,7 @@ import pytest
 from tests.reference.chi_square import MIN_P_VALUE, chi_square
 from tiscene.device.memory import upload
 from tiscene.render.integrators.path import wavefront_kernels
+from tiscene.render.integrators.path.frame_stack import FrameStack
 from tiscene.render.integrators.path.path_state import PathState
 from tiscene.render.intersect.ray_queue import tiled_order, upload_pixels
 from tiscene.render.sampling.pixel_filter import PIXEL_FILTERS, pixel_filter
@@ -32,6 +33,7 @@ def camera_rays(camera: Camera, filter: str = "box", seed: int = 1) -> tuple[np.
     wavefront_kernels.start_paths(
         view.array(), upload(pixel_filter(filter).table()), upload_pixels(order, SIZE, SIZE), SIZE, SIZE,
         0, SIZE * SIZE, 1, 0, frame_key(seed, 0), s.rays, s.state, s.status, s.queue, 0,
+        *FrameStack.single().arguments,
     )  # fmt: skip
     rays = s.rays.to_numpy().astype(np.float64)
     right, up, backward = camera.axes().T

@@ -276,10 +276,12 @@ def occluded(
     ti.loop_config(block_dim=256)
     for i in range(count):
         ray = queue[i]
-        only = -1
+        only, start = -1, root
         if targeted > 0:
             only = targets[ray]
+            if only < 0:
+                start = -1 - only
         _t, _b1, _b2, instance, _triangle = trace(
-            nodes, leaf_blocks, transforms, instances, time, root, only, rays, ray, True
+            nodes, leaf_blocks, transforms, instances, time, start, only, rays, ray, True
         )
         result[ray] = ti.select(instance >= 0, 1, 0)

@@ -53,10 +53,19 @@ def upload_rays(rays: NDArray[np.float32]) -> Any:
     return array
 
 
-def upload_pixels(rows: NDArray[np.int32], width: int, height: int) -> Any:
-    """Return pixels, int32 [n], y * width + x, as a device array with ROW and PLACE."""
-    array = device_array(pixel, len(rows))
-    array.from_numpy(np.column_stack([rows, pixel_order(width, height)[rows]]))
+def upload_pixels(rows: NDArray[np.int32], width: int, height: int, frames: int = 1) -> Any:
+    """Return pixels, int32 [n], y * width + x, as a device array with ROW and PLACE.
+
+    Args:
+        rows: The pixels.
+        width: Image width, px.
+        height: Image height, px.
+        frames: The same pixels of so many images below each other.
+    """
+    first_rows = width * height * np.arange(frames, dtype=np.int32)
+    array = device_array(pixel, len(rows) * frames)
+    places = np.tile(pixel_order(width, height)[rows], frames)
+    array.from_numpy(np.column_stack([np.add.outer(first_rows, rows).ravel(), places]))
     return array
 
 

@@ -64,9 +64,17 @@ def closest(
         bvh2.closest(*arrays, rays, queue, count, hits, hit_ids)
 
 
-def occluded(scene: DeviceScene, time: int, rays: Any, queue: Any, count: int, result: Any) -> None:
-    """Set result[ray] (i32 [n]) to 1 if any surface is in (0, t_max), else to 0; other arguments as `closest`."""
-    _occluded(scene, time, rays, queue, count, queue, 0, result)
+def occluded(scene: DeviceScene, time: int, rays: Any, queue: Any, count: int, result: Any, trees: Any = None) -> None:
+    """Set result[ray] (i32 [n]) to 1 if any surface is in (0, t_max), else to 0; other arguments as `closest`.
+
+    Args:
+        trees: i32 [n], for each ray -1 minus the root of the tree to test it against, where `DeviceScene.place_frames`
+            has placed several frames; None: the tree at `time`.
+    """
+    if trees is None:
+        _occluded(scene, time, rays, queue, count, queue, 0, result)
+    else:
+        _occluded(scene, time, rays, queue, count, trees, 1, result, root=0)
 
 
 def occluded_by_instance(
@@ -80,9 +88,10 @@ def occluded_by_instance(
 
 
 def _occluded(
-    scene: DeviceScene, time: int, rays: Any, queue: Any, count: int, targets: Any, targeted: int, result: Any
-) -> None:
-    arrays = _arrays(scene, time)
+    scene: DeviceScene, time: int, rays: Any, queue: Any, count: int, targets: Any, targeted: int, result: Any,
+    root: int | None = None,
+) -> None:  # fmt: skip
+    arrays = _arrays(scene, time, root)
     if scene.traversal == "bvh8":
         with vector_mode():
             bvh8_any_hit.occluded(*arrays, rays, queue, count, targets, targeted, result)
@@ -90,7 +99,7 @@ def _occluded(
         bvh2.occluded(*arrays, rays, queue, count, targets, targeted, result)
 
 
-def _arrays(scene: DeviceScene, time: int) -> tuple[Any, ...]:
-    root = scene.tlas_root(time)
+def _arrays(scene: DeviceScene, time: int, root: int | None = None) -> tuple[Any, ...]:
+    root = scene.tlas_root(time) if root is None else root
     transforms_time = CURRENT if time == MOVERS else time
     return scene.nodes, scene.leaf_blocks, scene.instance_from_world, scene.instances_at(time), transforms_time, root

@@ -9,6 +9,8 @@ edition, chapter 15.
 ::
 
     path_pass          PathPass, the host side of the loop above
+    path_frames        PathFrames: several frames in one wavefront
+    frame_stack        what tells the paths of these frames apart
     path_scene         scene arrays for the kernels
     path_state         arrays of a batch of paths
     prefix_sums        prefix sums of counts, for compactions

@@ -21,6 +21,7 @@ from tiscene.device.vector_mode import vector_mode
 from tiscene.errors import ArgumentError
 from tiscene.render.bsdfs.energy_tables import energy_tables
 from tiscene.render.integrators.path import wavefront_kernels as kernels
+from tiscene.render.integrators.path.frame_stack import FrameStack
 from tiscene.render.integrators.path.last_segment import finish_at_lights
 from tiscene.render.integrators.path.path_scene import PathScene, SceneArrays
 from tiscene.render.integrators.path.path_state import CHUNK, FILM_COLUMNS, PathSamples, PathState
@@ -105,6 +106,7 @@ class PathPass:
         self.order = tiled_order(width, height)
         self.pixels = upload_pixels(self.order, width, height)
         self.film = upload(np.zeros((width * height, FILM_COLUMNS), np.float32))
+        self._stack = FrameStack.single()
         self._energy: Any = None
         self._energy_key: tuple[Any, ...] | None = None
 
@@ -154,21 +156,7 @@ class PathPass:
         )
         return self.developed(sum(sample_range) if sample_range else spp)
 
-    def sums(self, view: View, pixels: NDArray[np.int32], *, spp: int, key: int, max_depth: int) -> NDArray[np.float32]:
-        """Trace `spp` paths through each of some pixels and return their film rows, float32 [n, FILM_COLUMNS].
-
-        Args:
-            view: Camera and image size.
-            pixels: i32 [n], pixel numbers y * width + x.
-            spp: Samples per pixel.
-            key: Key of the random numbers, see `frame_key`.
-            max_depth: See `render`.
-        """
-        self.trace_pixels(view, pixels, spp=spp, key=key, max_depth=max_depth)
-        rows: NDArray[np.float32] = self.film.to_numpy()[pixels]
-        return rows
-
-    def trace_pixels(
+    def sums(
         self,
         view: View,
         pixels: NDArray[np.int32],
@@ -177,8 +165,8 @@ class PathPass:
         key: int,
         max_depth: int,
         scene: PathScene | None = None,
-    ) -> None:
-        """Trace `spp` paths through each of some pixels, whose rows of the film are set to the sums.
+    ) -> NDArray[np.float32]:
+        """Trace `spp` paths through each of some pixels and return their film rows, float32 [n, FILM_COLUMNS].
 
         Args:
             view: Camera and image size.
@@ -191,6 +179,8 @@ class PathPass:
         self._check(view, spp, max_depth)
         with self.restricted_to(upload_pixels(pixels, self.width, self.height)):
             self._trace(view, len(pixels), PathSamples(spp, index_bits(spp), key), max_depth, scene=scene)
+        rows: NDArray[np.float32] = self.film.to_numpy()[pixels]
+        return rows
 
     def warm_up(self, view: View, emission: Callable[[], bool]) -> Iterator[None]:
         """Compile the kernels without tracing a path; yields between parts.
@@ -221,8 +211,9 @@ class PathPass:
         spp, bits, key = samples
         with self.vector_mode():
             kernels.start_paths(
-                view.array(), self.pixel_filter, self.pixels, self.width, self.height, first, count, spp, bits, key,
-                state.rays, state.state, state.status, state.queue, state.first_sample,
+                self._stack.cameras_of(view), self.pixel_filter, self.pixels, self.width, self.height, first, count,
+                spp, bits, key, state.rays, state.state, state.status, state.queue, state.first_sample,
+                *self._stack.arguments,
             )  # fmt: skip
 
     def advance(
@@ -260,14 +251,14 @@ class PathPass:
                     state.state, state.status, scene.any_links,
                 )  # fmt: skip
         else:
-            tree = scene.tree
-            closest(self.scene, tree, state.rays, state.queue, live, state.hits, state.hit_ids, coherent=step == 0)
+            rays = state.rays, state.queue
+            closest(self.scene, scene.tree, *rays, live, state.hits, state.hit_ids, step == 0, self._stack.paths)
             with self.vector_mode():
                 shade(
                     *scene.arrays, self.pixels, first, spp, bits, key, step, max_depth, mis, *self.background,
                     state.queue, live, state.rays, state.hits, state.hit_ids, state.shadow_rays, state.occluded,
                     state.state, state.features, state.status, state.first_sample, scene.any_emission,
-                    scene.any_extended, scene.any_links,
+                    scene.any_extended, scene.any_links, *self._stack.arguments,
                 )  # fmt: skip
         counts = kernels.compact(state.status, state.queue, live, state.next_queue, state.shadow_queue, state.chunks)
         state.swap_queues()
@@ -295,16 +286,18 @@ class PathPass:
             tree: MOVERS for movers only; None: that of `scene`.
         """
         tree = scene.tree if tree is None else tree
+        rays = state.shadow_rays, state.shadow_queue
         if not (scene.any_coverage or scene.any_shadow_links):
-            occluded(self.scene, tree, state.shadow_rays, state.shadow_queue, count, state.occluded)
+            occluded(self.scene, tree, *rays, count, state.occluded, self._stack.trees)
             return
         spp, _, key = samples
         hits, hit_ids = state.shadow_hits
         for layer in range(scene.shadow_layers):
-            closest(self.scene, tree, state.shadow_rays, state.shadow_queue, count, hits, hit_ids)
+            closest(self.scene, tree, *rays, count, hits, hit_ids, False, self._stack.paths)
             continued = continue_shadow_rays(
                 *scene.arrays, self.pixels, first, spp, key, step, layer, state.shadow_queue, count,
                 state.shadow_rays, hits, hit_ids, state.occluded, state.first_sample, scene.any_shadow_links,
+                *self._stack.arguments,
             )  # fmt: skip
             if not continued:
                 break
@@ -393,8 +386,8 @@ class PathPass:
             if not live:
                 break
         kernels.accumulate(
-            self.pixel_filter, self._clamp, self.pixels, first, count, spp, bits, key,
-            state.status, state.occluded, state.state, state.features, self.film, state.first_sample,
+            self.pixel_filter, self._clamp, self.pixels, first, count, spp, bits, key, state.status,
+            state.occluded, state.state, state.features, self.film, state.first_sample, *self._stack.arguments,
         )  # fmt: skip
 
     def developed(self, spp: int) -> PathImage:

@@ -15,6 +15,7 @@ from tiscene.render.bsdfs import extended_surface_bsdf as extended_bsdf
 from tiscene.render.bsdfs import preview_surface_bsdf as bsdf
 from tiscene.render.bsdfs.lobe_inputs import transmittance
 from tiscene.render.bsdfs.material_inputs import Materials, is_mirror_like, shaded_material_at, shading_normal
+from tiscene.render.integrators.path.frame_stack import key_of
 from tiscene.render.integrators.path.path_state import (
     ALBEDO,
     DEPTH_MASK,
@@ -112,6 +113,8 @@ def shade(
     any_emission: Template,
     any_extended: Template,
     any_links: Template,
+    keys: Ints1,
+    stacked: Template,
 ):
     """Shade the hits of the paths in queue[0..count) and generate their next segments and shadow rays.
 
@@ -132,12 +135,13 @@ def shade(
         any_emission: Compile-time: whether a material is emissive.
         any_extended: Compile-time: whether a material has extended lobes.
         any_links: Compile-time: whether light or shadow linking restricts a light.
+        keys, stacked: `FrameStack.arguments`.
     """
     lights = ti.static(
         lights_of(light_values, light_nodes, light_distribution, geometry, materials, any_emission, any_links)
     )
     first_set = FIRST_STEP_SET + SETS * step
-    texture_key = set_key(frame_key, first_set + TEXTURE_SET)
+    single_texture_key = set_key(frame_key, first_set + TEXTURE_SET)
     ti.loop_config(block_dim=128)
     # Vectors must be created inside the loop: in vector mode, memory of vectors created before it is not aligned.
     for k in range(count):
@@ -169,6 +173,9 @@ def shade(
         elif not skip_surface:
             surface = surface_at(geometry, instance, hit_ids[i][1], hits[i][1], hits[i][2], CURRENT, direction)
             index = path_index(pixels, first + i, spp, bits, first_sample)
+            key, texture_key = key_of(frame_key, keys, first + i, stacked), single_texture_key
+            if ti.static(stacked):
+                texture_key = set_key(key, first_set + TEXTURE_SET)
             footprint_width = hits[i][0] * state[i][SPREAD]
             material = shaded_material_at(
                 materials, textures, surface, direction, footprint_width, combine(texture_key, index)
@@ -176,7 +183,7 @@ def shade(
             # A hit of a partially opaque surface is accepted with probability `opacity`.
             alpha_rejected = False
             if material.flags & COVERAGE:
-                alpha_rejected = draw(set_keys(frame_key, first_set + OPACITY_SET), index).x >= material.opacity
+                alpha_rejected = draw(set_keys(key, first_set + OPACITY_SET), index).x >= material.opacity
             if alpha_rejected:
                 continues = True
                 write_ray(rays, i, offset_origin(surface, direction), direction, ti.math.inf)
@@ -196,16 +203,16 @@ def shade(
                     write3(features, i, ALBEDO, material.diffuse_color)
                     write3(features, i, NORMAL, normal)
                 if depth < max_depth:
-                    light_u = draw(set_keys(frame_key, first_set + LIGHT_SET), index)
+                    light_u = draw(set_keys(key, first_set + LIGHT_SET), index)
                     # Glass receives light from both sides: a zero normal excludes no light.
                     lit_normal = normal * ti.cast((material.flags & (GLASS | TRANSLUCENT)) == 0, ti.f32)
                     light_sample = dispatch.sample(lights, textures, surface.position, lit_normal, light_u)
                     if ti.static(any_links):
                         light_sample.pdf *= is_linked(lights, light_sample.row, LIT, link_class)
-                    bsdf_u = draw(set_keys(frame_key, first_set + DIRECTION_SET), index)
+                    bsdf_u = draw(set_keys(key, first_set + DIRECTION_SET), index)
                     lobe_and_survival = vec2(0.0)
                     if (material.flags & MATTE) == 0 or depth >= RUSSIAN_ROULETTE_DEPTH:
-                        lobe_and_survival = draw(set_keys(frame_key, first_set + LOBE_SET), index)
+                        lobe_and_survival = draw(set_keys(key, first_set + LOBE_SET), index)
                     scattering_u = vec3(bsdf_u, lobe_and_survival.x)
                     scattering = (
                         extended_bsdf.scatter(

@@ -11,6 +11,7 @@ import taichi as ti
 from tiscene.device.argument_bundles import bundled
 from tiscene.device.kernel_types import Float8s1, Floats1, Floats2, Ints1, Template
 from tiscene.render.bsdfs.material_inputs import Footprint, Materials, material_at
+from tiscene.render.integrators.path.frame_stack import key_of
 from tiscene.render.intersect.ray_queue import (
     LINKS,
     PLACE,
@@ -68,6 +69,8 @@ def continue_shadow_rays(
     occluded: Ints1,
     first_sample: ti.i32,
     any_shadow_links: Template,
+    keys: Ints1,
+    stacked: Template,
 ) -> ti.i32:
     """Resolve the hits of shadow rays: accept them as occlusion, or continue the rays behind alpha-rejected surfaces.
 
@@ -78,12 +81,13 @@ def continue_shadow_rays(
         queue: Rows of the rays; count: their number.
         occluded: Output, i32 [ray]. It is 1 for a continued ray too, which holds if the ray is not traced again.
         any_shadow_links: Compile-time: whether the rays' LINKS say which meshes cast shadows in their lights.
+        keys, stacked: `FrameStack.arguments`.
 
     Returns:
         The number of rays that continue.
     """
     continued = 0
-    shadow_key = set_key(frame_key, _SHADOW_SETS + (step << 8) + layer)
+    single_key = set_key(frame_key, _SHADOW_SETS + (step << 8) + layer)
     for k in range(count):
         i = queue[k]
         t_max = shadow_rays[i][7]
@@ -106,6 +110,10 @@ def continue_shadow_rays(
                     if is_unlinked:
                         passes = continue_behind(shadow_rays, i, surface, t_max)
                 if material.flags & COVERAGE and not is_unlinked:
+                    shadow_key = single_key
+                    if ti.static(stacked):
+                        frame = key_of(frame_key, keys, first + i, stacked)
+                        shadow_key = set_key(frame, _SHADOW_SETS + (step << 8) + layer)
                     key = combine(shadow_key, ti.cast(pixels[(first + i) // spp][PLACE], ti.u32))
                     if uniform(combine(key, ti.cast(first_sample + (first + i) % spp, ti.u32))) >= material.opacity:
                         passes = continue_behind(shadow_rays, i, surface, t_max)

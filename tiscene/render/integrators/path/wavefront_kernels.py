@@ -11,6 +11,7 @@ import taichi as ti
 
 from tiscene.device import runtime
 from tiscene.device.kernel_types import Floats1, Floats2, Floats3, Ints1, Ints2, Template, uint3, vec3
+from tiscene.render.integrators.path.frame_stack import frame_of, key_of
 from tiscene.render.integrators.path.path_state import (
     DIRECT,
     DROPPED,
@@ -69,6 +70,12 @@ def pixel_offset(pixel_filter: Template, keys: uint3, index: ti.u32) -> ti.math.
     return ti.math.vec2(sample_offset(pixel_filter, u.x), sample_offset(pixel_filter, u.y))
 
 
+@ti.func
+def pixel_spread(view: Template, camera: ti.i32, height: ti.i32, bits: ti.i32) -> ti.f32:
+    """Return the ray-cone spread of camera rays: the pixel's paths share its footprint, down to a quarter of it."""
+    return 2.0 * view[camera, TANGENT] / height * ti.max(1.0 / ti.sqrt(ti.cast(1 << bits, ti.f32)), 0.25)
+
+
 @ti.kernel
 def start_paths(
     view: Floats2,
@@ -86,6 +93,8 @@ def start_paths(
     status: Ints1,
     queue: Ints1,
     first_sample: ti.i32,
+    keys: Ints1,
+    stacked: Template,
 ):
     """Generate the camera rays of paths first .. first + count - 1, and reset their state.
 
@@ -94,9 +103,9 @@ def start_paths(
     Args:
         bits: Bits that number all samples of a pixel, of which `spp` may be a part.
         first_sample: Number of the first of these samples in each pixel.
+        keys, stacked: `FrameStack.arguments`.
     """
-    # Ray-cone spread: the pixel's paths share its footprint, down to a quarter of the pixel.
-    spread = 2.0 * view[CURRENT, TANGENT] / height * ti.max(1.0 / ti.sqrt(ti.cast(1 << bits, ti.f32)), 0.25)
+    first_spread = pixel_spread(view, CURRENT, height, bits)
     ti.loop_config(block_dim=32)
     for block in range((count + LANES - 1) // LANES):
         begin = block * LANES
@@ -110,14 +119,22 @@ def start_paths(
             i = begin + lane
             pixel = pixels[(first + i) // spp][ROW]
             right, down = sample_offset(pixel_filter, unit(x[lane])), sample_offset(pixel_filter, unit(y[lane]))
-            origin, direction = camera_ray(view, CURRENT, pixel % width + right, pixel // width + down, width, height)
-            radius = view[CURRENT, LENS_RADIUS]
+            camera, row, spread = CURRENT, pixel // width, first_spread
+            key = key_of(frame_key, keys, first + i, stacked)
+            if ti.static(stacked):
+                offset = pixel_offset(pixel_filter, set_keys(key, PIXEL_SET), index[lane])
+                right, down = offset.x, offset.y
+                camera += 3 * frame_of(keys, first + i, stacked)
+                row %= height
+                spread = pixel_spread(view, camera, height, bits)
+            origin, direction = camera_ray(view, camera, pixel % width + right, row + down, width, height)
+            radius = view[camera, LENS_RADIUS]
             if radius > 0.0:
                 focus = origin + direction * (
-                    view[CURRENT, FOCUS_DISTANCE] / direction.dot(view_vector(view, CURRENT, FORWARD))
+                    view[camera, FOCUS_DISTANCE] / direction.dot(view_vector(view, camera, FORWARD))
                 )
-                lens = radius * warp.disk(draw(set_keys(frame_key, LENS_SET), index[lane]))
-                origin += view_vector(view, CURRENT, RIGHT) * lens.x + view_vector(view, CURRENT, UP) * lens.y
+                lens = radius * warp.disk(draw(set_keys(key, LENS_SET), index[lane]))
+                origin += view_vector(view, camera, RIGHT) * lens.x + view_vector(view, camera, UP) * lens.y
                 direction = (focus - origin).normalized()
             write_ray(rays, i, origin, direction, ti.math.inf)
             set3(state, i, THROUGHPUT, vec3(1.0))
@@ -223,6 +240,8 @@ def accumulate(
     features: Floats2,
     film: Floats2,
     first_sample: ti.i32,
+    keys: Ints1,
+    stacked: Template,
 ):
     """Add the paths first .. first + count - 1 to the sums of their pixels, in order of their samples.
 
@@ -231,13 +250,17 @@ def accumulate(
     Args:
         clamp: Limit of the largest channel of a path's radiance, W/m²/sr; infinity to disable.
         film: f32 [pixels, FILM_COLUMNS].
+        keys, stacked: `FrameStack.arguments`.
     """
-    pixel_keys = set_keys(frame_key, PIXEL_SET)
+    single_keys = set_keys(frame_key, PIXEL_SET)
     for rank in range(first // spp, (first + count - 1) // spp + 1):
         pixel = pixels[rank][ROW]
         begin, end = ti.max(first, rank * spp), ti.min(first + count, (rank + 1) * spp)
         is_first = begin == rank * spp and first_sample == 0
         sums = ti.Vector.zero(ti.f32, FILM_COLUMNS)
+        pixel_keys = single_keys
+        if ti.static(stacked):
+            pixel_keys = set_keys(key_of(frame_key, keys, begin, stacked), PIXEL_SET)
         if not is_first:
             for c in ti.static(range(FILM_COLUMNS)):
                 sums[c] = film[pixel, c]

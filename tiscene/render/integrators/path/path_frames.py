@@ -1,0 +1,92 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Path tracing of several frames in one wavefront, for GPUs: one launch of each kernel per segment for all frames."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from tiscene.device.memory import upload
+from tiscene.render.integrators.path import wavefront_kernels as kernels
+from tiscene.render.integrators.path.frame_stack import FrameStack
+from tiscene.render.integrators.path.path_pass import PathImage, PathPass
+from tiscene.render.integrators.path.path_state import FILM_COLUMNS, PathSamples
+from tiscene.render.intersect.ray_queue import upload_pixels
+from tiscene.render.sampling.sobol import frame_key, index_bits
+from tiscene.render.view import View
+from tiscene.scene.placement import CURRENT, Placement
+
+
+class PathFrames(PathPass):
+    """Path tracer for several placements of a DeviceScene at once. Arguments are those of `PathPass`."""
+
+    def render_frames(
+        self,
+        views: Sequence[View],
+        placements: Sequence[Placement],
+        frame_indices: Sequence[int],
+        *,
+        seed: int,
+        spp: int,
+        max_depth: int,
+    ) -> list[PathImage] | None:
+        """Place and render several frames: the bytes of `PathPass.render` frame by frame.
+
+        Args:
+            views: Camera of each frame.
+            placements: The instances of each frame.
+            frame_indices: Number of each frame.
+            seed: See `PathPass.render`.
+            spp: See `PathPass.render`.
+            max_depth: See `PathPass.render`.
+
+        Returns:
+            The images. None if frames cannot be rendered at once: a mesh deforms or emits light, a light or a material
+            varies, the backgrounds differ, or fewer than two frames fit in a batch of paths.
+        """
+        paths = self.width * self.height * spp
+        at_once = min(self._batch_size // paths, len(views))
+        if at_once < 2 or not self._may_be_stacked(views, placements):
+            return None
+        for view in views:
+            self._check(view, spp, max_depth)
+        images: list[PathImage] = []
+        for begin in range(0, len(views), at_once):
+            part = slice(begin, begin + at_once)
+            keys = [frame_key(seed, index) for index in frame_indices[part]]
+            images += self._render_stack(views[part], placements[part], keys, spp, max_depth)
+        return images
+
+    def _may_be_stacked(self, views: Sequence[View], placements: Sequence[Placement]) -> bool:
+        varies = any(placement.materials or placement.lights is not None for placement in placements)
+        one_background = len({view.background for view in views}) == 1
+        return one_background and not (varies or self.scene.deforms or self.scene.materials.any_emission)
+
+    def _render_stack(
+        self, views: Sequence[View], placements: Sequence[Placement], keys: list[int], spp: int, max_depth: int
+    ) -> list[PathImage]:
+        count, pixels = len(views), self.width * self.height
+        self.scene.place_frames(placements)
+        cameras = np.concatenate([view.rows() for view in views])
+        single, self._stack = self._stack, FrameStack.of(pixels * spp, keys, cameras, self.scene.frame_roots(CURRENT))
+        self._reserve(count)
+        try:
+            self._trace(views[0], count * pixels, PathSamples(spp, index_bits(spp), 0), max_depth)
+        finally:
+            self._stack = single
+        shape = count * self.height, self.width
+        hdr, albedo, normal = (np.empty((*shape, 3), np.float32) for _ in range(3))
+        dropped = np.empty(shape, np.int32)
+        kernels.develop(self.film, self.width, shape[0], spp, hdr, albedo, normal, dropped)
+        self.nonfinite = int(dropped.sum())
+        rows = [slice(row, row + self.height) for row in range(0, shape[0], self.height)]
+        return [PathImage(*(each[part].copy() for each in (hdr, albedo, normal))) for part in rows]
+
+    def _reserve(self, frames: int) -> None:
+        """Make pixels and film of this many frames below each other."""
+        pixels = self.width * self.height
+        if self.pixels.shape[0] == frames * pixels:
+            return
+        self.pixels = upload_pixels(self.order, self.width, self.height, frames)
+        self.film = upload(np.zeros((frames * pixels, FILM_COLUMNS), np.float32))
