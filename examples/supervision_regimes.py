@@ -6,8 +6,8 @@ Streams", IJCAI 2022, and of SAILenv's laboratory: an agent lives in a stream of
 of a few pixels. In each lap of the stream every object moves once. A regime decides when there are labels: whenever the
 learner asks, in the first lap, or in the last.
 
-    python examples/supervision_regimes.py                          # all three, with the learner `naive`
-    python examples/supervision_regimes.py --regime early --learner replay
+    python examples/supervision_regimes.py                          # all three, with the learner `replay`
+    python examples/supervision_regimes.py --regime early --learner naive
     python examples/supervision_regimes.py --learner ncm --laps 2 --output regimes
 
 `naive`, `replay` and `ncm` need PyTorch: pip install 'tiscene[torch]'. `blind` does not.
@@ -58,19 +58,19 @@ def rules(regime: str, lap: int, labels: int) -> SupervisionRules:
 
 
 class AskingLearner:
-    """A learner that asks for the label of the pixel whose color changes most from frame to frame: something moves."""
+    """A learner that asks for the label of the pixel that differs most from its usual color: something came there."""
 
     def __init__(self, learner: object) -> None:
-        self.learner, self.last, self.changes = learner, None, None
+        self.learner, self.usual = learner, None
 
     def predict(self, frame):
         return self.learner.predict(frame)
 
     def ask(self, frame):
         """Return the pixel to ask for, or none while the picture stands still."""
-        now = frame.rgb.astype(int)
-        before, self.last = now if self.last is None else self.last, now
-        change = abs(now - before).sum(axis=-1)
+        now = frame.rgb.astype(float)
+        self.usual = now if self.usual is None else 0.9 * self.usual + 0.1 * now
+        change = abs(now - self.usual).sum(axis=-1)
         return [divmod(int(change.argmax()), change.shape[1])] if change.max() > 30 else []
 
     def learn(self, frame, answers):
@@ -93,7 +93,7 @@ def run(regime: str, learner: str, laps: int, labels: int) -> Score:
 def main() -> None:
     parser = argparse.ArgumentParser(description="Three regimes of supervision on one stream.")
     parser.add_argument("--regime", choices=REGIMES, action="append", help="default: all")
-    parser.add_argument("--learner", default="naive", help="name of a baseline (default: %(default)s)")
+    parser.add_argument("--learner", default="replay", help="name of a baseline (default: %(default)s)")
     parser.add_argument("--laps", type=int, default=4, help="length of life (default: %(default)s)")
     parser.add_argument("--labels", type=int, default=180, help="budget of labels (default: %(default)s)")
     parser.add_argument("--output", default="regimes", help="folder of the page (default: %(default)s)")
