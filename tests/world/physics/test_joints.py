@@ -204,6 +204,17 @@ def test_pendulum_on_an_accelerated_mover_follows_its_pivot():
     np.testing.assert_allclose(found[:200:2], angles(still.simulation(), 100), atol=2e-4)
 
 
+def test_pendulum_on_an_accelerated_mover_hangs_along_the_apparent_gravity():
+    def path(time):
+        return pose(x=0.5 * 3.0 * time**2, y=3.0)
+
+    tilt = -math.degrees(math.atan2(3.0, G))
+    start = compose(compose(path(0.0), pose(rotation=(0, 0, tilt))), pose(y=-1.0))
+    joined = [(RevoluteJoint("a", "m", axis="Z"), 0, 1, pose(y=1.0), pose())]
+    world = FakePhysicsWorld([(ball(0.05), start, RigidBody())], movers=[(ball(0.02), path)], joined=joined, fps=100)
+    np.testing.assert_allclose(np.degrees(angles(world.simulation(), 200)), tilt, atol=0.5)
+
+
 def test_ball_on_a_rope_falls_until_the_rope_is_taut():
     joint = DistanceJoint("a", max_distance=1.0)
     world = FakePhysicsWorld(
