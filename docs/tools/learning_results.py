@@ -4,7 +4,7 @@
     python -m docs.tools.learning_results                   # evaluate all learners on all suites, then write the page
     python -m docs.tools.learning_results --scores RESULTS  # of the scores in RESULTS/<suite>/*.json
 
-RESULTS/<suite> is what `tiscene evaluate <suite> --learner all --seeds N -o RESULTS/<suite>` has written.
+Each suite in RESULTS gets a section. RESULTS/<suite> is what `tiscene evaluate <suite> --learner all --seeds N -o RESULTS/<suite>` has written.
 """
 
 from __future__ import annotations
@@ -19,6 +19,7 @@ from tiscene.learning.course import Course
 from tiscene.learning.learner import BASELINES
 from tiscene.learning.results_page import COLUMNS, mean_and_range, percent, test_curve, value_of
 from tiscene.learning.score import read_score
+from tiscene.learning.suite_names import suites
 from tiscene.learning.svg_chart import line_chart, line_styles
 
 DOCS = Path(__file__).parents[1]
@@ -39,14 +40,18 @@ INTRODUCTION = """# Results of the baselines
 
 What the shipped learners reach on the suites, written by `python -m docs.tools.learning_results`. Percent, mean ±
 standard deviation over seeds of the learners. All learners see the same frames and the same labels. `solids` has
-primitives, two new ones in each phase; `room` has a furnished room with objects, night, another chair and clutter.
-Frames have 64 × 48 px. Each has one label per moving object, and two of random pixels.
+primitives, two new ones in each phase, then the first ones again in fading light. `room` has a furnished room with two
+moving objects of each category, then night, other chairs, and clutter. Frames have 64 × 48 px. In each, one pixel of
+every moving object is labeled, and two random pixels.
 
 - online: accuracy on the pixels of objects, of each frame before it is learned. near future: the same, 50 frames ahead.
 - ACC, BWT, forgetting, FWT and held out: mean class accuracies of tests on other paths; see
   [Evaluation](learning.md#evaluation).
 - `shuffled` keeps all labels and trains anew after each phase: its ACC is an upper bound, its online accuracy means
   nothing.
+
+`tiscene evaluate room --learner naive` takes 164 s of processor time and 2.8 GB of memory, with an empty cache of
+kernels, on two busy cores. Rendering is nine tenths of it, and learners that are evaluated at once share it.
 """
 
 
@@ -138,7 +143,8 @@ def main() -> None:
         for suite in SUITES:
             if tiscene(["evaluate", suite, "--learner", "all", "--seeds", str(args.seeds), "-o", str(results / suite)]):
                 raise SystemExit(1)
-    present = [suite for suite in SUITES if (results / suite).is_dir()]
+    ordered = [*SUITES, *(name for name in suites() if name not in SUITES)]
+    present = [suite for suite in ordered if any((results / suite).glob("*-seed*.json"))]
     text = "\n".join([INTRODUCTION, *(section(suite, results / suite) for suite in present), NOTES])
     (DOCS / "learning-results.md").write_text(text, encoding="utf-8")
 
