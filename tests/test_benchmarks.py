@@ -13,12 +13,15 @@ import taichi as ti
 from trimesh.transformations import euler_matrix
 
 from tests.benchmarks import __main__ as benchmarks
-from tests.benchmarks import crowd, incremental, path, rays, shipped_rooms, stills
+from tests.benchmarks import crowd, incremental, path, rays, room, shipped_rooms, stills
 from tests.benchmarks.power_law import time_for
 from tests.render.path_scenes import ball, described, matte, quad
+from tiscene import catalog
 from tiscene.render.film.denoise import denoise
 from tiscene.scene.camera import Camera
 from tiscene.scene.description import RectLight
+from tiscene.scene.material_table import MaterialTable
+from tiscene.usd.read.stage_reader import read_stage
 
 
 @ti.kernel
@@ -102,6 +105,23 @@ def test_stills_report_quarter_of_the_time_at_half_the_noise(rendered, capsys):
     assert set(rendered) == {(256, 192)}
     stills.main(large=True)
     assert set(rendered) == {(256, 192), (640, 480)}
+
+
+def test_stills_of_the_scenes_that_are_asked_for(rendered, capsys):
+    assert benchmarks.main(["stills", "--scene", "room_01", "--scene", "room_03"]) == 0
+    titles = [line.split()[:2] for line in capsys.readouterr().out.splitlines() if "references of" in line]
+    assert titles == [[room, kind] for kind in ("glossy", "matte") for room in ("room_01", "room_03")]
+
+
+def switches(description):
+    """Return what selects the variants of the path tracer's kernels in a scene."""
+    table = MaterialTable()
+    table.append(description.materials, 0)
+    return table.any_coverage, table.any_emission, table.any_extended
+
+
+def test_benchmark_room_takes_the_code_paths_of_a_shipped_scene():
+    assert switches(room.room()) == switches(read_stage(catalog.find_scene("room_03")))
 
 
 def test_incremental_rendering_is_compared_with_both_renderers(rendered, monkeypatch, capsys):

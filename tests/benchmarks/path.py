@@ -9,6 +9,7 @@ equal errors: see `stills`.
 from __future__ import annotations
 
 import time
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 from tests.benchmarks import shipped_rooms
@@ -43,10 +44,10 @@ class Renderer:
         self.cpus.append(time.process_time() - cpu)
 
 
-def main() -> None:
-    """Print the table."""
+def main(scenes: Sequence[str] = shipped_rooms.ROOMS) -> None:
+    """Print the table of scenes."""
     print(f"{'':>16} {'renderer':>8} {'wall ms':>9} {'CPU ms':>9} {'speed':>6}  ({SPP} spp, depth {DEPTH})")
-    for name in shipped_rooms.ROOMS:
+    for name in scenes:
         room = shipped_rooms.still_room(name, matte=False).description
         for width, height in SIZES:
             renderers = [Renderer("tiscene", shipped_rooms.tiscene(room, width, height, DEPTH))]

@@ -12,6 +12,8 @@ CPU time.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 from tests.benchmarks import shipped_rooms
 from tests.benchmarks.reference_pictures import LARGE, SMALL, Plan, Row, cpu_for, measured, note, reference, times_for
 from tiscene.scene.description import SceneDescription
@@ -19,10 +21,10 @@ from tiscene.scene.description import SceneDescription
 DEPTH = 6
 
 
-def main(large: bool = False) -> None:
-    """Print the tables, at 256x192 or, if large, at 640x480."""
+def main(large: bool = False, scenes: Sequence[str] = shipped_rooms.ROOMS) -> None:
+    """Print the tables of scenes, at 256x192 or, if large, at 640x480."""
     for matte in (False, True):
-        for scene in shipped_rooms.ROOMS:
+        for scene in scenes:
             table(scene, shipped_rooms.still_room(scene, matte=matte).description, matte, LARGE if large else SMALL)
 
 
