@@ -4,7 +4,9 @@
     python -m docs.tools.learning_results                   # evaluate all learners on all suites, then write the page
     python -m docs.tools.learning_results --scores RESULTS  # of the scores in RESULTS/<suite>/*.json
 
-Each suite in RESULTS gets a section. RESULTS/<suite> is what `tiscene evaluate <suite> --learner all --seeds N -o RESULTS/<suite>` has written.
+Each suite in RESULTS gets a section. RESULTS/<suite> is what this has written:
+
+    tiscene evaluate <suite> --learner all --seeds N -o RESULTS/<suite>
 """
 
 from __future__ import annotations
