@@ -3,7 +3,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from typing import Any
 
 import mitsuba
 import numpy as np
@@ -13,6 +14,8 @@ from scipy import stats
 from tests.reference import mitsuba_scene
 from tests.render.path_scenes import device_scene
 from tests.render.validation.stages import Stage
+from tiscene.device.memory import upload
+from tiscene.render.bsdfs.energy_tables import GLASS_AT
 from tiscene.render.integrators.path.path_pass import PathPass
 from tiscene.render.view import View
 
@@ -79,13 +82,23 @@ def _z(ours: Images, theirs: Images, margin: float) -> Images:
 def tiscene_images(stage: Stage, runs: int = RUNS, spp: int = SPP, depth: int | None = None) -> Images:
     """Render images with different seeds."""
     paths = PathPass(device_scene(stage.description), SIZE, SIZE)
+    scene = paths.scene_arrays()
+    if not stage.compensates:
+        scene = replace(scene, arrays=scene.arrays._replace(energy=_lossless(scene.arrays.energy)))
     view = View(stage.camera, stage.camera, stage.camera, SIZE, SIZE)
     images = []
     for seed in range(runs):
-        image = paths.render(view, frame_index=0, seed=seed, spp=spp, max_depth=depth or stage.depth)
+        image = paths.render(view, frame_index=0, seed=seed, spp=spp, max_depth=depth or stage.depth, scene=scene)
         assert paths.nonfinite == 0
         images.append(image.hdr.mean(axis=2, dtype=np.float64))
     return np.array(images)
+
+
+def _lossless(energy: Any) -> Any:
+    """Return tables of albedos by which no light is lost, so that none is compensated."""
+    tables = energy.to_numpy()
+    tables[:GLASS_AT].reshape(-1, 2)[:] = 1.0, 0.0
+    return upload(tables)
 
 
 def mitsuba_images(stage: Stage, runs: int = RUNS, spp: int = 2 * SPP, depth: int | None = None) -> Images:

@@ -44,6 +44,7 @@ class Stage:
             where tiscene turns interpolated normals of a rough mirror toward the camera and Mitsuba renders black.
         noise: Variance of one path compared to Mitsuba: "alike" where both sample the same way, "less" where tiscene
             samples lights better, "other" where paths are not comparable.
+        compensates: False: what rough reflection loses is not compensated in tiscene either.
     """
 
     description: SceneDescription
@@ -52,6 +53,7 @@ class Stage:
     margin: float = 0.0
     edges: int = 2
     noise: Literal["alike", "less", "other"] = "alike"
+    compensates: bool = True
 
 
 def room(*lights: Light, textures: tuple[Texture, ...] = ()) -> SceneDescription:
@@ -164,10 +166,9 @@ def globe(material: int, rows: int = 48) -> Mesh:
     )
 
 
-def brushed() -> SceneDescription:
-    """Return a ball of anisotropic metal, smoother along its axis, and a sky, so that nothing it reflects is black."""
-    sky = DomeLight("sky", "/sky", np.eye(4), (0.4, 0.5, 0.6))
-    scene = pedestal(replace(metal(0.3), lobes=ExtendedLobes(anisotropy=0.6)), PANEL, sky)
+def brushed(*lights: Light) -> SceneDescription:
+    """Return a ball of anisotropic metal, smoother along its axis."""
+    scene = pedestal(replace(metal(0.3), lobes=ExtendedLobes(anisotropy=0.6)), PANEL, *lights)
     return described([*scene.meshes[:2], globe(2)], [*scene.materials], list(scene.lights))
 
 
@@ -227,8 +228,12 @@ STAGES: dict[str, Callable[[], Stage]] = {
     "rough metal": lambda: Stage(pedestal(metal(0.25), PANEL), margin=0.03, edges=8),
     "glass": lambda: Stage(pedestal(glass(0.0), PANEL), depth=10),
     "rough glass": lambda: Stage(pedestal(glass(0.3), PANEL), depth=10, margin=0.03),
-    # As for rough metal; tiscene does not compensate all of what anisotropic microfacets lose.
-    "anisotropic metal": lambda: Stage(brushed(), margin=0.03, edges=8, noise="other"),
+    # As for rough metal; tiscene does not compensate all of what anisotropic microfacets lose. The sky leaves nothing
+    # black that the ball reflects: there, what is compensated is all of the light.
+    "anisotropic metal": lambda: Stage(
+        brushed(DomeLight("sky", "/sky", np.eye(4), (0.4, 0.5, 0.6))), margin=0.03, edges=8, noise="other"
+    ),
+    "anisotropic metal, uncompensated": lambda: Stage(brushed(), noise="other", compensates=False),
     # Mitsuba's pane is perfectly smooth: samples of lights never reach the picture through it.
     "pane": lambda: Stage(window(), depth=10, noise="other"),
     "absorbing glass": lambda: Stage(
