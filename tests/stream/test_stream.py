@@ -26,6 +26,7 @@ from tiscene.errors import (
 )
 from tiscene.frame.buffers import BUFFERS
 from tiscene.render.view import View
+from tiscene.stream.saved_state import check_state
 
 SETTINGS = {
     "width": 32,
@@ -121,6 +122,22 @@ def test_a_stream_resumes_from_its_state():
         other.load_state_dict({})
     with pytest.raises(ArgumentError, match="not a state_dict"):
         other.load_state_dict({"version": 1, "settings": 3, "position": 0})
+
+
+@pytest.mark.parametrize(
+    ("setting", "cure"),
+    [
+        ("seed", r"Pass the saved seed to Stream\(\.\.\.\)\."),
+        ("scenario", r"Make the stream from the saved scenario, edits included \(stream\.scenario\.save"),
+        ("files", r"The files of the scene or of a template have changed: restore them, or start again\."),
+    ],
+)
+def test_state_of_another_stream_is_refused_with_the_cure(setting, cure):
+    settings = {"seed": 5, "scenario": "ab", "files": "cd"}
+    state = {"version": 1, "position": 0, "settings": settings}
+    check_state(state, settings)
+    with pytest.raises(ArgumentError, match=rf"another stream \({setting}: .* there, 'other' here\)\. {cure}$"):
+        check_state(state, settings | {setting: "other"})
 
 
 def test_length_and_bounds():
