@@ -84,4 +84,4 @@ def _positions(body: Body) -> NDArray[np.float64] | None:
     if dynamic.loop_time == 0.0:
         return alone.poses(0)[:, :3]
     loop = exact(dynamic.loop_time)
-    return np.concatenate([alone.poses(loop * Fraction(i, SAMPLES))[:, :3] for i in range(SAMPLES + 1)])
+    return alone.poses_at([loop * Fraction(i, SAMPLES) for i in range(SAMPLES + 1)])[:, 0, :3]

@@ -111,20 +111,22 @@ def instance_rows(world_from_instance: NDArray[np.float64]) -> NDArray[np.float3
         ArgumentError: For a singular matrix.
     """
     count = len(world_from_instance)
+    matrices = np.tile(np.eye(4), (count, 1, 1))
+    matrices[:, :3] = world_from_instance
     rows = np.zeros((count, INSTANCE_COLUMNS), dtype=np.float32)
-    for row, matrix in enumerate(np.asarray(world_from_instance, dtype=np.float64)):
-        try:
-            inverse = np.linalg.inv(np.vstack([matrix, [0.0, 0.0, 0.0, 1.0]]))[:3]
-        except np.linalg.LinAlgError as error:
-            raise ArgumentError(f"world_from_instance[{row}]: must be invertible") from error
-        lengths = np.linalg.norm(inverse[:, :3], axis=1)
-        unit = inverse[:, :3] / lengths[:, None]
-        perpendicular = np.abs(unit @ unit.T - np.eye(3)).max() < 1e-6
-        rows[row, :12] = matrix.ravel()
-        rows[row, 12:24] = inverse.ravel()
-        # Slightly smaller than exact, so that rounding cannot cull a box.
-        rows[row, METERS_PER_UNIT:GAP_FACTOR] = (1.0 - 1e-5) / lengths
-        rows[row, GAP_FACTOR] = 1.0 if perpendicular else 1.0 / 3.0
+    try:
+        inverse = np.linalg.inv(matrices)[:, :3]
+    except np.linalg.LinAlgError as error:
+        row = int(np.abs(np.linalg.det(matrices)).argmin())
+        raise ArgumentError(f"world_from_instance[{row}]: must be invertible") from error
+    lengths = np.linalg.norm(inverse[:, :, :3], axis=2)
+    unit = inverse[:, :, :3] / lengths[:, :, None]
+    perpendicular = np.abs(unit @ unit.swapaxes(1, 2) - np.eye(3)).max(axis=(1, 2), initial=0.0) < 1e-6
+    rows[:, :12] = matrices[:, :3].reshape(count, 12)
+    rows[:, 12:24] = inverse.reshape(count, 12)
+    # Slightly smaller than exact, so that rounding cannot cull a box.
+    rows[:, METERS_PER_UNIT:GAP_FACTOR] = (1.0 - 1e-5) / lengths
+    rows[:, GAP_FACTOR] = np.where(perpendicular, 1.0, 1.0 / 3.0)
     return rows
 
 

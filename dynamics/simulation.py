@@ -62,6 +62,18 @@ class Simulation:
         Returns:
             float64 [n, 7], position (meters) and unit quaternion (w, x, y, z).
         """
-        argument_checks.number(time, "time")
-        poses: NDArray[np.float64] = self._paths.poses([exact(time)])[0]
+        return self.poses_at([time])[0]
+
+    def poses_at(self, times: Sequence[float | Rational]) -> NDArray[np.float64]:
+        """Return the poses of all bodies at several times at once.
+
+        Args:
+            times: World times, seconds, as of `poses`.
+
+        Returns:
+            float64 [times, n, 7], the poses of each time.
+        """
+        for time in times:
+            argument_checks.number(time, "time")
+        poses: NDArray[np.float64] = self._paths.poses([exact(time) for time in times])
         return poses

@@ -13,6 +13,7 @@ from taichi.lang import impl
 from taichi.lang._ndarray import ScalarNdarray
 
 from tiscene.device import runtime
+from tiscene.device.taichi_patches import memcpy
 
 
 @runtime.one_thread_at_a_time
@@ -60,3 +61,16 @@ def upload_vectors(values: NDArray[np.float32]) -> Any:
     array = device_array(ti.types.vector(length, ti.f32), count)
     array.from_numpy(np.ascontiguousarray(values, np.float32))
     return array
+
+
+def copy_rows(source: Any, target: Any, count: int) -> None:
+    """Copy the first rows of a device array to those of another one of the same type."""
+    write_rows(target, 0, (memcpy.values(source) if memcpy.is_shared() else source.to_numpy())[:count])
+
+
+def write_rows(target: Any, first: int, rows: NDArray[Any]) -> None:
+    """Write rows of a device array from a row on; the others stay."""
+    values = memcpy.values(target) if memcpy.is_shared() else target.to_numpy()
+    values[first : first + len(rows)] = rows
+    if not memcpy.is_shared():
+        target.from_numpy(values)

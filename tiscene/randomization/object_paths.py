@@ -45,7 +45,7 @@ def path_of(each: Object) -> Array:
     times = [part.times[-1] for part in parts if hasattr(part, "times")]
     duration = max([*(length for length in lengths if length), *times], default=ENDLESS)
     simulation = Simulation([Body(dynamic, each.position, each.rotation)])
-    return np.array([simulation.poses(duration * k / SAMPLES)[0, :3] for k in range(SAMPLES)])
+    return simulation.poses_at([duration * k / SAMPLES for k in range(SAMPLES)])[:, 0, :3]
 
 
 def clear_of(balls: Array, low: Array, high: Array) -> bool:

@@ -8,6 +8,7 @@ ones do not. Each path is then measured at points at most 2 cm apart, and drawn 
 
 from __future__ import annotations
 
+import itertools
 from collections import Counter
 from collections.abc import Sequence
 
@@ -24,8 +25,9 @@ from tiscene.randomization.ranges import ScenarioRanges
 Array = NDArray[np.float64]
 LoopClass = type[LinearWaypoints] | type[CatmullWaypoints]
 
-ATTEMPTS = 256  # paths, or positions, that are drawn of an object of one template, at most
-BLOCK = 32  # paths that are tested at once
+ATTEMPTS = 256  # paths, or positions, that are drawn of an object of one template, at most: the sum of BLOCKS
+BLOCKS = (4, 4, 8, 16, *(32,) * 7)  # numbers of paths that are tested at once; most often one of the first fits
+ENOUGH_ATTEMPTS = 32  # without any path of free points, after which none is expected
 CLEARANCE = 0.01  # m between the object's ball and surfaces
 SPACING = 0.02  # m: largest distance of the points at which a path is measured
 COARSE, FINEST = 16, 1024  # points per segment: for the first test, and at most
@@ -79,9 +81,10 @@ class ObjectPlacer:
 
     def loop(self, cls: LoopClass) -> Array | None:
         """Return the waypoints [n, 3] of a closed path that fits the ranges; None if none was found."""
-        for first in range(0, ATTEMPTS, BLOCK):
+        found = False
+        for first, end in itertools.pairwise(np.cumsum((0, *BLOCKS)).tolist()):
             candidates = []
-            for attempt in range(first, min(first + BLOCK, ATTEMPTS)):
+            for attempt in range(first, end):
                 count = self._draws.whole("waypoints", attempt, *self._ranges.waypoints)
                 points = self._waypoints(attempt, count)
                 if points is None or self._overlaps(points[0]):
@@ -90,7 +93,8 @@ class ObjectPlacer:
                     self.reasons["two waypoints coincide"] += 1
                     continue
                 candidates.append((points, segment_cubics(cls, points)))
-            if not candidates and first == 0:
+            found = found or bool(candidates)
+            if not found and end >= ENOUGH_ATTEMPTS:
                 return None
             for points, cubics in self._collision_free(candidates):
                 wrong = self._rejection(cubics)

@@ -67,7 +67,7 @@ def sample(
         raise ArgumentError(f"seed={seed!r}: must be a whole number from 0 to 2^64 - 1")
     limits = ScenarioRanges(**ranges)
     names = sorted(catalog.templates()) if limits.templates is None else limits.templates
-    for name in names:
+    for name in limits.templates or ():
         catalog.find_template(name)
     bare = Scenario(os.fspath(scene), camera=camera)
     space, up_axis = free_space_of(bare, aspect=limits.aspect), stage_of(bare).up_axis

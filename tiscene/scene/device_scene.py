@@ -17,6 +17,7 @@ from tiscene.scene.affine_maps import inverted, transformed_boxes
 from tiscene.scene.bvh.blas import Blas
 from tiscene.scene.bvh.bvh import Bvh
 from tiscene.scene.bvh.bvh_copy import BvhCopy
+from tiscene.scene.bvh.moved_trees import add_meshes_of
 from tiscene.scene.bvh.obstacle_tree import MeshTrees
 from tiscene.scene.bvh.rebraid import INFO_PARTS, MAX_SPLIT, PARTS, ROW_BITS, instances_to_split
 from tiscene.scene.deforming_mesh import BLOCKS, TIMES, DeformingMesh
@@ -174,19 +175,18 @@ class DeviceScene:
         first_material = self.materials.append(description.materials, first_texture, description.material_tracks)
         self._first_materials.append(first_material)
         self.lights.append(description.lights, first_texture=first_texture)
-        positions = [np.ascontiguousarray(mesh.positions, np.float32) for mesh in description.meshes]
-        triangles = [np.ascontiguousarray(mesh.triangles, np.int32) for mesh in description.meshes]
         if self._stage_trees is not None and len(self.descriptions) == 1:
             self._blas += self._stage_trees.blas
         else:
-            self._blas += self._bvh.add_meshes(positions, triangles, self._first_triangles[-1])
+            is_template = len(self.descriptions) > 1
+            self._blas += add_meshes_of(description, self._bvh, self._first_triangles[-1], keep=is_template)
         if len(self.descriptions) == 1:
             self._stage_rows = self._bvh.used_rows
         self._emissive.add(description)
-        for row, mesh in enumerate(description.meshes):
+        for mesh in description.meshes:
             first_triangle = self._first_triangles[-1]
             if mesh.deformation is not None:
-                shape = positions[row], triangles[row], first_triangle
+                shape = mesh.positions.astype(np.float32), mesh.triangles.astype(np.int32), first_triangle
                 copies = [self._bvh.add_mesh(*shape, deforms=True) for _ in TIMES]
                 self._deforming[len(self._meshes)] = DeformingMesh(mesh, mesh.deformation, copies)
             self._meshes.append(mesh)

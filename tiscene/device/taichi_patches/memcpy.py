@@ -47,7 +47,12 @@ def _dispatching(original: Any, replacement: Any) -> Any:
     return method
 
 
-def _values(array: Any) -> NDArray[Any]:
+def is_shared() -> bool:
+    """Return whether the memory of arrays is the host's, so that `values` can be used."""
+    return fence.enabled() and ti.cfg.arch in (ti.x64, ti.arm64)
+
+
+def values(array: Any) -> NDArray[Any]:
     """Return a NumPy view of a Taichi array's memory, valid as long as the Taichi array lives."""
     restart.check_array(array)
     impl.get_runtime().materialize()
@@ -58,17 +63,17 @@ def _values(array: Any) -> NDArray[Any]:
 
 
 def _to_numpy(self: Any) -> NDArray[Any]:
-    return _values(self).copy()
+    return values(self).copy()
 
 
 def _from_numpy(self: Any, arr: NDArray[Any]) -> None:
     if not isinstance(arr, np.ndarray):
         raise TypeError(f"{np.ndarray} expected, but {type(arr)} provided")
-    values = _values(self)
-    if values.shape != arr.shape:
-        raise ValueError(f"Mismatch shape: {values.shape} expected, but {arr.shape} provided")
-    np.copyto(values, arr, casting="unsafe")
+    present = values(self)
+    if present.shape != arr.shape:
+        raise ValueError(f"Mismatch shape: {present.shape} expected, but {arr.shape} provided")
+    np.copyto(present, arr, casting="unsafe")
 
 
 def _fill(self: Any, val: float) -> None:
-    _values(self).fill(val)
+    values(self).fill(val)

@@ -16,13 +16,14 @@ import taichi as ti
 from numpy.typing import NDArray
 
 from tiscene.device.kernel_types import float4, float8
-from tiscene.device.memory import device_array, upload
+from tiscene.device.memory import device_array, upload, write_rows
 from tiscene.errors import ArgumentError
 from tiscene.scene.bvh import layout_kernels, refit_kernels
 from tiscene.scene.bvh.blas import EMPTY_NODE, Blas, levels_below
 from tiscene.scene.bvh.instance_tree import NODE_COLUMNS, median_trees, node_count
+from tiscene.scene.bvh.moved_trees import MovedTrees
 from tiscene.scene.bvh.rebraid import SplitInstances, root_children
-from tiscene.scene.bvh.workspace import BVH8, LAYOUTS, MAX_KEPT_CAPACITY, Boxes, Workspace, grown
+from tiscene.scene.bvh.workspace import BVH8, LAYOUTS, MAX_KEPT_CAPACITY, Boxes, Workspace, grown, widened
 
 TLAS_COUNT = 4  # one for each time, one over the dynamic objects
 LEAF_SIZE = 4
@@ -148,6 +149,17 @@ class Bvh:
             begin = end
         return result
 
+    def add_moved(self, trees: MovedTrees, first_triangle: int) -> list[Blas]:
+        """Add trees that were built before, with the result of `add_meshes`, in the layout "bvh8"."""
+        self._reserve(len(trees.nodes), len(trees.leaf_blocks))
+        here = trees.moved(self._used_nodes, self._used_leaf_blocks, first_triangle)
+        nodes, leaf_blocks = self.used_rows
+        write_rows(self._nodes, nodes, here.nodes.reshape(-1, 8))
+        write_rows(self.leaf_blocks, leaf_blocks, here.leaf_blocks.reshape(-1, 4))
+        self._used_nodes += len(here.nodes)
+        self._used_leaf_blocks += len(here.leaf_blocks)
+        return list(here.blas)
+
     def _add(
         self,
         positions: Sequence[Boxes],
@@ -167,7 +179,7 @@ class Bvh:
             return result
         a, b, c = (corner[solid] for corner in corners)
         low, high = np.minimum(np.minimum(a, b), c), np.maximum(np.maximum(a, b), c)
-        boxes = _widened(np.concatenate([low, high], axis=1))
+        boxes = widened(np.concatenate([low, high], axis=1))
         owner = np.repeat(np.arange(len(sizes)), sizes)[solid]
         counts = np.bincount(owner, minlength=len(sizes))
         meshes = np.flatnonzero(counts)
@@ -271,7 +283,7 @@ class Bvh:
             return
         self._roots[time] = first = self._tlas_region(boxes, rows)
         if first not in self._cached and self.layout is not BVH8:
-            self._unwritten[first] = _widened(boxes), rows
+            self._unwritten[first] = widened(boxes), rows
         elif first not in self._cached:
             nodes = self._build_instances(boxes, rows)
             self._write_nodes(nodes, first // self.layout.unit, 0, layout_kernels.INSTANCE_LEAF)
@@ -307,7 +319,7 @@ class Bvh:
         self._reserve(nodes, 0)
         first = self._used_nodes
         if on_host:
-            values, numbers = median_trees(_widened(boxes), rows, np.zeros(1, np.int64), np.array([first]))
+            values, numbers = median_trees(widened(boxes), rows, np.zeros(1, np.int64), np.array([first]))
             layout_kernels.write_rows(numbers.astype(np.int32), values.view(np.int32), self._nodes)
         else:
             self._write_nodes(nodes, first, 0, layout_kernels.INSTANCE_LEAF)
@@ -341,7 +353,7 @@ class Bvh:
 
     def _build_instances(self, boxes: NDArray[np.float64], rows: NDArray[np.int32]) -> int:
         """Build a tree over instances in the workspace; return its number of nodes."""
-        found = self._build(_widened(boxes), rows, np.zeros(1, np.int64), 1, 1, layout_kernels.INSTANCE_LEAF)
+        found = self._build(widened(boxes), rows, np.zeros(1, np.int64), 1, 1, layout_kernels.INSTANCE_LEAF)
         if found is None:
             raise self._too_many(len(rows), "instances")
         return int(found[0, 0])
@@ -367,13 +379,11 @@ class Bvh:
         if needed > layout_kernels.MAX_NODES and self.layout is BVH8:
             raise self._too_many(needed, "nodes of trees")
         if needed > self._node_capacity():
-            self._nodes = grown(self._nodes, self._new_nodes(max(needed, 2 * self._node_capacity())))
+            self._nodes = grown(self._nodes, self._new_nodes(needed + needed // 4))
             self._drop_instances()
-        if self._used_leaf_blocks + leaf_blocks > self._leaf_block_capacity():
-            needed = self._used_leaf_blocks + leaf_blocks
-            self.leaf_blocks = grown(
-                self.leaf_blocks, self._new_leaf_blocks(max(needed, 2 * self._leaf_block_capacity()))
-            )
+        needed = self._used_leaf_blocks + leaf_blocks
+        if needed > self._leaf_block_capacity():
+            self.leaf_blocks = grown(self.leaf_blocks, self._new_leaf_blocks(needed + needed // 4))
 
     def _new_nodes(self, count: int) -> Any:
         return device_array(float8, 8 * count) if self.layout is BVH8 else device_array(ti.f32, (count, 16))
@@ -386,12 +396,3 @@ class Bvh:
 
     def _leaf_block_capacity(self) -> int:
         return int(self.leaf_blocks.shape[0]) // (10 if self.layout is BVH8 else 1)
-
-
-def _widened(boxes: NDArray[np.floating]) -> Boxes:
-    """Return boxes [n, 6] enlarged by rounding errors, so that rays within a face of a flat box hit it."""
-    margin = np.maximum(4e-7 * np.abs(boxes).max(axis=1, keepdims=True), 1e-12)
-    result: Boxes = np.empty(boxes.shape, np.float32)
-    np.subtract(boxes[:, :3], margin, out=result[:, :3], casting="same_kind")
-    np.add(boxes[:, 3:], margin, out=result[:, 3:], casting="same_kind")
-    return result

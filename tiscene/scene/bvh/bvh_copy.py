@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+from tiscene.device.memory import copy_rows
 from tiscene.scene.bvh.bvh import Bvh
 
 
@@ -26,9 +27,9 @@ class BvhCopy(Bvh):
             self._nodes = source.nodes
         else:
             self._nodes = self._new_nodes(self._used_nodes)
-            self._nodes.from_numpy(source.nodes.to_numpy()[:nodes])
+            copy_rows(source.nodes, self._nodes, nodes)
         if blocks and rows is None:
             self.leaf_blocks = source.leaf_blocks
         elif blocks:
             self.leaf_blocks = self._new_leaf_blocks(self._used_leaf_blocks)
-            self.leaf_blocks.from_numpy(source.leaf_blocks.to_numpy()[:blocks])
+            copy_rows(source.leaf_blocks, self.leaf_blocks, blocks)

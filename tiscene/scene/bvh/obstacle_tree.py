@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tiscene.device import runtime
+from tiscene.scene.affine_maps import transformed_boxes
 from tiscene.scene.bvh.blas import Blas
 from tiscene.scene.bvh.bvh import Bvh
 from tiscene.scene.bvh.workspace import BVH8
@@ -65,20 +66,14 @@ class ObstacleTree:
     """
 
     def __init__(self, trees: MeshTrees, instances: Sequence[Instance], present: Sequence[bool] | None = None) -> None:
-        roots, boxes, rows = [], [], []
-        for row, instance in enumerate(instances):
-            blas = trees.blas[instance.mesh]
-            matrix = np.asarray(instance.world_from_object, np.float64)[:3]
-            if blas.empty or not instance.collides or abs(np.linalg.det(matrix[:, :3])) < 1e-18:
-                continue
-            center = matrix[:, :3] @ blas.box.mean(axis=0) + matrix[:, 3]
-            half = np.abs(matrix[:, :3]) @ (0.5 * (blas.box[1] - blas.box[0]))
-            rows.append(row)
-            roots.append(blas.root)
-            boxes.append([*(center - half), *(center + half)])
-        self.rows: NDArray[np.int64] = np.array(rows, np.int64)
-        self.roots: NDArray[np.int32] = np.array(roots, np.int32)
-        self.matrices = np.array([instances[row].world_from_object[:3] for row in rows], np.float64).reshape(-1, 3, 4)
-        included = np.array([present is None or present[row] for row in rows], np.bool_)
+        blas = [trees.blas[each.mesh] for each in instances]
+        solid = np.array([each.collides and not tree.empty for each, tree in zip(instances, blas, strict=True)], bool)
+        matrices = np.array([each.world_from_object[:3] for each in instances], np.float64).reshape(-1, 3, 4)
+        self.rows: NDArray[np.int64] = np.flatnonzero(solid & (np.abs(np.linalg.det(matrices[:, :, :3])) >= 1e-18))
+        self.roots: NDArray[np.int32] = np.array([blas[row].root for row in self.rows], np.int32)
+        self.matrices = matrices[self.rows]
+        own = np.array([blas[row].box for row in self.rows]).reshape(-1, 2, 3)
+        boxes = transformed_boxes(own[None], self.matrices[None])[0]
+        included = np.array([present is None or present[row] for row in self.rows], np.bool_)
         chosen = np.flatnonzero(included).astype(np.int32)
-        self.root = trees.bvh.add_static_instances(np.array(boxes).reshape(-1, 6)[chosen], chosen)
+        self.root = trees.bvh.add_static_instances(boxes[chosen], chosen)

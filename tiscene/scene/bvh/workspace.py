@@ -10,7 +10,7 @@ import numpy as np
 import taichi as ti
 from numpy.typing import NDArray
 
-from tiscene.device.memory import device_array
+from tiscene.device.memory import copy_rows, device_array
 from tiscene.scene.bvh import build_kernels, layout_kernels
 
 Boxes = NDArray[np.float32]
@@ -98,8 +98,14 @@ class Workspace:
 
 def grown(old: Any, new: Any) -> Any:
     """Copy the values of an array to the beginning of a larger one, and return that."""
-    values = old.to_numpy()
-    filled = np.zeros((new.shape[0], *values.shape[1:]), np.float32)
-    filled[: len(values)] = values
-    new.from_numpy(filled)
+    copy_rows(old, new, min(old.shape[0], new.shape[0]))
     return new
+
+
+def widened(boxes: NDArray[np.floating]) -> Boxes:
+    """Return boxes [n, 6] enlarged by rounding errors, so that rays within a face of a flat box hit it."""
+    margin = np.maximum(4e-7 * np.abs(boxes).max(axis=1, keepdims=True), 1e-12)
+    result: Boxes = np.empty(boxes.shape, np.float32)
+    np.subtract(boxes[:, :3], margin, out=result[:, :3], casting="same_kind")
+    np.add(boxes[:, 3:], margin, out=result[:, 3:], casting="same_kind")
+    return result
