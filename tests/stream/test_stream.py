@@ -128,7 +128,7 @@ def test_a_stream_resumes_from_its_state():
     ("setting", "cure"),
     [
         ("seed", r"Pass the saved seed to Stream\(\.\.\.\)\."),
-        ("scenario", r"Make the stream from the saved scenario, edits included \(stream\.scenario\.save"),
+        ("scenario", r"Make the stream from the saved scenario, edits included \(stream\.scenario\.save\(\.\.\.\)\)\."),
         ("files", r"The files of the scene or of a template have changed: restore them, or start again\."),
     ],
 )
