@@ -284,6 +284,32 @@ def Mesh "Wall"
         assert [light.radiance for light in frames.world.state(5).lights] == [(5.0, 5.0, 5.0)] * 2
 
 
+def test_lights_in_prototypes_play_their_visibility_and_that_of_the_instancer(tmp_path):
+    body = """
+def PointInstancer "P"
+{
+    rel prototypes = [</P/Post>]
+    int[] protoIndices = [0]
+    point3f[] positions = [(0, 0, 2)]
+    token visibility.timeSamples = { 0: "inherited", 6: "invisible" }
+    def Xform "Post"
+    {
+        token visibility.timeSamples = { 0: "invisible", 3: "inherited" }
+        def SphereLight "Lamp"
+        {
+        }
+    }
+}
+def Mesh "Wall"
+{
+    %s
+}
+"""
+    with stream(write(tmp_path, body % SQUARE, more=RANGE), buffers=("hdr",)) as frames:
+        lit = [len(frames.world.state(frame).lights) for frame in range(9)]
+    assert lit == [0, 0, 0, 1, 1, 1, 0, 0, 0]
+
+
 def test_animated_lights_that_are_not_drawn_are_left_alone(tmp_path):
     body = """
 def SphereLight "Hidden"

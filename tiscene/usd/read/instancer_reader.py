@@ -7,7 +7,7 @@ It is a part of `traversal.StageReader`, which traverses a prototype as it trave
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from pxr import Sdf, Usd
@@ -31,6 +31,20 @@ from tiscene.usd.read.point_instancer import (
 from tiscene.usd.read.traversal_context import ALSO_ABSTRACT, TraversalContext
 
 
+class PrototypeLight(NamedTuple):
+    """A light in a prototype.
+
+    Attributes:
+        prim: the light.
+        matrix: its transform in the space of the prototype's parent.
+        hiders: it and its ancestors that have animated visibility, up to the prototype.
+    """
+
+    prim: Usd.Prim
+    matrix: Matrix
+    hiders: tuple[Usd.Prim, ...]
+
+
 class PointInstancerReader:
     """Reads point instancers. While the prototype of one is traversed, its parts and lights are collected."""
 
@@ -44,7 +58,7 @@ class PointInstancerReader:
     def __init__(self) -> None:
         """Start outside of any prototype."""
         self._parts: list[PrototypePart] | None = None  # of the prototype that is traversed, so far
-        self._prototype_lights: list[tuple[Usd.Prim, Matrix]] = []
+        self._prototype_lights: list[PrototypeLight] = []
         self._light_tracks: list[InputTrack] = []
         self._prototype_root = Sdf.Path.absoluteRootPath
         self._open_instancers: list[Any] = []  # being read: a prototype may not contain its own instancer
@@ -78,7 +92,7 @@ class PointInstancerReader:
             parts, found_lights = self._prototype(prim, root, here.purpose)
             prototypes.append(parts)
             lights.append(found_lights)
-        self._place_lights(prim, world, instances[self._time], used, lights)
+        self._place_lights(prim, world, here.animated, instances[self._time], used, lights)
         if self._parts is not None:  # the points of an instancer in a prototype are parts of that prototype
             found = instances[self._time]
             for number, parts in zip(used, prototypes, strict=True):
@@ -101,28 +115,32 @@ class PointInstancerReader:
         self,
         prim: Usd.Prim,
         world: Matrix,
+        ancestors: AnimatedAncestors,
         points: PointInstances,
         used: Sequence[int],
-        lights: Sequence[Sequence[tuple[Usd.Prim, Matrix]]],
+        lights: Sequence[Sequence[PrototypeLight]],
     ) -> None:
         """Add the lights of an instancer's prototypes at each of its points, as they are at the time read.
 
         Args:
             prim: the instancer.
             world: its world transform.
+            ancestors: its ancestors with animated visibility.
             points: its points.
             used: indices of the prototypes.
-            lights: lights of each prototype, with their transforms in it.
+            lights: lights of each prototype.
         """
         for number, each in zip(used, lights, strict=True):
             rows = np.flatnonzero(points.prototype_of_point == number) if each else ()
             for row in rows:
-                for light, matrix in each:
+                for light, matrix, hiders in each:
                     placed = world @ points.matrices[row] @ matrix
+                    hiders = (*ancestors.hiders, *hiders)
                     if self._parts is not None:
-                        self._prototype_lights.append((light, placed))
+                        self._prototype_lights.append(PrototypeLight(light, placed, hiders))
                     else:
-                        self._add_light(light, placed, suffix=f"[{prim.GetName()} {points.ids[row]}]")
+                        suffix = f"[{prim.GetName()} {points.ids[row]}]"
+                        self._add_light(light, placed, AnimatedAncestors(hiders=hiders), suffix=suffix)
 
     def _add_light(
         self,
@@ -223,10 +241,10 @@ class PointInstancerReader:
 
     def _prototype(
         self, instancer: Usd.Prim, root: Usd.Prim, purpose: str
-    ) -> tuple[Sequence[PrototypePart], Sequence[tuple[Usd.Prim, Matrix]]]:
+    ) -> tuple[Sequence[PrototypePart], Sequence[PrototypeLight]]:
         """Return the parts and the lights of a prototype, in the space of its parent."""
         outer = self._parts, self._prototype_root, self._prototype_lights
-        parts, lights = list[PrototypePart](), list[tuple[Usd.Prim, Matrix]]()
+        parts, lights = list[PrototypePart](), list[PrototypeLight]()
         self._parts, self._prototype_root, self._prototype_lights = parts, root.GetPath(), lights
         self._open_instancers.append(instancer.GetPath())
         self.walk(root, TraversalContext(purpose=purpose), ALSO_ABSTRACT)

@@ -24,7 +24,7 @@ from tiscene.usd.lights.light import LightReader, is_light
 from tiscene.usd.lights.shaping import is_seen_by_camera
 from tiscene.usd.materials.material import Binding, MaterialTableBuilder
 from tiscene.usd.materials.texture import TextureTable
-from tiscene.usd.read.instancer_reader import PointInstancerReader
+from tiscene.usd.read.instancer_reader import PointInstancerReader, PrototypeLight
 from tiscene.usd.read.mesh_table import MeshTable, is_drawable
 from tiscene.usd.read.object_builder import StageObject, StageObjectTable, collides, is_rigid_body
 from tiscene.usd.read.point_instancer import PrototypePart
@@ -193,10 +193,7 @@ class StageReader(PointInstancerReader):
         if prim.IsA(UsdGeom.Gprim):
             self._read_mesh_light(prim, here, matrix)
         elif self._parts is not None:
-            if here.animated.hiders:
-                self._report.frozen(prim.GetPath(), "the visibility of a light in a point instancer's prototype")
-            if here.animated.is_visible(self._time):
-                self._prototype_lights.append((prim, matrix))
+            self._prototype_lights.append(PrototypeLight(prim, matrix, here.animated.hiders))
         else:  # the emission of the stage's own lights is played by the scenario
             self._add_light(prim, matrix, here.animated, emission=self._top != Sdf.Path.absoluteRootPath)
 
