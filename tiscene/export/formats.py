@@ -9,7 +9,8 @@ The module has, as far as they apply:
 `pieces(frame, labels, stream)` what a frame adds to files of many frames, by any name; kept on disk until `pack`
 `HOLDS_LABELS`                  True: the pieces have `labels`, the frame's metadata, and no file of its own has it
 `FRAMES_PER_FILE`               file g has the frames g * FRAMES_PER_FILE and on; None: all frames are in one file
-`pack(frames, run, folder)`     writes files of many frames into a folder, from their pieces (see `packing`)
+`pack(frames, run, folder)`     writes files of many frames into a folder, from their pieces (see `packing`); may
+                                return their content digests by name
 `content_digest(path)`          digest of a file whose bytes are not a function of its contents; None: of its bytes
 `SUMMARY`, `summary(run)`       names and contents of files about all frames, which are written again at each export
 ==============================  ====================================================================================

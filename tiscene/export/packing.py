@@ -117,17 +117,19 @@ def pack_group(format: Any, folder: Path, manifest: Manifest, indices: Sequence[
     run = ExportRun.of(manifest)
     used: list[Path] = []
     packed: dict[str, str] = {}
+    known: dict[str, str] = {}
     temporary = folder / PACKING
     shutil.rmtree(temporary, ignore_errors=True)
     for camera in manifest.folders:
         paths = {index: folder / f"{camera}{PIECES}/{index:06d}.zip" for index in indices}
         target = temporary / camera
         target.mkdir(parents=True, exist_ok=True)
-        format.pack(GroupFrames(paths), run, target)
+        digests = format.pack(GroupFrames(paths), run, target) or {}
+        known |= {f"{camera}{name}": digest for name, digest in digests.items()}
         used += paths.values()
     for path in sorted(path for path in temporary.rglob("*") if path.is_file()):
         name = path.relative_to(temporary).as_posix()
-        packed[name] = content_digest(format, path) or ""
+        packed[name] = known.get(name) or content_digest(format, path) or ""
         (folder / name).parent.mkdir(parents=True, exist_ok=True)
         os.replace(path, folder / name)
     shutil.rmtree(temporary)

@@ -128,16 +128,18 @@ def _chunk(path: str, index: int, time: float, make: Callable[[], list[Any]]) ->
     return data
 
 
-def pack(frames: Iterable[FramePieces], run: ExportRun, folder: Path) -> None:
-    """Write one file of the recording."""
+def pack(frames: Iterable[FramePieces], run: ExportRun, folder: Path) -> dict[str, str]:
+    """Write one file of the recording; return its content digest by its name."""
     from rerun.chunk import LazyChunkStream
 
     rows = iter(frames)
     first = next(rows)
     path = folder / f"recording-{first.index // FRAMES_PER_FILE:06d}.rrd"
     identity = hashlib.sha256(repr(sorted(run.provenance["settings"].items())).encode()).hexdigest()[:32]
-    stream = LazyChunkStream.from_iter(_chunks(chain([first], rows)))
+    digest = hashlib.sha256()
+    stream = LazyChunkStream.from_iter(_digested(_chunks(chain([first], rows)), digest))
     stream.write_rrd(path, application_id="tiscene", recording_id=identity)
+    return {path.name: digest.hexdigest()}
 
 
 def content_digest(path: Path) -> str | None:
@@ -148,15 +150,22 @@ def content_digest(path: Path) -> str | None:
 
     digest = hashlib.sha256()
     try:
-        for chunk in RrdReader(path).stream():
-            batch = chunk.to_record_batch()
-            digest.update(f"{batch.schema.metadata[b'rerun:id'].decode()} {batch.num_rows}\n".encode())
-            for column in batch.columns:
-                for data in column.buffers():
-                    digest.update(b"-" if data is None else memoryview(data))
+        for _ in _digested(RrdReader(path).stream(), digest):
+            pass
     except (OSError, ValueError, RuntimeError):
         return None
     return digest.hexdigest()
+
+
+def _digested(chunks: Iterable[Any], digest: Any) -> Iterator[Any]:
+    """Yield chunks, and update a digest with their contents."""
+    for chunk in chunks:
+        batch = chunk.to_record_batch()
+        digest.update(f"{batch.schema.metadata[b'rerun:id'].decode()} {batch.num_rows}\n".encode())
+        for column in batch.columns:
+            for data in column.buffers():
+                digest.update(b"-" if data is None else memoryview(data))
+        yield chunk
 
 
 def _chunks(frames: Iterable[FramePieces]) -> Iterator[Any]:
