@@ -28,7 +28,8 @@ class RenderSettings:
         incremental: whether frames with a static camera are rendered incrementally.
         base_spp: samples per pixel of the base image of the static scene, in incremental rendering.
         near_spp: samples per pixel added to `spp` where movers are visible, in incremental rendering.
-        panorama: whether incremental rendering includes frames whose camera turns about a fixed center, approximately.
+        panorama_spp: samples per pixel of the panorama that frames of a camera that turns in place show, approximately,
+            in incremental rendering; 0: such frames are path traced.
         downscale: light is traced in an image smaller by this factor along each axis, and upsampled along the surfaces
             that the labels show. Incremental rendering denoises at full size where much changes only.
         relative_error: sample each pixel until the standard error of its luminance is estimated to be at most this
@@ -44,15 +45,15 @@ class RenderSettings:
     incremental: bool = False
     base_spp: int = 256
     near_spp: int = 0
-    panorama: bool = False
+    panorama_spp: int = 0
     downscale: int = 1
     relative_error: float | None = None
     clamp: float | None = None
     pixel_filter: str = "box"
 
     def __post_init__(self) -> None:
-        for name in ("spp", "max_depth", "base_spp", "near_spp", "downscale"):
-            least = 0 if name == "near_spp" else 1
+        for name in ("spp", "max_depth", "base_spp", "near_spp", "panorama_spp", "downscale"):
+            least = 0 if name in ("near_spp", "panorama_spp") else 1
             most = MAX_DEPTH if name == "max_depth" else sys.maxsize
             object.__setattr__(self, name, argument_checks.integer(getattr(self, name), name, least, most))
         for name in ("relative_error", "clamp"):
@@ -77,7 +78,7 @@ class RenderSettings:
         Args:
             cache_bytes: memory limit of kept paths, on which incremental rendering depends.
         """
-        incremental = [self.base_spp, self.near_spp, cache_bytes, int(self.panorama)]
+        incremental = [self.base_spp, self.near_spp, cache_bytes, self.panorama_spp]
         return {
             "spp": self.spp,
             "max_depth": self.max_depth,
@@ -92,9 +93,9 @@ class RenderSettings:
 
 PRESETS = {
     "fast": RenderSettings(
-        spp=1, max_depth=8, denoiser="fast", incremental=True, panorama=True, base_spp=64, near_spp=4, downscale=2
+        spp=1, max_depth=8, denoiser="fast", incremental=True, base_spp=64, near_spp=4, panorama_spp=128, downscale=2
     ),
-    "preview": RenderSettings(spp=4, max_depth=8, denoiser="fast", incremental=True, panorama=True, base_spp=64),
+    "preview": RenderSettings(spp=4, max_depth=8, denoiser="fast", incremental=True, base_spp=64, panorama_spp=128),
     "standard": RenderSettings(spp=16, max_depth=8),
     "photo": RenderSettings(spp=256, max_depth=12, denoiser="high", base_spp=1024),
 }

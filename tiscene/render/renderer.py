@@ -26,6 +26,7 @@ from tiscene.render.integrators.incremental.incremental_pass import CACHE_BYTES,
 from tiscene.render.integrators.labels.label_pass import LabelPass
 from tiscene.render.integrators.labels.surface_labels import FILTERED_ALBEDO
 from tiscene.render.integrators.panorama.panorama_pass import PanoramaPass
+from tiscene.render.integrators.path.path_frames import PathFrames
 from tiscene.render.integrators.path.path_pass import PathImage, PathPass
 from tiscene.render.render_settings import RenderSettings
 from tiscene.render.view import View
@@ -87,6 +88,8 @@ class Renderer:
         self.spp = 0.0
         self._labels = LabelPass(scene)
         options: dict[str, Any] = {"pixel_filter": settings.pixel_filter, "clamp": settings.clamp}
+        self._path_options = options
+        self._path_frames: PathFrames | None = None
         self._paths = PathPass(scene, *reduced_size(width, height, settings.downscale), **options)
         self._full_size_paths = self._paths if settings.downscale == 1 else PathPass(scene, width, height, **options)
         self._incremental = IncrementalPass(
@@ -111,6 +114,7 @@ class Renderer:
         moving: NDArray[np.bool_] | None = None,
         turning: bool = False,
         shutter_samples: Iterable[ShutterSample] = (),
+        light: PathImage | None = None,
     ) -> dict[str, NDArray[Any]]:
         """Render the buffers of a frame.
 
@@ -125,6 +129,7 @@ class Renderer:
                 be cheaper. None: color is path traced.
             turning: Whether the camera turns about a fixed center; then a panorama takes the place of the base image.
             shutter_samples: Color is the mean over these times, path traced at full size; empty: the frame's time.
+            light: What `trace_frames` has found for the frame; None: light is to be traced.
 
         Returns:
             New arrays by name, in the order of `buffers`.
@@ -137,7 +142,7 @@ class Renderer:
         if colored and moving is not None and turning:
             self._panorama.prepare(
                 view, placement, moving,
-                frame_index=frame_index, spp=settings.spp, panorama_spp=settings.base_spp, **sampling,
+                frame_index=frame_index, spp=settings.spp, panorama_spp=settings.panorama_spp, **sampling,
             )  # fmt: skip
             labels += ["instance"] if "instance" not in labels else []
         elif colored and moving is not None and self._incremental.is_cheaper(view, placement, moving, **sampling):
@@ -149,11 +154,13 @@ class Renderer:
             moving = None
         if colored and moving is None and settings.downscale > 1:
             labels += [name for name in UPSAMPLING_GUIDES if name not in labels]
-        self.scene.place(placement, times=times_needed([*buffers, *labels]))
+        if labels or light is None:
+            self.scene.place(placement, times=times_needed([*buffers, *labels]))
         result = self._labels.render(view, labels)
         if colored:
+            self.spp = float(settings.spp)
             blurred = self._trace_shutter(shutter_samples, frame_index, seed)
-            result |= self._color(view, frame_index, seed, exposure, buffers, moving, turning, result, blurred)
+            result |= self._color(view, frame_index, seed, exposure, buffers, moving, turning, result, blurred, light)
         return {name: result[name] for name in buffers}
 
     def render_labels(
@@ -161,6 +168,21 @@ class Renderer:
     ) -> list[dict[str, NDArray[Any]]] | None:
         """Render the label buffers of several frames at once; see `LabelPass.render_frames`."""
         return self._labels.render_frames(views, placements, buffers)
+
+    def trace_frames(
+        self, views: Sequence[View], placements: Sequence[Placement], frame_indices: Sequence[int], *, seed: int
+    ) -> list[PathImage] | None:
+        """Path trace several frames at once; None where it is adaptive, or see `PathFrames.render_frames`."""
+        settings = self.settings
+        if settings.relative_error is not None:
+            return None
+        if self._path_frames is None:
+            paths = self._paths
+            self._path_frames = PathFrames(self.scene, paths.width, paths.height, **self._path_options)
+        return self._path_frames.render_frames(
+            [self._traced_view(view) for view in views], placements, frame_indices,
+            seed=seed, spp=settings.spp, max_depth=settings.max_depth,
+        )  # fmt: skip
 
     def auto_exposure(self, view: View, placement: Placement, *, seed: int) -> float:
         """Return the automatic exposure for a placement, stops, metered in a small image.
@@ -189,6 +211,7 @@ class Renderer:
         turning: bool,
         labels: dict[str, NDArray[Any]],
         blurred: PathImage | None,
+        light: PathImage | None,
     ) -> dict[str, NDArray[Any]]:
         """Return the requested color buffers.
 
@@ -203,6 +226,7 @@ class Renderer:
             labels: Rendered labels, with UPSAMPLING_GUIDES if light is traced at reduced size, and `instance` for a
                 frame over a panorama.
             blurred: Image over the shutter interval, if the shutter is open.
+            light: The path-traced image, if it is there already.
         """
         settings, sharp = self.settings, view.current.lens_radius == 0.0 and blurred is None
         downscale = 1 if blurred else settings.downscale
@@ -212,22 +236,18 @@ class Renderer:
         needs_denoised = "rgb" in buffers or "denoised" in buffers
         if moving is not None and turning:
             panorama = self._panorama.render(moving, labels["instance"], spp=max(MOVER_SPP, settings.spp))
-            self.spp = float(settings.spp)
             result["hdr"] = panorama.hdr
             guides = panorama.albedo, panorama.normal
             if needs_denoised:
                 radiance = denoising.process_panorama(panorama)
         elif moving is not None:
             incremental = self._incremental.render(moving)
-            self.spp = float(settings.spp)
             result["hdr"] = incremental.hdr
             guides = incremental.albedo, incremental.normal
             if needs_denoised:
                 radiance = denoising.process_incremental(incremental)
         else:
-            if downscale > 1:
-                view = replace(view, width=self._paths.width, height=self._paths.height)
-            image = blurred or self._trace(view, frame_index, seed)
+            image = blurred or light or self._trace(self._traced_view(view), frame_index, seed)
             guides = image.albedo, image.normal
             if downscale > 1:
                 guides = labels[UPSAMPLING_GUIDES[0]], labels[UPSAMPLING_GUIDES[1]]
@@ -244,6 +264,12 @@ class Renderer:
                 radiance = radiance + np.where(surface, albedo, 0.0) * np.array(view.ambient, np.float32)
             result["rgb"] = tone_map(radiance, exposure)
         return result
+
+    def _traced_view(self, view: View) -> View:
+        """Return a view in the size in which light is traced."""
+        if self.settings.downscale == 1:
+            return view
+        return replace(view, width=self._paths.width, height=self._paths.height)
 
     def _trace_shutter(self, samples: Iterable[ShutterSample], frame_index: int, seed: int) -> PathImage | None:
         """Return the mean over the shutter interval; None without samples."""
@@ -267,7 +293,6 @@ class Renderer:
         """Path trace an image, adaptively if a relative error is set."""
         settings = self.settings
         if settings.relative_error is None:
-            self.spp = float(settings.spp)
             return self._paths.render(
                 view, frame_index=frame_index, seed=seed, spp=settings.spp, max_depth=settings.max_depth
             )

@@ -19,18 +19,17 @@ from numpy.typing import NDArray
 
 from tiscene.device.memory import device_array
 from tiscene.render.integrators.incremental.base_image import ProgressCallback, scene_under_group
-from tiscene.render.integrators.incremental.path_recording import AUXILIARY, light_column
+from tiscene.render.integrators.incremental.path_recording import light_column
 from tiscene.render.integrators.panorama import panorama_kernels as kernels
 from tiscene.render.integrators.panorama.panorama_kernels import TILE
 from tiscene.render.integrators.path.path_pass import PathPass
-from tiscene.render.integrators.path.path_state import FEATURE_COLUMNS
 from tiscene.render.sampling.sobol import frame_key
 from tiscene.render.view import View
 from tiscene.scene.camera import Camera, Vector3
 from tiscene.scene.placement import Placement
 
 PAGE = 16 * TILE  # cells along a side of a page
-CELL = 0.5  # width of a cell at the center of a face, px at the center of the image
+CELL = 0.4  # width of a cell at the center of a face, px at the center of the image
 FIRST_FRAME = -1000  # frame number of the random numbers of the first page; the next ones count down
 _CELLS = TILE * TILE
 _FIRST_TILES = 1024  # that there is room for at first
@@ -59,8 +58,27 @@ class PanoramaSettings:
         """Return the settings of the panorama that serves a view."""
         pixel = 2.0 * math.tan(0.5 * view.current.vertical_fov) / view.height
         faces = math.ceil(2.0 / (CELL * pixel) / TILE) * TILE
-        # Cells are smaller than CELL by rounding.
         return cls(view.current.position, faces, spp, max_depth, seed)
+
+    def page_view(self, face: int, row: int, column: int) -> View:
+        """Return the view of a page, whose pixels are its cells."""
+        axes = np.eye(3)
+        ahead = axes[face // 2] * (1.0 if face % 2 else -1.0)
+        center = self.center
+        middle = (np.array([column, row]) + 0.5) * (2.0 * PAGE / self.faces) - 1.0
+        camera = Camera.look_at(
+            center,
+            (center[0] + ahead[0], center[1] + ahead[1], center[2] + ahead[2]),
+            tuple(-axes[(face // 2 + 2) % 3]),
+            vertical_fov=2.0 * math.atan(PAGE / self.faces),
+            aperture_offset=(float(middle[0]), float(-middle[1])),
+        )
+        return View(camera, camera, camera, PAGE, PAGE)
+
+    def samples(self, page_view: View) -> int:
+        """Return the samples per cell of a page."""
+        right, up = page_view.current.aperture_offset
+        return max(1, round(self.spp * CELL**2 * (1.0 + right**2 + up**2) ** -1.5))
 
 
 class Panorama:
@@ -130,15 +148,13 @@ class Panorama:
                 first = tiles[members, 1:] % (PAGE // TILE) * TILE
                 pixels = _squares(first[:, 0] * PAGE + first[:, 1], PAGE)
                 rows = _squares(slots[members] * _CELLS, TILE)
-                spp = self._samples(page_view)
-                self._paths.trace_pixels(
+                spp = self.settings.samples(page_view)
+                sums = self._paths.sums(
                     replace(page_view, background=view.background), pixels,
                     spp=spp, key=frame_key(self.settings.seed, FIRST_FRAME - number),
                     max_depth=self.settings.max_depth, scene=scene,
                 )  # fmt: skip
-                store = len(pixels), pixels, spp, self._paths.film
-                kernels.store_cells(*store, 0, rows, light_column(group), 3, 0, self._cells)
-                kernels.store_cells(*store, AUXILIARY, rows, AUXILIARY, FEATURE_COLUMNS, int(group > 0), self._cells)
+                kernels.store_cells(sums, spp, rows, self._cells, light_column(group), int(group > 0))
                 done += len(members)
                 progress("panorama", done / total)
         self._slots[tuple(tiles.T)] = slots
@@ -159,27 +175,7 @@ class Panorama:
         for number in np.unique(numbers):
             members = np.flatnonzero(numbers == number)
             face, (row, column) = int(tiles[members[0], 0]), corner[members[0]]
-            yield int(number), self._page_view(face, int(row), int(column)), members
-
-    def _page_view(self, face: int, row: int, column: int) -> View:
-        """Return the view of a page, whose pixels are its cells."""
-        axes = np.eye(3)
-        ahead = axes[face // 2] * (1.0 if face % 2 else -1.0)
-        center = self.settings.center
-        middle = (np.array([column, row]) + 0.5) * (2.0 * PAGE / self.settings.faces) - 1.0
-        camera = Camera.look_at(
-            center,
-            (center[0] + ahead[0], center[1] + ahead[1], center[2] + ahead[2]),
-            tuple(-axes[(face // 2 + 2) % 3]),
-            vertical_fov=2.0 * math.atan(PAGE / self.settings.faces),
-            aperture_offset=(float(middle[0]), float(-middle[1])),
-        )
-        return View(camera, camera, camera, PAGE, PAGE)
-
-    def _samples(self, page_view: View) -> int:
-        """Return the samples per cell of a page."""
-        right, up = page_view.current.aperture_offset
-        return max(1, round(self.settings.spp * CELL**2 * (1.0 + right**2 + up**2) ** -1.5))
+            yield int(number), self.settings.page_view(face, int(row), int(column)), members
 
     def _room(self, tiles: int) -> int:
         """Return for how many tiles there is room once there is for a number of them; it doubles."""

@@ -4,11 +4,13 @@
 import taichi as ti
 
 from tiscene.device.kernel_types import Floats2, Floats3, Ints1, Ints3, Template, vec3
+from tiscene.render.integrators.incremental.path_recording import AUXILIARY
+from tiscene.render.integrators.path.path_state import FEATURE_COLUMNS
 from tiscene.render.view import CENTER, RIGHT, TANGENT, UP, view_vector
 from tiscene.scene.placement import CURRENT
 
 TILE = 16  # cells along a side of a tile
-SIDE = 3  # subpixels along a side of a pixel
+SIDE = 4  # subpixels along a side of a pixel
 
 
 @ti.func
@@ -97,35 +99,22 @@ def resample(
 
 
 @ti.kernel
-def store_cells(
-    count: ti.i32,
-    pixels: Ints1,
-    spp: ti.i32,
-    film: Floats2,
-    first: ti.i32,
-    rows: Ints1,
-    column: ti.i32,
-    columns: ti.i32,
-    merged: ti.i32,
-    cells: Floats2,
-):
-    """Write the means of some of a film's pixels to cells.
+def store_cells(sums: Floats2, spp: ti.i32, rows: Ints1, cells: Floats2, column: ti.i32, merges: ti.i32):
+    """Write the light of one group, albedo and normal to cells.
 
     Args:
-        count: Number of pixels.
-        pixels: i32 [count], their rows in the film.
-        spp: Samples per pixel.
-        film: Sums over the samples.
-        first: First column of the film to store.
-        rows: i32 [count], rows of `cells`.
-        column: First column of `cells` to write.
-        columns: Number of columns.
-        merged: 1: keep the maximum of this and what is there.
-        cells: Output.
+        sums: f32 [n, FILM_COLUMNS], sums over the samples of each cell.
+        spp: Samples per cell.
+        rows: i32 [n], rows of `cells`.
+        cells: Output, f32 [..., light_column(groups)].
+        column: First column of the group's light.
+        merges: 1 keeps the maximum of these features and those that are there, see `base_image.render_base_image`.
     """
-    for k in range(count):
-        for c in range(columns):
-            mean = film[pixels[k], first + c] / spp
-            if merged:
-                mean = ti.max(mean, cells[rows[k], column + c])
-            cells[rows[k], column + c] = mean
+    for k in range(rows.shape[0]):
+        for c in ti.static(range(3)):
+            cells[rows[k], column + c] = sums[k, c] / spp
+        for c in ti.static(range(AUXILIARY, AUXILIARY + FEATURE_COLUMNS)):
+            feature = sums[k, c] / spp
+            if merges:
+                feature = ti.max(feature, cells[rows[k], c])
+            cells[rows[k], c] = feature

@@ -43,6 +43,7 @@ from tiscene.scene.placement import CURRENT, Placement
 FloatImage = NDArray[np.float32]
 
 REDUCTION = 2  # movers' changes of light are found in an image smaller by this factor along each axis
+CHANGES_DEPTH = 4  # largest number of segments of the paths that find them: the light of two bounces
 # Frame numbers of keys whose random numbers then vary with the frame.
 CHANGES_FRAME, OPACITY_FRAME, MOVERS_FRAME = -7, -8, -9
 
@@ -90,6 +91,11 @@ class PanoramaPass:
         self._page_paths: PathPass | None = None
         self._changes: LightChanges | None = None
 
+    @property
+    def panoramas(self) -> list[Panorama]:
+        """The panoramas in memory, least recently used first."""
+        return list(self._panoramas.values())
+
     def prepare(
         self,
         view: View,
@@ -124,7 +130,7 @@ class PanoramaPass:
                 self._changes = LightChanges(self.scene, view)
             self.scene.place(static)
             keys = (frame_key(frame_key(seed, frame), frame_index) for frame in (CHANGES_FRAME, OPACITY_FRAME))
-            self._changes.record(view, placement, keys, spp=spp, max_depth=max_depth)
+            self._changes.record(view, placement, keys, spp=spp, max_depth=min(max_depth, CHANGES_DEPTH))
 
     def render(self, moving: NDArray[np.bool_], instance: NDArray[np.int32], *, spp: int) -> PanoramaImage:
         """Render what the scene has placed at CURRENT, over the static image prepared last.

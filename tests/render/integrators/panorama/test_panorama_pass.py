@@ -1,0 +1,161 @@
+# SPDX-License-Identifier: Apache-2.0
+"""PanoramaPass against path tracing, and independence of its frames from what was rendered before."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from dynamics.rotation import multiply
+from tests.render.incremental_scenes import (
+    BALLS,
+    EMISSIVE,
+    GLASS,
+    GLOSSY,
+    LACE,
+    MIRROR,
+    RED,
+    SIZE,
+    MovingBalls,
+    Position,
+)
+from tests.render.path_scenes import BOX_CAMERA
+from tiscene.render.integrators.incremental.mover_coverage import dilated
+from tiscene.render.integrators.labels.label_pass import LabelPass
+from tiscene.render.integrators.panorama.panorama_pass import PanoramaImage, PanoramaPass, reduced_view
+from tiscene.render.integrators.path.path_pass import PathPass
+from tiscene.render.view import View
+from tiscene.scene.description import Material
+
+pytestmark = pytest.mark.usefixtures("taichi")
+
+DEPTH = 5
+ONE = BALLS[:1]
+
+
+def view_at(degrees: float) -> View:
+    """Return the view of the box's camera, turned to the left about the vertical axis."""
+    half = 0.5 * np.radians(degrees)
+    rotation = multiply(np.array([np.cos(half), 0.0, np.sin(half), 0.0]), np.array(BOX_CAMERA.rotation))
+    camera = replace(BOX_CAMERA, rotation=tuple(rotation.tolist()))
+    return View(camera, camera, camera, *SIZE)
+
+
+class SurroundedBalls(MovingBalls):
+    """The Cornell box with moving balls, rendered over panoramas."""
+
+    def __init__(self, mover: Material = RED, wall: Material | None = None, lights: str = "lamp") -> None:
+        super().__init__(mover, wall, lights)
+        self.paths = PathPass(self.device, *SIZE)
+        self.labels = LabelPass(self.device)
+        self.reported: list[tuple[str, float]] = []
+        self.surrounded = self.new_pass()
+
+    def new_pass(self, memory_limit: int = 1 << 26) -> PanoramaPass:
+        return PanoramaPass(
+            self.paths, memory_limit=memory_limit, progress=lambda stage, done: self.reported.append((stage, done))
+        )
+
+    def image(
+        self, *positions: Position, degrees: float = 0.0, frame: int = 0, spp: int = 4, panorama_spp: int = 64
+    ) -> PanoramaImage:
+        placement, view = self.at(*positions), view_at(degrees)
+        self.surrounded.prepare(
+            view, placement, self.moving, frame_index=frame, seed=1, spp=spp, panorama_spp=panorama_spp, max_depth=DEPTH
+        )
+        self.device.place(placement)
+        instance = self.labels.render(view, ["instance"])["instance"]
+        return self.surrounded.render(self.moving, instance, spp=max(8, spp))
+
+    def traced(self, *positions: Position, degrees: float = 0.0, spp: int = 256) -> NDArray[np.float32]:
+        self.device.place(self.at(*positions))
+        return self.paths.render(view_at(degrees), frame_index=0, seed=2, spp=spp, max_depth=DEPTH).hdr
+
+
+@pytest.mark.parametrize(
+    ("wall", "lights"),
+    [(None, "sky and bulb"), (GLOSSY, "lamp"), (MIRROR, "lamp"), (EMISSIVE, "lamp"), (LACE, "shadowless")],
+    ids=lambda each: getattr(each, "name", str(each)),
+)
+def test_mean_light_equals_that_of_path_tracing(wall: Material | None, lights: str) -> None:
+    scene = SurroundedBalls(wall=wall, lights=lights)
+    for degrees, positions in ((0.0, ()), (25.0, ()), (0.0, ONE)):
+        image = scene.image(*positions, degrees=degrees, spp=64, panorama_spp=512).hdr
+        truth = scene.traced(*positions, degrees=degrees)
+        # Lights are brighter than 1, and noisy where pixels show their edges.
+        counts = ~dilated(truth.max(axis=-1) > 0.8)
+        assert counts.mean() > 0.3
+        assert image[counts].mean() == pytest.approx(truth[counts].mean(), rel=0.02), (degrees, positions)
+
+
+@pytest.mark.parametrize("mover", [RED, GLASS, GLOSSY], ids=lambda each: each.name)
+def test_movers_and_their_shadows_are_those_of_path_tracing(mover: Material) -> None:
+    """Where a mover changes the light, the change has the right size; without it the error would be 100 %."""
+    scene = SurroundedBalls(mover, lights="sky and bulb")
+    image, empty = scene.image(*ONE, spp=64).hdr, scene.image(spp=64).hdr
+    truth, truth_empty = scene.traced(*ONE), scene.traced()
+    changed = np.abs(truth - truth_empty).mean(axis=-1) > 0.1 * truth_empty.mean(axis=-1)
+    assert 0.02 < changed.mean() < 0.5
+    change, expected = (image - empty)[changed], (truth - truth_empty)[changed]
+    assert change.mean() == pytest.approx(expected.mean(), rel=0.1, abs=0.003)
+    assert np.abs(change - expected).mean() < 0.4 * np.abs(expected).mean()
+
+
+def test_frames_do_not_depend_on_frames_rendered_before() -> None:
+    scene = SurroundedBalls(wall=GLOSSY, lights="sky and bulb")
+    forth = {degrees: scene.image(*BALLS, degrees=degrees, frame=degrees) for degrees in (0, 20, 100)}
+    scene.surrounded = scene.new_pass()
+    for degrees in (100, 0, 20):
+        again = scene.image(*BALLS, degrees=degrees, frame=degrees)
+        for name in ("hdr", "static", "albedo", "normal", "after"):
+            first = getattr(forth[degrees], name)
+            np.testing.assert_array_equal(getattr(again, name), first, err_msg=f"{degrees} degrees: {name}")
+
+
+def test_cells_that_do_not_fit_are_traced_again_with_the_same_light() -> None:
+    scene = SurroundedBalls(lights="sky and bulb")
+    images = {degrees: scene.image(degrees=degrees).hdr for degrees in (0.0, 90.0)}
+    scene.surrounded = small = scene.new_pass(memory_limit=1)
+    for degrees in (0.0, 90.0, 0.0):
+        np.testing.assert_array_equal(scene.image(degrees=degrees).hdr, images[degrees])
+    (panorama,) = small.panoramas
+    assert len(panorama.missing(view_at(0.0))) == 0
+    assert len(panorama.missing(view_at(90.0))) > 0
+
+
+def test_turning_back_traces_nothing_and_turning_on_traces_what_is_new() -> None:
+    scene = SurroundedBalls()
+    counts = []
+    for degrees in (0.0, 10.0, 0.0, 5.0):
+        scene.reported.clear()
+        scene.image(degrees=degrees)
+        counts.append(len(scene.reported))
+    assert counts[0] > 0 < counts[1]
+    assert counts[2:] == [0, 0]
+    scene.image(degrees=90.0)
+    assert scene.reported[-1] == ("panorama", 1.0)
+
+
+def test_panorama_belongs_to_the_static_scene_and_its_lights() -> None:
+    scene = SurroundedBalls(lights="sky and bulb")
+    lit = scene.image().hdr
+    scene.image(*BALLS)
+    assert len(scene.surrounded.panoramas) == 1
+    scene.dim((0.0, 0.0, 0.0))
+    dimmed = scene.image().hdr
+    assert len(scene.surrounded.panoramas) == 2
+    assert dimmed.mean() < 0.9 * lit.mean()
+
+
+def test_pixels_of_the_reduced_view_are_blocks_of_pixels() -> None:
+    camera = replace(BOX_CAMERA, aperture_offset=(0.1, -0.05))
+    view = View(camera, camera, camera, 33, 25)
+    reduced = reduced_view(view)
+    assert (reduced.width, reduced.height) == (17, 13)
+    full, half = camera.intrinsics(33, 25), reduced.current.intrinsics(17, 13)
+    for x, y in ((0, 0), (16, 12), (3, 7)):
+        middle = np.linalg.solve(full, (2 * x + 0.5, 2 * y + 0.5, 1.0))  # of a block of 2 x 2 pixels
+        np.testing.assert_allclose(half @ middle, (x, y, 1.0), atol=1e-9)
