@@ -1,0 +1,64 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Streams whose camera turns in place: what panoramas may change, and what not."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+
+import tiscene as ts
+from tiscene.render.view import View
+from tiscene.stream.incremental import turns_in_place
+
+SIZE = {"width": 32, "height": 24}
+LABELS = ("depth", "instance", "forward_flow")
+FAST: dict[str, Any] = {"quality": "fast", "buffers": ("hdr", *LABELS), **SIZE}
+HERE = (0.0, 1.2, 0.5)
+
+
+@pytest.fixture(scope="module")
+def scenario() -> ts.Scenario:
+    """A ball that bounces, and a camera that turns to and fro."""
+    ball = ts.Object("ball", "Ball 01", (0.0, 1.0, 0.6), dynamic=ts.UniformMovementRandomBounce(speed=1.0, seed=3))
+    turn = ts.Keyframes((0.0, 2.0, 4.0), [ts.Waypoint(HERE, (-10.0, yaw, 0.0)) for yaw in (0, 60, 0)], repeat=True)
+    return ts.Scenario("solid_benchmark", [ball], camera=ts.Camera(HERE, dynamic=turn))
+
+
+@pytest.fixture(scope="module")
+def stream(scenario: ts.Scenario) -> ts.Stream:
+    return ts.Stream(scenario, **FAST)
+
+
+def test_frames_of_a_turning_camera_do_not_depend_on_earlier_frames(scenario: ts.Scenario, stream: ts.Stream) -> None:
+    frames = {index: stream[index] for index in (2, 30, 70)}
+    with ts.Stream(scenario, **FAST) as fresh:
+        for index in (70, 2, 30):
+            for name in FAST["buffers"]:
+                np.testing.assert_array_equal(fresh[index][name], frames[index][name], err_msg=f"{index}: {name}")
+
+
+def test_labels_are_those_of_path_traced_frames_and_light_is_alike(scenario: ts.Scenario, stream: ts.Stream) -> None:
+    frame = stream[12]
+    with ts.Stream(scenario, incremental=False, spp=64, **FAST) as traced:
+        truth = traced[12]
+    for name in LABELS:
+        np.testing.assert_array_equal(frame[name], truth[name])
+    assert frame.hdr.mean() == pytest.approx(truth.hdr.mean(), rel=0.05)
+
+
+def test_frames_are_path_traced_where_the_image_must_be_unbiased(scenario: ts.Scenario) -> None:
+    options = FAST | {"quality": "standard", "spp": 1}
+    with ts.Stream(scenario, incremental=True, **options) as on, ts.Stream(scenario, **options) as off:
+        np.testing.assert_array_equal(on[12].hdr, off[12].hdr)
+
+
+def test_cameras_turn_in_place_where_only_their_rotation_differs() -> None:
+    camera = ts.Camera(HERE)
+    turned, moved = replace(camera, rotation=(0.9, 0.0, 0.1, 0.0)), replace(camera, position=(0.0, 1.2, 0.51))
+    thick = replace(turned, lens_radius=0.01)
+    flat = replace(turned, orthographic_height=1.0)
+    found = [turns_in_place(View(camera, each, camera, 32, 24)) for each in (camera, turned, moved, thick, flat)]
+    assert found == [False, True, False, False, False]
