@@ -5,7 +5,7 @@
 
     stream         Stream
     frame_slice    the frames of `stream[a:b]`
-    label_batches  labels of several frames rendered at once
+    frame_batches  several frames rendered at once
     view_renderer  render views of a world; owns the device arrays
     incremental    decide which frames are rendered incrementally
     shutter        sample times while the shutter is open (motion blur)

@@ -31,8 +31,8 @@ from tiscene.render.view import View
 from tiscene.scenario.scenario import Scenario
 from tiscene.scene.camera import Camera
 from tiscene.scene.description import Light
+from tiscene.stream.frame_batches import BatchedFrames, FrameBatches
 from tiscene.stream.frame_slice import FrameSlice
-from tiscene.stream.label_batches import BatchedFrames, LabelBatches
 from tiscene.stream.loaders.loader_methods import LoaderMethods
 from tiscene.stream.progress import ProgressBar
 from tiscene.stream.render_ahead import RenderAhead
@@ -101,8 +101,8 @@ class Stream(BatchedFrames, LoaderMethods, StreamOutput, SavedState, Iterator[Fr
         cache_bytes: memory limit of what incremental rendering keeps.
         prefetch: number of frames that a worker process renders ahead while iterating; 0: none. The bytes are the same.
             Scripts then need `if __name__ == "__main__":`.
-        batch: number of frames whose labels are rendered at once while iterating; more than 1 is meant for GPUs. The
-            bytes are the same.
+        batch: number of frames that are rendered at once while iterating, where nothing is shared between them; more
+            than 1 is meant for GPUs. The bytes are the same.
         progress: called with what is being prepared and how much of it is done, 0..1; None: a bar on a terminal.
 
     Raises:
@@ -168,7 +168,7 @@ class Stream(BatchedFrames, LoaderMethods, StreamOutput, SavedState, Iterator[Fr
         self._selected_categories = None if categories is None else distinct_names(categories, "categories")
         self._cache_bytes = integer(cache_bytes, "cache_bytes", 1, sys.maxsize)
         self._ahead = RenderAhead(integer(prefetch, "prefetch", 0, 10_000))
-        self._batches = LabelBatches(integer(batch, "batch", 1, 1024))
+        self._batches = FrameBatches(integer(batch, "batch", 1, 1024))
         self._progress = progress or ProgressBar()
         self.stages = StageCache(
             self.buffers,

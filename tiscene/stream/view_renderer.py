@@ -3,8 +3,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -16,8 +16,9 @@ from tiscene.frame.frame import Frame, FrameCamera
 from tiscene.render.annotations.object_measurements import Measurer
 from tiscene.render.integrators.incremental.base_image import ProgressCallback
 from tiscene.render.integrators.labels.point_pass import PointPass, SurfacePoints
+from tiscene.render.integrators.path.path_pass import PathImage
 from tiscene.render.render_settings import RenderSettings
-from tiscene.render.renderer import Renderer
+from tiscene.render.renderer import Renderer, ShutterSample
 from tiscene.render.view import View
 from tiscene.scene.bvh.obstacle_tree import MeshTrees
 from tiscene.scene.device_scene import DeviceScene
@@ -29,6 +30,19 @@ from tiscene.world.world_state import CameraStep, WorldState
 
 Labels = Mapping[str, NDArray[Any]]  # label buffers by name
 MAX_RENDERERS = 4  # image sizes whose arrays are kept
+
+
+@dataclass(frozen=True)
+class Prepared:
+    """What has been rendered of one view of a frame, together with other frames.
+
+    Attributes:
+        labels: label buffers.
+        light: what the path tracer found; None: it has not run.
+    """
+
+    labels: Labels = field(default_factory=dict)
+    light: PathImage | None = None
 
 
 @dataclass(frozen=True)
@@ -100,6 +114,7 @@ class ViewRenderer:
 
     def close(self) -> None:
         """Drop all arrays now. The world refers back to this object, so they would wait for the cyclic collector."""
+        self.world.trajectories.close()
         vars(self).clear()
 
     def mesh_trees(self) -> MeshTrees:
@@ -138,7 +153,7 @@ class ViewRenderer:
         since: int | None = None,
         incremental: bool | None = None,
         pixels: Pixels | None = None,
-        labels: Labels | None = None,
+        prepared: Prepared | None = None,
     ) -> Frame:
         """Render one view of a world state.
 
@@ -152,7 +167,7 @@ class ViewRenderer:
             since: frame from which `backward_flow` is measured; None: the one before.
             incremental: overrides the stream's setting for this frame.
             pixels: what another process has rendered; None: rendered here.
-            labels: what `label_batch` has rendered of it.
+            prepared: what `render_batch` has rendered of it.
 
         Returns:
             The frame, in the exposure of the world's main camera unless the view's camera has its own.
@@ -162,7 +177,7 @@ class ViewRenderer:
             state = replace(state, placement=state.placement.since(self.world.state(since).placement))
         self._upload_descriptions()
         if pixels is None:
-            pixels = self._pixels(state, view, buffers, main_size, camera_row, incremental, labels or {})
+            pixels = self._pixels(state, view, buffers, main_size, camera_row, incremental, prepared or Prepared())
         step = CameraStep(view.previous, view.current, view.next)
         return Frame(
             index=state.frame,
@@ -186,24 +201,18 @@ class ViewRenderer:
         main_size: tuple[int, int],
         camera_row: int | None,
         incremental: bool | None,
-        labels: Labels,
+        prepared: Prepared,
     ) -> Pixels:
-        """Render the buffers of one view that are not among its labels; arguments as of `render`."""
+        """Render the buffers of one view that are not prepared; arguments as of `render`."""
         names, buffers = buffers, rendered_buffers(buffers)
+        labels = prepared.labels
         missing = [name for name in buffers if name not in labels]
         if not missing:
             return Pixels(complete(names, labels), labels.get("instance"), 0.0)
         colored = not COLORS.isdisjoint(buffers)
-        samples = None
-        if colored:
-            samples = shutter_samples(
-                self.world, state, view, self._shutter, spp=self.settings.spp, seed=self._seed, camera_row=camera_row
-            )
-        incremental = self.settings.incremental if incremental is None else incremental
-        turning = self.settings.panorama and turns_in_place(view)
-        moving = None
-        if colored and incremental and samples is None and (turning or is_static_view(view)):
-            moving = movers(state)
+        samples, moving = None, None
+        if colored and prepared.light is None:
+            samples, moving = self._shared_light(state, view, camera_row, incremental)
         exposure = view.current.exposure
         if exposure is None:
             exposure = self.exposure(*main_size) if "rgb" in buffers else 0.0
@@ -218,8 +227,9 @@ class ViewRenderer:
             seed=self._seed,
             exposure=exposure,
             moving=moving,
-            turning=turning,
+            turning=turns_in_place(view),
             shutter_samples=samples or (),
+            light=prepared.light,
         )
         rendered = {name: labels[name] if name in labels else rendered[name] for name in buffers}
         return Pixels(complete(names, rendered), rendered.get("instance"), renderer.spp if colored else 0.0)
@@ -242,10 +252,10 @@ class ViewRenderer:
         self._scene.place(placement, (CURRENT,))
         return self._points.follow(points, view)
 
-    def label_batch(
+    def render_batch(
         self, states: Sequence[WorldState], buffers: Sequence[str], width: int, height: int
-    ) -> list[tuple[WorldState, list[Labels]]]:
-        """Render the label buffers of several frames at once where that is possible.
+    ) -> list[tuple[WorldState, list[Prepared]]]:
+        """Render labels and light of several frames at once, where that is possible.
 
         Args:
             states: of the world, at the frames to render.
@@ -254,18 +264,44 @@ class ViewRenderer:
             height: image height, px.
 
         Returns:
-            For each state, itself and the labels of each camera; an empty mapping where they are rendered one by one.
+            For each state, itself and what is rendered of each camera; the rest is to be rendered one by one.
         """
         self.check_session()
         self._upload_descriptions()
-        names = [name for name in rendered_buffers(buffers) if name not in COLORS]
-        found: list[list[Labels]] = [[] for _ in states]
+        buffers = rendered_buffers(buffers)
+        names = [name for name in buffers if name not in COLORS]
+        placements = [state.placement for state in states]
+        found: list[list[Prepared]] = [[] for _ in states]
         for row in range(len(states[0].cameras)):
             views = [View(*state.cameras[row], width=width, height=height) for state in states]
-            rendered = self._renderer(views[0]).render_labels(views, [state.placement for state in states], names)
-            for each, labels in zip(found, rendered or [{} for _ in states], strict=True):
-                each.append(labels)
+            renderer = self._renderer(views[0])
+            labels = renderer.render_labels(views, placements, names) or [{} for _ in states]
+            light: Sequence[PathImage | None] = [None] * len(states)
+            shared = (self._shared_light(*each, row) for each in zip(states, views, strict=True))
+            if len(names) < len(buffers) and all(part is None for parts in shared for part in parts):
+                indices = [state.frame for state in states]
+                light = renderer.trace_frames(views, placements, indices, seed=self._seed) or light
+            for each, drawn, image in zip(found, labels, light, strict=True):
+                each.append(Prepared(drawn, image))
         return list(zip(states, found, strict=True))
+
+    def _shared_light(
+        self, state: WorldState, view: View, camera_row: int | None, incremental: bool | None = None
+    ) -> tuple[Iterator[ShutterSample] | None, NDArray[np.bool_] | None]:
+        """Return what the light of a view shares with other times or frames; arguments as of `render`.
+
+        Returns:
+            The times at which the shutter is open, if it is; else the movers, if the frame may be rendered
+            incrementally. Two times None: the frame is path traced by itself.
+        """
+        samples = shutter_samples(
+            self.world, state, view, self._shutter, spp=self.settings.spp, seed=self._seed, camera_row=camera_row
+        )
+        incremental = self.settings.incremental if incremental is None else incremental
+        turning = self.settings.panorama_spp > 0 and turns_in_place(view)
+        if incremental and samples is None and (turning or is_static_view(view)):
+            return None, movers(state)
+        return samples, None
 
     def _upload_descriptions(self) -> None:
         """Add the world's stage and templates to the device scene, as far as they are not there."""
@@ -291,7 +327,7 @@ def render_all_cameras(
     width: int,
     height: int,
     pixels: Sequence[Pixels] | None = None,
-    labels: Sequence[Labels] | None = None,
+    prepared: Sequence[Prepared] | None = None,
 ) -> Frame:
     """Render a frame from each of the world's cameras; the first holds the others as `views`.
 
@@ -302,7 +338,7 @@ def render_all_cameras(
         width: image width, px.
         height: image height, px.
         pixels: what another process has rendered, one for each camera; None: rendered here.
-        labels: what `ViewRenderer.label_batch` has rendered, for each camera.
+        prepared: what `ViewRenderer.render_batch` has rendered, for each camera.
     """
     first, *others = [
         renderer.render(
@@ -312,7 +348,7 @@ def render_all_cameras(
             main_size=(width, height),
             camera_row=row,
             pixels=None if pixels is None else pixels[row],
-            labels=None if labels is None else labels[row],
+            prepared=None if prepared is None else prepared[row],
         )
         for row, step in enumerate(state.cameras)
     ]

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""LabelBatches: label buffers of several frames rendered at once, before they are asked for.
+"""FrameBatches: labels and path-traced light of several frames rendered at once, before they are asked for.
 
-A GPU spends more time on launches than on the labels of a small frame. Colors and everything else of a frame are
-computed when the frame is asked for.
+A GPU spends more time on launches than on a small frame. Everything else of a frame, such as denoising, is computed
+when the frame is asked for.
 """
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ from typing import Protocol
 from tiscene.device import runtime
 from tiscene.frame.frame import Frame
 from tiscene.scenario.scenario import Scenario
-from tiscene.stream.view_renderer import Labels, ViewRenderer, render_all_cameras
+from tiscene.stream.view_renderer import Prepared, ViewRenderer, render_all_cameras
 from tiscene.world.world import World
 from tiscene.world.world_state import WorldState
 
@@ -23,7 +23,7 @@ MAX_PIXELS = 1 << 22  # of a batch; rays, hits and buffers of a pixel take about
 class BatchSource(Protocol):
     """What batches need of a Stream."""
 
-    _batches: LabelBatches
+    _batches: FrameBatches
     _renderer: ViewRenderer
 
     @property
@@ -38,8 +38,8 @@ class BatchSource(Protocol):
     def buffers(self) -> tuple[str, ...]: ...
 
 
-class LabelBatches:
-    """World states and labels of frames that are asked for one after the other.
+class FrameBatches:
+    """World states of frames, and what is rendered of them: frames that are asked for one after the other.
 
     After a seek or an edit of the world, what was rendered in vain is dropped.
 
@@ -57,10 +57,10 @@ class LabelBatches:
     def clear(self) -> None:
         """Drop everything, since the world has changed."""
         self._edits = 0
-        self._ready: dict[int, tuple[WorldState, list[Labels]]] = {}
+        self._ready: dict[int, tuple[WorldState, list[Prepared]]] = {}
 
-    def take(self, source: BatchSource, indices: Sequence[int]) -> tuple[WorldState, list[Labels]]:
-        """Return the state of the world and the labels of each camera at the first of some frames.
+    def take(self, source: BatchSource, indices: Sequence[int]) -> tuple[WorldState, list[Prepared]]:
+        """Return the state of the world at the first of some frames, and what is rendered of it for each camera.
 
         Args:
             source: the stream.
@@ -72,7 +72,7 @@ class LabelBatches:
             chosen = indices[:count]
             self.clear()
             states = [source.world.state(index) for index in chosen]
-            rendered = source._renderer.label_batch(states, source.buffers, source.width, source.height)
+            rendered = source._renderer.render_batch(states, source.buffers, source.width, source.height)
             self._ready = dict(zip(chosen, rendered, strict=True))
             self._edits = edits
         return self._ready.pop(indices[0])
@@ -83,10 +83,10 @@ class BatchedFrames:
 
     @runtime.one_thread_at_a_time
     def first_of(self: BatchSource, indices: range) -> Frame:
-        """Return the first of some frames; if the stream renders in batches, with the labels of the following ones."""
+        """Return the first of some frames; if the stream renders in batches, together with the following ones."""
         self._renderer.check_session()
         size = self.width, self.height
         if self._batches.size == 1:
             return render_all_cameras(self._renderer, self.world.state(indices[0]), self.buffers, *size)
-        state, labels = self._batches.take(self, indices)
-        return render_all_cameras(self._renderer, state, self.buffers, *size, labels=labels)
+        state, prepared = self._batches.take(self, indices)
+        return render_all_cameras(self._renderer, state, self.buffers, *size, prepared=prepared)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Labels of several frames rendered at once have the bytes of labels rendered frame by frame."""
+"""Several frames rendered at once have the bytes of frames rendered one by one."""
 
 import pickle
 from dataclasses import replace
@@ -12,8 +12,9 @@ from tests.stream.test_stream import moving_scenario
 from tiscene.errors import ArgumentError
 from tiscene.frame.buffers import LABELS
 from tiscene.render.integrators.labels.label_pass import LabelPass
+from tiscene.render.integrators.path.path_frames import PathFrames
 from tiscene.scene.device_scene import DeviceScene
-from tiscene.stream import label_batches
+from tiscene.stream import frame_batches
 
 SIZE = {"width": 32, "height": 24}
 SURFACES = tuple(name for name in LABELS if "coverage" not in name)
@@ -31,6 +32,21 @@ def rendered(monkeypatch: pytest.MonkeyPatch) -> list[int]:
         return result
 
     monkeypatch.setattr(LabelPass, "render_frames", counted)
+    return found
+
+
+@pytest.fixture
+def traced(monkeypatch: pytest.MonkeyPatch) -> list[int]:
+    """Receives the number of frames of each call that traces the light of several at once; 0 where it cannot."""
+    found: list[int] = []
+    render = PathFrames.render_frames
+
+    def counted(self, *args, **options):
+        result = render(self, *args, **options)
+        found.append(len(result or ()))
+        return result
+
+    monkeypatch.setattr(PathFrames, "render_frames", counted)
     return found
 
 
@@ -83,12 +99,41 @@ def test_layout_of_gpus_renders_the_same_bytes(monkeypatch: pytest.MonkeyPatch, 
     assert rendered == [4]
 
 
-def test_colors_are_rendered_beside_batches(rendered: list[int]) -> None:
-    options = {**SIZE, "buffers": ("rgb", "depth", "instance"), "spp": 1, "max_depth": 2, "denoise": False, "frames": 3}
-    with ts.Stream(moving_scenario(), **options) as single, ts.Stream(moving_scenario(), **options, batch=3) as batched:
-        for one, other in zip(batched, single, strict=True):
+COLORED = {**SIZE, "buffers": ("rgb", "hdr", "depth", "instance"), "spp": 2, "max_depth": 3, "frames": 5}
+
+
+def assert_batches_equal(scenario: ts.Scenario, **options: object) -> None:
+    options = COLORED | options
+    with ts.Stream(scenario, **options) as single, ts.Stream(scenario, **options, batch=3) as batched:
+        expected = list(single)
+        for one, other in zip(batched, expected, strict=True):
             assert_equal(one, other)
-    assert rendered == [3]
+            assert one.spp == other.spp > 0
+        for one, other in zip(batched[1:3], expected[1:3], strict=True):
+            assert_equal(one, other)
+
+
+@pytest.mark.parametrize("options", [{"denoise": False}, {"quality": "fast"}], ids=["raw", "downscaled"])
+def test_colors_of_path_traced_frames_are_traced_at_once(
+    options: dict[str, object], rendered: list[int], traced: list[int]
+) -> None:
+    assert_batches_equal(orbiting(), incremental=False, **options)
+    assert rendered == traced == [3, 2, 2]
+
+
+def test_incremental_frames_are_rendered_beside_batches(rendered: list[int], traced: list[int]) -> None:
+    assert_batches_equal(moving_scenario(), incremental=True, denoise=False)
+    assert rendered == [3, 2, 2]
+    assert not traced
+
+
+def test_open_shutters_and_adaptive_sampling_are_rendered_frame_by_frame(
+    rendered: list[int], traced: list[int]
+) -> None:
+    for options in ({"shutter": (0.0, 0.5)}, {"relative_error": 0.3}):
+        assert_batches_equal(orbiting(), incremental=False, denoise=False, **options)
+    assert rendered == [3, 2, 2] * 2
+    assert not traced
 
 
 def test_edit_drops_what_was_rendered_in_vain(rendered: list[int]) -> None:
@@ -127,7 +172,7 @@ def test_several_cameras_have_batches_each(rendered: list[int]) -> None:
 
 
 def test_batches_are_limited_in_pixels(monkeypatch: pytest.MonkeyPatch, rendered: list[int]) -> None:
-    monkeypatch.setattr(label_batches, "MAX_PIXELS", 2 * 32 * 24 + 5)
+    monkeypatch.setattr(frame_batches, "MAX_PIXELS", 2 * 32 * 24 + 5)
     with ts.Stream(moving_scenario(), **SIZE, buffers=("depth",), frames=5, batch=100) as stream:
         assert [frame.index for frame in stream] == [0, 1, 2, 3, 4]
     assert rendered == [2, 2, 0]
