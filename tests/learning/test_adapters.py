@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Courses in other libraries: Avalanche, river, Gymnasium, UNaIVERSE. Each test uses the library itself."""
 
+import pickle
 import sys
 
 import numpy as np
@@ -8,6 +9,7 @@ import pytest
 
 from dynamics import CatmullWaypoints, Waypoint
 from tiscene.errors import ArgumentError, MissingExtra
+from tiscene.learning.adapters.course_frames import CourseFrames
 from tiscene.learning.adapters.labeled_patches import labeled_patches, patch_around, patches_of_tests
 from tiscene.learning.adapters.river_pairs import color_features, river_pairs
 from tiscene.learning.course import Course
@@ -268,3 +270,38 @@ def test_unaiverse_streams_name_the_extra_that_is_missing(course, monkeypatch):
     monkeypatch.setitem(sys.modules, "unaiverse.streams", None)
     with pytest.raises(MissingExtra, match=r"tiscene\[unaiverse\]"):
         unaiverse_streams(course)
+
+
+def phase_and_depth(frame):
+    return {"phase": frame.phase, "depth": frame.depth}
+
+
+def test_torch_loads_a_course_and_continues_from_a_state(course):
+    pytest.importorskip("torch")
+    from torch.utils.data import DataLoader
+
+    frames = CourseFrames(course)
+    batches = list(DataLoader(frames.torch(frames=range(4, 8), transform=phase_and_depth), batch_size=2))
+    assert [each["phase"] for each in batches] == [["ball", "ball"], ["cube", "cube"]]
+    assert (batches[1]["depth"][0].numpy() == course[6].depth).all()
+    samples = iter(frames.torch(chunk=1))
+    for _ in range(3):
+        next(samples)
+    resumed = iter(frames.torch(chunk=1))
+    resumed.load_state_dict(samples.state_dict())
+    assert next(resumed)["index"] == 3
+    with pytest.raises(ArgumentError, match="of another data set"):
+        iter(CourseFrames(make_course(SupervisionRules(RandomPixels(2)))).torch()).load_state_dict(samples.state_dict())
+
+
+def test_course_frames_are_equal_in_a_worker(course):
+    there = pickle.loads(pickle.dumps(CourseFrames(course))).dataset()
+    assert len(there) == 12
+    assert (there[7]["rgb"] == course[7].rgb).all()
+
+
+def test_grain_shuffles_a_course(course):
+    grain = pytest.importorskip("grain")
+    data = grain.MapDataset.source(CourseFrames(course).dataset(transform=phase_and_depth)).shuffle(seed=1)
+    phases = [data[row]["phase"] for row in range(4)]
+    assert set(phases) <= {"ball", "cube"}

@@ -4,6 +4,7 @@
 ::
 
     labeled_patches  labeled pixels with their surroundings, in the order of the course
+    course_frames    PyTorch, Grain and Hugging Face: the loaders of a stream (extras torch, grain, huggingface)
     avalanche_benchmark  Avalanche: an experience for each phase (extra avalanche)
     river_pairs      river: pairs of features and category (extra river)
     look_around      Gymnasium: LookAround-v0 (extra gymnasium)
