@@ -106,6 +106,8 @@ class Material:
         prim_path: Path on the stage; in a template's file such as "Chair 01/Looks/Oak". "" for the default material of
             meshes without one.
         lobes: Further lobes; None: none.
+        seen_by_camera: False: rays from the camera pass the surface, and it has no labels; mirrors, glass and shadows
+            show it.
     """
 
     name: str
@@ -124,3 +126,4 @@ class Material:
     normal: TextureLookup | None = None
     prim_path: str = ""
     lobes: ExtendedLobes | None = None
+    seen_by_camera: bool = True

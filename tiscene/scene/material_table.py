@@ -78,6 +78,7 @@ EXTENDED = 512  # has ExtendedLobes
 THIN = 1024  # is a sheet without thickness
 TRANSLUCENT = 2048  # diffuse light passes
 ABSORBS = 4096  # the solid absorbs light
+UNSEEN = 8192  # rays from the camera pass
 
 # Limits of MAY_MIRROR: roughness is below, and metallic or (in the specular workflow) specular color is above.
 MIRROR_ROUGHNESS, MIRROR_METALLIC, MIRROR_SPECULAR = 0.15, 0.5, 0.5
@@ -105,7 +106,7 @@ def flags_of(material: Material) -> int:
     the material is glass: the fraction `1 - opacity` of the light enters the solid that the mesh encloses. Materials of
     other models say which of the two it is: mode "presence" or "transmission".
     """
-    flags = 0
+    flags = 0 if material.seen_by_camera else UNSEEN
     textured = [name for name, _ in INPUTS if isinstance(getattr(material, name), TextureLookup)]
     if textured or material.normal is not None:
         flags |= TEXTURED
@@ -129,7 +130,7 @@ def flags_of(material: Material) -> int:
         flags |= _flags_of_lobes(material.lobes, flags)
     if not (reflects or metal or flags & (COATED | GLASS | EXTENDED)):
         flags |= MATTE
-        if not flags & (TEXTURED | COVERAGE):
+        if not flags & (TEXTURED | COVERAGE | UNSEEN):
             flags |= PLAIN
     if not flags & GLASS and _may_mirror(material):
         flags |= MAY_MIRROR
@@ -220,8 +221,8 @@ class MaterialTable:
 
     @property
     def any_coverage(self) -> bool:
-        """Whether some material ever has partial coverage, so that rays may pass a surface."""
-        return any(flags & COVERAGE for flags in self.possible_flags)
+        """Whether some material ever has partial coverage or is unseen, so that rays may pass a surface."""
+        return any(flags & (COVERAGE | UNSEEN) for flags in self.possible_flags)
 
     @property
     def any_extended(self) -> bool:

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 import tiscene as ts
-from tests.usd.helpers import read, read_with_warning, write
+from tests.usd.helpers import read, write
 
 LAMP = """def RectLight "Lamp"
 {
@@ -106,9 +106,63 @@ def test_sky_that_the_camera_does_not_see_is_black(centers):
     np.testing.assert_array_equal(centers["no sky"], 0.0)
 
 
-def test_mesh_hidden_from_the_camera_is_named(tmp_path):
-    body = WALL.replace("uniform", "bool primvars:arnold:visibility:camera = 0\nuniform", 1)
-    read_with_warning(tmp_path, body, "a mesh that the camera does not see.*: </Wall>")
+SET = """def Mesh "Front" (prepend apiSchemas = ["MaterialBindingAPI"])
+{
+    %s
+    uniform token subdivisionScheme = "none"
+    int[] faceVertexCounts = [4]
+    int[] faceVertexIndices = [0, 1, 2, 3]
+    point3f[] points = [(-9, -9, -1), (9, -9, -1), (9, 9, -1), (-9, 9, -1)]
+    color3f[] primvars:displayColor = [(1, 0, 0)]
+}
+def Sphere "Ball"
+{
+    double radius = 0.5
+    color3f[] primvars:displayColor = [(0, 1, 0)]
+    double3 xformOp:translate = (0.03, 0.02, -2)
+    uniform token[] xformOpOrder = ["xformOp:translate"]
+}
+def DistantLight "Sun"
+{
+    float inputs:intensity = 50000
+    %s
+}
+def Camera "C"
+{
+}
+"""
+AWAY = 'float3 xformOp:rotateXYZ = (0, 180, 0)\nuniform token[] xformOpOrder = ["xformOp:rotateXYZ"]'
+
+
+@pytest.mark.parametrize("behind", [False, True])
+def test_mesh_that_the_camera_does_not_see_has_no_labels_and_casts_shadows(tmp_path, behind):
+    """A panel before the ball shades it, or reflects the light of a sun behind the ball to it."""
+    body = SET % ("bool primvars:arnold:visibility:camera = 0", AWAY if behind else "")
+    options = {"width": 9, "height": 9, "camera": "C", "spp": 4}
+    buffers = ("hdr", "instance", "depth", "coverage", "albedo")
+    with ts.Stream(write(tmp_path, body), buffers=buffers, **options) as stream:
+        frame = stream[0]
+        names = {row.name: row for row in frame.objects}
+    ball = frame.instance == names["Ball"].id
+    assert ball[4, 4]
+    assert set(np.unique(frame.instance)) == {0, names["Ball"].id}
+    assert frame.depth[4, 4] == pytest.approx(1.5, abs=5e-3)
+    np.testing.assert_allclose(frame.albedo[4, 4], (0, 1, 0), atol=1e-6)
+    assert names["Front"].id not in frame.coverage[..., 0]
+    assert bool(frame.hdr[ball].any()) is behind
+    with ts.Stream(write(tmp_path, SET % ("", "")), buffers=("instance", "hdr"), **options) as stream:
+        seen = stream[0]
+    assert (seen.instance == names["Front"].id).all()
+    assert seen.hdr.min() > 0.1
+
+
+def test_animated_material_of_a_hidden_mesh_keeps_playing(tmp_path):
+    animated = "color3f[] primvars:displayColor.timeSamples = { 0: [(1, 0, 0)], 9: [(0, 0, 1)] }"
+    body = SET.replace("color3f[] primvars:displayColor = [(1, 0, 0)]", animated) % ("int visibleInPrimaryRay = 0", "")
+    description = read(tmp_path, body, more="startTimeCode = 0\nendTimeCode = 9")
+    row = int(description.meshes[0].materials[0])
+    assert not description.materials[row].seen_by_camera
+    assert row in [track.row for track in description.material_tracks]
 
 
 STREET = """def PointInstancer "Street"

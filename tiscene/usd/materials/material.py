@@ -154,6 +154,16 @@ class MaterialTableBuilder:
             for (r, g, b, opacity), group in zip(colors, groups, strict=True)
         ]
 
+    def unseen(self, binding: Binding) -> Binding:
+        """Return the same material for a gprim that the camera does not see."""
+        key = ("unseen", binding.row)
+        is_new = key not in self._bindings
+        material = replace(self.materials[binding.row], seen_by_camera=False)
+        found = self._row(key, material)
+        if is_new:
+            self.tracks += [replace(each, row=found.row) for each in self.tracks if each.row == binding.row]
+        return replace(binding, row=found.row)
+
     def _row(
         self, key: Any, material: Material, primvars: PrimvarNames = NO_PRIMVARS, is_display_color: bool = False
     ) -> Binding:

@@ -27,6 +27,7 @@ from tiscene.usd.geometry.skinning import skin_of
 from tiscene.usd.geometry.triangulate import cross
 from tiscene.usd.geometry.vertex_weld import WeldedMesh
 from tiscene.usd.lights.light_linking import links_of
+from tiscene.usd.lights.shaping import is_seen_by_camera
 from tiscene.usd.materials.material import Binding, MaterialTableBuilder
 
 Partition = tuple[tuple[str, ...], NDArray[np.int32] | None]  # names of parts, and the part of each face
@@ -79,6 +80,9 @@ class MeshTable:
         source = (prim.GetPrimInPrototype() if prim.IsInstanceProxy() else prim).GetPath()
         whole = emitter or self._materials.binding(prim, prim)
         subsets = [] if emitter else self._subsets(prim, whole)
+        if not is_seen_by_camera(prim, self._time):
+            whole = self._materials.unseen(whole)
+            subsets = [(self._materials.unseen(binding), faces) for binding, faces in subsets]
         bindings = (whole, *(binding for binding, _ in subsets))
         links = links_of(self._report)
         link_class = 0 if links is None else links.class_of(prim)

@@ -21,7 +21,6 @@ from tiscene.usd.core.transform import is_singular, range_fault, to_matrix
 from tiscene.usd.geometry.skinning import is_unskinned
 from tiscene.usd.lights.animated_light import mesh_emission_over_time
 from tiscene.usd.lights.light import LightReader, is_light
-from tiscene.usd.lights.shaping import is_seen_by_camera
 from tiscene.usd.materials.material import Binding, MaterialTableBuilder
 from tiscene.usd.materials.texture import TextureTable
 from tiscene.usd.read.instancer_reader import PointInstancerReader, PrototypeLight
@@ -209,10 +208,6 @@ class StageReader(PointInstancerReader):
         mesh = self._meshes.row(prim, emitter)
         if mesh is None:
             return
-        if here.is_drawn and not is_seen_by_camera(prim, self._time):
-            self._report.omission(
-                prim.GetPath(), "a mesh that the camera does not see by its renderer's attribute is seen"
-            )
         if here.is_drawn and is_unskinned(prim, self._report):
             self._report.omission(prim.GetPath(), "a mesh bound to a skeleton is drawn without its skinning")
         matrix = to_matrix(here.world, self._meters)

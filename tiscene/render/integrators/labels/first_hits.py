@@ -2,7 +2,7 @@
 """First hits for labels: a surface is present where its opacity is at least one half, and invisible elsewhere.
 
 Leaves and lace are often rectangles with an opacity texture (`material_table.COVERAGE`). The path pass accepts a hit
-with probability `opacity`; a label has to decide.
+with probability `opacity`; a label has to decide. Surfaces that the camera does not see (UNSEEN) are never present.
 """
 
 from typing import Any
@@ -19,7 +19,7 @@ from tiscene.render.intersect.surface_interaction import Geometry, geometry_of, 
 from tiscene.render.intersect.trace import closest
 from tiscene.render.texture_lookup import Textures
 from tiscene.scene.device_scene import DeviceScene
-from tiscene.scene.material_table import COVERAGE, FLAGS, OPACITY
+from tiscene.scene.material_table import COVERAGE, FLAGS, OPACITY, UNSEEN
 from tiscene.scene.placement import CURRENT, MOVERS
 
 OPACITY_THRESHOLD = 0.5
@@ -105,13 +105,15 @@ def reject_transparent_hits(
         row = hit_ids[ray][0]
         step = hits[ray][0]
         hits[ray][0] = rays[ray][TRAVELED] + step
-        may_be_rejected = False
+        may_be_rejected, is_unseen = False, False
         if row >= 0:
-            may_be_rejected = materials.info[geometry.triangle_material[hit_ids[ray][1]], FLAGS] & COVERAGE != 0
+            flags = materials.info[geometry.triangle_material[hit_ids[ray][1]], FLAGS]
+            may_be_rejected, is_unseen = flags & (COVERAGE | UNSEEN) != 0, flags & UNSEEN != 0
         if may_be_rejected:
             direction = ray_direction(rays, ray)
             surface = surface_at(geometry, row, hit_ids[ray][1], hits[ray][1], hits[ray][2], time, direction)
-            if material_at(materials, textures, surface, 1 << OPACITY, Footprint()).opacity < OPACITY_THRESHOLD:
+            opacity = material_at(materials, textures, surface, 1 << OPACITY, Footprint()).opacity
+            if is_unseen or opacity < OPACITY_THRESHOLD:
                 origin = offset_origin(surface, direction)
                 for c in ti.static(range(3)):
                     rays[ray][c] = origin[c]

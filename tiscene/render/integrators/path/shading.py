@@ -53,7 +53,7 @@ from tiscene.render.sampling.sobol import combine, draw, set_key, set_keys
 from tiscene.render.texture_lookup import Textures
 from tiscene.scene.lights.light_kinds import MESH
 from tiscene.scene.lights.light_table import KIND, LIT, SHADOWING, SHADOWLESS
-from tiscene.scene.material_table import COVERAGE, EMITS, FLAGS, GLASS, MATTE, TRANSLUCENT
+from tiscene.scene.material_table import COVERAGE, EMITS, FLAGS, GLASS, MATTE, TRANSLUCENT, UNSEEN
 from tiscene.scene.placement import CURRENT
 
 # Sets of random numbers of each segment, offsets from FIRST_STEP_SET + SETS * step.
@@ -184,6 +184,8 @@ def shade(
             alpha_rejected = False
             if material.flags & COVERAGE:
                 alpha_rejected = draw(set_keys(key, first_set + OPACITY_SET), index).x >= material.opacity
+            if material.flags & UNSEEN and depth == 0:
+                alpha_rejected = True
             if alpha_rejected:
                 continues = True
                 write_ray(rays, i, offset_origin(surface, direction), direction, ti.math.inf)
