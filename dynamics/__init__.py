@@ -26,6 +26,7 @@ angles, where a class accepts them, are degrees (see `dynamics.rotation`). Axes 
     closed_form                         Still, Orbit, LookAt, Keyframes, Composite
     random_bounce                       UniformMovementRandomBounce
     rigid_body                          RigidBody
+    joint_loops                         joints that close loops
     stepped_dynamic                     Stepped: trajectories written in Python
     quadrature                          arc length of cubics
     timings, clocks                     when each body moves; exact time

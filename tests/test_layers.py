@@ -40,7 +40,7 @@ MAY_IMPORT = {
     "tiscene.scene": {"dynamics", "tiscene.device", "tiscene.errors"},
     "tiscene.scenario": {"dynamics", "tiscene.catalog", "tiscene.errors", "tiscene.files", "tiscene.scene"},
     "tiscene.frame": {"tiscene.errors", "tiscene.files", "tiscene.scene"},
-    "tiscene.usd": {"tiscene.catalog", "tiscene.errors", "tiscene.files", "tiscene.scene"},
+    "tiscene.usd": {"dynamics", "tiscene.catalog", "tiscene.errors", "tiscene.files", "tiscene.scene"},
     "tiscene.render": {
         "dynamics",
         *("tiscene.device", "tiscene.errors", "tiscene.files", "tiscene.frame", "tiscene.scene"),
@@ -119,6 +119,7 @@ ONLY_IN = {
         "docs/tools/template_sheet.py",
         "docs/tools/gallery.py",
         "tiscene/learning/results_page.py",
+        "tiscene/learning/adapters/unaiverse_streams.py",
     ),
     "rich": ("tiscene/cli/",),
     "trimesh": ("tiscene/usd/", "usd_scenes/author/"),

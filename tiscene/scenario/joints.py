@@ -14,6 +14,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from dynamics import RigidBody, argument_checks
+from dynamics.joint_loops import closing_joints
 from tiscene.errors import ScenarioError, scenario_errors
 from tiscene.scenario.objects import Object
 from tiscene.scene.camera import Vector3
@@ -166,29 +167,3 @@ def check_joints(value: Any, objects: Collection[Object]) -> tuple[Joint, ...]:
                 "prismatic joints and limits are not supported. List this joint before the others"
             )
     return tuple(value)
-
-
-def closing_joints(ends: Sequence[tuple[Any, ...]], loose: Sequence[bool]) -> list[int]:
-    """Return the rows of joints that connect what earlier ones have connected.
-
-    Args:
-        ends: the two ends of each joint; None for all that is no rigid body.
-        loose: whether a joint connects nothing in this sense.
-    """
-    roots: dict[Any, Any] = {}
-
-    def root(end: Any) -> Any:
-        while end in roots:
-            end = roots[end]
-        return end
-
-    closing = []
-    for row, ((one, other), is_loose) in enumerate(zip(ends, loose, strict=True)):
-        if is_loose:
-            continue
-        first, second = root(one), root(other)
-        if first == second:
-            closing.append(row)
-        else:
-            roots[first if first is not None else second] = second if first is not None else first
-    return closing

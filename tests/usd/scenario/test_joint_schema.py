@@ -157,3 +157,41 @@ def test_joints_of_another_program_are_read_in_meters_and_their_omissions_are_na
     with pytest.warns(StageWarning):
         joints = ts.Scenario.load(path).joints
     assert [type(each) for each in joints] == [ts.RevoluteJoint, ts.DistanceJoint]
+
+
+def test_limits_in_loops_and_joints_that_contradict_themselves_are_left_out_and_named(tmp_path):
+    """A door on two hinges with limits; a joint whose limits exclude each other."""
+    second = """    def PhysicsRevoluteJoint "Second"
+    {
+        rel physics:body1 = </World/Door>
+        uniform token physics:axis = "Y"
+        float physics:lowerLimit = -20
+    }
+    def PhysicsPrismaticJoint "Third"
+    {
+        rel physics:body0 = </World/Knob>
+        float physics:lowerLimit = 3
+        float physics:upperLimit = 2
+    }
+    def PhysicsPrismaticJoint "Fourth"
+    {
+        rel physics:body1 = </World/Door>
+    }
+    def PhysicsFixedJoint "Elsewhere"
+"""
+    path = tmp_path / "foreign.usda"
+    path.write_text(FOREIGN.replace('    def PhysicsFixedJoint "Elsewhere"\n', second))
+    with pytest.warns(StageWarning) as warned:
+        joints = ts.Scenario.load(path).joints
+    text = str(warned[0].message)
+    for part in (
+        "limits of a joint",
+        "</World/Second>",
+        "a joint is left out: its least value -0.02 is above",
+        "</World/Third>",
+        "</World/Fourth>",
+    ):
+        assert part in text
+    assert [type(each) for each in joints] == [ts.RevoluteJoint, ts.DistanceJoint, ts.RevoluteJoint]
+    assert joints[0].upper_limit == 20.0
+    assert joints[2].lower_limit is None

@@ -16,6 +16,7 @@ from typing import Any
 import numpy as np
 from pxr import Gf, Sdf, Usd, UsdGeom, UsdPhysics
 
+from dynamics.joint_loops import closing_joints
 from tiscene.scene.camera import quaternion_from_matrix
 from tiscene.scene.description import Matrix
 from tiscene.usd.core import schema
@@ -118,7 +119,7 @@ def read_joints(
     units = Units.of(stage)
     owners = {Sdf.Path(path): row for row, path in enumerate(paths)}
     is_rigid = {objects[row]["id"]: kind == "RigidBody" for row, kind in enumerate(kinds)}
-    found = []
+    found: list[tuple[Sdf.Path, dict[str, Any]]] = []
     for prim in stage.Traverse():
         joint = UsdPhysics.Joint(prim)
         if not joint:
@@ -127,14 +128,54 @@ def read_joints(
             exact = schema.authored(prim, EXACT)
             exact = json.loads(exact) if exact else None
             if exact is not None and not {exact["body"], exact["parent"]} <= {None, *(each["id"] for each in objects)}:
-                found.append(exact)  # it names an object that is spawned later
+                found.append((prim.GetPath(), exact))  # it names an object that is spawned later
                 continue
             if joint.GetJointEnabledAttr().Get() is False:
                 continue
             content = _read_joint(stage, joint, objects, owners, units, time, report)
-            if content is not None and (is_rigid[content["body"]] or is_rigid.get(content["parent"])):
-                found.append(exact if exact is not None and _agree(exact, content, objects) else content)
-    return {"joints": found} if found else {}
+            if content is None or not (is_rigid[content["body"]] or is_rigid.get(content["parent"])):
+                continue
+            if fault := _fault(content):
+                report.omission(prim.GetPath(), f"a joint is left out: {fault}")
+                continue
+            found.append((prim.GetPath(), exact if exact and _agree(exact, content, objects) else content))
+    joints = _without_limits_in_loops(found, is_rigid, report)
+    return {"joints": joints} if joints else {}
+
+
+def _fault(content: Mapping[str, Any]) -> str | None:
+    """Return why a joint that was read cannot be; None if it can."""
+    for low, high in (("lower_limit", "upper_limit"), ("min_distance", "max_distance")):
+        least, most = content.get(low), content.get(high)
+        if least is not None and most is not None and least > most:
+            return f"its least value {least:g} is above its greatest one, {most:g}"
+    if content.get("axis", "X") not in ("X", "Y", "Z"):
+        return f"its axis is {content['axis']!r}; it must be X, Y or Z"
+    if content.get("max_distance") == 0.0:
+        return "its greatest distance is 0"
+    return None
+
+
+def _without_limits_in_loops(
+    found: Sequence[tuple[Sdf.Path, dict[str, Any]]], is_rigid: Mapping[str, bool], report: StageReport
+) -> list[dict[str, Any]]:
+    """Return joints, without what cannot be simulated of those that close loops."""
+    spawned = {id for _, each in found for id in (each["body"], each["parent"]) if id not in is_rigid}
+    ends = [
+        tuple(id if id in spawned or is_rigid.get(id) else None for id in (each["body"], each["parent"]))
+        for _, each in found
+    ]
+    closing = closing_joints(ends, [each["type"] == "DistanceJoint" for _, each in found])
+    joints = []
+    for row, (path, each) in enumerate(found):
+        if row in closing and each["type"] == "PrismaticJoint":
+            report.omission(path, "a prismatic joint of objects that other joints connect is not simulated")
+            continue
+        if row in closing and any(each.get(name) is not None for name in ("lower_limit", "upper_limit")):
+            report.omission(path, "limits of a joint of objects that other joints connect are not simulated")
+            each = each | {"lower_limit": None, "upper_limit": None}
+        joints.append(each)
+    return joints
 
 
 def _read_joint(

@@ -14,8 +14,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from dynamics.joint_loops import closing_joints
 from dynamics.rotation import conjugate, multiply, rotate
-from tiscene.scenario.joints import AXES, AxialJoint, DistanceJoint, Joint, closing_joints
+from tiscene.scenario.joints import AXES, AxialJoint, DistanceJoint, Joint
 
 Array = NDArray[np.float64]
 WORLD = np.array([0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0])  # a pose, [7]
