@@ -129,6 +129,10 @@ class Trajectories:
         """The objects as bodies and movers."""
         return self._movers
 
+    def close(self) -> None:
+        """Drop all arrays now, which would wait for the cyclic collector. Nothing can be asked any more."""
+        vars(self).clear()
+
     def amend(self, edit: Edit) -> None:
         """Take one more edit of the log. Frames before the edit keep their poses and are not computed again."""
         self._onset.amend(edit)
