@@ -8,55 +8,34 @@ less. Of the risks that a part looks for, see the docstrings.
 from __future__ import annotations
 
 import itertools
-import math
 import os
 import platform
 import shutil
 import subprocess
 import sys
-import time
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import taichi as ti
 from numpy.typing import NDArray
 
 from tests.gpu.baked_scene import LABEL_SIZE, LABELS, SPHERE, BakedScene
+from tests.gpu.batch_parts import SIZE, TIME, batch, batch_colors, serial
+from tests.gpu.checks import Check, median
 from tiscene.device import runtime
 from tiscene.device.memory import device_array, upload
 from tiscene.render.integrators.incremental.incremental_pass import IncrementalPass
 from tiscene.render.integrators.labels.label_pass import LabelPass
 from tiscene.render.integrators.path.path_pass import PathPass
-from tiscene.render.integrators.path.path_state import LIGHT_PENDING, LIVE, chunks_for
-from tiscene.render.integrators.path.wavefront_kernels import compact
 from tiscene.render.intersect.ray_queue import hit, hit_id, upload_rays
 from tiscene.render.intersect.trace import closest
 from tiscene.scene.device_scene import DeviceScene
-from tiscene.scene.placement import CURRENT, NEXT, PREVIOUS, Placement
+from tiscene.scene.placement import CURRENT
 
-SIZE = 256, 192
 INTEGERS = ("semantic", "instance", "part")
 SILHOUETTE = 1e-4  # fraction of pixels that may show another object than on the CPU
-TIME = (PREVIOUS, CURRENT, NEXT)
-
-
-@dataclass(frozen=True)
-class Check:
-    """A line of results.
-
-    Attributes:
-        what: what was measured or compared.
-        found: the result.
-        passed: whether it is as it should be; None for a measurement.
-    """
-
-    what: str
-    found: str
-    passed: bool | None = None
 
 
 def environment(scenes: list[BakedScene], scale: float) -> Iterator[Check]:
@@ -175,62 +154,6 @@ def motion(scenes: list[BakedScene], scale: float) -> Iterator[Check]:
             yield Check(f"{scene.name}: frame {frame} as placed anew", "same bytes" if same else "differs", same)
 
 
-def batch(scenes: list[BakedScene], scale: float) -> Iterator[Check]:
-    """Labels of several frames in one launch: the bytes of frames one by one, and the speed of both."""
-    count = max(2, int(16 * scale))
-    buffers = ("instance", "semantic", "depth", "forward_flow")
-    for scene in scenes:
-        device, passes = scene.device_scene(), LabelPass(scene.device_scene())
-        placements = [scene.placements[frame % len(scene.placements)] for frame in range(count)]
-        single = LabelPass(device)
-
-        def one_by_one(size: tuple[int, int], names: tuple[str, ...], turned: float) -> list[dict[str, Any]]:
-            found = []
-            for frame, placement in enumerate(placements):  # noqa: B023
-                device.place(placement, times=TIME)  # noqa: B023
-                found.append(single.render(scene.view(size, turned=turned + 0.02 * frame), names))  # noqa: B023
-            return found
-
-        def at_once(size: tuple[int, int], names: tuple[str, ...], turned: float) -> list[dict[str, Any]]:
-            views = [scene.view(size, turned=turned + 0.02 * frame) for frame in range(count)]  # noqa: B023
-            return passes.render_frames(views, placements, names) or []  # noqa: B023
-
-        expected, found = one_by_one(LABEL_SIZE, LABELS, 0.0), at_once(LABEL_SIZE, LABELS, 0.0)
-        same = len(found) == count and all(
-            one[name].tobytes() == other[name].tobytes()
-            for one, other in zip(found, expected, strict=True)
-            for name in LABELS
-        )
-        yield Check(f"{scene.name}: {count} frames at once", "same bytes" if same else "differ", same)
-        for name, render, goal in (("one by one", one_by_one, ""), ("at once", at_once, " (goal: 0.5 ms)")):
-            turns = itertools.count()
-            seconds = _median(lambda: render(SIZE, buffers, 0.5 * next(turns)), 5) / count  # noqa: B023
-            yield Check(f"{scene.name}: labels, 256x192, {name}", f"{1e3 * seconds:.2f} ms a frame{goal}")
-
-
-def serial(scenes: list[BakedScene], scale: float) -> Iterator[Check]:
-    """Steps of a frame that one GPU thread must not do alone (risk 2), and the build of the trees."""
-    limit = 2.0 if runtime.running() == "cuda" else math.inf
-    count = 1 << 20
-    random = np.random.default_rng(3)
-    status = random.choice([0, LIVE, LIGHT_PENDING, LIVE | LIGHT_PENDING], count)
-    arrays = [upload(each) for each in (status, np.arange(count), np.zeros(count, int), np.zeros(count, int))]
-    chunks = upload(np.zeros((chunks_for(count), 2), np.int32))
-    sizes = compact(arrays[0], arrays[1], count, arrays[2], arrays[3], chunks)
-    right = (sizes & 0xFFFFFFFF, sizes >> 32) == tuple(int((status & flag > 0).sum()) for flag in (LIVE, LIGHT_PENDING))
-    milliseconds = 1e3 * _median(lambda: compact(arrays[0], arrays[1], count, arrays[2], arrays[3], chunks), 10)
-    yield Check("queue of 2^20 paths compacted", f"{milliseconds:.2f} ms", right and milliseconds < limit)
-    for scene in scenes:
-        began = time.perf_counter()
-        device = scene.device_scene()
-        ti.sync()
-        yield Check(f"{scene.name}: scene made", f"{time.perf_counter() - began:.2f} s")
-        moved = [_shifted(scene.placements[0], 0.001 * step) for step in range(1, 8)]
-        steps = itertools.cycle(moved)
-        milliseconds = 1e3 * _median(lambda: device.place(next(steps), times=TIME), 10)  # noqa: B023
-        yield Check(f"{scene.name}: all instances placed", f"{milliseconds:.2f} ms", milliseconds < 10.0 * limit)
-
-
 def denoiser(scenes: list[BakedScene], scale: float) -> Iterator[Check]:
     """The denoiser on the card (risk 12): the picture is nearer to the mean of many samples, and how long it takes."""
     try:
@@ -256,7 +179,7 @@ def denoiser(scenes: list[BakedScene], scale: float) -> Iterator[Check]:
         yield Check(f"{scene.name}: squared error", text, bool(after < before) and same)
     image = [np.ones((*SIZE[::-1], 3), np.float32)] * 3
     for quality in ("fast", "balanced", "high"):
-        seconds = _median(partial(denoise, *image, quality), 5)
+        seconds = median(partial(denoise, *image, quality), 5)
         yield Check(f"256x192, {quality}", f"{1e3 * seconds:.1f} ms")
 
 
@@ -300,15 +223,15 @@ def speed(scenes: list[BakedScene], scale: float) -> Iterator[Check]:
         passes, count = LabelPass(device), itertools.count()
         buffers = ("instance", "semantic", "depth", "forward_flow")
         # A camera that turns, since labels of a resting view are kept.
-        time_labels = _median(lambda: passes.render(scene.view(SIZE, turned=0.02 * next(count)), buffers))  # noqa: B023
+        time_labels = median(lambda: passes.render(scene.view(SIZE, turned=0.02 * next(count)), buffers))  # noqa: B023
         yield Check(f"{scene.name}: labels, 256x192", f"{1e3 * time_labels:.1f} ms (goal: 2 ms)")
         if len(scene.placements) > 1:
             placements = itertools.cycle(scene.placements)
-            time_placing = _median(lambda: device.place(next(placements)))  # noqa: B023
+            time_placing = median(lambda: device.place(next(placements)))  # noqa: B023
             yield Check(f"{scene.name}: place instances", f"{1e3 * time_placing:.2f} ms")
         paths = PathPass(device, *SIZE)
         trace = partial(paths.render, view, frame_index=0, seed=1, spp=4, max_depth=6)
-        yield Check(f"{scene.name}: 4 spp, 256x192", f"{1e3 * _median(trace, 5):.0f} ms (goal with denoiser: 17 ms)")
+        yield Check(f"{scene.name}: 4 spp, 256x192", f"{1e3 * median(trace, 5):.0f} ms (goal with denoiser: 17 ms)")
         yield Check(f"{scene.name}: incoherent rays", f"{_incoherent_rays(scene, device):.1f} M/s (goal: 300 M/s)")
 
 
@@ -338,6 +261,7 @@ PARTS: dict[str, tuple[Part, int]] = {  # with the limit of time, s
     "repeat": (repeat, 240),
     "motion": (motion, 120),
     "batch": (batch, 180),
+    "colors": (batch_colors, 240),
     "serial": (serial, 120),
     "denoiser": (denoiser, 120),
     "memory": (memory, 180),
@@ -347,30 +271,10 @@ PARTS: dict[str, tuple[Part, int]] = {  # with the limit of time, s
 }
 
 
-def _shifted(placement: Placement, by: float) -> Placement:
-    """Return a placement in which all instances are shifted, m."""
-    world = placement.world_from_object.copy()
-    world[..., 3] += by
-    return replace(placement, world_from_object=world)
-
-
 def _tiles(image: NDArray[np.float32]) -> NDArray[np.float64]:
     """Return means over tiles of 6x6 pixels."""
     height, width, channels = image.shape
     return image.astype(np.float64).reshape(height // 6, 6, width // 6, 6, channels).mean(axis=(1, 3))
-
-
-def _median(work: Callable[[], Any], runs: int = 20) -> float:
-    """Return the median wall time of a function, s, after one run to warm up."""
-    work()
-    times = []
-    for _ in range(runs):
-        ti.sync()
-        began = time.perf_counter()
-        work()
-        ti.sync()
-        times.append(time.perf_counter() - began)
-    return float(np.median(times))
 
 
 def _incoherent_rays(scene: BakedScene, device: DeviceScene) -> float:
@@ -384,7 +288,7 @@ def _incoherent_rays(scene: BakedScene, device: DeviceScene) -> float:
     rays[:, 7] = np.inf
     on_device, queue = upload_rays(rays), upload(np.arange(count))
     hits, hit_ids = device_array(hit, count), device_array(hit_id, count)
-    return count / _median(lambda: closest(device, CURRENT, on_device, queue, count, hits, hit_ids), 10) / 1e6
+    return count / median(lambda: closest(device, CURRENT, on_device, queue, count, hits, hit_ids), 10) / 1e6
 
 
 def _resident_megabytes() -> float:

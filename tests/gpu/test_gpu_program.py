@@ -111,5 +111,15 @@ def test_batches_of_labels_are_compared(sphere):
     ]
 
 
+def test_batches_of_colors_are_compared(sphere):
+    checks = list(parts.batch_colors([sphere], 0.01))
+    assert checks[0].what == "sphere: colors of 2 frames at once"
+    assert checks[0].passed
+    assert [check.what for check in checks[1:]] == [
+        "sphere: 4 spp, 64x48, one by one",
+        "sphere: 4 spp, 64x48, at once",
+    ]
+
+
 def test_steps_that_one_thread_must_not_do_alone_are_timed(sphere):
     assert all(check.passed in (None, True) for check in parts.serial([sphere], 0.01))
