@@ -177,3 +177,22 @@ def test_refusal_says_what_is_left_and_how_to_go_on(tmp_path):
     assert "missing files" not in caught.value.advice
     with pytest.raises(StageError, match="without it, the other parts are rendered"):
         read_stage(write(tmp_path, CUBE + BROKEN["mesh"][0]), strict=True)
+
+
+@pytest.mark.parametrize(
+    ("name", "content", "text"),
+    [
+        ("empty.usda", b"", "It is empty: copy or export it again"),
+        ("picture.usd", b"\x89PNG\r\n\x1a\n" + 99 * b"0", r"It has 107 bytes and begins with b'\\x89PNG"),
+        ("archive.usdz", b"PK\x05\x06" + bytes(18), r"It has 22 bytes and begins with b'PK"),
+    ],
+)
+def test_files_of_other_formats_say_how_they_begin(tmp_path, name, content, text):
+    (tmp_path / name).write_bytes(content)
+    with pytest.raises(StageError, match=text):
+        read_stage(tmp_path / name)
+
+
+def test_messages_hold_no_addresses(tmp_path):
+    text = 'def "A" (references = @stage.usda@</A>)\n{\n}\n' + CUBE
+    read_with_warning(tmp_path, text, r"Cycle detected: @[^@]*stage\.usda@</A> references")

@@ -20,6 +20,7 @@ from tiscene.errors import StageError, StageWarning, TisceneError
 from tiscene.usd.core.limits import Limits, ReadingBudget, RootFolder
 
 _INTERNAL_NAMESPACE = re.compile(r"\bpxrInternal\w*::")
+_SESSION_LAYER = re.compile(r",?@anon:0x[0-9a-f]+:[^@]*@")  # its name has an address
 UNDRAWN = "are not drawn"  # ends the omission of prims of a type
 _OF_DAMAGED_VALUES = (TypeError, ValueError, ArithmeticError, MemoryError, RuntimeError, AttributeError, LookupError)
 _MAX_PATHS = 5  # prims listed per line of the warning
@@ -40,7 +41,8 @@ def one_line(error: Any) -> str:
     The `str` of a diagnostic fails where it quotes bytes of a file that are not UTF-8.
     """
     try:
-        return _INTERNAL_NAMESPACE.sub("", " ".join(str(getattr(error, "commentary", error)).split()))
+        text = " ".join(str(getattr(error, "commentary", error)).split())
+        return _SESSION_LAYER.sub("", _INTERNAL_NAMESPACE.sub("", text))
     except UnicodeDecodeError:
         return "USD's message about it is not valid UTF-8; the file is probably damaged"
 

@@ -40,6 +40,17 @@ def quiet() -> Iterator[None]:
         del delegate
 
 
+def _advice_on_file(path: str | Path, lines: list[str]) -> str:
+    """Return how a file that USD does not take for one of its own begins; "" for other errors."""
+    if not any(text in line for line in lines for text in ("Failed to open layer", "is not a valid")):
+        return ""
+    size = Path(path).stat().st_size
+    with open(path, "rb") as file:
+        start = file.read(8)
+    begins = f"It has {size:,} bytes and begins with {start!r}" if size else "It is empty"
+    return f"{begins}: copy or export it again, or give it the suffix of its format."
+
+
 @contextlib.contextmanager
 def readable(path: str | Path) -> Iterator[None]:
     """Raise USD's exceptions, and texts that are not UTF-8, as StageError of the file `path`."""
@@ -48,7 +59,7 @@ def readable(path: str | Path) -> Iterator[None]:
     except Tf.ErrorException as error:
         advice = old_crate_advice(str(path))
         lines = [f"cannot be read: {advice}"] if advice else [f"cannot be read: {line}" for line in error_lines(error)]
-        raise StageError(str(path), lines) from None
+        raise StageError(str(path), lines, _advice_on_file(path, lines)) from None
     except UnicodeDecodeError as error:
         raise StageError(str(path), [f"cannot be read: a text in it is not valid UTF-8: {error}"]) from None
 

@@ -18,6 +18,7 @@ from tiscene.usd.core.report import StageReport
 _TRAVERSAL = Usd.TraverseInstanceProxies(Usd.PrimIsActive & Usd.PrimIsLoaded & Usd.PrimIsDefined & ~Usd.PrimIsAbstract)
 _SIDES = ("Pos", "Neg")
 _OPACITY_THRESHOLD = 0.1
+_COLOR = (0.18, 0.18, 0.18)  # of models without model:drawModeColor
 _GAP = 1e-4  # of the extent, between two crossed cards of one axis
 _PURPOSES = [UsdGeom.Tokens.default_, UsdGeom.Tokens.render]
 _VALUE_TYPES = Sdf.ValueTypeNames
@@ -100,9 +101,14 @@ def _outermost_instance(prim: Usd.Prim) -> Sdf.Path | None:
     return found
 
 
+def _geometry(prim: Usd.Prim) -> str:
+    """Return the geometry of a model's cards; USD has no default for prims without the applied schema."""
+    return str(UsdGeom.ModelAPI(prim).GetModelCardGeometryAttr().Get() or "cross")
+
+
 def _fault(prim: Usd.Prim, box: Gf.Range3d) -> str:
     """Return why the cards of a model cannot be drawn; "" if they can."""
-    geometry = UsdGeom.ModelAPI(prim).GetModelCardGeometryAttr().Get()
+    geometry = _geometry(prim)
     if prim.IsA(UsdGeom.Gprim):
         return "the cards of a model that is a gprim are not drawn"
     if geometry not in ("cross", "box"):
@@ -121,9 +127,8 @@ def _author_cards(prim: Usd.Prim, box: Gf.Range3d, time: Usd.TimeCode, hidden: s
         time: When its textures are read.
         hidden: The axis without cards, "Y" or "Z"; None: all have cards.
     """
-    model = UsdGeom.ModelAPI(prim)
-    color = Gf.Vec3f(model.GetModelDrawModeColorAttr().Get(time))
-    crossed = model.GetModelCardGeometryAttr().Get() == "cross"
+    color = Gf.Vec3f(UsdGeom.ModelAPI(prim).GetModelDrawModeColorAttr().Get(time) or _COLOR)
+    crossed = _geometry(prim) == "cross"
     textures: dict[str, str] = {}
     for name in (f"{axis}{side}" for axis in "XYZ" for side in _SIDES):
         attribute = prim.GetAttribute(f"model:cardTexture{name}")
