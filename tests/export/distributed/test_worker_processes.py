@@ -78,7 +78,7 @@ def test_interrupted_workers_are_continued_by_the_same_command(tmp_path):
         time.sleep(0.05)
     running.send_signal(signal.SIGINT)
     _, errors = running.communicate(timeout=60)
-    assert running.returncode == 130
+    assert running.returncode in (130, -signal.SIGINT)
     assert "The same command continues from there" in errors
     done = frames_in(shards)
     assert 2 <= done < 400
