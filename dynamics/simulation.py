@@ -62,7 +62,8 @@ class Simulation:
         Returns:
             float64 [n, 7], position (meters) and unit quaternion (w, x, y, z).
         """
-        return self.poses_at([time])[0]
+        poses: NDArray[np.float64] = self.poses_at([time])[0]
+        return poses
 
     def poses_at(self, times: Sequence[float | Rational]) -> NDArray[np.float64]:
         """Return the poses of all bodies at several times at once.

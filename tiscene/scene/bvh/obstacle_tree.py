@@ -74,6 +74,6 @@ class ObstacleTree:
         self.matrices = matrices[self.rows]
         own = np.array([blas[row].box for row in self.rows]).reshape(-1, 2, 3)
         boxes = transformed_boxes(own[None], self.matrices[None])[0]
-        included = np.array([present is None or present[row] for row in self.rows], np.bool_)
+        included = np.array([present is None or present[row] for row in self.rows.tolist()], np.bool_)
         chosen = np.flatnonzero(included).astype(np.int32)
         self.root = trees.bvh.add_static_instances(boxes[chosen], chosen)
