@@ -100,6 +100,52 @@ def test_points_are_occluded_by_objects_that_did_not_exist_when_they_were_chosen
     assert not tracks["occluded"][rows, 1].any()
 
 
+STRETCHING = """#usda 1.0
+(
+    defaultPrim = "Room"
+    metersPerUnit = 1
+    upAxis = "Y"
+    timeCodesPerSecond = 25
+    startTimeCode = 0
+    endTimeCode = 4
+)
+def Xform "Room"
+{
+    def Camera "Main"
+    {
+        double3 xformOp:translate = (0, 0, 3)
+        uniform token[] xformOpOrder = ["xformOp:translate"]
+    }
+    def Mesh "Cloth"
+    {
+        int[] faceVertexCounts = [4]
+        int[] faceVertexIndices = [0, 1, 2, 3]
+        point3f[] points.timeSamples = {
+            0: [(-0.5, -0.5, 0), (0.5, -0.5, 0), (0.5, 0.5, 0), (-0.5, 0.5, 0)],
+            4: [(-0.5, -0.5, 0), (0.9, -0.5, 0), (0.9, 0.5, 0.3), (-0.5, 0.5, 0)],
+        }
+    }
+}
+"""
+
+
+def test_points_follow_a_surface_that_deforms(tmp_path):
+    (tmp_path / "room.usda").write_text(STRETCHING)
+    stream = ts.Stream(tmp_path / "room.usda", width=48, height=36, buffers=("instance", "forward_flow"))
+    export(stream, tmp_path / "out", format="tracks", frames=range(FRAMES))
+    with np.load(tmp_path / "out" / "tracks" / "000000.npz") as clip:
+        tracks = dict(clip)
+    rows, x, y = first(tracks)
+    moved = tracks["target_points"][rows, 1] - tracks["target_points"][rows, 0]
+    np.testing.assert_allclose(moved, stream[0].forward_flow[y, x], atol=1e-3)
+    assert np.ptp(moved[:, 0]) > 0.2  # it stretches: points do not move alike
+    since = View(*(stream.world.state(k).cameras[0].current for k in (4, 0, 1)), width=48, height=36)
+    seen = stream.render_view(0, since, ("backward_flow", "backward_occlusion"), since=4)
+    moved = tracks["target_points"][rows, 4] - tracks["target_points"][rows, 0]
+    np.testing.assert_allclose(moved, seen.backward_flow[y, x], atol=1e-3)
+    np.testing.assert_array_equal(tracks["occluded"][rows, 4], seen.backward_occlusion[y, x])
+
+
 def test_points_are_chosen_evenly_among_objects_and_never_in_the_background():
     instance = np.zeros((40, 40), np.int32)
     instance[:, 10:], instance[0, :5] = 7, 3
