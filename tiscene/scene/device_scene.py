@@ -17,9 +17,9 @@ from tiscene.scene.affine_maps import inverted, transformed_boxes
 from tiscene.scene.bvh.blas import Blas
 from tiscene.scene.bvh.bvh import Bvh
 from tiscene.scene.bvh.bvh_copy import BvhCopy
-from tiscene.scene.bvh.moved_trees import add_meshes_of
 from tiscene.scene.bvh.obstacle_tree import MeshTrees
 from tiscene.scene.bvh.rebraid import INFO_PARTS, MAX_SPLIT, PARTS, ROW_BITS, instances_to_split
+from tiscene.scene.bvh.template_trees import add_meshes_of
 from tiscene.scene.deforming_mesh import BLOCKS, TIMES, DeformingMesh
 from tiscene.scene.description import Mesh, SceneDescription
 from tiscene.scene.instance_upload import NO_INSTANCES, stacked, upload_packed

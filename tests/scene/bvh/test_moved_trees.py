@@ -6,7 +6,7 @@ import pytest
 import trimesh
 
 from tiscene.scene.bvh.bvh import Bvh
-from tiscene.scene.bvh.moved_trees import add_meshes_of
+from tiscene.scene.bvh.template_trees import add_meshes_of
 from tiscene.scene.description import Mesh, SceneDescription
 
 pytestmark = pytest.mark.usefixtures("taichi")

@@ -5,7 +5,8 @@
 
     bvh             Bvh: build, place and refit the trees
     bvh_copy        BvhCopy: the trees of meshes that another scene begins with
-    moved_trees     MovedTrees: the trees of templates, built once
+    moved_trees     MovedTrees: trees that were built elsewhere
+    template_trees  the trees of templates, built once in a process
     blas            Blas: the tree of one mesh
     build_kernels   binned surface-area heuristic
     layout_kernels  binary trees to 8-wide nodes and leaf blocks

@@ -3,20 +3,13 @@
 
 from __future__ import annotations
 
-import weakref
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
 from tiscene.scene.bvh.blas import Blas
-from tiscene.scene.bvh.workspace import BVH8
-from tiscene.scene.description import SceneDescription
-
-if TYPE_CHECKING:
-    from tiscene.scene.bvh.bvh import Bvh
 
 NODE_ROWS, BLOCK_ROWS = 8, 10  # rows of a node and of a leaf block of the layout "bvh8"
 REFERENCES, NUMBERS = 6, 9  # the rows of them with the references of children, and with the scene's triangles
@@ -81,31 +74,3 @@ def _moved(blas: Blas, node: int, leaf_block: int) -> Blas:
     blocks = range(blas.leaf_blocks.start + leaf_block, blas.leaf_blocks.stop + leaf_block)
     entry = blas.entry + NODE_ROWS * node if blas.entry >= 0 else blas.entry - BLOCK_ROWS * leaf_block
     return replace(blas, root=blas.root + NODE_ROWS * node, entry=entry, nodes=nodes, leaf_blocks=blocks)
-
-
-_known: weakref.WeakKeyDictionary[SceneDescription, MovedTrees] = weakref.WeakKeyDictionary()
-
-
-def add_meshes_of(description: SceneDescription, bvh: Bvh, first_triangle: int, *, keep: bool) -> list[Blas]:
-    """Add the trees of a description's meshes; return the tree of each mesh.
-
-    Args:
-        description: The stage or template.
-        bvh: Where they are added.
-        first_triangle: The scene's row of the first triangle.
-        keep: Whether to keep a copy, as long as the description exists, so that they are built once in this process.
-    """
-    if description in _known and bvh.layout is BVH8:
-        return bvh.add_moved(_known[description], first_triangle)
-    nodes, leaf_blocks = bvh.used_rows
-    positions = [np.ascontiguousarray(mesh.positions, np.float32) for mesh in description.meshes]
-    triangles = [np.ascontiguousarray(mesh.triangles, np.int32) for mesh in description.meshes]
-    blas = bvh.add_meshes(positions, triangles, first_triangle)
-    if keep and bvh.layout is BVH8:
-        first = nodes // NODE_ROWS, leaf_blocks // BLOCK_ROWS, first_triangle
-        rows = (
-            bvh.nodes.to_numpy()[nodes : bvh.used_rows[0]],
-            bvh.leaf_blocks.to_numpy()[leaf_blocks : bvh.used_rows[1]],
-        )
-        _known[description] = MovedTrees.of(*rows, blas, first)
-    return blas
