@@ -148,10 +148,10 @@ class DiskCache:
         """Store data under a key, a name of a file. Does nothing if the folder is not writable."""
         with contextlib.suppress(OSError):
             self.folder.mkdir(parents=True, exist_ok=True)
-            self._make_room(len(data) + _DIGEST_SIZE)
+            self.make_room(len(data) + _DIGEST_SIZE)
             write_atomically(self.folder / (key + self.suffix), hashlib.sha256(data).digest() + data)
 
-    def _make_room(self, size: int) -> None:
+    def make_room(self, size: int) -> None:
         """Delete the least recently used files and leftovers of crashed processes until `size` more bytes fit."""
         files = []
         for path in self.folder.iterdir():

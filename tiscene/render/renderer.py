@@ -92,14 +92,16 @@ class Renderer:
         self._path_frames: PathFrames | None = None
         self._paths = PathPass(scene, *reduced_size(width, height, settings.downscale), **options)
         self._full_size_paths = self._paths if settings.downscale == 1 else PathPass(scene, width, height, **options)
+        images = BaseImageCache()
         self._incremental = IncrementalPass(
             scene, width, height,
-            memory_limit=cache_bytes, images=BaseImageCache(), progress=progress, paths=self._full_size_paths,
+            memory_limit=cache_bytes, images=images, progress=progress, paths=self._full_size_paths,
         )  # fmt: skip
         self._panorama = PanoramaPass(
             self._full_size_paths,
             memory_limit=cache_bytes // 2,
             progress=progress or (lambda stage, done: None),
+            images=images,
         )
 
     def render(

@@ -3,7 +3,7 @@
 
 Each face of the cube is divided into pages, each the image of a pinhole camera with an offset aperture, and these into
 tiles. All cells of a tile are traced when a view first shows one. Cells far from the center of a face subtend less and
-have fewer samples, so that samples are equally dense in solid angle.
+have fewer samples, so that samples are about equally dense in solid angle.
 """
 
 from __future__ import annotations
@@ -11,7 +11,6 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
-from typing import Any
 
 import numpy as np
 import taichi as ti
@@ -19,17 +18,19 @@ from numpy.typing import NDArray
 
 from tiscene.device.memory import device_array
 from tiscene.render.integrators.incremental.base_image import ProgressCallback, scene_under_group
-from tiscene.render.integrators.incremental.path_recording import light_column
+from tiscene.render.integrators.incremental.path_recording import AUXILIARY, light_column
 from tiscene.render.integrators.panorama import panorama_kernels as kernels
 from tiscene.render.integrators.panorama.panorama_kernels import TILE
+from tiscene.render.integrators.panorama.tile_files import TileFiles
 from tiscene.render.integrators.path.path_pass import PathPass
+from tiscene.render.integrators.path.path_state import FEATURE_COLUMNS
 from tiscene.render.sampling.sobol import frame_key
 from tiscene.render.view import View
 from tiscene.scene.camera import Camera, Vector3
 from tiscene.scene.placement import Placement
 
 PAGE = 16 * TILE  # cells along a side of a page
-CELL = 0.4  # width of a cell at the center of a face, px at the center of the image
+CELL = 0.35  # width of a cell at the center of a face, px at the center of the image
 FIRST_FRAME = -1000  # frame number of the random numbers of the first page; the next ones count down
 _CELLS = TILE * TILE
 _FIRST_TILES = 1024  # that there is room for at first
@@ -76,9 +77,13 @@ class PanoramaSettings:
         return View(camera, camera, camera, PAGE, PAGE)
 
     def samples(self, page_view: View) -> int:
-        """Return the samples per cell of a page."""
+        """Return the samples per cell of a page.
+
+        Always a power of two: other numbers leave out the same part of the sample space in every cell, so that the
+        error does not average out over cells.
+        """
         right, up = page_view.current.aperture_offset
-        return max(1, round(self.spp * CELL**2 * (1.0 + right**2 + up**2) ** -1.5))
+        return 2 ** max(0, round(math.log2(self.spp * CELL**2 * (1.0 + right**2 + up**2) ** -1.5)))
 
 
 class Panorama:
@@ -88,10 +93,20 @@ class Panorama:
         paths: Path tracer of pages, of PAGE x PAGE pixels.
         static: Placement without the movers, see `base_placement`.
         settings: What the cells depend on besides.
+        files: Tiles on disk; None: none.
+        key: Digest of everything that the cells depend on, which names the files.
     """
 
-    def __init__(self, paths: PathPass, static: Placement, settings: PanoramaSettings) -> None:
+    def __init__(
+        self,
+        paths: PathPass,
+        static: Placement,
+        settings: PanoramaSettings,
+        files: TileFiles | None = None,
+        key: str = "",
+    ) -> None:
         self.settings = settings
+        self._files, self._key = files, key
         self._paths, self._static = paths, static
         self._tiles = settings.faces // TILE  # along a side of a face
         self._slots = np.full((6, self._tiles, self._tiles), -1, np.int32)
@@ -99,11 +114,15 @@ class Panorama:
         groups = static.light_groups
         self.groups = 1 if groups is None else len(groups.factors)
         self._cells = device_array(ti.f32, (_FIRST_TILES * _CELLS, light_column(self.groups)))
+        self._saved = np.empty(0, np.int32)  # numbers of the tiles on disk
+        if files:
+            self._saved, cells = files.load(key, light_column(self.groups))
+            self._store(self._saved, cells)
 
     @property
     def bytes(self) -> int:
         """Memory of the cells."""
-        return 4 * int(np.prod(self._cells.shape))
+        return int(4 * np.prod(self._cells.shape))
 
     def bytes_with(self, tiles: int) -> int:
         """Return the memory of the cells with room for further tiles."""
@@ -137,28 +156,47 @@ class Panorama:
             view: The view that they are for, which has the background.
             progress: Called with "panorama" and the completed fraction.
         """
-        self._reserve(self._used + len(tiles))
-        slots = self._used + np.arange(len(tiles), dtype=np.int32)
+        cells = np.zeros((len(tiles), _CELLS, light_column(self.groups)), np.float32)
+        features = slice(AUXILIARY, AUXILIARY + FEATURE_COLUMNS)
         pages = list(self._pages(tiles))
         done, total = 0, len(tiles) * self.groups
         for group in range(self.groups):
             self._place(group)
             scene = scene_under_group(self._paths, group, None)
+            light = slice(light_column(group), light_column(group) + 3)
             for number, page_view, members in pages:
                 first = tiles[members, 1:] % (PAGE // TILE) * TILE
-                pixels = _squares(first[:, 0] * PAGE + first[:, 1], PAGE)
-                rows = _squares(slots[members] * _CELLS, TILE)
                 spp = self.settings.samples(page_view)
                 sums = self._paths.sums(
-                    replace(page_view, background=view.background), pixels,
+                    replace(page_view, background=view.background), _squares(first[:, 0] * PAGE + first[:, 1], PAGE),
                     spp=spp, key=frame_key(self.settings.seed, FIRST_FRAME - number),
                     max_depth=self.settings.max_depth, scene=scene,
                 )  # fmt: skip
-                kernels.store_cells(sums, spp, rows, self._cells, light_column(group), int(group > 0))
+                means = sums.reshape(len(members), _CELLS, -1) / np.float32(spp)
+                cells[members, :, light] = means[..., :3]
+                # Features are merged as those of base images, see `render_base_image`.
+                cells[members, :, features] = np.maximum(cells[members, :, features], means[..., features])
                 done += len(members)
                 progress("panorama", done / total)
-        self._slots[tuple(tiles.T)] = slots
-        self._used += len(tiles)
+        numbers = np.ravel_multi_index(tuple(tiles.T), self._slots.shape).astype(np.int32)
+        self._store(numbers, cells)
+        if self._files:
+            unsaved = ~np.isin(numbers, self._saved)
+            self._files.append(self._key, numbers[unsaved], cells[unsaved])
+            self._saved = np.append(self._saved, numbers[unsaved])
+
+    def _store(self, numbers: NDArray[np.int32], cells: NDArray[np.float32]) -> None:
+        """Keep tiles.
+
+        Args:
+            numbers: int32 [n], numbers of the tiles, by face, row and column.
+            cells: float32 [n, TILE * TILE, columns].
+        """
+        self._reserve(self._used + len(numbers))
+        slots = self._used + np.arange(len(numbers), dtype=np.int32)
+        kernels.store_tiles(cells, slots, cells.shape[2], self._cells)
+        self._slots.ravel()[numbers] = slots
+        self._used += len(numbers)
 
     def _place(self, group: int) -> None:
         """Place the static scene with the lights of one group."""
@@ -193,7 +231,7 @@ class Panorama:
             self._cells.from_numpy(cells)
 
 
-def _squares(corners: NDArray[Any], stride: int) -> NDArray[np.int32]:
+def _squares(corners: NDArray[np.int64], stride: int) -> NDArray[np.int32]:
     """Return for each corner the rows of a square of TILE x TILE cells in an array of `stride` cells per row."""
     within = np.arange(TILE)[:, None] * stride + np.arange(TILE)
     rows: NDArray[np.int32] = (corners[:, None] + within.ravel()).ravel().astype(np.int32)

@@ -4,8 +4,6 @@
 import taichi as ti
 
 from tiscene.device.kernel_types import Floats2, Floats3, Ints1, Ints3, Template, vec3
-from tiscene.render.integrators.incremental.path_recording import AUXILIARY
-from tiscene.render.integrators.path.path_state import FEATURE_COLUMNS
 from tiscene.render.view import CENTER, RIGHT, TANGENT, UP, view_vector
 from tiscene.scene.placement import CURRENT
 
@@ -99,22 +97,15 @@ def resample(
 
 
 @ti.kernel
-def store_cells(sums: Floats2, spp: ti.i32, rows: Ints1, cells: Floats2, column: ti.i32, merges: ti.i32):
-    """Write the light of one group, albedo and normal to cells.
+def store_tiles(tiles: Floats3, slots: Ints1, columns: ti.i32, cells: Floats2):
+    """Copy tiles to their places.
 
     Args:
-        sums: f32 [n, FILM_COLUMNS], sums over the samples of each cell.
-        spp: Samples per cell.
-        rows: i32 [n], rows of `cells`.
-        cells: Output, f32 [..., light_column(groups)].
-        column: First column of the group's light.
-        merges: 1 keeps the maximum of these features and those that are there, see `base_image.render_base_image`.
+        tiles: f32 [n, TILE * TILE, columns].
+        slots: i32 [n], place of each tile in `cells`, in tiles.
+        columns: Their number of columns.
+        cells: Output, f32 [slots * TILE * TILE, columns].
     """
-    for k in range(rows.shape[0]):
-        for c in ti.static(range(3)):
-            cells[rows[k], column + c] = sums[k, c] / spp
-        for c in ti.static(range(AUXILIARY, AUXILIARY + FEATURE_COLUMNS)):
-            feature = sums[k, c] / spp
-            if merges:
-                feature = ti.max(feature, cells[rows[k], c])
-            cells[rows[k], c] = feature
+    for tile, cell in ti.ndrange(slots.shape[0], TILE * TILE):
+        for c in range(columns):
+            cells[slots[tile] * (TILE * TILE) + cell, c] = tiles[tile, cell, c]

@@ -23,7 +23,7 @@ from numpy.typing import NDArray
 
 from tiscene.render.film.upsample import ALBEDO_OFFSET, demodulate, upsample
 from tiscene.render.integrators.incremental.base_image import ProgressCallback, base_placement, scene_under_group
-from tiscene.render.integrators.incremental.base_image_cache import digest_of
+from tiscene.render.integrators.incremental.base_image_cache import BaseImageCache, digest_of
 from tiscene.render.integrators.incremental.base_lights import BaseLights
 from tiscene.render.integrators.incremental.frame_scratch import FrameScratch
 from tiscene.render.integrators.incremental.mover_coverage import dilated
@@ -32,7 +32,8 @@ from tiscene.render.integrators.incremental.path_cache import PathCache, state_s
 from tiscene.render.integrators.incremental.path_recording import AUXILIARY, light_column
 from tiscene.render.integrators.incremental.path_retracer import PathRetracer
 from tiscene.render.integrators.incremental.retrace_kernels import MOVER_HITS
-from tiscene.render.integrators.panorama.panorama import PAGE, Panorama, PanoramaSettings
+from tiscene.render.integrators.panorama.panorama import CELL, PAGE, Panorama, PanoramaSettings
+from tiscene.render.integrators.panorama.tile_files import TileFiles
 from tiscene.render.integrators.path.path_pass import PathImage, PathPass
 from tiscene.render.integrators.path.path_state import PathSamples, PathState
 from tiscene.render.sampling.sobol import frame_key, index_bits
@@ -80,10 +81,15 @@ class PanoramaPass:
         paths: Path tracer of the image size.
         memory_limit: Limit of the memory of all panoramas, bytes. One view's cells are kept even if they exceed it.
         progress: Called with the name of a stage and its completed fraction, 0..1.
+        images: Disk cache of base images, in whose folder tiles are kept too; None: none.
     """
 
-    def __init__(self, paths: PathPass, *, memory_limit: int, progress: ProgressCallback) -> None:
+    def __init__(
+        self, paths: PathPass, *, memory_limit: int, progress: ProgressCallback, images: BaseImageCache | None = None
+    ) -> None:
         self.scene = paths.scene
+        self._images = images
+        self._files = TileFiles(images.folder) if images else None
         self._paths = paths
         self._memory_limit = memory_limit
         self._progress = progress
@@ -189,7 +195,7 @@ class PanoramaPass:
         if panorama is None:
             if self._page_paths is None:
                 self._page_paths = PathPass(self.scene, PAGE, PAGE)
-            panorama = Panorama(self._page_paths, static, settings)
+            panorama = Panorama(self._page_paths, static, settings, self._files, self._file_key(view, static, settings))
         missing = panorama.missing(view)
         if len(missing):
             while self._panoramas and self._bytes() + panorama.bytes_with(len(missing)) > self._memory_limit:
@@ -200,6 +206,21 @@ class PanoramaPass:
             panorama.trace(missing, view, self._progress)
         self._panoramas[key] = panorama
         return panorama
+
+    def _file_key(self, view: View, static: Placement, settings: PanoramaSettings) -> str:
+        """Return the name of a panorama's files. Changes what the scene has placed."""
+        if self._images is None:
+            return ""
+        self.scene.place(static)
+        groups = static.light_groups
+        values: dict[str, int | str] = {
+            "panorama": repr(settings),
+            "cell": repr(CELL),
+            "background": repr(view.background),
+            "emission": int(self.scene.materials.any_emission),
+            "groups": "" if groups is None else digest_of([groups.lights, groups.group]).hex(),
+        }
+        return self._images.key(self.scene, static.present[CURRENT], settings.page_view(0, 0, 0), values)
 
     def _bytes(self) -> int:
         return sum(panorama.bytes for panorama in self._panoramas.values())
