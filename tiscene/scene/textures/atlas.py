@@ -13,7 +13,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from tiscene.device.memory import upload
+from tiscene.device.memory import upload, upload_joined
 from tiscene.scene.description import Texture
 from tiscene.scene.textures.mipmaps import coarser_copies, srgb_decoding
 
@@ -78,7 +78,7 @@ class TextureAtlas:
         levels = np.array([len(chain) for chain in copies], np.int32)
         info[: len(copies), LEVELS] = levels
         info[: len(copies), COARSER] = len(copies) + np.cumsum(levels) - levels
-        words: list[NDArray[np.int32]] = []
+        words: list[NDArray[np.int32]] = [np.zeros(0, np.int32)]
         floats: list[NDArray[np.float32]] = [srgb_decoding()]
         words_used = floats_used = 0
         for row, texture in enumerate(images):
@@ -96,6 +96,4 @@ class TextureAtlas:
             else:
                 words.append(np.ascontiguousarray(texture.pixels).view("<i4").reshape(-1))
                 words_used += width * height
-        return TextureArrays(
-            upload(info), upload(np.concatenate([np.zeros(1, np.int32), *words])[1:]), upload(np.concatenate(floats))
-        )
+        return TextureArrays(upload(info), upload_joined(words), upload_joined(floats))
