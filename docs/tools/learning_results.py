@@ -160,9 +160,9 @@ NOTES = """## Reading the tables
   deviations apart on `room`.
 - `blind` never looks at a picture. Its online accuracy is among the highest, since objects are near where they were
   labeled a frame before. Fifty frames ahead it is the lowest, and so is its ACC.
-- `ewc`, `si` and `lwf` are not told of boundaries; they protect their weights every 200 steps. On `solids` they keep
-  more than `naive`. On `room` they do not.
-- `ncm` forgets little, but its features are colors: it fails where light changes.
+- `ewc`, `si` and `lwf` are not told of boundaries; they protect their weights every 200 steps. They keep hardly more
+  than `naive`.
+- `ncm` forgets less, but its features are colors: it fails where light changes.
 - `flow` learns features without labels and trains its last layer alone. That learns more slowly, and forgets as `naive`
   does.
 - FWT is negative by chance: an untrained network gives all pixels one category, which is right for one object. After a
