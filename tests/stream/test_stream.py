@@ -14,6 +14,7 @@ import pytest
 from taichi.lang._ndarray import Ndarray
 
 import tiscene as ts
+from tests.world.test_edit_costs import count_calls
 from tiscene.errors import (
     ArgumentError,
     BufferNotFound,
@@ -255,6 +256,21 @@ def test_clamps_and_filters_change_color_alone():
 def test_bad_arguments_say_what_to_do(error, message, source, arguments):
     with pytest.raises(error, match=message):
         ts.Stream(source, **arguments)
+
+
+@pytest.mark.parametrize("batch", [1, 2])
+def test_frames_of_a_stream_cost_as_many_calls_after_200_edits_as_after_20(batch):
+    stream = ts.Stream(
+        "object_view", width=8, height=6, buffers=("rgb",), quality="fast", spp=1, base_spp=1, batch=batch
+    )
+    calls = []
+    for _ in range(100):
+        spawned = stream.world.spawn("Cube", (0.0, 0.1, 0.4))
+        calls.append(count_calls(lambda: next(stream)))
+        stream.world.despawn(spawned)
+        next(stream)
+    assert stream.world.edit_count == 200
+    assert np.median(calls[-5:]) < 1.1 * np.median(calls[5:10])
 
 
 def test_an_edited_stream_replays_exactly(tmp_path):

@@ -12,7 +12,6 @@ from typing import Protocol
 
 from tiscene.device import runtime
 from tiscene.frame.frame import Frame
-from tiscene.scenario.scenario import Scenario
 from tiscene.stream.view_renderer import Prepared, ViewRenderer, render_all_cameras
 from tiscene.world.world import World
 from tiscene.world.world_state import WorldState
@@ -28,8 +27,6 @@ class BatchSource(Protocol):
 
     @property
     def world(self) -> World: ...
-    @property
-    def scenario(self) -> Scenario: ...
     @property
     def width(self) -> int: ...
     @property
@@ -66,7 +63,7 @@ class FrameBatches:
             source: the stream.
             indices: of the frames that will probably be asked for next.
         """
-        edits = len(source.scenario.edits)
+        edits = source.world.edit_count
         if edits != self._edits or indices[0] not in self._ready:
             count = max(1, min(self.size, MAX_PIXELS // (source.width * source.height)))
             chosen = indices[:count]

@@ -16,6 +16,7 @@ from typing import Any, Protocol
 from tiscene.errors import ArgumentError, DeviceError
 from tiscene.scenario.scenario import Scenario
 from tiscene.stream.view_renderer import Pixels
+from tiscene.world.world import World
 
 POLL_SECONDS = 0.5  # between two checks that the worker lives
 JOIN_SECONDS = 5.0
@@ -24,6 +25,8 @@ JOIN_SECONDS = 5.0
 class AheadSource(Protocol):
     """What rendering ahead needs of a Stream."""
 
+    @property
+    def world(self) -> World: ...
     @property
     def scenario(self) -> Scenario: ...
     @property
@@ -59,7 +62,7 @@ class RenderAhead:
             DeviceError: the worker has died.
             TisceneError: whatever rendering the frame has raised in the worker.
         """
-        version = len(stream.scenario.edits)
+        version = stream.world.edit_count
         if self._worker is None:
             self._start(stream)
             self._request(stream, version, None)

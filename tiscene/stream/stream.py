@@ -380,7 +380,7 @@ class Stream(BatchedFrames, LoaderMethods, StreamOutput, SavedState, Iterator[Fr
         The scenario and the files of its stage and templates are given as SHA-256 digests.
         """
         canonical = json.dumps(self.scenario.to_json(), sort_keys=True, separators=(",", ":"))
-        edits = len(self.scenario.edits)
+        edits = self.world.edit_count
         if self._digest is None or self._digest[0] != edits:
             self._digest = edits, digest(self.file_digests())
         return {

@@ -110,7 +110,7 @@ class ViewRenderer:
         self._scene = DeviceScene(stage_trees=stage_trees)
         self._measurer = Measurer(self._scene)
         self._points = PointPass(self._scene)
-        self._exposure = world.camera.exposure
+        self._exposure, self._compensation = world.camera.exposure, world.scenario.exposure_compensation
 
     def close(self) -> None:
         """Drop all arrays now. The world refers back to this object, so they would wait for the cyclic collector."""
@@ -140,7 +140,7 @@ class ViewRenderer:
             # Without edits: those made at frame 0 come after the metering, or before it in a replay.
             view = View(*self.world.planned_camera(0), width=width, height=height)
             self._exposure = self._renderer(view).auto_exposure(view, state.placement, seed=self._seed)
-        return self._exposure + self.world.scenario.exposure_compensation
+        return self._exposure + self._compensation
 
     def render(
         self,
@@ -217,7 +217,7 @@ class ViewRenderer:
         if exposure is None:
             exposure = self.exposure(*main_size) if "rgb" in buffers else 0.0
         else:
-            exposure += self.world.scenario.exposure_compensation
+            exposure += self._compensation
         renderer = self._renderer(view)
         rendered = renderer.render(
             view,

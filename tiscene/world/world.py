@@ -127,17 +127,9 @@ class World(CameraEdits):
         self.view_history = ViewHistory(self._log, self.trajectories, self._cameras, first, self.fps, aspect)
         eye, placed = self.cameras[0].position, self._stage_objects.instances
         overlaps = OverlapDetector(self._log, stage, registry.surface, placed, self.trajectories, eye)
-        self._evaluator = FrameEvaluator(
-            self._log,
-            registry,
-            self._stage_objects,
-            self._lights,
-            MaterialAnimation(registry.descriptions),
-            self.trajectories,
-            overlaps,
-            self.fps,
-            RoomFinder(stage.rooms),
-        )
+        animation, rooms = MaterialAnimation(registry.descriptions), RoomFinder(stage.rooms)
+        parts = registry, self._stage_objects, self._lights, animation, self.trajectories
+        self._evaluator = FrameEvaluator(self._log, *parts, overlaps, self.fps, rooms)
         self._place_finder = PlaceFinder(stage, registry, self._stage_objects, self._evaluator, aspect, seed)
 
     @property
@@ -146,6 +138,11 @@ class World(CameraEdits):
         if len(self._scenario.edits) < len(self._log.edits):
             self._scenario = replace(self._scenario, edits=tuple(self._log.edits))
         return self._scenario
+
+    @property
+    def edit_count(self) -> int:
+        """Number of edits so far, at constant cost: `scenario` is made anew after edits."""
+        return len(self._log.edits)
 
     @property
     def camera(self) -> Camera:
