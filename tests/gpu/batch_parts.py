@@ -87,7 +87,7 @@ def batch_colors(scenes: list[BakedScene], scale: float) -> Iterator[Check]:
 
         found = at_once()
         if found is None:
-            yield Check(f"{scene.name}: colors", "meshes emit light, or lights change: rendered one by one")
+            yield Check(f"{scene.name}: colors", "lights change between frames: rendered one by one")
             continue
         same = all(one.hdr.tobytes() == other.hdr.tobytes() for one, other in zip(found, one_by_one(), strict=True))
         yield Check(f"{scene.name}: colors of {count} frames at once", "same bytes" if same else "differ", same)

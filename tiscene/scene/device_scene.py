@@ -49,6 +49,7 @@ class DeviceScene:
         materials: All materials.
         textures: All textures.
         lights: All lights.
+        emissive: The meshes that emit light.
         descriptions: The descriptions that were added, each with the row of its first mesh.
         placement: The latest placement.
         bounds: float64 [2, 3], lowest and highest corner of the instances at CURRENT, m; zeros if there are none.
@@ -85,7 +86,7 @@ class DeviceScene:
         self.descriptions: list[tuple[int, SceneDescription]] = []
         self._meshes: list[Mesh] = []
         self._blas: list[Blas] = []
-        self._emissive = EmissiveMeshes()
+        self.emissive = EmissiveMeshes()
         self._triangle_materials: list[NDArray[np.int32]] = []
         self._first_triangles: list[int] = [0]
         self._first_textures: list[int] = []  # by description
@@ -150,7 +151,7 @@ class DeviceScene:
 
     def changing_meshes(self) -> NDArray[np.bool_]:
         """Return for each mesh whether it deforms, or one of its materials varies over time."""
-        result = np.array(self._emissive.varying, bool)
+        result = np.array(self.emissive.varying, bool)
         result[list(self._deforming)] = True
         return result
 
@@ -182,7 +183,7 @@ class DeviceScene:
             self._blas += add_meshes_of(description, self._bvh, self._first_triangles[-1], keep=is_template)
         if len(self.descriptions) == 1:
             self._stage_rows = self._bvh.used_rows
-        self._emissive.add(description)
+        self.emissive.add(description)
         for mesh in description.meshes:
             first_triangle = self._first_triangles[-1]
             if mesh.deformation is not None:
@@ -225,7 +226,7 @@ class DeviceScene:
             self.lights.place(lights, [self._first_textures[row] for row in descriptions])
         varying = placement.materials or ()
         self.materials.place((self._first_materials[place] + row, each) for place, row, each in varying)
-        self._emissive.place(varying)
+        self.emissive.place(varying)
         for row, deforming in self._deforming.items():
             first = int(self._first_vertices[row])
             deforming.move(placement.seconds, first, self.vertex_position, self.vertex_normal)
@@ -240,10 +241,8 @@ class DeviceScene:
             self._bvh.place(time, *names, capacity=count + PARTS * MAX_SPLIT)
         self._write_instances()
         here = self._instance_boxes[CURRENT, hittable[CURRENT]]
-        if len(here):
-            self.bounds = np.stack([here[:, :3].min(axis=0), here[:, 3:].max(axis=0)])
-        else:
-            self.bounds = np.zeros((2, 3))
+        corners = (here[:, :3].min(axis=0), here[:, 3:].max(axis=0)) if len(here) else np.zeros((2, 3))
+        self.bounds = np.array(corners)
 
     def place_frames(self, placements: Sequence[Placement], times: Iterable[int] = (CURRENT,)) -> None:
         """Place the instances of several frames at once: those of a frame follow those of the one before.
@@ -315,9 +314,9 @@ class DeviceScene:
 
     def _place_mesh_lights(self) -> None:
         placement = self.placement
-        rows = np.flatnonzero(self._hittable[CURRENT] & self._emissive.of(placement.mesh))
+        rows = np.flatnonzero(self._hittable[CURRENT] & self.emissive.of(placement.mesh))
         found = [(int(row), int(placement.mesh[row])) for row in rows]
-        lights = [(row, light, self._first_triangles[m]) for row, m in found if (light := self._emissive.lights[m])]
+        lights = [(row, light, self._first_triangles[m]) for row, m in found if (light := self.emissive.lights[m])]
         self.lights.place_meshes(lights, placement.world_from_object[CURRENT, rows])
 
     def place_movers(self, moving: NDArray[np.bool_]) -> NDArray[np.float64]:

@@ -32,6 +32,7 @@ def scene_of(*materials: Material) -> SceneDescription:
 
 
 CUTOUT = scene_of(Material("lace", diffuse_color=(0.9, 0.2, 0.1), opacity=0.4), Material("glass", opacity=1.0, ior=1.5))
+GLOWING = scene_of(matte("red", (0.8, 0.1, 0.1)), Material("lamp", emissive_color=(1.0, 2.0, 3.0)))
 PLAIN = scene_of(
     matte("red", (0.8, 0.1, 0.1)), Material("mirror", diffuse_color=(0.9,) * 3, metallic=1.0, roughness=0.1)
 )
@@ -110,6 +111,18 @@ def test_frames_that_share_no_arrays_are_left_to_be_rendered_one_by_one() -> Non
     assert rendered((view,), (placement,)) is None
     assert rendered((view, other), (placement, replace(placement, lights=((0, LAMP),)))) is None
     assert rendered((view, replace(other, background=(0.0, 0.0, 0.0))), (placement, placement)) is None
-    glowing = scene_of(matte("red", (0.8, 0.1, 0.1)), Material("lamp", emissive_color=(1.0, 1.0, 1.0)))
-    frames = PathFrames(scene(glowing), *SIZE)
-    assert rendered((view, other), (placement, placement)) is None
+    frames = PathFrames(scene(GLOWING), *SIZE)
+    assert rendered((view, other), (placement, placement)) is not None
+    for wrong in (frame(GLOWING, 4)[1], replace(placement, world_from_object=placement.world_from_object + 0.1)):
+        assert rendered((view, other), (placement, wrong)) is None
+
+
+def test_light_of_meshes_that_stay_is_shared() -> None:
+    device, numbers = scene(GLOWING), (0, 2, 3)
+    views, placements = zip(*(frame(GLOWING, number) for number in numbers), strict=True)
+    found = PathFrames(scene(GLOWING), *SIZE).render_frames(views, placements, numbers, **SAMPLING)
+    paths = PathPass(device, *SIZE)
+    for image, number, view, placement in zip(found, numbers, views, placements, strict=True):
+        device.place(placement)
+        expected = paths.render(view, frame_index=number, **SAMPLING)
+        np.testing.assert_array_equal(image.hdr, expected.hdr)

@@ -21,7 +21,8 @@ class FrameStack(NamedTuple):
 
     Attributes:
         paths: Paths of a frame; 0 for one frame only.
-        keys: i32 [1 + frames], `paths`, then the key of each frame's random numbers.
+        keys: i32 [2 + frames], `paths`, the number of instances of a frame if it is the same in all, then the key of
+            each frame's random numbers.
         cameras: Device array, the rows of all views (`View.rows`); None for one frame.
         trees: i32 [paths in all], for each path -1 minus the root of its frame's tree, for `occluded`.
     """
@@ -37,18 +38,19 @@ class FrameStack(NamedTuple):
         return cls(0, device_array(ti.i32, (1,)), None, None)
 
     @classmethod
-    def of(cls, paths: int, keys: list[int], cameras: NDArray[np.float32], roots: Any) -> "FrameStack":
+    def of(cls, paths: int, instances: int, keys: list[int], cameras: NDArray[np.float32], roots: Any) -> "FrameStack":
         """Return a stack of frames.
 
         Args:
             paths: Paths of a frame.
+            instances: Instances of a frame.
             keys: Key of each frame's random numbers, see `frame_key`.
             cameras: float32 [3 frames, VIEW_COLUMNS].
             roots: See `DeviceScene.frame_roots`.
         """
         trees = device_array(ti.i32, (paths * len(keys),))
         write_trees(roots, paths, trees)
-        return cls(paths, upload(np.array([paths, *keys], np.int32)), upload(cameras), trees)
+        return cls(paths, upload(np.array([paths, max(instances, 1), *keys], np.int32)), upload(cameras), trees)
 
     def cameras_of(self, view: View) -> Any:
         """Return the cameras as a device array: those of the view, if there is one frame only."""
@@ -74,8 +76,18 @@ def key_of(frame_key: ti.i32, keys: Template, path: ti.i32, stacked: Template) -
     """Return the key of the random numbers of a path's frame: `frame_key` if there is one frame only."""
     key = frame_key
     if ti.static(stacked):
-        key = keys[1 + path // keys[0]]
+        key = keys[2 + path // keys[0]]
     return key
+
+
+@ti.func
+def instance_in_frame(instance: ti.i32, keys: Template, stacked: Template) -> ti.i32:
+    """Return the row of an instance among those of its frame, if all frames have as many; -1 for none."""
+    row = instance
+    if ti.static(stacked):
+        if instance >= 0:
+            row = instance % keys[1]
+    return row
 
 
 @ti.kernel

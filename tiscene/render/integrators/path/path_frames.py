@@ -42,8 +42,9 @@ class PathFrames(PathPass):
             max_depth: See `PathPass.render`.
 
         Returns:
-            The images. None if frames cannot be rendered at once: a mesh deforms or emits light, a light or a material
-            varies, the backgrounds differ, or fewer than two frames fit in a batch of paths.
+            The images. None if frames cannot be rendered at once: a mesh deforms, a light or a material varies, a mesh
+            that emits light moves, comes or goes, the backgrounds differ, or fewer than two frames fit in a batch of
+            paths.
         """
         paths = self.width * self.height * spp
         at_once = min(self._batch_size // paths, len(views))
@@ -61,15 +62,31 @@ class PathFrames(PathPass):
     def _may_be_stacked(self, views: Sequence[View], placements: Sequence[Placement]) -> bool:
         varies = any(placement.materials or placement.lights is not None for placement in placements)
         one_background = len({view.background for view in views}) == 1
-        return one_background and not (varies or self.scene.deforms or self.scene.materials.any_emission)
+        return one_background and not (varies or self.scene.deforms) and self._emit_alike(placements)
+
+    def _emit_alike(self, placements: Sequence[Placement]) -> bool:
+        """Return whether meshes emit no light, or the same in all frames."""
+        if not self.scene.materials.any_emission:
+            return True
+        first = placements[0]
+        rows = self.scene.emissive.of(first.mesh)
+        return all(
+            np.array_equal(each.mesh, first.mesh)
+            and np.array_equal(each.present[CURRENT, rows], first.present[CURRENT, rows])
+            and np.array_equal(each.world_from_object[CURRENT, rows], first.world_from_object[CURRENT, rows])
+            for each in placements
+        )
 
     def _render_stack(
         self, views: Sequence[View], placements: Sequence[Placement], keys: list[int], spp: int, max_depth: int
     ) -> list[PathImage]:
         count, pixels = len(views), self.width * self.height
+        if self.scene.materials.any_emission:
+            self.scene.place(placements[0])  # lights that are meshes; their rows are those of the first frame
         self.scene.place_frames(placements)
+        instances, roots = len(placements[0].mesh), self.scene.frame_roots(CURRENT)
         cameras = np.concatenate([view.rows() for view in views])
-        single, self._stack = self._stack, FrameStack.of(pixels * spp, keys, cameras, self.scene.frame_roots(CURRENT))
+        single, self._stack = self._stack, FrameStack.of(pixels * spp, instances, keys, cameras, roots)
         self._reserve(count)
         try:
             self._trace(views[0], count * pixels, PathSamples(spp, index_bits(spp), 0), max_depth)

@@ -15,7 +15,7 @@ from tiscene.render.bsdfs import extended_surface_bsdf as extended_bsdf
 from tiscene.render.bsdfs import preview_surface_bsdf as bsdf
 from tiscene.render.bsdfs.lobe_inputs import transmittance
 from tiscene.render.bsdfs.material_inputs import Materials, is_mirror_like, shaded_material_at, shading_normal
-from tiscene.render.integrators.path.frame_stack import key_of
+from tiscene.render.integrators.path.frame_stack import instance_in_frame, key_of
 from tiscene.render.integrators.path.path_state import (
     ALBEDO,
     DEPTH_MASK,
@@ -281,7 +281,7 @@ def shade(
                             write_ray(rays, i, start, scattering.direction, ti.math.inf)
         if emits:
             emitted = weighted_emission(
-                lights, textures, light, instance, triangle, emission,
+                lights, textures, light, instance_in_frame(instance, keys, stacked), triangle, emission,
                 origin, direction, distance, last_vertex, pdf, diffuse_fraction, previous_depth, mis, last_link_class,
             )  # fmt: skip
         if emitted.max() > 0.0:
