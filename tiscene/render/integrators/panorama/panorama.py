@@ -83,7 +83,7 @@ class PanoramaSettings:
         error does not average out over cells.
         """
         right, up = page_view.current.aperture_offset
-        return 2 ** max(0, round(math.log2(self.spp * CELL**2 * (1.0 + right**2 + up**2) ** -1.5)))
+        return 1 << max(0, round(math.log2(self.spp * CELL**2 * (1.0 + right**2 + up**2) ** -1.5)))
 
 
 class Panorama:
@@ -122,7 +122,7 @@ class Panorama:
     @property
     def bytes(self) -> int:
         """Memory of the cells."""
-        return int(4 * np.prod(self._cells.shape))
+        return 4 * int(np.prod(self._cells.shape))
 
     def bytes_with(self, tiles: int) -> int:
         """Return the memory of the cells with room for further tiles."""
