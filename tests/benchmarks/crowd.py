@@ -13,6 +13,7 @@ import time
 from collections import defaultdict
 from collections.abc import Callable
 from dataclasses import replace
+from inspect import signature
 from typing import Any
 
 import numpy as np
@@ -48,9 +49,9 @@ class RayTimer:
         """
 
         def measured(*arguments: Any, **options: Any) -> None:
+            counted_as = "camera" if signature(trace).bind(*arguments, **options).arguments.get("coherent") else kind
             start = time.process_time()
             trace(*arguments, **options)
-            counted_as = "camera" if options.get("coherent") else kind
             self.seconds[counted_as] += time.process_time() - start
             self.rays[counted_as] += arguments[4]
 
