@@ -27,7 +27,8 @@ from tests.render.path_scenes import BOX_CAMERA
 from tiscene.render.integrators.incremental.base_image_cache import BaseImageCache
 from tiscene.render.integrators.incremental.mover_coverage import dilated
 from tiscene.render.integrators.labels.label_pass import LabelPass
-from tiscene.render.integrators.panorama.panorama_pass import PanoramaImage, PanoramaPass, reduced_view
+from tiscene.render.integrators.panorama.light_changes import reduced_view
+from tiscene.render.integrators.panorama.panorama_pass import PanoramaImage, PanoramaPass
 from tiscene.render.integrators.path.path_pass import PathPass
 from tiscene.render.view import View
 from tiscene.scene.description import Material

@@ -13,8 +13,6 @@ function of its own inputs, not of previous frames.
 
 from __future__ import annotations
 
-import math
-from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -22,29 +20,22 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tiscene.render.film.upsample import ALBEDO_OFFSET, demodulate, upsample
-from tiscene.render.integrators.incremental.base_image import ProgressCallback, base_placement, scene_under_group
+from tiscene.render.integrators.incremental.base_image import ProgressCallback, base_placement
 from tiscene.render.integrators.incremental.base_image_cache import BaseImageCache, digest_of
-from tiscene.render.integrators.incremental.base_lights import BaseLights
-from tiscene.render.integrators.incremental.frame_scratch import FrameScratch
 from tiscene.render.integrators.incremental.mover_coverage import dilated
-from tiscene.render.integrators.incremental.outlier_filter import filter_outliers
-from tiscene.render.integrators.incremental.path_cache import PathCache, state_size
 from tiscene.render.integrators.incremental.path_recording import AUXILIARY, light_column
-from tiscene.render.integrators.incremental.path_retracer import PathRetracer
 from tiscene.render.integrators.incremental.retrace_kernels import MOVER_HITS
+from tiscene.render.integrators.panorama.light_changes import REDUCTION, LightChanges
 from tiscene.render.integrators.panorama.panorama import CELL, PAGE, Panorama, PanoramaSettings
 from tiscene.render.integrators.panorama.tile_files import TileFiles
 from tiscene.render.integrators.path.path_pass import PathImage, PathPass
-from tiscene.render.integrators.path.path_state import PathSamples, PathState
-from tiscene.render.sampling.sobol import frame_key, index_bits
+from tiscene.render.sampling.sobol import frame_key
 from tiscene.render.view import View
-from tiscene.scene.device_scene import DeviceScene
 from tiscene.scene.placement import CURRENT, Placement
 
 FloatImage = NDArray[np.float32]
 
-REDUCTION = 2  # movers' changes of light are found in an image smaller by this factor along each axis
-CHANGES_DEPTH = 4  # largest number of segments of the paths that find them: the light of two bounces
+CHANGES_DEPTH = 4  # largest number of segments of the paths that find movers' changes of light: two bounces
 # Frame numbers of keys whose random numbers then vary with the frame.
 CHANGES_FRAME, OPACITY_FRAME, MOVERS_FRAME = -7, -8, -9
 
@@ -190,6 +181,8 @@ class PanoramaPass:
             static.mesh[still].tobytes(),
             static.world_from_object[CURRENT, still].tobytes(),
             digest_of(lights if groups is None else [groups.lights, groups.group]),
+            self.scene.materials.any_coverage,
+            self.scene.materials.any_emission,
         )
         panorama = self._panoramas.pop(key, None)
         if panorama is None:
@@ -217,6 +210,7 @@ class PanoramaPass:
             "panorama": repr(settings),
             "cell": repr(CELL),
             "background": repr(view.background),
+            "coverage": int(self.scene.materials.any_coverage),
             "emission": int(self.scene.materials.any_emission),
             "groups": "" if groups is None else digest_of([groups.lights, groups.group]).hex(),
         }
@@ -224,80 +218,6 @@ class PanoramaPass:
 
     def _bytes(self) -> int:
         return sum(panorama.bytes for panorama in self._panoramas.values())
-
-
-class LightChanges:
-    """What movers add to and take from the light of static surfaces, at reduced size.
-
-    Args:
-        scene: The scene.
-        view: A view of the image size.
-    """
-
-    def __init__(self, scene: DeviceScene, view: View) -> None:
-        reduced = reduced_view(view)
-        self._paths = PathPass(scene, reduced.width, reduced.height)
-        self._retracer = PathRetracer(self._paths)
-        self._state: PathState | None = None
-        self._scratch: FrameScratch | None = None
-
-    def record(self, view: View, placement: Placement, keys: Iterable[int], *, spp: int, max_depth: int) -> None:
-        """Trace paths through the static scene, which is placed.
-
-        Args:
-            view: Camera and image size.
-            placement: Placement of the frame.
-            keys: Keys of the random numbers of paths, and of those by which shadow rays pass partially opaque movers.
-            spp: Paths per pixel of reduced size.
-            max_depth: Largest number of segments of a path.
-        """
-        reduced = reduced_view(view)
-        size = state_size(reduced.width * reduced.height, spp)
-        if self._state is None or self._state.size < size:
-            self._state = PathState(size)
-        self._paths.background = view.background
-        self._lights = BaseLights(self._paths.scene, placement.light_groups)
-        scenes = [scene_under_group(self._paths, group, self._lights) for group in range(self._lights.groups)]
-        key, mover_key = keys
-        samples = PathSamples(spp, index_bits(spp), key)
-        self._cache = PathCache(
-            self._paths, scenes, reduced, self._state, samples=samples, mover_key=mover_key, max_depth=max_depth
-        )
-        if self._scratch is None or not self._scratch.fits(self._cache, 0):
-            self._scratch = FrameScratch(self._cache)
-
-    def find(self, moving: NDArray[np.bool_], factors: FloatImage) -> FloatImage:
-        """Return the corrections of the recorded paths, float32 [h', w', CORRECTION_COLUMNS].
-
-        Args:
-            moving: bool [n], the movers, which the scene has placed.
-            factors: float32 [groups, 3], intensity of each light group.
-        """
-        assert self._scratch is not None
-        self._retracer.place_movers(moving)
-        scene = self._paths.scene_arrays(self._lights.scaled(factors))
-        for block in self._cache.blocks:
-            self._retracer.retrace(scene, self._cache, block, self._cache.pixels, factors, self._scratch)
-        rows: FloatImage = self._scratch.correction.to_numpy()
-        return rows.reshape(self._paths.height, self._paths.width, -1)
-
-    def without_outliers(self, radiance: FloatImage) -> FloatImage:
-        """Return a static image of reduced size plus the corrections found last, without their outliers."""
-        assert self._scratch is not None
-        correction = self._scratch.correction.to_numpy()[:, :3].reshape(radiance.shape)
-        return filter_outliers(self._scratch.correction, radiance + correction)
-
-
-def reduced_view(view: View) -> View:
-    """Return the view whose pixels are blocks of REDUCTION x REDUCTION pixels of another view, of a pinhole camera."""
-    camera, width, height = view.current, -(-view.width // REDUCTION), -(-view.height // REDUCTION)
-    pixel = 2.0 * math.tan(0.5 * camera.vertical_fov) / view.height
-    right, up = camera.aperture_offset
-    right += 0.5 * pixel * (REDUCTION * width - view.width)
-    up -= 0.5 * pixel * (REDUCTION * height - view.height)
-    fov = 2.0 * math.atan(0.5 * pixel * REDUCTION * height)
-    camera = replace(camera, vertical_fov=fov, aperture_offset=(right, up))
-    return replace(view, previous=camera, current=camera, next=camera, width=width, height=height)
 
 
 def _block_means(image: FloatImage) -> FloatImage:
