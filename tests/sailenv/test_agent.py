@@ -8,6 +8,7 @@ import pytest
 
 import tiscene as ts
 from tests.sailenv.conftest import HOME, SCENE
+from tests.world.test_edit_costs import count_calls
 from tiscene.errors import ArgumentError, SceneNotFound, TemplateNotFound
 from tiscene.sailenv import (
     Agent,
@@ -176,6 +177,19 @@ def test_spawned_objects_can_be_moved_and_despawned(make_agent):
     agent.despawn_object(first)
     assert agent.spawned_objects_idstr_names_table == {other: "Cube Trail"}
     assert not agent.get_frame()["object"][:, :32].any()
+
+
+def test_spawns_make_as_many_calls_after_150_edits_as_after_10(make_agent):
+    agent = make_agent(main_frame_active=False)
+
+    def cycle():
+        spawned = agent.spawn_object("Cube", (0.0, 1.0, 3.0))
+        agent.get_frame()
+        agent.despawn_object(spawned)
+        agent.get_frame()
+
+    calls = [count_calls(cycle) if number in (5, 75) else cycle() for number in range(76)]
+    assert calls[75] < 1.1 * calls[5]
 
 
 def test_spawn_object_accepts_the_signatures_of_all_versions(make_agent):

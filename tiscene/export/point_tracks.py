@@ -86,7 +86,7 @@ def query_points(stream: Stream, row: int, index: int) -> Query:
         index: Of the frame.
     """
     known = _queries.setdefault(stream.world, {})
-    key = row, index, stream.width, stream.height, len(stream.scenario.edits)
+    key = row, index, stream.width, stream.height, stream.world.edit_count
     if key not in known:
         state = stream.world.state(index)
         view = View(*state.cameras[row], width=stream.width, height=stream.height)

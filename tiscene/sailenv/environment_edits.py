@@ -104,7 +104,7 @@ class EnvironmentEdits:
             TisceneError: The template does not exist, or an argument is invalid.
         """
         template, (x, y, z) = self._template(name)
-        motion: Dynamic | None = Still() if self.stream.scenario.physics else None
+        motion: Dynamic | None = Still() if self.stream.world.physics else None
         if dynamic is not None:
             motion = json_messages.dynamic_of(*dynamic)
         elif self.physics and not remove_default_dynamics:

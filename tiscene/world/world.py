@@ -145,6 +145,11 @@ class World(CameraEdits):
         return len(self._log.edits)
 
     @property
+    def physics(self) -> bool:
+        """Whether a physics engine moves objects, see `Scenario.physics`."""
+        return self._scenario.physics
+
+    @property
     def camera(self) -> Camera:
         """The main camera."""
         return self.cameras[0]
@@ -277,10 +282,9 @@ class World(CameraEdits):
         """
         if id is None:
             first = len(self._log.lives) - len(self._scenario.objects) + 1
-            names = (f"spawned_{number}" for number in itertools.count(first))
-            id = next(name for name in names if self._log.row(name) is None)
+            id = next(name for n in itertools.count(first) if self._log.row(name := f"spawned_{n}") is None)
         start = (0.0, 0.0, 0.0) if position is None else position
-        if dynamic is None and self._scenario.physics:
+        if dynamic is None and self.physics:
             dynamic = RigidBody()
         new = Object(id, template, start, rotation, dynamic, first_frame=self.next_frame, **others)  # type: ignore[arg-type]
         self._registry.template(new)
@@ -321,9 +325,8 @@ class World(CameraEdits):
         if rotation is None:
             row = self._log.row(name)
             if row is None:
-                rotation = next(
-                    row.rotation for row in self._stage_objects.rows(self.next_frame) if row.prim_path == name
-                )
+                on_stage = self._stage_objects.rows(self.next_frame)
+                rotation = next(each.rotation for each in on_stage if each.prim_path == name)
             elif (last := self._log.lives[row].move(self.next_frame)) and last.frame == self.next_frame:
                 rotation = last.rotation
             else:
