@@ -12,7 +12,8 @@ from tiscene.errors import BufferNotFound, MissingExtra
 from tiscene.export.formats import FORMATS
 from tiscene.frame.buffers import BUFFERS
 from tiscene.frame.frame import Frame, FrameCamera
-from tiscene.frame.object_table import ObjectTable, OrientedBox
+from tiscene.frame.measurements import OrientedBox
+from tiscene.frame.object_table import ObjectTable
 from tiscene.scene.camera import Camera
 
 CHAIR = SimpleNamespace(
@@ -44,6 +45,9 @@ class ChairMeasurements:
     amodal_box = np.full((1, 4), np.nan)
     world_bounds = np.array([[[0.5, 0.0, -0.5], [1.5, 1.0, 0.5]]])
     box_3d = (OrientedBox((1.0, 0.5, 0.0), (1.0, 1.0, 1.0), (1.0, 0.0, 0.0, 0.0)),)
+
+    def amodal_counts(self, rows):
+        return np.array([[8, 10]] * len(rows))
 
 
 def fake_buffer(name: str, index: int, width: int, height: int) -> np.ndarray:

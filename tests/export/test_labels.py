@@ -12,7 +12,8 @@ from tests.export.fake_stream import CHAIR, FakeStream
 from tiscene.errors import ArgumentError
 from tiscene.export import export, frame_json
 from tiscene.frame.events import Event
-from tiscene.frame.object_table import ObjectTable, OrientedBox
+from tiscene.frame.measurements import OrientedBox
+from tiscene.frame.object_table import ObjectTable
 
 
 def test_labels_have_the_camera_and_the_objects_if_requested(tmp_path):

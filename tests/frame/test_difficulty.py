@@ -102,12 +102,16 @@ def test_contrast_is_between_an_object_and_the_band_around_it():
     """A made frame: an object of value 188 (luminance 0.5) before one of 137 (0.25), 0 beyond the band."""
 
     class Row:
-        id, template, category, visible_pixels, fraction_visible = 1, "Cube", "cube", 16, 1.0
+        id, template, category, visible_pixels, _row = 1, "Cube", "cube", 16, 0
+
+    class Measures:
+        def amodal_counts(self, rows):
+            return np.array([[16, 16] for _ in rows])
 
     instance, rgb = np.zeros((20, 30), np.int32), np.zeros((20, 30, 3), np.uint8)
     rgb[8 - BAND : 12 + BAND, 8 - BAND : 12 + BAND] = 137
     instance[8:12, 8:12], rgb[8:12, 8:12] = 1, 188
-    objects = ObjectTable()
+    objects = ObjectTable(measures=Measures())
     objects.__dict__["_rows"] = (Row(),)
     frame = Frame(0, 0.0, FrameCamera(EYE, 30, 20), {"rgb": rgb, "instance": instance}, objects)
     a, b = (((value / 255 + 0.055) / 1.055) ** 2.4 for value in (188, 137))

@@ -6,6 +6,7 @@ import pickle
 import pytest
 
 from tiscene import LinearWaypoints, MaterialOverride, Object, Scenario, Stream, UniformMovementRandomBounce, Waypoint
+from tiscene.device.part_arrays import PartArray
 from tiscene.errors import MaterialNotFound
 from tiscene.scene.bvh.bvh import Bvh
 
@@ -101,3 +102,32 @@ def test_trees_are_not_pickled():
     stream.restart(Scenario(SCENES[1]))
     assert stream.stages.trees.nbytes > 0
     assert pickle.loads(pickle.dumps(stream.stages.trees)).nbytes == 0
+
+
+def test_frame_is_measured_when_other_scenarios_of_its_scene_have_been_rendered():
+    first, second = (scenario("solid_benchmark", *names) for names in (("Chair 01",), ("Cube", "Book 01")))
+    with Stream(first, **SETTINGS) as stream:
+        expected = [row.amodal_pixels for row in stream[2].objects]
+    with Stream(first, **SETTINGS) as stream:
+        stream[0]
+        for each in (second, first):
+            stream.restart(each)
+            frame = stream[2]
+        for each in (second, second):
+            stream.restart(each)
+            rendered(stream)
+        assert [row.amodal_pixels for row in frame.objects] == expected
+
+
+def test_meshes_and_images_of_a_scene_that_is_come_back_to_are_not_copied_again(monkeypatch):
+    copied, rows_of = [], PartArray._rows
+    monkeypatch.setattr(PartArray, "_rows", lambda self, part: copied.append(part) or rows_of(self, part))
+    with Stream(scenario("solid_benchmark", "Cube"), **SETTINGS) as stream:
+        counts = []
+        for template in ("Cube", "Chair 01", "Chair 01", "Cube"):
+            stream.restart(scenario("solid_benchmark", template))
+            copied.clear()
+            stream[0]
+            counts.append(len(copied))
+    assert counts[2] == 0  # all is there
+    assert 0 < counts[3] < counts[0] / 3  # the stage is there

@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import math
 import weakref
 from collections.abc import Sequence
 from typing import Any
@@ -75,6 +76,11 @@ def upload_vectors(values: NDArray[np.float32]) -> Any:
     array = device_array(ti.types.vector(length, ti.f32), count)
     array.from_numpy(np.ascontiguousarray(values, np.float32))
     return array
+
+
+def nbytes(*arrays: Any) -> int:
+    """Return the memory of device arrays of numbers or vectors of 32 bits, bytes."""
+    return sum(4 * math.prod((*array.shape, *array.element_shape)) for array in arrays)
 
 
 def copy_rows(source: Any, target: Any, count: int) -> None:

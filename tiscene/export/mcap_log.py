@@ -33,7 +33,7 @@ from tiscene.export.png import ids16, mask8
 if TYPE_CHECKING:
     from tiscene.export.packing import ExportRun, FramePieces
     from tiscene.frame.frame import Frame
-    from tiscene.frame.object_table import OrientedBox
+    from tiscene.frame.measurements import OrientedBox
     from tiscene.stream.stream import Stream
 
 FRAMES_PER_FILE = None

@@ -38,7 +38,8 @@ from tiscene.export.png import ids16
 if TYPE_CHECKING:
     from tiscene.export.packing import ExportRun, FramePieces
     from tiscene.frame.frame import Frame, FrameCamera
-    from tiscene.frame.object_table import Box, ObjectRow, OrientedBox
+    from tiscene.frame.measurements import OrientedBox
+    from tiscene.frame.object_table import Box, ObjectRow
     from tiscene.stream.stream import Stream
 
 FRAMES_PER_FILE = 250  # Rerun holds a file in memory while it is written

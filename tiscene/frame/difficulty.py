@@ -111,7 +111,7 @@ def difficulty_of(frame: MeasuredFrame, novelty: ViewNovelty | None) -> Difficul
     return Difficulty(
         instances=len(visible),
         categories=len({row.category for row in visible if row.category}),
-        visibility=_mean(row.fraction_visible for row in targets),
+        visibility=_mean(frame.objects.fractions_visible(targets)),
         size=_mean(row.visible_pixels / pixels for row in targets),
         motion=motion,
         moving=moving,

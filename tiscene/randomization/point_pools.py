@@ -18,7 +18,7 @@ BATCHES = 16  # at most
 ENOUGH = 64  # points after which no more are drawn
 DECIMALS = 4  # of positions (m) and angles (degrees), so that files stay readable
 _SMALLEST = 0.02  # m: points nearer to a surface are left out
-_LIMIT = 1000.0  # m: distances are measured up to here
+_SPARE = 2.0  # distances are measured up to this many times what is asked for
 
 
 class PointPools:
@@ -38,7 +38,9 @@ class PointPools:
         self._ranges = ranges
         self._draws = draws
         empty = np.zeros((0, 3)), np.zeros(0), np.zeros(0)
+        # By kind: points, distances up to a limit, and depths.
         self._pools: dict[str, tuple[Array, Array, Array]] = dict.fromkeys((VISIBLE, HIDDEN, OUT_OF_VIEW), empty)
+        self._limits: dict[str, float] = dict.fromkeys(self._pools, 0.0)
         self._batches: dict[str, int] = dict.fromkeys(self._pools, 0)
 
     def points(self, wanted: str, radius: float, far: float) -> Array:
@@ -49,6 +51,10 @@ class PointPools:
             radius: radius of the free ball about each point, m.
             far: largest depth of points in view, m.
         """
+        if radius >= self._limits[wanted]:
+            self._limits[wanted] = _SPARE * max(radius, _SMALLEST)
+            points, _, depth = self._pools[wanted]
+            self._pools[wanted] = points, self._space.distances(points, self._limits[wanted]), depth
         while True:
             points, distance, depth = self._pools[wanted]
             fits = distance > radius
@@ -68,7 +74,7 @@ class PointPools:
         points = points[~in_view if wanted == OUT_OF_VIEW else in_view]
         if wanted != OUT_OF_VIEW:
             points = points[self._space.hidden(points) == (wanted == HIDDEN)]
-        distance = self._space.distances(points, _LIMIT)
+        distance = self._space.distances(points, self._limits[wanted])
         points, distance = points[distance > _SMALLEST], distance[distance > _SMALLEST]
         reachable = self._space.is_reachable(points)
         points, distance = points[reachable], distance[reachable]

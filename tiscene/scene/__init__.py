@@ -16,7 +16,7 @@
     placement             transforms of all instances around one frame
     device_scene          DeviceScene: what kernels read
     instance_upload       arrays of instances in one upload; several frames at once
-    vertex_rows           rows of the arrays that all meshes share
+    reused_arrays         the large arrays, which scenes of one stage use one after another
     affine_maps           inverses; boxes around transformed boxes
     deforming_mesh        a deforming mesh on the device
     material_table        materials as arrays

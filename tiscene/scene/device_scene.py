@@ -27,8 +27,8 @@ from tiscene.scene.lights.emissive_meshes import EmissiveMeshes
 from tiscene.scene.lights.light_table import LightTable
 from tiscene.scene.material_table import MaterialTable
 from tiscene.scene.placement import CURRENT, MOVERS, NEXT, PREVIOUS, Placement
+from tiscene.scene.reused_arrays import ReusedArrays
 from tiscene.scene.textures.atlas import TextureAtlas
-from tiscene.scene.vertex_rows import color_rows, stack_rows
 
 HAS_NORMALS, HAS_UV, MIRRORED, HAS_COLORS = 1, 2, 4, 8  # bits of `instance_info` column 5
 INFO_COLUMNS = 18
@@ -81,13 +81,14 @@ class DeviceScene:
         self._stage_trees = stage_trees
         self._bvh = Bvh(self.traversal) if stage_trees is None else BvhCopy(stage_trees.bvh)
         self.materials = MaterialTable()
-        self.textures = TextureAtlas()
+        self._arrays = (None if stage_trees is None else stage_trees.take_arrays()) or ReusedArrays()
+        self.textures = TextureAtlas(self._arrays.texture_words, self._arrays.texture_floats)
         self.lights = LightTable()
         self.descriptions: list[tuple[int, SceneDescription]] = []
         self._meshes: list[Mesh] = []
         self._blas: list[Blas] = []
         self.emissive = EmissiveMeshes()
-        self._triangle_materials: list[NDArray[np.int32]] = []
+        self._first_material_of_mesh: list[int] = []
         self._first_triangles: list[int] = [0]
         self._first_textures: list[int] = []  # by description
         self._first_materials: list[int] = []
@@ -109,6 +110,11 @@ class DeviceScene:
         self.box_from_instance: Any = None
         self._upload_meshes()
         self._upload_instances(np.zeros((3, 0, 3, 4)), np.zeros((3, 0)))
+
+    def __del__(self) -> None:
+        trees = vars(self).get("_stage_trees")
+        if trees is not None and "_arrays" in vars(self):
+            trees.arrays = self._arrays
 
     @property
     def meshes(self) -> tuple[Mesh, ...]:
@@ -191,7 +197,7 @@ class DeviceScene:
                 copies = [self._bvh.add_mesh(*shape, deforms=True) for _ in TIMES]
                 self._deforming[len(self._meshes)] = DeformingMesh(mesh, mesh.deformation, copies)
             self._meshes.append(mesh)
-            self._triangle_materials.append(np.asarray(mesh.materials, np.int32) + first_material)
+            self._first_material_of_mesh.append(first_material)
             self._first_triangles.append(first_triangle + len(mesh.triangles))
         self._bvh.clear_instances()
         self._mesh_arrays_are_stale = True
@@ -329,22 +335,15 @@ class DeviceScene:
     def _upload_meshes(self) -> None:
         meshes = self._meshes
         copies = [len(BLOCKS) if row in self._deforming else 1 for row in range(len(meshes))]
-        stored = [mesh for mesh, count in zip(meshes, copies, strict=True) for _ in range(count)]
         vertex_counts = np.array([len(mesh.positions) for mesh in meshes], np.int64)
-        self._first_vertices = first_vertices = np.cumsum([0, *(vertex_counts * copies)])
-        self.vertex_position = upload(stack_rows([mesh.positions for mesh in stored], 3, np.float32))
-        self.vertex_normal = upload(
-            stack_rows([np.zeros_like(m.positions) if m.normals is None else m.normals for m in stored], 3, np.float32)
+        self._first_vertices = np.cumsum([0, *(vertex_counts * copies)])
+        first_colors = self._arrays.write_meshes(meshes, copies, self._first_vertices, self._first_material_of_mesh)
+        self.vertex_position, self.vertex_normal = self._arrays.vertex_position.array, self._arrays.vertex_normal.array
+        self.vertex_uv, self.triangle_vertices = self._arrays.vertex_uv.array, self._arrays.triangle_vertices.array
+        self.triangle_material, self.triangle_part = (
+            self._arrays.triangle_material.array,
+            self._arrays.triangle_part.array,
         )
-        uvs = [np.zeros((len(m.positions), 2)) if m.uv is None else m.uv for m in stored]
-        colors, first_colors = color_rows(meshes, int(first_vertices[-1]))
-        self.vertex_uv = upload(stack_rows([*uvs, *colors], 2, np.float32))
-        self.triangle_vertices = upload(
-            stack_rows([m.triangles + first for m, first in zip(meshes, first_vertices, strict=False)], 3, np.int32)
-        )
-        self.triangle_material = upload(np.concatenate([np.zeros(0, np.int32), *self._triangle_materials]))
-        parts = [np.zeros(len(m.triangles), np.int32) if m.parts is None else m.parts for m in meshes]
-        self.triangle_part = upload(np.concatenate([np.zeros(0, np.int32), *parts]))
         flags = [
             HAS_NORMALS * (m.normals is not None) + HAS_UV * (m.uv is not None) + HAS_COLORS * (m.colors is not None)
             for m in meshes
@@ -359,7 +358,7 @@ class DeviceScene:
             self._mesh_is_empty[row] = deforming.blas[CURRENT].empty
             self._parts.entries[row] = 0
             deforming.invalidate()
-        colors, links = first_colors - 3 * first_vertices[:-1], [mesh.link_class for mesh in meshes]
+        colors, links = first_colors - 3 * self._first_vertices[:-1], [mesh.link_class for mesh in meshes]
         columns = [entries, self._first_triangles[:-1], flags, deforming_vertices, colors, links]
         self._mesh_table = np.array(columns, np.int32).T.reshape(-1, 6)
         self._mesh_arrays_are_stale = False

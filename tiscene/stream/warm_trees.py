@@ -1,9 +1,11 @@
 # SPDX-License-Identifier: Apache-2.0
-"""WarmTrees: trees of the stages that a stream was in last, so that coming back to one of them builds nothing."""
+"""WarmTrees: trees of the stages that a stream was in last, so that coming back to one of them builds nothing.
+
+With them are kept the arrays of the last scene of each stage, so that meshes and images are not copied again.
+"""
 
 from __future__ import annotations
 
-import math
 from typing import Any, Protocol
 
 from tiscene.device import runtime
@@ -25,7 +27,8 @@ class TreeSource(Protocol):
 class WarmTrees:
     """Trees on the device, by the meshes of a stage.
 
-    Those used least recently are dropped where all together take more than `limit`.
+    Where all together take more than `limit`, arrays that are with them are dropped, then trees: those used least
+    recently first.
 
     Args:
         limit: memory limit, bytes.
@@ -39,19 +42,19 @@ class WarmTrees:
     @property
     def nbytes(self) -> int:
         """The memory that is used, bytes."""
-        return sum(
-            _bytes(each) for _, trees, _ in self._kept.values() for each in (trees.bvh.nodes, trees.bvh.leaf_blocks)
-        )
+        return sum(trees.nbytes for _, trees, _ in self._kept.values())
 
     def get(self, stage: SceneDescription) -> MeshTrees | None:
         """Return the trees of a stage; None if there are none."""
         key = id(stage.meshes)
         if key in self._kept and self._kept[key][2] is not runtime.session():
             del self._kept[key]
-        if key not in self._kept:
-            return None
-        self._kept[key] = self._kept.pop(key)
-        return self._kept[key][1]
+        if key in self._kept:
+            self._kept[key] = self._kept.pop(key)
+        for other in self._kept:
+            if other != key and self.nbytes > self.limit:
+                self._kept[other][1].drop_arrays()
+        return self._kept[key][1] if key in self._kept else None
 
     def keep(self, source: TreeSource) -> None:
         """Keep the trees of the stage of a renderer that is about to end."""
@@ -72,9 +75,3 @@ class WarmTrees:
     def __getstate__(self) -> dict[str, Any]:
         """Return everything except device arrays."""
         return {"limit": self.limit, "_kept": {}}
-
-
-def _bytes(array: Any) -> int:
-    """Return the memory of a device array of numbers or vectors of 32 bits, bytes."""
-    lengths: tuple[int, ...] = (*array.shape, *array.element_shape)
-    return 4 * math.prod(lengths)

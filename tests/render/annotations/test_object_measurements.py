@@ -77,6 +77,26 @@ def test_plate_half_outside_the_image_and_half_occluded() -> None:
     assert (image == 1).sum() == seen.visible_pixels
 
 
+def test_fractions_of_some_rows_equal_those_of_all_and_measure_no_others(monkeypatch: pytest.MonkeyPatch) -> None:
+    stage = Stage(
+        [plate(2.0, 2.0), plate(4.0, 0.5)],
+        [PlacedMesh(0, [pose((2, 0, -4))]), PlacedMesh(1, [pose((0, 0.25, -2))]), PlacedMesh(0, [pose((0, 0, -9))])],
+    )
+    counted: list[int] = []
+    count = PixelCounter.count
+    monkeypatch.setattr(
+        PixelCounter, "count", lambda self, view, parts: counted.append(len(parts)) or count(self, view, parts)
+    )
+    rows = table(stage)
+    some = [rows[2], rows[0]]
+    fractions = rows.fractions_visible(some)
+    assert counted == [2]
+    assert fractions == [row.fraction_visible for row in some]
+    assert fractions[1] == 0.25
+    assert sum(counted) == 3  # those that were measured are kept
+    assert pickle.loads(pickle.dumps(rows)).fractions_visible(some) == fractions
+
+
 def test_objects_out_of_view_have_no_boxes_or_pixels() -> None:
     stage = Stage(
         [plate(2.0, 2.0), plate(9.0, 9.0)],

@@ -2,7 +2,7 @@
 """Make arrays without the text of the call stack.
 
 Taichi 1.7.4 formats the whole stack for each array, which takes longer than a small array: the text is shown if
-memory is not enough. Arrays that `tiscene.device.memory` makes do without; all others are made as before.
+memory is not enough. Arrays of the packages that `fence` names do without; all others are made as before.
 """
 
 from __future__ import annotations
@@ -11,6 +11,8 @@ import sys
 from typing import Any
 
 from taichi.lang import _ndarray, matrix
+
+from tiscene.device.taichi_patches import fence
 
 _CALLER = 4  # frames from `get_traceback` up: the array's class, `ti.ndarray`, its decorator, and who calls that
 
@@ -27,6 +29,6 @@ def _replacing(original: Any) -> Any:
             caller = sys._getframe(_CALLER).f_globals.get("__name__")
         except ValueError:  # the stack is not that deep
             caller = None
-        return "" if caller == "tiscene.device.memory" else str(original(stacklevel + 1))
+        return "" if fence.is_inside(caller) else str(original(stacklevel + 1))
 
     return get_traceback

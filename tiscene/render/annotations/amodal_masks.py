@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from tiscene.frame.object_table import AmodalMask
+from tiscene.frame.measurements import AmodalMask
 from tiscene.render.annotations.measurement_kernels import COLUMNS, OWNER, ROWS, STRIDE, WINDOW, X, Y, pixel_rays
 from tiscene.render.intersect.ray_queue import AnyHitArrays
 from tiscene.render.intersect.trace import occluded_by_instance

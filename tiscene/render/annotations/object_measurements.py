@@ -18,7 +18,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tiscene.device import runtime
-from tiscene.frame.object_table import AmodalMask, ObjectState, ObjectTable, OrientedBox, StoredMeasurements
+from tiscene.frame.measurements import AmodalMask, OrientedBox, StoredMeasurements
+from tiscene.frame.object_table import ObjectState, ObjectTable
 from tiscene.render.annotations.amodal_masks import PartInView, PixelCounter
 from tiscene.render.annotations.measurement_kernels import BEHIND, BOX, EXTENT_COLUMNS, IN_FRONT, WORLD, measure_extents
 from tiscene.render.integrators.labels.label_pass import LabelPass
@@ -129,7 +130,7 @@ class Measurer:
 
 
 class SceneMeasures:
-    """ObjectMeasurements (see `tiscene.frame.object_table`) of a scene in a view."""
+    """ObjectMeasurements (see `tiscene.frame.measurements`) of a scene in a view."""
 
     def __init__(
         self,
@@ -212,20 +213,19 @@ class SceneMeasures:
         first, last = np.searchsorted(ids, self._ids), np.searchsorted(ids, self._ids, side="right")
         return [present[a:b] for a, b in zip(first.tolist(), last.tolist(), strict=True)]
 
-    def _signatures(self) -> list[bytes]:
-        """Return all inputs of each object's measurements in a view, as bytes."""
+    def _signatures(self, objects: Sequence[int]) -> list[bytes]:
+        """Return all inputs of the measurements of some objects in a view, as bytes."""
         placed = self._placement
         count = len(placed.mesh)
         poses, boxes = placed.world_from_object[CURRENT].reshape(count, 12), placed.box_from_object.reshape(count, 12)
         columns = [np.ascontiguousarray(each).view(np.uint8) for each in (placed.mesh[:, None], poses, boxes)]
         rows = np.hstack(columns)
         data, width = rows.tobytes(), rows.shape[1]
-        signatures = [
-            b"".join([data[row * width : (row + 1) * width] for row in parts.tolist()]) for parts in self._parts
-        ]
+        every = [self._parts[row] for row in objects]
+        signatures = [b"".join([data[row * width : (row + 1) * width] for row in parts.tolist()]) for parts in every]
         if self._scene.deforms:
             now = repr(placed.seconds[CURRENT]).encode()
-            for number, parts in enumerate(self._parts):
+            for number, parts in enumerate(every):
                 if any(self._scene.meshes[mesh].deformation is not None for mesh in placed.mesh[parts]):
                     signatures[number] += now
         return signatures
@@ -233,27 +233,29 @@ class SceneMeasures:
     @_Measured
     def _objects(self) -> list[_CachedMeasurements]:
         """Measurements of each object; those missing in the cache are made."""
-        known = self._measurer.cache_of(self._view)
-        signatures = self._signatures()
-        ids = self._ids.tolist()
-        new = [
-            row
-            for row, (id, signature) in enumerate(zip(ids, signatures, strict=True))
+        return self._measured(range(len(self._ids)))
+
+    def _measured(self, rows: Sequence[int]) -> list[_CachedMeasurements]:
+        """Return the measurements of the objects in some rows; those missing in the cache are made."""
+        known, present = self._measurer.cache_of(self._view), self._ids.tolist()
+        for gone in known.keys() - set(present):
+            del known[gone]
+        ids = [present[row] for row in rows]
+        new = {
+            id: (row, signature)
+            for id, row, signature in zip(ids, rows, self._signatures(rows), strict=True)
             if id not in known or known[id].signature != signature
-        ]
-        measured = {ids[row]: each for row, each in zip(new, self._measure(new, signatures), strict=True)}
-        kept = {id: measured.get(id) or known[id] for id in ids}
-        known.clear()
-        known.update(kept)
-        return list(kept.values())
+        }
+        known.update(zip(new, self._measure(*zip(*new.values(), strict=True)) if new else (), strict=True))
+        return [known[id] for id in ids]
 
     def _measure(self, rows: Sequence[int], signatures: Sequence[bytes]) -> list[_CachedMeasurements]:
-        """Measure the objects in some rows."""
+        """Measure the objects in some rows, whose signatures these are."""
         parts = [self._parts[row] for row in rows]
         extents = self._extents(np.concatenate([np.zeros(0, np.int64), *parts]))
         ends = np.cumsum([0, *(len(each) for each in parts)])
         result = []
-        for number, (row, box) in enumerate(zip(rows, self._boxes_3d(parts), strict=True)):
+        for number, (signature, box) in enumerate(zip(signatures, self._boxes_3d(parts), strict=True)):
             mine = extents[ends[number] : ends[number + 1]]
             corners = mine[:, WORLD : WORLD + 6].reshape(-1, 2, 3)
             bounds = np.full((2, 3), np.nan)
@@ -265,7 +267,7 @@ class SceneMeasures:
                 if extent[IN_FRONT]:
                     window = self._box_in_front(instance) if cut else extent[BOX : BOX + 4]
                     in_view.append(PartInView(place, np.clip(window, -_MAX_COORDINATE, _MAX_COORDINATE), cut))
-            result.append(_CachedMeasurements(signatures[row], bounds, box, in_view))
+            result.append(_CachedMeasurements(signature, bounds, box, in_view))
         return result
 
     def _extents(self, instances: NDArray[np.int64]) -> NDArray[np.float64]:
@@ -345,13 +347,24 @@ class SceneMeasures:
     @_Measured
     def amodal_masks(self) -> list[AmodalMask]:
         """Amodal mask of each object."""
-        new = [row for row, each in enumerate(self._objects) if each.amodal_mask is None]
+        return self._masks(range(len(self._ids)), self._objects)
+
+    def _masks(self, rows: Sequence[int], objects: Sequence[_CachedMeasurements]) -> list[AmodalMask]:
+        """Return the amodal masks of the objects in some rows, given their measurements, which then have them."""
+        new = [(row, each) for row, each in zip(rows, objects, strict=True) if each.amodal_mask is None]
         if new:
             self._scene.place(self._placement, (CURRENT,))
-            parts = [[part.of(self._parts[row]) for part in self._objects[row].parts] for row in new]
-            for row, mask in zip(new, self._measurer.pixels.count(self._view, parts), strict=True):
-                self._objects[row].amodal_mask = mask
-        return [each.amodal_mask for each in self._objects if each.amodal_mask is not None]
+            parts = [[part.of(self._parts[row]) for part in each.parts] for row, each in new]
+            for (_, each), mask in zip(new, self._measurer.pixels.count(self._view, parts), strict=True):
+                each.amodal_mask = mask
+        return [each.amodal_mask for each in objects if each.amodal_mask is not None]
+
+    @runtime.one_thread_at_a_time
+    def amodal_counts(self, rows: Sequence[int]) -> NDArray[np.int64]:
+        """Return `pixels_in_frame` and `amodal_pixels` of some rows: int64 [n, 2]; others are not measured."""
+        rows = list(rows)
+        masks = self._masks(rows, self._measured(rows))
+        return np.array([(each.inside, each.inside + each.outside) for each in masks], np.int64).reshape(-1, 2)
 
     @_Measured
     def pixels_in_frame(self) -> NDArray[np.int64]:

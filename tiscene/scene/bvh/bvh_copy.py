@@ -3,6 +3,9 @@
 
 from __future__ import annotations
 
+import weakref
+from typing import Any
+
 from tiscene.device.memory import copy_rows
 from tiscene.scene.bvh.bvh import Bvh
 
@@ -20,9 +23,15 @@ class BvhCopy(Bvh):
 
     def __init__(self, source: Bvh, rows: tuple[int, int] | None = None) -> None:
         super().__init__(source.layout.name)
+        # Of a copy that has grown and ended: larger arrays whose first rows are those of this one.
+        self.spare: tuple[Any, ...] = ()
+        self._source = weakref.ref(source)
         nodes, blocks = source.used_rows if rows is None else rows
         self._used_nodes = nodes // self.layout.unit
         self._used_leaf_blocks = blocks // source.rows_of_block
+        if rows is None and isinstance(source, BvhCopy) and source.spare:
+            (self._nodes, self.leaf_blocks), source.spare = source.spare, ()
+            return
         if rows is None:
             self._nodes = source.nodes
         else:
@@ -33,3 +42,9 @@ class BvhCopy(Bvh):
         elif blocks:
             self.leaf_blocks = self._new_leaf_blocks(self._used_leaf_blocks)
             copy_rows(source.leaf_blocks, self.leaf_blocks, blocks)
+
+    def __del__(self) -> None:
+        source = self._source() if "_source" in vars(self) else None
+        if isinstance(source, BvhCopy) and self._nodes is not source._nodes:
+            if self.leaf_blocks is not source.leaf_blocks:
+                source.spare = self._nodes, self.leaf_blocks

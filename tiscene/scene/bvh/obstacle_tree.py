@@ -9,11 +9,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tiscene.device import runtime
+from tiscene.device.memory import nbytes
 from tiscene.scene.affine_maps import transformed_boxes
 from tiscene.scene.bvh.blas import Blas
 from tiscene.scene.bvh.bvh import Bvh
+from tiscene.scene.bvh.bvh_copy import BvhCopy
 from tiscene.scene.bvh.workspace import BVH8
 from tiscene.scene.description import Instance, Mesh
+from tiscene.scene.reused_arrays import ReusedArrays
 
 
 class MeshTrees:
@@ -22,11 +25,30 @@ class MeshTrees:
     Attributes:
         bvh: Holds their nodes and triangles.
         blas: The tree of each mesh, by row.
+        arrays: Arrays of a scene that began with the stage and has ended; None: there are none.
     """
 
     def __init__(self, bvh: Bvh, blas: Sequence[Blas]) -> None:
         self.bvh = bvh
         self.blas = blas
+        self.arrays: ReusedArrays | None = None
+
+    def take_arrays(self) -> ReusedArrays | None:
+        """Return `arrays`, which nobody else gets."""
+        arrays, self.arrays = self.arrays, None
+        return arrays
+
+    def drop_arrays(self) -> None:
+        """Free everything but the trees."""
+        self.arrays = None
+        if isinstance(self.bvh, BvhCopy):
+            self.bvh.spare = ()
+
+    @property
+    def nbytes(self) -> int:
+        """The memory that is kept on the device, bytes."""
+        spare = self.bvh.spare if isinstance(self.bvh, BvhCopy) else ()
+        return nbytes(self.bvh.nodes, self.bvh.leaf_blocks, *spare) + (self.arrays.nbytes if self.arrays else 0)
 
     @property
     def is_bvh8(self) -> bool:

@@ -8,12 +8,14 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
+from functools import partial
 from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from tiscene.device.memory import upload, upload_joined
+from tiscene.device.memory import upload
+from tiscene.device.part_arrays import ArrayPart, PartArray
 from tiscene.scene.description import Texture
 from tiscene.scene.textures.mipmaps import coarser_copies, srgb_decoding
 
@@ -49,9 +51,15 @@ def linear_pixels(texture: Texture) -> NDArray[np.float32]:
 
 
 class TextureAtlas:
-    """A growing table of images. After `append`, the next `arrays` uploads them again."""
+    """A growing table of images. After `append`, the next `arrays` uploads those that are not there.
 
-    def __init__(self) -> None:
+    Args:
+        words: For 8-bit images, see TextureArrays; it may hold some of the images. None: a new one.
+        floats: For float images, likewise.
+    """
+
+    def __init__(self, words: PartArray | None = None, floats: PartArray | None = None) -> None:
+        self._words, self._floats = words or PartArray(np.int32), floats or PartArray(np.float32)
         self.textures: list[Texture] = []
         self._arrays: TextureArrays | None = None
 
@@ -78,12 +86,17 @@ class TextureAtlas:
         levels = np.array([len(chain) for chain in copies], np.int32)
         info[: len(copies), LEVELS] = levels
         info[: len(copies), COARSER] = len(copies) + np.cumsum(levels) - levels
-        words: list[NDArray[np.int32]] = [np.zeros(0, np.int32)]
-        floats: list[NDArray[np.float32]] = [srgb_decoding()]
-        words_used = floats_used = 0
-        for row, texture in enumerate(images):
-            height, width, _ = texture.pixels.shape
-            is_float = texture.pixels.dtype != np.uint8
+        # Levels follow their image, so that what scenes begin with is stored first.
+        order: list[int] = []
+        for row, chain in enumerate(copies):
+            order += [row, *range(int(info[row, COARSER]), int(info[row, COARSER]) + len(chain))]
+        words, words_used, floats_used = list[ArrayPart](), 0, 0
+        floats = [ArrayPart(srgb_decoding(), 0, len(srgb_decoding()), srgb_decoding)]
+        for row in order:
+            texture = images[row]
+            pixels = texture.pixels
+            height, width, _ = pixels.shape
+            is_float = pixels.dtype != np.uint8
             info[row, OFFSET] = floats_used if is_float else words_used
             info[row, WIDTH], info[row, HEIGHT] = width, height
             info[row, IS_FLOAT] = is_float
@@ -91,9 +104,14 @@ class TextureAtlas:
             info[row, WRAP_S] = WRAPS.index(texture.wrap_s)
             info[row, WRAP_T] = WRAPS.index(texture.wrap_t)
             if is_float:
-                floats.append(np.asarray(texture.pixels, np.float32).reshape(-1))
+                floats.append(ArrayPart(pixels, 0, 4 * width * height, partial(np.ravel, pixels)))
                 floats_used += width * height
             else:
-                words.append(np.ascontiguousarray(texture.pixels).view("<i4").reshape(-1))
+                words.append(ArrayPart(pixels, 0, width * height, partial(_words, pixels)))
                 words_used += width * height
-        return TextureArrays(upload(info), upload_joined(words), upload_joined(floats))
+        return TextureArrays(upload(info), self._words.write(words), self._floats.write(floats))
+
+
+def _words(pixels: NDArray[Any]) -> NDArray[np.int32]:
+    """Return 8-bit pixels [h, w, 4] as one number each, [h * w]."""
+    return np.ascontiguousarray(pixels).view("<i4").reshape(-1)
