@@ -15,7 +15,7 @@ from tiscene.scenario.objects import Frustum, Object
 from tiscene.scene.camera import Camera, Quaternion, Vector3
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, slots=True)
 class Spawn:
     """Spawn an object. Timings do not apply to it: its clock starts at its first frame.
 
@@ -39,7 +39,7 @@ class Spawn:
                 )
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, slots=True)
 class Despawn:
     """Remove an object from a frame on.
 
@@ -60,7 +60,7 @@ class Despawn:
             argument_checks.text(self.id, "id")
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, slots=True)
 class Move:
     """Move an object at a frame. An object on a path returns to it; a bouncing one continues from there.
 
@@ -149,7 +149,7 @@ class PlaceCamera:
 Edit = Spawn | Despawn | Move | SetFrustumWalls | PlaceCamera
 
 
-@dataclass(eq=False)
+@dataclass(eq=False, slots=True)
 class ObjectHistory:
     """An object of the scenario with its edits. An EditLog extends it in place.
 

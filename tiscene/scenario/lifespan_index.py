@@ -15,7 +15,7 @@ class LifespanIndex:
 
     def __init__(self) -> None:
         self._endless: dict[int, int] = {}  # first frame by number
-        self._nodes: dict[int, set[int]] = {}
+        self._nodes: dict[int, list[int]] = {}  # lists take a third of the memory of sets
         self._levels = 0
 
     def add(self, number: int, first: int, last: int | None) -> None:
@@ -31,7 +31,7 @@ class LifespanIndex:
             return
         self._levels = max(self._levels, (last - first + 1).bit_length())
         for node in _nodes(first, last):
-            self._nodes.setdefault(node, set()).add(number)
+            self._nodes.setdefault(node, []).append(number)
 
     def remove(self, number: int, first: int, last: int | None) -> None:
         """Remove a lifespan that was added with the same values."""

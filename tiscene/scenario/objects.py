@@ -12,7 +12,7 @@ from tiscene.errors import ScenarioError, scenario_errors
 from tiscene.scene.camera import Vector3
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, slots=True)
 class Object:
     """One object of a template, alive from `first_frame` to `last_frame`.
 
