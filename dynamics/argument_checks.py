@@ -12,7 +12,7 @@ import operator
 import sys
 from collections.abc import Iterable
 from numbers import Real
-from typing import Any
+from typing import Any, cast
 
 from dynamics.errors import ArgumentError, ArgumentTypeError
 
@@ -76,13 +76,13 @@ def numbers(value: Any, name: str, *counts: int) -> tuple[float, ...]:
     result = tuple(number(item, f"{name}[{index}]") for index, item in enumerate(value))
     if counts and len(result) not in counts:
         raise ArgumentError(f"{name}={value!r}: must be {expected}, not {len(result)}")
-    return result
+    # A tuple of floats is kept as it is: of a long log of edits, defaults then take no memory.
+    return value if type(value) is tuple and all(type(item) is float for item in value) else result
 
 
 def vector(value: Any, name: str) -> tuple[float, float, float]:
     """Return `value` as three finite floats."""
-    x, y, z = numbers(value, name, 3)
-    return (x, y, z)
+    return cast("tuple[float, float, float]", numbers(value, name, 3))
 
 
 def vectors(value: Any, name: str) -> tuple[tuple[float, float, float], ...]:

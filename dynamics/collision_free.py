@@ -80,7 +80,7 @@ def _positions(body: Body) -> NDArray[np.float64] | None:
         return np.array([body.position])
     if not isinstance(dynamic, ClosedForm) or math.isinf(dynamic.loop_time):
         return None
-    alone = Simulation([Body(dynamic, body.position, body.rotation)])
+    alone = Simulation([body.alone()])
     if dynamic.loop_time == 0.0:
         return alone.poses(0)[:, :3]
     loop = exact(dynamic.loop_time)

@@ -79,7 +79,7 @@ class WaypointLoop(ClosedForm):
                         "is a quaternion; pass three angles in degrees, or use rotation='quaternion'"
                     )
         if self.pacing == "arc_length":
-            lengths = curve_lengths(self._cubics(self._positions(), np.zeros(3)))[:, -1]
+            lengths = curve_lengths(self.cubics(self._positions(), np.zeros(3)))[:, -1]
             for index, length in enumerate(np.diff(lengths, prepend=0.0)):
                 if length < 1e-9:
                     raise ArgumentError(
@@ -94,11 +94,11 @@ class WaypointLoop(ClosedForm):
     def tracks(self, start: Pose) -> tuple[Curve]:
         count = len(self.waypoints)
         segments = np.zeros((count, SEGMENT_COLUMNS))
-        segments[:, POSITION:ROTATION] = self._cubics(self._positions(), np.zeros(3))
+        segments[:, POSITION:ROTATION] = self.cubics(self._positions(), np.zeros(3))
         if self.rotation == "euler":
             angles = np.radians([waypoint.rotation for waypoint in self.waypoints])
             whole_turns = 2.0 * np.pi * np.round((angles[-1] - angles[0]) / (2.0 * np.pi))
-            segments[:, ROTATION : ROTATION + 12] = self._cubics(angles, whole_turns)
+            segments[:, ROTATION : ROTATION + 12] = self.cubics(angles, whole_turns)
         else:
             segments[:, ROTATION:] = self._quaternions(np.array([quaternion(each.rotation) for each in self.waypoints]))
         by_length = self.pacing == "arc_length"
@@ -116,8 +116,9 @@ class WaypointLoop(ClosedForm):
     def _positions(self) -> Array:
         return np.array([waypoint.position for waypoint in self.waypoints])
 
+    @staticmethod
     @abstractmethod
-    def _cubics(self, values: Array, period: Array) -> Array:
+    def cubics(values: Array, period: Array) -> Array:
         """Return the coefficients [n, 12] of the cubics through `values` [n, 3] and back to values[0] + period."""
 
     @abstractmethod
@@ -132,7 +133,8 @@ class LinearWaypoints(WaypointLoop):
     See `WaypointLoop` for the arguments.
     """
 
-    def _cubics(self, values: Array, period: Array) -> Array:
+    @staticmethod
+    def cubics(values: Array, period: Array) -> Array:
         following = np.roll(values, -1, axis=0)
         following[-1] += period
         zero = np.zeros_like(values)
@@ -151,7 +153,8 @@ class CatmullWaypoints(WaypointLoop):
     See `WaypointLoop` for the arguments. Catmull and Rom, "A Class of Local Interpolating Splines", 1974.
     """
 
-    def _cubics(self, values: Array, period: Array) -> Array:
+    @staticmethod
+    def cubics(values: Array, period: Array) -> Array:
         before, after, beyond = (np.roll(values, shift, axis=0) for shift in (1, -1, -2))
         before[0] -= period
         after[-1] += period

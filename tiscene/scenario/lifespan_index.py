@@ -15,7 +15,7 @@ class LifespanIndex:
 
     def __init__(self) -> None:
         self._endless: dict[int, int] = {}  # first frame by number
-        self._nodes: dict[int, list[int]] = {}  # lists take a third of the memory of sets
+        self._nodes: dict[int, tuple[int, ...]] = {}  # numbers by range; tuples are small
         self._levels = 0
 
     def add(self, number: int, first: int, last: int | None) -> None:
@@ -31,7 +31,7 @@ class LifespanIndex:
             return
         self._levels = max(self._levels, (last - first + 1).bit_length())
         for node in _nodes(first, last):
-            self._nodes.setdefault(node, []).append(number)
+            self._nodes[node] = (*self._nodes.get(node, ()), number)
 
     def remove(self, number: int, first: int, last: int | None) -> None:
         """Remove a lifespan that was added with the same values."""
@@ -39,9 +39,9 @@ class LifespanIndex:
             del self._endless[number]
             return
         for node in _nodes(first, last):
-            self._nodes[node].remove(number)
-            if not self._nodes[node]:
-                del self._nodes[node]
+            others = tuple(each for each in self._nodes.pop(node) if each != number)
+            if others:
+                self._nodes[node] = others
 
     def at(self, frame: int) -> list[int]:
         """Return the numbers of the lifespans that contain a frame, in ascending order."""

@@ -100,7 +100,7 @@ def _check_frame(value: Any, name: str) -> int:
 
 def _check_scale(value: Any) -> Vector3:
     one = isinstance(value, Real) and not isinstance(value, bool)
-    x, y, z = argument_checks.vector((value,) * 3 if one else value, "scale")
-    if min(x, y, z) <= 0.0:
+    scale = argument_checks.vector((value,) * 3 if one else value, "scale")
+    if min(scale) <= 0.0:
         raise ScenarioError(f"scale={value!r}: must be greater than 0")
-    return (x, y, z)
+    return scale
