@@ -5,7 +5,6 @@ from __future__ import annotations
 
 import math
 import weakref
-from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -54,19 +53,6 @@ def upload(values: NDArray[Any]) -> Any:
         values = np.zeros([max(length, 1) for length in values.shape], dtype)
     array = device_array(ti.i32 if dtype == np.int32 else ti.f32, values.shape)
     array.from_numpy(np.ascontiguousarray(values, dtype))
-    return array
-
-
-def upload_joined(parts: Sequence[NDArray[Any]]) -> Any:
-    """Return arrays [n], of int32 or float32, one after another in a device array; one zero if they are empty."""
-    if not memcpy.is_shared():
-        return upload(np.concatenate(parts))
-    count = sum(len(part) for part in parts)
-    array = device_array(ti.i32 if parts[0].dtype == np.int32 else ti.f32, max(count, 1))
-    first = 0
-    for part in parts:
-        write_rows(array, first, part)
-        first += len(part)
     return array
 
 

@@ -70,13 +70,15 @@ class PartArray:
         count, first = sum(part.length for part in parts), sum(part.length for part in parts[:same])
         if not memcpy.is_shared():
             if same < len(parts):
-                self.array = upload(np.concatenate([self._empty(), *(self._rows(part) for part in parts)]))
+                self.array = upload(
+                    np.concatenate([self._empty(), *(self._rows(part) for part in parts if part.length)])
+                )
         else:
             if count > self.array.shape[0]:
                 larger = self._new(count + count // SPARE if first else count)
                 write_rows(larger, 0, memcpy.values(self.array)[:first])
                 self.array = larger
-            for part in parts[same:]:
+            for part in filter(lambda part: part.length, parts[same:]):
                 write_rows(self.array, first, self._rows(part))
                 first += part.length
         self._held = [(part.source, part.number, part.length) for part in parts]

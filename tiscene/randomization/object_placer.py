@@ -15,8 +15,7 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from dynamics import CatmullWaypoints, LinearWaypoints, Waypoint
-from dynamics.dynamic import Pose
+from dynamics import CatmullWaypoints, LinearWaypoints
 from tiscene.randomization.draws import Draws
 from tiscene.randomization.free_space import FreeSpace
 from tiscene.randomization.point_pools import HIDDEN, OUT_OF_VIEW, VISIBLE, PointPools
@@ -180,9 +179,7 @@ def farthest_depth(space: FreeSpace, diameter: float, min_size: float) -> float:
 
 def segment_cubics(cls: LoopClass, waypoints: Array) -> Array:
     """Return the coefficients [n, 4, 3] of the cubics, constant term first, of a loop through waypoints [n, 3]."""
-    # Angles are cheaper than quaternions, and play no part here.
-    (track,) = cls([Waypoint(tuple(each)) for each in waypoints.tolist()], rotation="euler").tracks(Pose())
-    return track.segments[:, :12].reshape(-1, 4, 3)
+    return cls.cubics(waypoints, np.zeros(3)).reshape(-1, 4, 3)
 
 
 def path_points(cubics: Array, steps: int) -> tuple[Array, Array]:

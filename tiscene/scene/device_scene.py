@@ -27,7 +27,7 @@ from tiscene.scene.lights.emissive_meshes import EmissiveMeshes
 from tiscene.scene.lights.light_table import LightTable
 from tiscene.scene.material_table import MaterialTable
 from tiscene.scene.placement import CURRENT, MOVERS, NEXT, PREVIOUS, Placement
-from tiscene.scene.reused_arrays import ReusedArrays
+from tiscene.scene.reused_arrays import MeshGroup, ReusedArrays
 from tiscene.scene.textures.atlas import TextureAtlas
 
 HAS_NORMALS, HAS_UV, MIRRORED, HAS_COLORS = 1, 2, 4, 8  # bits of `instance_info` column 5
@@ -88,7 +88,6 @@ class DeviceScene:
         self._meshes: list[Mesh] = []
         self._blas: list[Blas] = []
         self.emissive = EmissiveMeshes()
-        self._first_material_of_mesh: list[int] = []
         self._first_triangles: list[int] = [0]
         self._first_textures: list[int] = []  # by description
         self._first_materials: list[int] = []
@@ -197,7 +196,6 @@ class DeviceScene:
                 copies = [self._bvh.add_mesh(*shape, deforms=True) for _ in TIMES]
                 self._deforming[len(self._meshes)] = DeformingMesh(mesh, mesh.deformation, copies)
             self._meshes.append(mesh)
-            self._first_material_of_mesh.append(first_material)
             self._first_triangles.append(first_triangle + len(mesh.triangles))
         self._bvh.clear_instances()
         self._mesh_arrays_are_stale = True
@@ -334,10 +332,12 @@ class DeviceScene:
 
     def _upload_meshes(self) -> None:
         meshes = self._meshes
-        copies = [len(BLOCKS) if row in self._deforming else 1 for row in range(len(meshes))]
+        copies = np.array([len(BLOCKS) if row in self._deforming else 1 for row in range(len(meshes))], np.int64)
         vertex_counts = np.array([len(mesh.positions) for mesh in meshes], np.int64)
         self._first_vertices = np.cumsum([0, *(vertex_counts * copies)])
-        first_colors = self._arrays.write_meshes(meshes, copies, self._first_vertices, self._first_material_of_mesh)
+        added = zip(self.descriptions, self._first_materials, strict=True)
+        groups = [MeshGroup(description.meshes, first) for (_, description), first in added]
+        first_colors = self._arrays.write_meshes(groups, self._first_vertices, copies)
         self.vertex_position, self.vertex_normal = self._arrays.vertex_position.array, self._arrays.vertex_normal.array
         self.vertex_uv, self.triangle_vertices = self._arrays.vertex_uv.array, self._arrays.triangle_vertices.array
         self.triangle_material, self.triangle_part = (
@@ -350,7 +350,7 @@ class DeviceScene:
         ]
         entries = [blas.entry for blas in self._blas]
         self._parts = self._bvh.parts(self._blas)
-        deforming_vertices = np.where(np.array(copies) > 1, vertex_counts, 0)
+        deforming_vertices = np.where(copies > 1, vertex_counts, 0)
         self._mesh_is_empty = np.array([blas.empty for blas in self._blas], bool)
         self._boxes = np.array([[blas.box for blas in self._blas]] * 3).reshape(3, -1, 2, 3)
         for row, deforming in self._deforming.items():

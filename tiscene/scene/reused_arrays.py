@@ -3,15 +3,27 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from functools import partial
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from tiscene.device.part_arrays import ArrayPart, PartArray
 from tiscene.scene.description import Mesh
+
+
+class MeshGroup(NamedTuple):
+    """The meshes of a description.
+
+    Attributes:
+        meshes: The description's own tuple.
+        first_material: Row of the description's first material.
+    """
+
+    meshes: Sequence[Mesh]
+    first_material: int
 
 
 class ReusedArrays:
@@ -41,72 +53,84 @@ class ReusedArrays:
         return sum(each.nbytes for each in vars(self).values())
 
     def write_meshes(
-        self,
-        meshes: Sequence[Mesh],
-        copies: Sequence[int],
-        first_vertices: NDArray[np.int64],
-        first_materials: Sequence[int],
+        self, groups: Sequence[MeshGroup], first_vertices: NDArray[np.int64], copies: NDArray[np.int64]
     ) -> NDArray[np.int64]:
         """Make the arrays hold meshes.
 
         Args:
-            meshes: The meshes, by row.
-            copies: Number of blocks of vertices of each.
-            first_vertices: int64 [n + 1], row of the first vertex of each, and the number of vertices.
-            first_materials: Row of the first material of the description of each.
+            groups: The meshes of each description.
+            first_vertices: int64 [n + 1], row of the first vertex of each mesh, and the number of vertices.
+            copies: int64 [n], number of blocks of vertices of each mesh.
 
         Returns:
             int64 [n], the first row of colors of each mesh in `vertex_uv`.
         """
-        positions, normals, uvs, triangles, materials, numbers = [], [], [], [], [], []
-        firsts = first_vertices.tolist()
-        for mesh, count, first, first_material in zip(meshes, copies, firsts, first_materials, strict=False):
-            points, faces = len(mesh.positions), len(mesh.triangles)
+        parts: list[list[ArrayPart]] = [[] for _ in range(6)]
+        colors, first_colors, row, begin = [], [], int(first_vertices[-1]), 0
+        for group in groups:
+            meshes, end = group.meshes, begin + len(group.meshes)
+            firsts, counts = first_vertices[begin:end], copies[begin:end]
+            vertices, faces = int(first_vertices[end] - first_vertices[begin]), sum(len(m.triangles) for m in meshes)
             # Kernels overwrite the vertices of deforming meshes.
-            source = mesh.positions if mesh.deformation is None else object()
-            positions += [ArrayPart(source, 0, points, partial(_same, mesh.positions))] * count
-            if mesh.normals is None:
-                normals += [ArrayPart(source, 0, points, partial(_zeros, points, 3))] * count
-            else:
-                source = mesh.normals if mesh.deformation is None else object()
-                normals += [ArrayPart(source, 1, points, partial(_same, mesh.normals))] * count
-            if mesh.uv is None:
-                uvs += [ArrayPart(None, 0, points, partial(_zeros, points, 2))] * count
-            else:
-                uvs += [ArrayPart(mesh.uv, 0, points, partial(_same, mesh.uv))] * count
-            triangles.append(ArrayPart(mesh.triangles, first, faces, partial(_plus, mesh.triangles, first)))
-            materials.append(
-                ArrayPart(mesh.materials, first_material, faces, partial(_plus, mesh.materials, first_material))
+            source = object() if any(mesh.deformation is not None for mesh in meshes) else meshes
+            rows = (
+                (source, 0, vertices, partial(_vertices, meshes, counts, _positions)),
+                (source, 0, vertices, partial(_vertices, meshes, counts, _normals)),
+                (meshes, 0, vertices, partial(_vertices, meshes, counts, _uvs)),
+                (meshes, int(firsts[0]) if len(firsts) else 0, faces, partial(_triangles, meshes, firsts)),
+                (meshes, group.first_material, faces, partial(_materials, meshes, group.first_material)),
+                (meshes, 0, faces, partial(_parts, meshes)),
             )
-            if mesh.parts is None:
-                numbers.append(ArrayPart(None, 0, faces, partial(_zeros, faces)))
-            else:
-                numbers.append(ArrayPart(mesh.parts, 0, faces, partial(_same, mesh.parts)))
-        first_colors, row = [], firsts[-1]
-        for mesh in meshes:
-            first_colors.append(row)
-            if mesh.colors is not None and mesh.second_uv is not None:
-                uvs.append(ArrayPart(mesh.colors, 0, 3 * len(mesh.colors), partial(_color_rows, mesh)))
-                row += 3 * len(mesh.colors)
-        self.vertex_position.write(positions)
-        self.vertex_normal.write(normals)
-        self.vertex_uv.write(uvs)
-        self.triangle_vertices.write(triangles)
-        self.triangle_material.write(materials)
-        self.triangle_part.write(numbers)
+            for each, part in zip(parts, rows, strict=True):
+                each.append(ArrayPart(*part))
+            for mesh in meshes:
+                first_colors.append(row)
+                if mesh.colors is not None and mesh.second_uv is not None:
+                    colors.append(ArrayPart(mesh, 0, 3 * len(mesh.colors), partial(_color_rows, mesh)))
+                    row += 3 * len(mesh.colors)
+            begin = end
+        parts[2] += colors
+        arrays = self.vertex_position, self.vertex_normal, self.vertex_uv
+        for array, each in zip(
+            (*arrays, self.triangle_vertices, self.triangle_material, self.triangle_part), parts, strict=True
+        ):
+            array.write(each)
         return np.array(first_colors, np.int64)
 
 
-def _same(rows: NDArray[Any]) -> NDArray[Any]:
-    return rows
+def _vertices(
+    meshes: Sequence[Mesh], copies: NDArray[np.int64], values: Callable[[Mesh], NDArray[Any]]
+) -> NDArray[np.float32]:
+    """Return values of the vertices of meshes, with the copies of each mesh one after another."""
+    return _joined([values(mesh) for mesh, count in zip(meshes, copies.tolist(), strict=True) for _ in range(count)])
 
 
-def _plus(rows: NDArray[Any], first: int) -> NDArray[np.int32]:
-    return np.asarray(rows, np.int32) + np.int32(first)
+def _positions(mesh: Mesh) -> NDArray[Any]:
+    return mesh.positions
 
 
-def _zeros(*shape: int) -> NDArray[np.float32]:
-    return np.zeros(shape, np.float32)
+def _normals(mesh: Mesh) -> NDArray[Any]:
+    return np.zeros_like(mesh.positions) if mesh.normals is None else mesh.normals
+
+
+def _uvs(mesh: Mesh) -> NDArray[Any]:
+    return np.zeros((len(mesh.positions), 2), np.float32) if mesh.uv is None else mesh.uv
+
+
+def _triangles(meshes: Sequence[Mesh], firsts: NDArray[np.int64]) -> NDArray[Any]:
+    return _joined([mesh.triangles + first for mesh, first in zip(meshes, firsts, strict=True)])
+
+
+def _materials(meshes: Sequence[Mesh], first: int) -> NDArray[Any]:
+    return _joined([np.asarray(mesh.materials, np.int32) + first for mesh in meshes])
+
+
+def _parts(meshes: Sequence[Mesh]) -> NDArray[Any]:
+    return _joined([np.zeros(len(mesh.triangles), np.int32) if mesh.parts is None else mesh.parts for mesh in meshes])
+
+
+def _joined(parts: Sequence[NDArray[Any]]) -> NDArray[Any]:
+    return np.concatenate(parts)
 
 
 def _color_rows(mesh: Mesh) -> NDArray[Any]:

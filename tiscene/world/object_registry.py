@@ -23,6 +23,7 @@ from tiscene.world.stage_animation import AnimatedInstances, box_over_time, chan
 
 Array = NDArray[np.float64]
 MAX_GEOMETRIES = 256  # of templates and scales; the least recently made ones are dropped first
+MAX_SURFACES = 16  # likewise
 
 
 @dataclass(frozen=True)
@@ -166,6 +167,7 @@ class ObjectRegistry:
         self._histories = histories
         self._settled = 0
         self._geometries: dict[tuple[str, Vector3], ObjectGeometry] = {}
+        self._surfaces: dict[tuple[object, ...], Array] = {}
         self._entries: dict[int, tuple[WorldObject, ObjectGeometry]] = {}
         self._selection: ObjectSelection | None = None
         self.settle()
@@ -173,12 +175,22 @@ class ObjectRegistry:
     def surface(self, spec: Object) -> Array:
         """Return the collision surface of an object: its template's colliders, else all its meshes.
 
+        Objects of one template and scale share it, as long as it is kept.
+
         Args:
             spec: the object.
 
         Returns:
             float64 [m, 3, 3], triangles in the object's axes, m.
         """
+        key = spec.template, spec.scale
+        if key not in self._surfaces:
+            while len(self._surfaces) >= MAX_SURFACES:
+                del self._surfaces[next(iter(self._surfaces))]
+            self._surfaces[key] = self._new_surface(spec)
+        return self._surfaces[key]
+
+    def _new_surface(self, spec: Object) -> Array:
         description = self.template(spec).description
         solid = (*(each for each in description.instances if each.collides), *description.colliders)
         scale = np.diag([*np.broadcast_to(spec.scale, 3), 1.0])

@@ -3,8 +3,8 @@
 
 from __future__ import annotations
 
+import weakref
 from collections.abc import Callable, Sequence
-from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,7 +21,10 @@ Array = NDArray[np.float64]
 MARGIN = 0.005  # m: how deep an object may be in another one, such as the floor it stands on, without a report
 MAX_SHRINK = 0.2  # the same as a fraction of the object's size
 MAX_SOLID = 100_000  # triangles of a mesh that is tested for objects that lie wholly inside
-MAX_SURFACES, MAX_BOXES = 16, 1024  # kept, one per template and scale; the least recently made ones are dropped first
+MAX_BOXES = 1024  # kept, one per template and scale; the least recently made ones are dropped first
+
+# `OverlapDetector._mesh_boxes` of the stages that exist.
+_known_boxes: weakref.WeakKeyDictionary[SceneDescription, Array] = weakref.WeakKeyDictionary()
 
 
 class OverlapDetector:
@@ -54,7 +57,6 @@ class OverlapDetector:
         self._instances = instances
         self._trajectories = trajectories
         self._viewpoint = np.array(viewpoint, np.float64)
-        self._surfaces: dict[tuple[object, ...], Array] = {}
         self._boxes: dict[tuple[object, ...], Array] = {}
 
     def find(self, frame: int) -> list[Collision]:
@@ -71,12 +73,12 @@ class OverlapDetector:
         boxes = {row: _box_at(self._own_box(row), poses[row]) for row in rows}
         found = []
         for row in placed:
-            surface = shrunk(_at(self._own_surface(row), poses[row]), MARGIN, MAX_SHRINK)
+            surface = shrunk(_at(self._surface(self._log.lives[row].spec), poses[row]), MARGIN, MAX_SHRINK)
             if len(surface):
                 found += self._on_stage(row, surface, frame)
                 for other in rows:
                     if other != row and _touch(boxes[row], boxes[other]):
-                        if _overlap(surface, _at(self._own_surface(other), poses[other])):
+                        if _overlap(surface, _at(self._surface(self._log.lives[other].spec), poses[other])):
                             found.append(Collision(row, "object", other))
         return found
 
@@ -91,31 +93,25 @@ class OverlapDetector:
         is_moved = move is not None and move.frame == frame
         return is_moved or frame == 0 or not history.alive(frame - 1, as_of=frame - 1)
 
-    def _own_surface(self, row: int) -> Array:
-        """Return the surface of an object in its own axes; objects of one template and scale share it."""
-        spec = self._log.lives[row].spec
-        key = spec.template, spec.scale
-        if key not in self._surfaces:
-            _make_room(self._surfaces, MAX_SURFACES)
-            self._surfaces[key] = self._surface(spec)
-        return self._surfaces[key]
-
     def _own_box(self, row: int) -> Array:
         spec = self._log.lives[row].spec
         key = spec.template, spec.scale
         if key not in self._boxes:
-            _make_room(self._boxes, MAX_BOXES)
-            self._boxes[key] = _box(self._own_surface(row))
+            while len(self._boxes) >= MAX_BOXES:
+                del self._boxes[next(iter(self._boxes))]
+            self._boxes[key] = _box(self._surface(spec))
         return self._boxes[key]
 
-    @cached_property
+    @property
     def _mesh_boxes(self) -> Array:
         """Lowest and highest corner [meshes, 2, 3] of the stage's meshes in their own space; NaN for an empty mesh."""
-        boxes = np.full((len(self._stage.meshes), 2, 3), np.nan)
-        for box, mesh in zip(boxes, self._stage.meshes, strict=True):
-            if len(mesh.positions) and len(mesh.triangles):
-                box[:] = mesh.positions.min(axis=0), mesh.positions.max(axis=0)
-        return boxes
+        if self._stage not in _known_boxes:
+            boxes = np.full((len(self._stage.meshes), 2, 3), np.nan)
+            for box, mesh in zip(boxes, self._stage.meshes, strict=True):
+                if len(mesh.positions) and len(mesh.triangles):
+                    box[:] = mesh.positions.min(axis=0), mesh.positions.max(axis=0)
+            _known_boxes[self._stage] = boxes
+        return _known_boxes[self._stage]
 
     def _on_stage(self, row: int, surface: Array, frame: int) -> list[Collision]:
         """Return the overlaps of an object with the stage: objects by row, then colliders without an object."""
@@ -211,8 +207,3 @@ def _box_at(box: Array, pose: Array) -> Array:
 def _touch(a: Array, b: Array) -> NDArray[np.bool_]:
     """Return which boxes [..., 2, 3] touch; boxes of NaN touch nothing."""
     return np.asarray(((a[..., 0, :] <= b[..., 1, :]) & (b[..., 0, :] <= a[..., 1, :])).all(axis=-1), np.bool_)
-
-
-def _make_room(kept: dict[tuple[object, ...], Array], most: int) -> None:
-    while len(kept) >= most:
-        del kept[next(iter(kept))]

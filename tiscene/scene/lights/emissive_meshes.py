@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import weakref
 from collections.abc import Iterable
 
 import numpy as np
@@ -10,6 +11,11 @@ from numpy.typing import NDArray
 
 from tiscene.scene.description import Material, Mesh, SceneDescription
 from tiscene.scene.lights.mesh_lights import MeshLight, build_mesh_light, mean_emission
+
+# Of the descriptions that exist: mean luminance of each material, and the light tree of each mesh.
+_known: weakref.WeakKeyDictionary[SceneDescription, tuple[NDArray[np.float64], list[MeshLight | None]]] = (
+    weakref.WeakKeyDictionary()
+)
 
 
 class EmissiveMeshes:
@@ -28,12 +34,15 @@ class EmissiveMeshes:
 
     def add(self, description: SceneDescription) -> None:
         """Add the meshes of a description, whose rows continue those of earlier ones."""
-        emission = np.array([mean_emission(material, description.textures) for material in description.materials])
+        if description not in _known:
+            emission = np.array([mean_emission(material, description.textures) for material in description.materials])
+            _known[description] = emission, [_mesh_light(mesh, emission) for mesh in description.meshes]
+        emission, lights = _known[description]
         self._descriptions.append((len(self.lights), description))
-        self._emission.append(emission)
+        self._emission.append(emission.copy())
+        self.lights += lights
         varying = [track.row for track in description.material_tracks]
         for mesh in description.meshes:
-            self.lights.append(_mesh_light(mesh, emission))
             self.varying.append(bool(varying) and bool(np.isin(mesh.materials, varying).any()))
 
     def place(self, materials: Iterable[tuple[int, int, Material]]) -> None:
