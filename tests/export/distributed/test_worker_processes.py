@@ -52,13 +52,13 @@ def test_killed_worker_is_started_again_but_not_forever(monkeypatch):
 
 @pytest.mark.slow
 def test_workers_write_the_bytes_of_one_process_also_if_one_is_killed(tmp_path, capsys):
-    frames = ["--frames", "0:40"]
+    frames = ["--frames", "0:2400"]  # a worker saves its manifest after 1,000
     assert cli.main([*RENDER, *frames, "-o", str(tmp_path / "one")]) == 0
 
     def kill_one():
         shard = tmp_path / "two" / SHARDS / "00001-of-00002"
         while not frames_in([shard]):
-            time.sleep(0.05)
+            time.sleep(0.01)
         lock = (shard / ".tiscene.lock").read_text()
         os.kill(int(lock.split()[1]), signal.SIGKILL)
 
