@@ -16,7 +16,7 @@ from PIL import Image
 
 from tests.usd.helpers import QUAD, STAGES, problems_of, write
 from tests.usd.lights.test_ies import ies
-from tests.usd.materials.test_material import texture
+from tests.usd.materials.test_material_textures import texture
 from tiscene.errors import ArgumentError, MissingFile, StageError, StageWarning, UnknownName
 from tiscene.usd.core.limits import Limits
 from tiscene.usd.read.stage_reader import read_stage

@@ -105,6 +105,7 @@ def test_key_depends_on_everything_visible() -> None:
 def test_key_depends_on_textures_and_materials() -> None:
     def keyed(description: SceneDescription) -> str:
         scene = MovingBalls()
+        key_of(scene)  # uploads the meshes
         scene.device.descriptions[0] = (0, description)
         return key_of(scene)
 
