@@ -102,13 +102,12 @@ class GalleryPicture:
         save(self.file, stream[0].rgb, f"{spp}{COMMENT}{digest(self.scene)}")
 
 
+VIEWS = {  # every camera by day, the first one in all lightings
+    scene: [(camera, each) for camera in cameras for each in (LIGHTING if camera == cameras[0] else LIGHTING[:1])]
+    for scene, cameras in PLACES.items()
+}
 PICTURES = [
-    *(
-        GalleryPicture(scene, camera, {"lighting": lighting})
-        for scene, cameras in PLACES.items()
-        for camera in cameras
-        for lighting in LIGHTING
-    ),
+    *(GalleryPicture(scene, camera, {"lighting": each}) for scene, views in VIEWS.items() for camera, each in views),
     *(GalleryPicture("room_01", "SAILenv", {"appearance": appearance}) for appearance in APPEARANCES[1:]),
     GalleryPicture("solid_benchmark", "Main", {"lighting": "day"}),
 ]
@@ -144,8 +143,10 @@ def page() -> str:
     """Return the text of docs/gallery.md, with all existing pictures."""
     blocks = [INTRODUCTION.replace("SPP", _quality()).replace("SIZE", _sizes())]
     for scene, title in TITLES.items():
-        rows = [[GalleryPicture(scene, camera, {"lighting": each}) for each in LIGHTING] for camera in PLACES[scene]]
-        blocks.append(f"\n## {scene}: {title}\n\n" + _table(LIGHTING, rows))
+        pictures = [GalleryPicture(scene, camera, {"lighting": each}) for camera, each in VIEWS[scene]]
+        in_lightings, elsewhere = pictures[: len(LIGHTING)], pictures[len(LIGHTING) :]
+        blocks.append(f"\n## {scene}: {title}\n\n" + _table(LIGHTING, [in_lightings]))
+        blocks.append("\n" + _table(PLACES[scene][1:], [elsewhere]))
     first = GalleryPicture("room_01", "SAILenv", {"lighting": LIGHTING[0]})
     others = [GalleryPicture("room_01", "SAILenv", {"appearance": each}) for each in APPEARANCES[1:]]
     text = "\n## One view in three appearances\n\nThe objects, their positions and their labels are the same.\n\n"
