@@ -14,6 +14,7 @@
     verification    files as recorded, frames that render as recorded
     manifest_stream  the stream of an export, from its manifest
     array_files     arrays and archives as bytes
+    sparse_exr      OpenEXR files of channels that are mostly constant
     frame_json      camera, events and objects of a frame
     png, exr, exr_single, npz, cryptomatte, kitti_flow, blenderproc, sailenv_layout  formats with files for each frame
     coco, webdataset_shards, parquet, video, point_tracks, mcap_log, lerobot, rerun_recording  with files of many frames

@@ -14,7 +14,6 @@ or `rgb`, it is included as the image (half floats R G B, scene-linear).
 
 from __future__ import annotations
 
-import io
 import json
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
@@ -28,6 +27,7 @@ from numpy.typing import NDArray
 from tiscene.errors import ExportError, MissingFile
 from tiscene.export import exr
 from tiscene.export.array_files import Contents
+from tiscene.export.sparse_exr import scan_lines
 
 if TYPE_CHECKING:
     from tiscene.frame.frame import Frame
@@ -81,20 +81,15 @@ def _file(
         layers: Of each set of mattes its name, a coverage buffer, and the names of the ids.
         beauty: The first of these buffers is the image; empty for none.
     """
-    import OpenEXR
-
-    header: dict[str, Any] = {"compression": OpenEXR.ZIP_COMPRESSION, "type": OpenEXR.scanlineimage}
+    attributes: dict[str, str] = {"name": "cryptomatte"}
     channels: dict[str, NDArray[Any]] = {}
     for name, buffer in list(beauty.items())[:1]:
         channels |= exr.channels(name, buffer)
     for layer, coverage, names in layers:
-        hashes = {name: hash_of(name) for name in names.values()}
-        ids, weights = _ranked(coverage, {id: hashes[name] for id, name in names.items()})
-        channels |= _layer(layer, ids, weights)
-        header |= _attributes(layer, hashes)
-    data = io.BytesIO()
-    OpenEXR.File([OpenEXR.Part(header, channels, name="cryptomatte")]).write(data)
-    return data.getvalue()
+        ids, weights = _ranked(coverage, {id: hash_of(name) for id, name in names.items()})
+        channels |= _layer(layer, ids, weights, coverage.shape[2])
+        attributes |= _attributes(layer, tuple(sorted(set(names.values()))))
+    return scan_lines(channels, attributes)
 
 
 def decode(path: str | Path) -> dict[str, Mattes]:
@@ -165,7 +160,7 @@ def _object_name(row: ObjectRow) -> str:
 
 
 def _ranked(coverage: NDArray[np.float32], hashes: Mapping[int, int]) -> tuple[NDArray[np.uint32], NDArray[np.float32]]:
-    """Convert a coverage buffer to hashes and weights, each [ranks, h, w].
+    """Convert a coverage buffer to hashes and weights, each [ranks, h, w] of the ranks that some pixel has.
 
     Ids with the same hash are merged; ranks are sorted by descending weight. Most pixels have one id: only the others
     are looked at in full.
@@ -178,11 +173,13 @@ def _ranked(coverage: NDArray[np.float32], hashes: Mapping[int, int]) -> tuple[N
     table = np.zeros(max(hashes, default=0) + 2, np.uint32)  # its last row is that of unknown ids
     table[list(hashes)] = list(hashes.values())
     pairs = coverage.reshape(-1, ranks, 2)
-    bits, weights = np.zeros((ranks, len(pairs)), np.uint32), np.zeros((ranks, len(pairs)), np.float32)
+    several = np.flatnonzero(pairs[:, 1, 1] > 0.0) if ranks > 1 else np.zeros(0, np.int64)
+    mixed = pairs[several]
+    used = 1 + max((rank for rank in range(1, ranks) if mixed[:, rank, 1].any()), default=0)
+    bits, weights = np.zeros((used, len(pairs)), np.uint32), np.zeros((used, len(pairs)), np.float32)
     bits[0], weights[0] = _named(pairs[:, 0], table)
-    several = np.flatnonzero(pairs[:, 1, 1] > 0.0)
-    bits[:, several], weights[:, several] = (each.T for each in _merged(*_named(pairs[several], table)))
-    return bits.reshape(ranks, height, width), weights.reshape(ranks, height, width)
+    bits[:, several], weights[:, several] = (each.T for each in _merged(*_named(mixed[:, :used], table)))
+    return bits.reshape(used, height, width), weights.reshape(used, height, width)
 
 
 def _named(pairs: NDArray[np.float32], table: NDArray[np.uint32]) -> tuple[NDArray[np.uint32], NDArray[np.float32]]:
@@ -203,20 +200,24 @@ def _merged(bits: NDArray[np.uint32], weights: NDArray[np.float32]) -> tuple[NDA
     return np.take_along_axis(bits, order, axis=1), np.take_along_axis(weights, order, axis=1)
 
 
-def _layer(name: str, ids: NDArray[np.uint32], weights: NDArray[np.float32]) -> dict[str, NDArray[np.float32]]:
-    """Return the channels of a set by name, two ranks in the R G B A of each level."""
+def _layer(
+    name: str, ids: NDArray[np.uint32], weights: NDArray[np.float32], ranks: int
+) -> dict[str, NDArray[np.float32]]:
+    """Return the channels of a set by name, two ranks in the R G B A of each level; 0 in ranks that are not given."""
+    empty = np.zeros(ids.shape[1:], np.float32)
     channels = {}
-    for rank, (hashes, coverage) in enumerate(zip(ids.view(np.float32), weights, strict=True)):
+    for rank in range(ranks):
         level, (id_channel, weight_channel) = f"{name}{rank // 2:02d}", ("RG", "BA")[rank % 2]
-        channels[f"{level}.{id_channel}"] = hashes
-        channels[f"{level}.{weight_channel}"] = coverage
+        channels[f"{level}.{id_channel}"] = ids[rank].view(np.float32) if rank < len(ids) else empty
+        channels[f"{level}.{weight_channel}"] = weights[rank] if rank < len(ids) else empty
     return channels
 
 
-def _attributes(layer: str, hashes: Mapping[str, int]) -> dict[str, str]:
-    """Return the header attributes of a set."""
+@lru_cache(maxsize=64)
+def _attributes(layer: str, names: tuple[str, ...]) -> dict[str, str]:
+    """Return the header attributes of a set, which are the same in most frames."""
     key = f"cryptomatte/{murmur3(layer.encode()):08x}"[: len("cryptomatte/") + 7]
-    manifest = {name: f"{bits:08x}" for name, bits in sorted(hashes.items())}
+    manifest = {name: f"{hash_of(name):08x}" for name in names}
     return {
         f"{key}/name": layer,
         f"{key}/hash": HASH,
