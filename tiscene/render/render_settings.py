@@ -93,7 +93,7 @@ class RenderSettings:
 
 PRESETS = {
     "fast": RenderSettings(
-        spp=1, max_depth=8, denoiser="fast", incremental=True, base_spp=64, near_spp=4, panorama_spp=128, downscale=2
+        spp=1, max_depth=8, denoiser="fast", incremental=True, base_spp=64, near_spp=4, panorama_spp=64, downscale=2
     ),
     "preview": RenderSettings(spp=4, max_depth=8, denoiser="fast", incremental=True, base_spp=64, panorama_spp=128),
     "standard": RenderSettings(spp=16, max_depth=8),

@@ -35,7 +35,7 @@ from tiscene.scene.placement import CURRENT, Placement
 
 # Labels that guide the upsampling of light traced at reduced size.
 UPSAMPLING_GUIDES = (FILTERED_ALBEDO, "normal")
-MOVER_SPP = 8  # least samples per pixel in which a mover is visible, in frames over a panorama
+MOVER_SPP = 4  # least samples per pixel in which a mover is visible, in frames over a panorama
 
 
 @dataclass(frozen=True, eq=False)
@@ -237,7 +237,7 @@ class Renderer:
         result: dict[str, NDArray[Any]] = {}
         needs_denoised = "rgb" in buffers or "denoised" in buffers
         if moving is not None and turning:
-            panorama = self._panorama.render(moving, labels["instance"], spp=max(MOVER_SPP, settings.spp))
+            panorama = self._panorama.render(moving, labels["instance"], spp=max(MOVER_SPP, 2 * settings.spp))
             result["hdr"] = panorama.hdr
             guides = panorama.albedo, panorama.normal
             if needs_denoised:

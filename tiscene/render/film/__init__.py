@@ -3,9 +3,10 @@
 
 ::
 
-    adaptive     sample each pixel until its error estimate is small enough
-    denoise      Intel Open Image Denoise
-    postprocess  denoise and upsample radiance images
-    upsample     guided upsampling along label edges
-    tone_map     exposure, tone curve, sRGB
+    adaptive      sample each pixel until its error estimate is small enough
+    denoise       Intel Open Image Denoise
+    postprocess   denoise and upsample radiance images
+    upsample      guided upsampling along label edges
+    smooth_light  replacement of light where it varies slowly
+    tone_map      exposure, tone curve, sRGB
 """

@@ -9,15 +9,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tiscene.render.film.denoise import denoise
+from tiscene.render.film.smooth_light import replace_smooth_light
 from tiscene.render.film.upsample import demodulate, upsample
 from tiscene.render.integrators.incremental.base_image import IncrementalBase
-from tiscene.render.integrators.incremental.changed_regions import MARGIN, Region
+from tiscene.render.integrators.incremental.changed_regions import MARGIN, Region, regions_of
 from tiscene.render.integrators.incremental.incremental_pass import IncrementalImage
 from tiscene.render.integrators.panorama.panorama_pass import PanoramaImage
 from tiscene.render.integrators.path.path_pass import PathImage
 
 FloatImage = NDArray[np.float32]
 COARSE_FACTOR = 2  # additional downscale of incremental images outside of changed regions
+SMOOTH_FACTOR = 2  # downscale of slowly varying light over a panorama
 COARSE, FINE = "coarse", "fine"  # names of the two resolutions in cache keys
 
 
@@ -65,17 +67,28 @@ class Postprocessor:
     def process_panorama(self, image: PanoramaImage) -> FloatImage:
         """Return the radiance, [h, w, 3], of an image over a panorama.
 
-        The static image is denoised, and the movers' change of light is what they change in the denoised irradiance.
+        The cells of the panorama are denoised already. Pixels that show movers are denoised in rectangles around them.
+        Where light varies slowly, it is that of the static image denoised as a whole, at reduced size. The movers'
+        change of light is what they change in the denoised irradiance.
         """
         if self.denoiser is None:
             return np.maximum(image.hdr, 0.0)
-        shown = self._denoised(image.static, image.albedo, image.normal, self.sharp)
+        shown = image.denoised.copy()
+        for here in regions_of(image.static_mask[..., 0] == 0.0):
+            clean = self._denoised(image.static[here], image.albedo[here], image.normal[here], self.sharp)
+            shown[here] += (1.0 - image.static_mask[here]) * (clean - shown[here])
+        guides = image.albedo, image.normal
+        irradiance, white, normal = demodulate(image.static, *guides, SMOOTH_FACTOR)
+        irradiance = self._denoised(irradiance, white, normal, False)
+        own, _, _ = demodulate(shown, *guides, SMOOTH_FACTOR)
+        smooth = replace_smooth_light(shown, own, irradiance, normal, guides, SMOOTH_FACTOR)
+        shown += image.static_mask * (smooth - shown)
         if image.after is not None:
             before, after = (
                 self._denoised(each, image.white, image.reduced_normal, False) for each in (image.before, image.after)
             )
-            shown = shown + image.upsampled(after - before)
-        return np.maximum(shown, 0.0)
+            shown += image.upsampled(after - before)
+        return np.maximum(shown, 0.0, out=shown)
 
     def _corrected(self, quick: FloatImage, image: IncrementalImage, here: Region, kind: str) -> FloatImage:
         """Add the known corrections outside of movers, in place."""

@@ -8,7 +8,7 @@ import taichi as ti
 from tests.render.path_scenes import BOX_CAMERA
 from tiscene.device.kernel_types import Floats2, Ints2
 from tiscene.render.integrators.panorama.panorama import CELL, PAGE, PanoramaSettings
-from tiscene.render.integrators.panorama.panorama_kernels import TILE, cell_of
+from tiscene.render.integrators.panorama.panorama_kernels import BLOCK, TILE, cell_of
 from tiscene.render.view import View, camera_ray
 from tiscene.scene.placement import CURRENT
 
@@ -26,14 +26,16 @@ def cells_of_pixels(view: Floats2, size: ti.i32, cells: Ints2):
 
 @pytest.mark.parametrize("face", range(6))
 def test_pixels_of_pages_are_the_cells_that_their_rays_go_through(face: int) -> None:
-    size = 2 * PAGE + TILE
+    size = 2 * PAGE + BLOCK
     settings = PanoramaSettings((0.3, -1.2, 2.0), size, 16, 4, 0)
     rows, columns = (each.ravel() for each in np.mgrid[:PAGE, :PAGE])
     for row, column in ((0, 0), (1, 0), (0, 1)):
         cells = np.empty((PAGE * PAGE, 3), np.int32)
         cells_of_pixels(settings.page_view(face, row, column).array(), size, cells)
-        expected = np.column_stack([np.full(PAGE * PAGE, face), row * PAGE + rows, column * PAGE + columns])
-        np.testing.assert_array_equal(cells, expected)
+        places = np.column_stack([row * PAGE + rows, column * PAGE + columns]) - TILE  # pages begin at the margin
+        inside = ((places >= 0) & (places < size)).all(axis=-1)
+        assert inside.mean() > 0.9
+        np.testing.assert_array_equal(cells[inside], np.column_stack([np.full(len(places), face), places])[inside])
 
 
 def test_cells_are_a_fraction_of_a_pixel_wide_at_the_center() -> None:
@@ -41,10 +43,10 @@ def test_cells_are_a_fraction_of_a_pixel_wide_at_the_center() -> None:
     settings = PanoramaSettings.of(view, spp=64, max_depth=4, seed=1)
     pixel = 2.0 * np.tan(0.5 * BOX_CAMERA.vertical_fov) / 48
     assert 2.0 / settings.faces == pytest.approx(CELL * pixel, rel=0.1)
-    assert settings.faces % TILE == 0
+    assert settings.faces % BLOCK == 0
 
 
 def test_cells_far_from_the_center_of_a_face_have_fewer_samples() -> None:
-    settings = PanoramaSettings((0.0, 0.0, 0.0), 4 * PAGE, 256, 4, 0)
+    settings = PanoramaSettings((0.0, 0.0, 0.0), 4 * PAGE - 2 * TILE, 256, 4, 0)
     samples = [settings.samples(settings.page_view(0, row, 1)) for row in range(4)]
     assert samples[0] == samples[3] < samples[1] == samples[2]

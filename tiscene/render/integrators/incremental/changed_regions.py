@@ -65,6 +65,14 @@ def find_changed(
         cells[row, column] = ti.cast(mover_pixels > 0.0 or is_changed, ti.i32)
 
 
+def regions_of(mask: NDArray[np.bool_]) -> list[Region]:
+    """Return rectangles that contain all True pixels of a mask, [h, w], see `bounding_regions`."""
+    height, width = mask.shape
+    padded = np.pad(mask, ((0, -height % CELL), (0, -width % CELL)))
+    cells = np.any(padded.reshape(len(padded) // CELL, CELL, -1, CELL), axis=(1, 3))
+    return bounding_regions(np.asarray(cells), height, width)
+
+
 def bounding_regions(cells: NDArray[np.bool_], height: int, width: int) -> list[Region]:
     """Return rectangles that contain all True cells, one per 8-connected group, sorted by row and column.
 

@@ -9,7 +9,8 @@ frames have the same bytes in any order and in any process.
 
     panorama_pass     PanoramaPass: prepare a frame's static image, render the frame over it
     light_changes     what movers change on static surfaces
-    panorama          cells around one point, traced tile by tile
+    panorama          cells around one point, traced tile by tile and denoised block by block
     panorama_kernels  kernels that find and resample cells
-    tile_files        tiles on disk
+    cell_store        cells in memory
+    cell_files        cells on disk
 """

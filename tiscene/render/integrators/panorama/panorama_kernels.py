@@ -1,13 +1,15 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Kernels of panoramas: which tiles a view shows, and its image, resampled from their cells."""
+"""Kernels of panoramas: which blocks a view shows, and its image, resampled from cells."""
 
 import taichi as ti
 
-from tiscene.device.kernel_types import Floats2, Floats3, Ints1, Ints3, Template, vec3
+from tiscene.device.kernel_types import Floats2, Floats3, Ints1, Ints2, Ints3, Template, vec3
 from tiscene.render.view import CENTER, RIGHT, TANGENT, UP, view_vector
 from tiscene.scene.placement import CURRENT
 
-TILE = 16  # cells along a side of a tile
+TILE = 8  # cells along a side of a tile
+BLOCK = 4 * TILE  # cells along a side of a block
+WINDOW = BLOCK + 2 * TILE  # cells along a side of a block and the tiles around it
 SIDE = 4  # subpixels along a side of a pixel
 
 
@@ -47,19 +49,51 @@ def pixel_directions(view: Template, pixel: ti.i32, width: ti.i32, height: ti.i3
 
 
 @ti.kernel
-def find_tiles(view: Floats2, width: ti.i32, height: ti.i32, size: ti.i32, needed: Ints3):
-    """Set needed[face, row, column] to 1 for each tile that the view shows.
+def find_blocks(view: Floats2, width: ti.i32, height: ti.i32, size: ti.i32, needed: Ints3):
+    """Set needed[face, row, column] to 1 for each block that the view shows.
 
     Args:
         view: The view, of a pinhole camera.
         size: Cells along a side of a face.
-        needed: Output, i32 [6, tiles, tiles], zeros before.
+        needed: Output, i32 [6, blocks, blocks], zeros before.
     """
     for pixel in range(width * height):
         corner, right, down = pixel_directions(view, pixel, width, height)
         for y, x in ti.ndrange(SIDE, SIDE):
             cell = cell_of(corner + x * right + y * down, size)
-            needed[cell[0], cell[1] // TILE, cell[2] // TILE] = 1
+            needed[cell[0], cell[1] // BLOCK, cell[2] // BLOCK] = 1
+
+
+@ti.func
+def traced_row(tiles: Ints3, face: ti.i32, row: ti.i32, column: ti.i32) -> ti.i32:
+    """Return the row of `traced` that holds a cell. Rows and columns -TILE .. -1 are those of the margin of a face."""
+    y, x = row + TILE, column + TILE
+    return tiles[face, y // TILE, x // TILE] * (TILE * TILE) + y % TILE * TILE + x % TILE
+
+
+@ti.func
+def denoised_row(blocks: Ints3, face: ti.i32, row: ti.i32, column: ti.i32) -> ti.i32:
+    """Return the row of `denoised` that holds a cell."""
+    return blocks[face, row // BLOCK, column // BLOCK] * (BLOCK * BLOCK) + row % BLOCK * BLOCK + column % BLOCK
+
+
+@ti.kernel
+def gather_windows(places: Ints2, tiles: Ints3, traced: Floats2, columns: ti.i32, windows: Floats3):
+    """Copy the cells of blocks and of the tiles around them.
+
+    Args:
+        places: i32 [n, 3], face, row and column of each block.
+        tiles: i32 [6, tiles + 2, tiles + 2], place of each tile in `traced`, in tiles; the outermost are the margin.
+        traced: f32 [slots * TILE * TILE, columns].
+        columns: Their number of columns.
+        windows: Output, f32 [n, WINDOW * WINDOW, columns].
+    """
+    for window, cell in ti.ndrange(places.shape[0], WINDOW * WINDOW):
+        row = places[window, 1] * BLOCK - TILE + cell // WINDOW
+        column = places[window, 2] * BLOCK - TILE + cell % WINDOW
+        source = traced_row(tiles, places[window, 0], row, column)
+        for c in range(columns):
+            windows[window, cell, c] = traced[source, c]
 
 
 @ti.kernel
@@ -68,9 +102,12 @@ def resample(
     width: ti.i32,
     height: ti.i32,
     size: ti.i32,
-    slots: Ints3,
-    cells: Floats2,
+    tiles: Ints3,
+    traced: Floats2,
     columns: Template,
+    blocks: Ints3,
+    denoised: Floats2,
+    denoised_columns: Template,
     image: Floats3,
 ):
     """Average the cells that the subpixels of each pixel show.
@@ -78,34 +115,41 @@ def resample(
     Args:
         view: The view, of a pinhole camera.
         size: Cells along a side of a face.
-        slots: i32 [6, tiles, tiles], place of each tile in `cells`, in tiles.
-        cells: f32 [slots * TILE * TILE, columns].
+        tiles: i32 [6, tiles + 2, tiles + 2], place of each tile in `traced`, in tiles; the outermost are the margin.
+        traced: f32 [slots * TILE * TILE, columns].
         columns: Their number of columns.
-        image: Output, f32 [h, w, columns].
+        blocks: i32 [6, blocks, blocks], place of each block in `denoised`, in blocks.
+        denoised: f32 [slots * BLOCK * BLOCK, denoised_columns].
+        denoised_columns: Their number of columns; 0: `blocks` and `denoised` are not read.
+        image: Output, f32 [h, w, columns + denoised_columns].
     """
     for pixel in range(width * height):
-        sums = ti.Vector.zero(ti.f32, columns)
+        sums = ti.Vector.zero(ti.f32, columns + denoised_columns)
         corner, right, down = pixel_directions(view, pixel, width, height)
         for y, x in ti.ndrange(SIDE, SIDE):
             cell = cell_of(corner + x * right + y * down, size)
-            tile = slots[cell[0], cell[1] // TILE, cell[2] // TILE]
-            row = tile * (TILE * TILE) + cell[1] % TILE * TILE + cell[2] % TILE
+            row = traced_row(tiles, cell[0], cell[1], cell[2])
             for c in ti.static(range(columns)):
-                sums[c] += cells[row, c]
-        for c in ti.static(range(columns)):
+                sums[c] += traced[row, c]
+            if ti.static(denoised_columns > 0):
+                row = denoised_row(blocks, cell[0], cell[1], cell[2])
+                for c in ti.static(range(denoised_columns)):
+                    sums[columns + c] += denoised[row, c]
+        for c in ti.static(range(columns + denoised_columns)):
             image[pixel // width, pixel % width, c] = sums[c] / (SIDE * SIDE)
 
 
 @ti.kernel
-def store_tiles(tiles: Floats3, slots: Ints1, columns: ti.i32, cells: Floats2):
-    """Copy tiles to their places.
+def store_cells(values: Floats3, slots: Ints1, columns: ti.i32, cells: Floats2):
+    """Copy groups of cells to their places.
 
     Args:
-        tiles: f32 [n, TILE * TILE, columns].
-        slots: i32 [n], place of each tile in `cells`, in tiles.
+        values: f32 [n, size, columns].
+        slots: i32 [n], place of each group in `cells`, in groups.
         columns: Their number of columns.
-        cells: Output, f32 [slots * TILE * TILE, columns].
+        cells: Output, f32 [slots * size, columns].
     """
-    for tile, cell in ti.ndrange(slots.shape[0], TILE * TILE):
+    size = values.shape[1]
+    for group, cell in ti.ndrange(slots.shape[0], size):
         for c in range(columns):
-            cells[slots[tile] * (TILE * TILE) + cell, c] = tiles[tile, cell, c]
+            cells[slots[group] * size + cell, c] = values[group, cell, c]

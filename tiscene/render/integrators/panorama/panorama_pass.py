@@ -13,7 +13,9 @@ function of its own inputs, not of previous frames.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from importlib.metadata import version
 from typing import Any
 
 import numpy as np
@@ -25,9 +27,9 @@ from tiscene.render.integrators.incremental.base_image_cache import BaseImageCac
 from tiscene.render.integrators.incremental.mover_coverage import dilated
 from tiscene.render.integrators.incremental.path_recording import AUXILIARY, light_column
 from tiscene.render.integrators.incremental.retrace_kernels import MOVER_HITS
+from tiscene.render.integrators.panorama.cell_files import CellFiles
 from tiscene.render.integrators.panorama.light_changes import REDUCTION, LightChanges
-from tiscene.render.integrators.panorama.panorama import CELL, PAGE, Panorama, PanoramaSettings
-from tiscene.render.integrators.panorama.tile_files import TileFiles
+from tiscene.render.integrators.panorama.panorama import CELL, DENOISER, PAGE, Panorama, PanoramaSettings
 from tiscene.render.integrators.path.path_pass import PathImage, PathPass
 from tiscene.render.sampling.sobol import frame_key
 from tiscene.render.view import View
@@ -46,6 +48,7 @@ class PanoramaImage(PathImage):
 
     Attributes:
         static: Radiance without the movers' changes of light on other surfaces, float32 [h, w, 3].
+        denoised: The same, denoised, where no mover is visible, float32 [h, w, 3].
         before: Irradiance of `static` at reduced size, float32 [h', w', 3], see `upsample.demodulate`.
         after: The same with the movers' changes of light; None if there are none.
         white: Albedo of the two, float32 [h', w', 3].
@@ -54,6 +57,7 @@ class PanoramaImage(PathImage):
     """
 
     static: FloatImage
+    denoised: FloatImage
     before: FloatImage
     after: FloatImage | None
     white: FloatImage
@@ -72,7 +76,7 @@ class PanoramaPass:
         paths: Path tracer of the image size.
         memory_limit: Limit of the memory of all panoramas, bytes. One view's cells are kept even if they exceed it.
         progress: Called with the name of a stage and its completed fraction, 0..1.
-        images: Disk cache of base images, in whose folder tiles are kept too; None: none.
+        images: Disk cache of base images, in whose folder cells are kept too; None: none.
     """
 
     def __init__(
@@ -80,7 +84,7 @@ class PanoramaPass:
     ) -> None:
         self.scene = paths.scene
         self._images = images
-        self._files = TileFiles(images.folder) if images else None
+        self._files = CellFiles(images.folder) if images else None
         self._paths = paths
         self._memory_limit = memory_limit
         self._progress = progress
@@ -139,9 +143,9 @@ class PanoramaPass:
         """
         groups = self.scene.placement.light_groups
         factors = np.ones((1, 3), np.float32) if groups is None else groups.factors
-        radiance = self._base[..., :3].copy()
-        for group in range(1, len(factors)):
-            radiance += factors[group] * self._base[..., light_column(group) : light_column(group) + 3]
+        radiance = self._light([light_column(group) for group in range(len(factors))], factors)
+        first_denoised = self._base.shape[2] - 3 * len(factors)
+        denoised = self._light([first_denoised + 3 * group for group in range(len(factors))], factors)
         albedo, normal = (self._base[..., first : first + 3].copy() for first in (AUXILIARY, AUXILIARY + 3))
         moving = moving & self.scene.placement.present[CURRENT]
         static_mask = np.ones((*instance.shape, 1), np.float32)
@@ -150,8 +154,10 @@ class PanoramaPass:
             assert self._changes is not None, "made by prepare()"
             correction = self._changes.find(moving, factors)
             hits = correction[..., MOVER_HITS] > 0.0
-            shown = np.isin(instance, self.scene.placement.instance_id[moving]) | _enlarged(hits, instance.shape)
-            shown = dilated(shown)
+            shown = np.isin(instance, self.scene.placement.instance_id[moving])
+            found = _block_means(shown[..., None].astype(np.float32))[..., 0] > 0.0
+            # Parts of movers between the pixels' centers are in no label.
+            shown = dilated(shown | _enlarged(hits & ~found, instance.shape))
             pixels = np.flatnonzero(shown).astype(np.int32)
             static_mask[shown] = 0.0
             if len(pixels):
@@ -159,7 +165,9 @@ class PanoramaPass:
                 for pixel_values, first in ((radiance, 0), (albedo, 3), (normal, 6)):
                     pixel_values.reshape(-1, 3)[pixels] = rows[:, first : first + 3] / np.float32(spp)
         before, white, reduced_normal = demodulate(radiance, albedo, normal, REDUCTION)
-        image = PanoramaImage(radiance, albedo, normal, radiance, before, None, white, reduced_normal, static_mask)
+        image = PanoramaImage(
+            radiance, albedo, normal, radiance, denoised, before, None, white, reduced_normal, static_mask
+        )
         if correction is None or self._changes is None or not correction[..., :3].any():
             return image
         reduced_radiance, reduced_albedo = _block_means(radiance), _block_means(albedo)
@@ -168,6 +176,13 @@ class PanoramaPass:
         after = np.maximum(before + _filled((filtered - reduced_radiance) * scale, hits), 0.0)
         hdr = radiance + image.upsampled(_filled(correction[..., :3] * scale, hits))
         return replace(image, hdr=hdr, after=after)
+
+    def _light(self, columns: Sequence[int], factors: FloatImage) -> FloatImage:
+        """Return the sum of the groups' light in the static image, [h, w, 3], each from a column on."""
+        light = self._base[..., columns[0] : columns[0] + 3].copy()
+        for column, factor in zip(columns[1:], factors[1:], strict=True):
+            light += factor * self._base[..., column : column + 3]
+        return light
 
     def _panorama(self, view: View, static: Placement, settings: PanoramaSettings) -> Panorama:
         """Return the panorama that serves a view, with all tiles that it shows."""
@@ -190,13 +205,13 @@ class PanoramaPass:
                 self._page_paths = PathPass(self.scene, PAGE, PAGE)
             panorama = Panorama(self._page_paths, static, settings, self._files, self._file_key(view, static, settings))
         missing = panorama.missing(view)
-        if len(missing):
-            while self._panoramas and self._bytes() + panorama.bytes_with(len(missing)) > self._memory_limit:
+        if any(map(len, missing)):
+            while self._panoramas and self._bytes() + panorama.bytes_with(missing) > self._memory_limit:
                 del self._panoramas[next(iter(self._panoramas))]
-            if panorama.bytes_with(len(missing)) > self._memory_limit:
+            if panorama.bytes_with(missing) > self._memory_limit:
                 panorama.clear()
                 missing = panorama.missing(view)
-            panorama.trace(missing, view, self._progress)
+            panorama.complete(missing, view, self._progress)
         self._panoramas[key] = panorama
         return panorama
 
@@ -209,6 +224,7 @@ class PanoramaPass:
         values: dict[str, int | str] = {
             "panorama": repr(settings),
             "cell": repr(CELL),
+            "denoiser": f"{DENOISER} {version('pyoidn')}",
             "background": repr(view.background),
             "coverage": int(self.scene.materials.any_coverage),
             "emission": int(self.scene.materials.any_emission),
@@ -239,6 +255,7 @@ def _filled(change: FloatImage, unknown: NDArray[np.bool_]) -> FloatImage:
     weights = np.pad(1.0 - unknown[..., None].astype(np.float32), ((2, 2), (2, 2), (0, 0)))
     values = np.pad(np.where(unknown[..., None], np.float32(0.0), change), ((2, 2), (2, 2), (0, 0)))
     windows = [np.lib.stride_tricks.sliding_window_view(each, (5, 5), axis=(0, 1)) for each in (values, weights)]
-    sums, counts = (window.sum(axis=(-2, -1), dtype=np.float32) for window in windows)
-    result: FloatImage = np.where(unknown[..., None], sums / np.maximum(counts, 1.0), change)
+    sums, counts = (window[unknown].sum(axis=(-2, -1), dtype=np.float32) for window in windows)
+    result = change.copy()
+    result[unknown] = sums / np.maximum(counts, 1.0)
     return result

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Tiles of panoramas on disk, which several processes may share.
+"""Groups of cells of panoramas on disk, which several processes may share.
 
-Each process appends the tiles that it traces to a file of its own, as records of one size: digest, number of the tile,
+Each process appends the groups that it makes to a file of its own, as records of one size: digest, number of the group,
 cells. Records that are torn or damaged are left out when they are read.
 """
 
@@ -17,16 +17,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tiscene.files import DiskCache
-from tiscene.render.integrators.panorama.panorama_kernels import TILE
 
 SIZE_LIMIT = 1 << 30  # bytes; the least recently used files are deleted first
-_SUFFIX = ".tiles"
+_SUFFIX = ".cells"
 _ROOM = 1 << 26  # bytes that room is made for at once
 _DIGEST = 16  # bytes
 
 
-class TileFiles:
-    """Traced tiles in one folder.
+class CellFiles:
+    """Groups of cells in one folder.
 
     Args:
         folder: The folder; None: `cache_folder()`.
@@ -39,41 +38,42 @@ class TileFiles:
         self._name = f"{os.getpid()}-{uuid4().hex[:8]}{_SUFFIX}"
         self._room = 0
 
-    def load(self, key: str, columns: int) -> tuple[NDArray[np.int32], NDArray[np.float32]]:
-        """Return the tiles of a panorama that are on disk.
+    def load(self, key: str, size: int, columns: int) -> tuple[NDArray[np.int32], NDArray[np.float32]]:
+        """Return the groups of a panorama that are on disk.
 
         Args:
-            key: Of the panorama.
-            columns: Columns of its cells.
+            key: Of the panorama and the kind of group.
+            size: Cells of a group.
+            columns: Columns of a cell.
 
         Returns:
-            int32 [n], numbers of the tiles, increasing; float32 [n, TILE * TILE, columns], their cells.
+            int32 [n], numbers of the groups, increasing; float32 [n, size, columns], their cells.
         """
-        record = _record(columns)
+        record = _record(size, columns)
         found: dict[int, NDArray[np.float32]] = {}
         for path in sorted(self.folder.glob(f"{key}-*{_SUFFIX}")):
             with contextlib.suppress(OSError):
                 content = path.read_bytes()
                 os.utime(path)
                 for row in np.frombuffer(content, record, len(content) // record.itemsize):
-                    if row["digest"].tobytes() == _digest(row["tile"], row["cells"]):
-                        found[int(row["tile"])] = row["cells"]
-        tiles = np.array(sorted(found), np.int32)
-        cells = np.array([found[tile] for tile in tiles], np.float32).reshape(-1, TILE * TILE, columns)
-        return tiles, cells
+                    if row["digest"].tobytes() == _digest(row["group"], row["cells"]):
+                        found[int(row["group"])] = row["cells"]
+        groups = np.array(sorted(found), np.int32)
+        cells = np.array([found[group] for group in groups], np.float32).reshape(-1, size, columns)
+        return groups, cells
 
-    def append(self, key: str, tiles: NDArray[np.int32], cells: NDArray[np.float32]) -> None:
-        """Store tiles. Does nothing if the folder is not writable.
+    def append(self, key: str, groups: NDArray[np.int32], cells: NDArray[np.float32]) -> None:
+        """Store groups. Does nothing if the folder is not writable.
 
         Args:
-            key: Of the panorama.
-            tiles: int32 [n], numbers of the tiles.
-            cells: float32 [n, TILE * TILE, columns], their cells.
+            key: Of the panorama and the kind of group.
+            groups: int32 [n], numbers of the groups.
+            cells: float32 [n, size, columns], their cells.
         """
-        records = np.empty(len(tiles), _record(cells.shape[2]))
-        records["tile"], records["cells"] = tiles, cells
+        records = np.empty(len(groups), _record(*cells.shape[1:]))
+        records["group"], records["cells"] = groups, cells
         for row in records:
-            row["digest"] = np.frombuffer(_digest(row["tile"], row["cells"]), f"V{_DIGEST}")[0]
+            row["digest"] = np.frombuffer(_digest(row["group"], row["cells"]), f"V{_DIGEST}")[0]
         with contextlib.suppress(OSError):
             if self._room < records.nbytes:
                 self.folder.mkdir(parents=True, exist_ok=True)
@@ -90,11 +90,11 @@ class TileFiles:
                     raise
 
 
-def _record(columns: int) -> np.dtype[np.void]:
+def _record(size: int, columns: int) -> np.dtype[np.void]:
     """Return the type of a record."""
-    return np.dtype([("digest", f"V{_DIGEST}"), ("tile", "<i4"), ("cells", "<f4", (TILE * TILE, columns))])
+    return np.dtype([("digest", f"V{_DIGEST}"), ("group", "<i4"), ("cells", "<f4", (size, columns))])
 
 
-def _digest(tile: np.int32, cells: NDArray[np.float32]) -> bytes:
+def _digest(group: np.int32, cells: NDArray[np.float32]) -> bytes:
     """Return the digest of a record's content."""
-    return hashlib.blake2b(tile.tobytes() + cells.tobytes(), digest_size=_DIGEST).digest()
+    return hashlib.blake2b(group.tobytes() + cells.tobytes(), digest_size=_DIGEST).digest()

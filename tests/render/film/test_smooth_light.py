@@ -1,0 +1,53 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Light that varies slowly is replaced; edges and what is not trusted stay."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from tiscene.render.film.smooth_light import replace_smooth_light
+from tiscene.render.film.upsample import demodulate
+
+pytestmark = pytest.mark.usefixtures("taichi")
+
+SIZE = 32, 48
+Image = NDArray[np.float32]
+NORMAL = np.broadcast_to(np.array([0.0, 0.0, 1.0], np.float32), (*SIZE, 3)).copy()
+ALBEDO = np.random.default_rng(1).uniform(0.2, 0.8, (*SIZE, 3)).astype(np.float32)
+
+
+def flat(values: object) -> Image:
+    """Return irradiance times albedo; values: [h, w]."""
+    irradiance = np.broadcast_to(np.asarray(values, np.float32)[..., None], (*SIZE, 3))
+    return (irradiance * (ALBEDO + np.float32(0.08))).astype(np.float32)
+
+
+def replaced(image: Image, light: Image, normal: Image = NORMAL) -> Image:
+    """Replace the image's smooth light by another image's."""
+    own, _, reduced = demodulate(image, ALBEDO, normal, 2)
+    irradiance, _, _ = demodulate(light, ALBEDO, normal, 2)
+    return replace_smooth_light(image, own, irradiance, reduced, (ALBEDO, normal), 2)
+
+
+def test_steps_between_blocks_of_a_plain_wall_vanish() -> None:
+    blocks = 1.0 + 0.1 * (np.add.outer(np.arange(SIZE[0]) // 8, np.arange(SIZE[1]) // 8) % 2)
+    wall = flat(np.full(SIZE, 1.05))
+    np.testing.assert_allclose(replaced(flat(blocks), wall), wall, rtol=1e-4)
+
+
+def test_edges_of_light_and_of_surfaces_stay() -> None:
+    sunlit = flat(np.where(np.arange(SIZE[1]) < 24, 1.0, 5.0) * np.ones((SIZE[0], 1)))
+    edge = np.s_[:, 22:26]
+    np.testing.assert_array_equal(replaced(sunlit, 1.1 * sunlit)[edge], sunlit[edge])
+    wall, corner = flat(np.ones(SIZE)), NORMAL.copy()
+    corner[:, 24:] = (1.0, 0.0, 0.0)
+    result = replaced(wall, np.float32(1.1) * wall, corner)
+    np.testing.assert_array_equal(result[edge], wall[edge])
+    np.testing.assert_allclose(result[:, :16], 1.1 * wall[:, :16], rtol=1e-4)
+
+
+def test_light_that_differs_much_is_not_trusted() -> None:
+    wall = flat(np.ones(SIZE))
+    np.testing.assert_array_equal(replaced(wall, 2.0 * wall), wall)

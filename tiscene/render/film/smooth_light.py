@@ -1,0 +1,93 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Replacement of denoised light where it varies slowly by light that was denoised at reduced size.
+
+Parts of an image that are denoised each by itself differ slightly in mean light, which shows as a grid on plain walls.
+There irradiance of reduced size is as good, and it is denoised in the image as a whole. Where light or surfaces differ
+between neighbors, or the two images do, the image stays as it is.
+"""
+
+import numpy as np
+import taichi as ti
+from numpy.typing import NDArray
+
+from tiscene.device.kernel_types import Floats2, Floats3, vec3
+from tiscene.render.film.upsample import read, upsample
+
+FloatImage = NDArray[np.float32]
+
+CONTRAST = 0.15  # of irradiance in 3 x 3 pixels, difference over sum of extremes, up to which light varies slowly
+DIFFERENCE = 0.3  # of the two irradiances, relative, up to which both are trusted; both limits fade out to the double
+NORMAL_RANGE = 0.3  # of a component of the normal in 3 x 3 pixels, above which there is an edge
+DARKEST = 1e-3  # added to sums of red, green and blue, so that black is no contrast
+
+
+def replace_smooth_light(
+    image: FloatImage,
+    own: FloatImage,
+    irradiance: FloatImage,
+    normal: FloatImage,
+    guides: tuple[FloatImage, FloatImage],
+    downscale: int,
+) -> FloatImage:
+    """Return an image whose light is replaced where it varies slowly.
+
+    Args:
+        image: Radiance, float32 [h, w, 3].
+        own: Its irradiance at reduced size, float32 [h', w', 3], see `demodulate`.
+        irradiance: What takes its place, float32 [h', w', 3].
+        normal: Normals at reduced size, float32 [h', w', 3].
+        guides: Albedo and normal, float32 [h, w, 3] each.
+        downscale: Of `demodulate`.
+
+    Returns:
+        float32 [h, w, 3], a new array.
+    """
+    weights = np.empty(own.shape[:2], np.float32)
+    _find_smooth(own, irradiance, normal, weights)
+    result = upsample(irradiance, normal, *guides, downscale)
+    _blend(image, weights, 1.0 / downscale, result)
+    return result
+
+
+@ti.kernel
+def _find_smooth(own: Floats3, irradiance: Floats3, normal: Floats3, weights: Floats2):
+    height, width = own.shape[0], own.shape[1]
+    for y, x in ti.ndrange(height, width):
+        low, high = 1e30, 0.0
+        least, most = vec3(1.0), vec3(-1.0)
+        for row, column in ti.ndrange(3, 3):
+            at_y = ti.math.clamp(y + row - 1, 0, height - 1)
+            at_x = ti.math.clamp(x + column - 1, 0, width - 1)
+            light, n = read(own, at_y, at_x).sum() + DARKEST, read(normal, at_y, at_x)
+            low, high = ti.min(low, light), ti.max(high, light)
+            least, most = ti.min(least, n), ti.max(most, n)
+        here = read(own, y, x)
+        difference = ti.abs(read(irradiance, y, x) - here).sum() / (here.sum() + DARKEST)
+        weight = ti.math.clamp(2.0 - (high - low) / (high + low) / CONTRAST, 0.0, 1.0)
+        weight *= ti.math.clamp(2.0 - difference / DIFFERENCE, 0.0, 1.0)
+        weights[y, x] = ti.select((most - least).max() < NORMAL_RANGE, weight, 0.0)
+
+
+@ti.func
+def least_around(weights: Floats2, y: ti.i32, x: ti.i32) -> ti.f32:
+    """Return the least weight of 3 x 3 pixels; edges are replicated."""
+    least = 1.0
+    for row, column in ti.ndrange(3, 3):
+        at_y = ti.math.clamp(y + row - 1, 0, weights.shape[0] - 1)
+        at_x = ti.math.clamp(x + column - 1, 0, weights.shape[1] - 1)
+        least = ti.min(least, weights[at_y, at_x])
+    return least
+
+
+@ti.kernel
+def _blend(image: Floats3, weights: Floats2, scale: ti.f32, result: Floats3):
+    """Blend an image into another of its size, by one minus weights of reduced size, interpolated."""
+    for y, x in ti.ndrange(image.shape[0], image.shape[1]):
+        low_y, low_x = (y + 0.5) * scale - 0.5, (x + 0.5) * scale - 0.5
+        top, left = ti.floor(low_y, ti.i32), ti.floor(low_x, ti.i32)
+        weight = 0.0
+        for row, column in ti.static(ti.ndrange(2, 2)):
+            share = (1.0 - ti.abs(low_y - (top + row))) * (1.0 - ti.abs(low_x - (left + column)))
+            weight += share * least_around(weights, top + row, left + column)
+        for c in ti.static(range(3)):
+            result[y, x, c] = image[y, x, c] + weight * (result[y, x, c] - image[y, x, c])
