@@ -2,12 +2,14 @@
 """Every format is read back by the library that owns it, and has the arrays of the frames."""
 
 import base64
+import io
 import json
 import os
 import warnings
 
 import numpy as np
 import pytest
+from PIL import Image
 
 from tests.export.fake_stream import FakeStream, fake_stream_for, skip_without_extra
 from tiscene.errors import ExportError, MissingExtra
@@ -327,22 +329,44 @@ def test_rerun_reads_ids_depth_and_boxes(exported):
 
     buffers = ("rgb", "instance", "depth", "forward_flow")
     folder, frames = exported("rerun", buffers)
-    batches = {}
+    rows = {}
     for chunk in RrdReader(folder / "recording-000000.rrd").stream():
         batch = chunk.to_record_batch()
-        if "frame" in batch.schema.names:
-            batches[chunk.entity_path, batch.column("frame")[0].as_py()] = batch
+        for place, index in enumerate(batch.column("frame").to_pylist() if "frame" in batch.schema.names else ()):
+            rows[chunk.entity_path, index] = batch.slice(place, 1)
     for frame in frames:
-        image = batches["/world/camera/instance", frame.index]
+        image = rows["/world/camera/instance", frame.index]
         form = image.column("SegmentationImage:format")[0].as_py()[0]
         assert (form["width"], form["height"]) == (12, 8)
         data = np.array(image.column("SegmentationImage:buffer")[0].as_py()[0], np.uint8)
         np.testing.assert_array_equal(data.view("<u2").reshape(8, 12), frame.instance)
-        depth = batches["/world/camera/depth", frame.index].column("DepthImage:buffer")[0].as_py()[0]
+        depth = rows["/world/camera/depth", frame.index].column("DepthImage:buffer")[0].as_py()[0]
         np.testing.assert_array_equal(np.array(depth, np.uint8).view("<f4").reshape(8, 12), frame.depth)
-        boxes = batches["/world/objects", frame.index]
+        assert image.column("time")[0].value == round(frame.time * 1e9)
+        picture = rows["/world/camera/rgb", frame.index].column("EncodedImage:blob")[0].as_py()[0]
+        np.testing.assert_array_equal(np.asarray(Image.open(io.BytesIO(bytes(picture)))), frame.rgb)
+        flow = rows["/world/camera/forward_flow", frame.index].column("Tensor:data")[0].as_py()[0]
+        assert flow["shape"] == [8, 12, 2]
+        np.testing.assert_array_equal(np.array(flow["buffer"], np.float32).reshape(8, 12, 2), frame.forward_flow)
+        camera = rows["/world/camera", frame.index]
+        pose = np.array(camera.column("Transform3D:mat3x3")[0].as_py()[0]).reshape(3, 3).T  # columns first
+        np.testing.assert_array_equal(pose, frame.camera.world_from_camera[:3, :3].astype(np.float32))
+        assert camera.column("Pinhole:resolution")[0].as_py() == [[12.0, 8.0]]
+        boxes = rows["/world/objects", frame.index]
         assert boxes.column("Boxes3D:labels")[0].as_py() == ["chair"]
         assert boxes.column("Boxes3D:half_sizes")[0].as_py() == [[0.5, 0.5, 0.5]]
+
+
+def test_chunks_of_rerun_hold_several_frames_in_order(exported):
+    pytest.importorskip("rerun")
+    from rerun.chunk import RrdReader
+
+    folder, frames = exported("rerun", ("depth",))
+    chunks = [chunk.to_record_batch() for chunk in RrdReader(folder / "recording-000000.rrd").stream()]
+    (depth,) = (batch for batch in chunks if "DepthImage:buffer" in batch.schema.names)
+    assert depth.column("frame").to_pylist() == [frame.index for frame in frames]
+    ids = depth.column("rerun.controls.RowId").to_pylist()
+    assert ids == sorted(ids)
 
 
 def test_missing_library_is_named_before_anything_is_rendered(tmp_path):

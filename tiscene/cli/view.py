@@ -11,7 +11,7 @@ import numpy as np
 from tiscene.cli.stream_arguments import shown_frames, stream_of
 from tiscene.cli.terminal import progress
 from tiscene.errors import ArgumentError, ExportError, requires_extra
-from tiscene.export.rerun_recording import archetypes
+from tiscene.export.rerun_recording import columns, entities
 
 
 def run(args: argparse.Namespace) -> None:
@@ -29,11 +29,12 @@ def run(args: argparse.Namespace) -> None:
         step(0, task="first frame")
         for index in frames:
             frame = stream[index]
-            recording.set_time("frame", sequence=index)
-            recording.set_time("time", duration=np.timedelta64(round(frame.time * 1e9), "ns"))
-            for path, logged in archetypes(frame).items():
-                for archetype in logged:
-                    recording.log(path, archetype)
+            times = [
+                rr.TimeColumn("frame", sequence=[index]),
+                rr.TimeColumn("time", duration=[np.timedelta64(round(frame.time * 1e9), "ns")]),
+            ]
+            for path, make in entities(frame).items():
+                recording.send_columns(path, times, columns(path, [make()]))
             step(task=f"frame {index}")
         recording.flush()
     if args.save is not None:
