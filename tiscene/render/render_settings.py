@@ -95,7 +95,7 @@ PRESETS = {
     "fast": RenderSettings(
         spp=1, max_depth=8, denoiser="fast", incremental=True, base_spp=64, near_spp=4, panorama_spp=64, downscale=2
     ),
-    "preview": RenderSettings(spp=4, max_depth=8, denoiser="fast", incremental=True, base_spp=64, panorama_spp=128),
+    "preview": RenderSettings(spp=4, max_depth=8, denoiser="fast", incremental=True, base_spp=64, panorama_spp=256),
     "standard": RenderSettings(spp=16, max_depth=8),
     "photo": RenderSettings(spp=256, max_depth=12, denoiser="high", base_spp=1024),
 }
