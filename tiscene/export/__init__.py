@@ -10,6 +10,7 @@
     folder_writer   frames of one export into its folder
     encoding_threads  frames written while the next ones are rendered
     packing         files of many frames from the pieces of each
+    packing_thread  such files written while later frames are rendered
     shards, merging  exports in parts, and one export of them
     verification    files as recorded, frames that render as recorded
     manifest_stream  the stream of an export, from its manifest

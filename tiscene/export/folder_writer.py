@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence, Set
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
@@ -14,7 +14,16 @@ from tiscene.export import frame_json
 from tiscene.export.array_files import Contents, resolved
 from tiscene.export.formats import find_format
 from tiscene.export.manifest import Manifest, frame_entry, views_by_folder
-from tiscene.export.packing import ExportRun, content_digest, has_pieces, pack_group, pieces_file, remove_leftovers
+from tiscene.export.packing import (
+    ExportRun,
+    content_digest,
+    has_pieces,
+    pieces_file,
+    place_group,
+    remove_leftovers,
+    write_group,
+)
+from tiscene.export.packing_thread import PackingThread
 from tiscene.files import write_atomically
 
 if TYPE_CHECKING:
@@ -57,6 +66,7 @@ class FolderWriter:
         self._digests: dict[str, str | None] = {}  # of files that were checked last
         self._groups: dict[int, list[int]] = {}  # frames of each file of many frames, ascending
         self._waiting: dict[int, set[int]] = {}  # those of them that are not in the folder yet
+        self._thread: PackingThread | None = None
         self._saved_at, self._save_duration = time.monotonic(), 0.0
         remove_leftovers(folder, manifest)
 
@@ -125,9 +135,26 @@ class FolderWriter:
         if group not in self._groups:
             return
         self._waiting[group].discard(index)
-        if not self._waiting[group] and has_pieces(self.manifest.frames[index]):
-            pack_group(self._format, self.folder, self.manifest, self._groups[group])
-            self._digests.clear()
+        if has_pieces(self.manifest.frames[index]):
+            self._pack(index, self._groups[group], self._waiting[group])
+
+    def _pack(self, index: int, group: Sequence[int], waiting: Set[int]) -> None:
+        """Begin to pack the group of a frame that has arrived, or go on; end if it waits for no further one."""
+        if self._thread is None and waiting and getattr(self._format, "READS_ONCE", False):
+            present = set(group) - waiting
+            self._thread = PackingThread(self._format, self.folder, self.manifest, group, present)
+        mine = self._thread if self._thread is not None and self._thread.indices is group else None
+        if mine is not None:
+            mine.add(index)
+        if waiting:
+            return
+        if mine is not None:
+            known = mine.finish()
+            self._thread = None
+        else:
+            known = write_group(self._format, self.folder, ExportRun.of(self.manifest), self.manifest.folders, group)
+        place_group(self._format, self.folder, self.manifest, group, known)
+        self._digests.clear()
 
     def save_now_and_then(self) -> None:
         """Save the manifest, if some time has passed."""
@@ -139,6 +166,9 @@ class FolderWriter:
 
     def finish(self) -> None:
         """Save the manifest, and write the files about all frames."""
+        if self._thread is not None:
+            self._thread.stop()
+            self._thread = None
         self.manifest.save(self.folder)
         remove_leftovers(self.folder, self.manifest)
         if hasattr(self._format, "summary"):

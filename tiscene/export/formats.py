@@ -11,6 +11,8 @@ The module has, as far as they apply:
 `FRAMES_PER_FILE`               file g has the frames g * FRAMES_PER_FILE and on; None: all frames are in one file
 `pack(frames, run, folder)`     writes files of many frames into a folder, from their pieces (see `packing`); may
                                 return their content digests by name
+`READS_ONCE`                    True: `pack` reads the frames once and in order, and uses only the provenance of the
+                                run; it may begin before all of them are there
 `content_digest(path)`          digest of a file whose bytes are not a function of its contents; None: of its bytes
 `SUMMARY`, `summary(run)`       names and contents of files about all frames, which are written again at each export
 ==============================  ====================================================================================

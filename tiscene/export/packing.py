@@ -2,10 +2,11 @@
 """Files of many frames, such as tar shards and videos, written in bounded memory and continued after any interruption.
 
 While frames are rendered, what each adds to such a file is kept in `pieces/000012.bin` (per camera), which the manifest
-lists as the frame's file. When the last frame of a group is there, the group is packed: the format's `pack` reads the
-pieces in the order of frames and writes into a temporary folder, the files are moved to their places, the manifest is
-saved with them, and the pieces are deleted. Packing depends on the pieces alone; so it may be repeated after a kill at
-any moment, and the pieces of several machines may be packed on one.
+lists as the frame's file. The format's `pack` reads the pieces of a group in the order of frames, and writes into a
+temporary folder; some formats begin before all frames are there (see `packing_thread`). When the last frame of the
+group is there, the files are moved to their places, the manifest is saved with them, and the pieces are deleted.
+Packing depends on the pieces alone; so it may be repeated after a kill at any moment, and the pieces of several
+machines may be packed on one.
 """
 
 from __future__ import annotations
@@ -13,7 +14,7 @@ from __future__ import annotations
 import json
 import os
 import shutil
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -73,12 +74,16 @@ class GroupFrames:
 
     Attributes:
         paths: The pieces of each frame, by ascending index.
+        wait: Called with the index of a frame before its pieces are read.
     """
 
     paths: Mapping[int, Path]
+    wait: Callable[[int], None] | None = None
 
     def __iter__(self) -> Iterator[FramePieces]:
         for index, path in self.paths.items():
+            if self.wait is not None:
+                self.wait(index)
             yield FramePieces(index, _separated(path.read_bytes()))
 
 
@@ -122,28 +127,52 @@ def content_digest(format: Any, path: Path) -> str | None:
     return (special(path) if special is not None and path.is_file() else None) or file_digest(path)
 
 
-def pack_group(format: Any, folder: Path, manifest: Manifest, indices: Sequence[int]) -> None:
-    """Write the files of a group of frames from their pieces, and save the manifest that lists them.
+def write_group(
+    format: Any,
+    folder: Path,
+    run: ExportRun,
+    cameras: Sequence[str],
+    indices: Sequence[int],
+    wait: Callable[[int], None] | None = None,
+) -> dict[str, str]:
+    """Write the files of a group of frames from their pieces into a temporary folder.
+
+    Args:
+        format: The module of the format.
+        folder: Of the export.
+        run: The export as a whole.
+        cameras: The folders of the cameras.
+        indices: The frames of the group, ascending.
+        wait: Called with the index of a frame before its pieces are read; None: all are there.
+
+    Returns:
+        The content digests that the format knows, by the name of the file.
+    """
+    known: dict[str, str] = {}
+    temporary = _temporary(folder, indices)
+    shutil.rmtree(temporary, ignore_errors=True)
+    for camera in cameras:
+        target = temporary / camera
+        target.mkdir(parents=True, exist_ok=True)
+        digests = format.pack(GroupFrames(_pieces(folder, camera, indices), wait), run, target) or {}
+        known |= {f"{camera}{name}": digest for name, digest in digests.items()}
+    return known
+
+
+def place_group(
+    format: Any, folder: Path, manifest: Manifest, indices: Sequence[int], known: Mapping[str, str]
+) -> None:
+    """Move the files of a group to their places, save the manifest that lists them, and delete the pieces.
 
     Args:
         format: The module of the format.
         folder: Of the export.
         manifest: Of the export; every frame of the group has pieces in it.
         indices: The frames of the group, ascending.
+        known: What `write_group` returned.
     """
-    run = ExportRun.of(manifest)
-    used: list[Path] = []
     packed: dict[str, str] = {}
-    known: dict[str, str] = {}
-    temporary = folder / PACKING
-    shutil.rmtree(temporary, ignore_errors=True)
-    for camera in manifest.folders:
-        paths = {index: folder / f"{camera}{PIECES}/{index:06d}.bin" for index in indices}
-        target = temporary / camera
-        target.mkdir(parents=True, exist_ok=True)
-        digests = format.pack(GroupFrames(paths), run, target) or {}
-        known |= {f"{camera}{name}": digest for name, digest in digests.items()}
-        used += paths.values()
+    temporary = _temporary(folder, indices)
     for path in sorted(path for path in temporary.rglob("*") if path.is_file()):
         name = path.relative_to(temporary).as_posix()
         packed[name] = known.get(name) or content_digest(format, path) or ""
@@ -155,8 +184,19 @@ def pack_group(format: Any, folder: Path, manifest: Manifest, indices: Sequence[
         own = {name: digest for name, digest in entry["files"].items() if not is_pieces(name)}
         manifest.frames[index] = entry | {"files": own | packed}
     manifest.save(folder)
-    for path in used:
-        path.unlink(missing_ok=True)
+    for camera in manifest.folders:
+        for path in _pieces(folder, camera, indices).values():
+            path.unlink(missing_ok=True)
+
+
+def _temporary(folder: Path, indices: Sequence[int]) -> Path:
+    """Return the folder in which the files of a group are written."""
+    return folder / PACKING / f"{indices[0]:06d}"
+
+
+def _pieces(folder: Path, camera: str, indices: Sequence[int]) -> dict[int, Path]:
+    """Return the files of the pieces of a camera, by the indices of the frames."""
+    return {index: folder / f"{camera}{PIECES}/{index:06d}.bin" for index in indices}
 
 
 def remove_leftovers(folder: Path, manifest: Manifest) -> None:

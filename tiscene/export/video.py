@@ -38,6 +38,7 @@ if TYPE_CHECKING:
     from tiscene.stream.stream import Stream
 
 FRAMES_PER_FILE = None
+READS_ONCE = True
 PREVIEW = "preview.mp4"
 _LAYOUTS = {  # by dtype and number of channels: the layout of arrays, and of FFV1's pixels
     ("uint8", 3): ("rgb24", "bgr0"),
