@@ -39,7 +39,7 @@ def test_steps_between_blocks_of_a_plain_wall_vanish() -> None:
 
 def test_edges_of_light_and_of_surfaces_stay() -> None:
     sunlit = flat(np.where(np.arange(SIZE[1]) < 24, 1.0, 5.0) * np.ones((SIZE[0], 1)))
-    edge = np.s_[:, 22:26]
+    edge = np.s_[:, 23:25]
     np.testing.assert_array_equal(replaced(sunlit, 1.1 * sunlit)[edge], sunlit[edge])
     wall, corner = flat(np.ones(SIZE)), NORMAL.copy()
     corner[:, 24:] = (1.0, 0.0, 0.0)

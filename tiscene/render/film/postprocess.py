@@ -14,12 +14,11 @@ from tiscene.render.film.upsample import demodulate, upsample
 from tiscene.render.integrators.incremental.base_image import IncrementalBase
 from tiscene.render.integrators.incremental.changed_regions import MARGIN, Region, regions_of
 from tiscene.render.integrators.incremental.incremental_pass import IncrementalImage
-from tiscene.render.integrators.panorama.panorama_pass import PanoramaImage
+from tiscene.render.integrators.panorama.panorama_pass import REDUCTION, PanoramaImage
 from tiscene.render.integrators.path.path_pass import PathImage
 
 FloatImage = NDArray[np.float32]
 COARSE_FACTOR = 2  # additional downscale of incremental images outside of changed regions
-SMOOTH_FACTOR = 2  # downscale of slowly varying light over a panorama
 COARSE, FINE = "coarse", "fine"  # names of the two resolutions in cache keys
 
 
@@ -77,16 +76,13 @@ class Postprocessor:
         for here in regions_of(image.static_mask[..., 0] == 0.0):
             clean = self._denoised(image.static[here], image.albedo[here], image.normal[here], self.sharp)
             shown[here] += (1.0 - image.static_mask[here]) * (clean - shown[here])
+        before = self._denoised(image.before, image.white, image.reduced_normal, False)
         guides = image.albedo, image.normal
-        irradiance, white, normal = demodulate(image.static, *guides, SMOOTH_FACTOR)
-        irradiance = self._denoised(irradiance, white, normal, False)
-        own, _, _ = demodulate(shown, *guides, SMOOTH_FACTOR)
-        smooth = replace_smooth_light(shown, own, irradiance, normal, guides, SMOOTH_FACTOR)
+        own, _, _ = demodulate(shown, *guides, REDUCTION)
+        smooth = replace_smooth_light(shown, own, before, image.reduced_normal, guides, REDUCTION)
         shown += image.static_mask * (smooth - shown)
         if image.after is not None:
-            before, after = (
-                self._denoised(each, image.white, image.reduced_normal, False) for each in (image.before, image.after)
-            )
+            after = self._denoised(image.after, image.white, image.reduced_normal, False)
             shown += image.upsampled(after - before)
         return np.maximum(shown, 0.0, out=shown)
 

@@ -68,17 +68,6 @@ def _find_smooth(own: Floats3, irradiance: Floats3, normal: Floats3, weights: Fl
         weights[y, x] = ti.select((most - least).max() < NORMAL_RANGE, weight, 0.0)
 
 
-@ti.func
-def least_around(weights: Floats2, y: ti.i32, x: ti.i32) -> ti.f32:
-    """Return the least weight of 3 x 3 pixels; edges are replicated."""
-    least = 1.0
-    for row, column in ti.ndrange(3, 3):
-        at_y = ti.math.clamp(y + row - 1, 0, weights.shape[0] - 1)
-        at_x = ti.math.clamp(x + column - 1, 0, weights.shape[1] - 1)
-        least = ti.min(least, weights[at_y, at_x])
-    return least
-
-
 @ti.kernel
 def _blend(image: Floats3, weights: Floats2, scale: ti.f32, result: Floats3):
     """Blend an image into another of its size, by one minus weights of reduced size, interpolated."""
@@ -88,6 +77,8 @@ def _blend(image: Floats3, weights: Floats2, scale: ti.f32, result: Floats3):
         weight = 0.0
         for row, column in ti.static(ti.ndrange(2, 2)):
             share = (1.0 - ti.abs(low_y - (top + row))) * (1.0 - ti.abs(low_x - (left + column)))
-            weight += share * least_around(weights, top + row, left + column)
+            at_y = ti.math.clamp(top + row, 0, weights.shape[0] - 1)
+            at_x = ti.math.clamp(left + column, 0, weights.shape[1] - 1)
+            weight += share * weights[at_y, at_x]
         for c in ti.static(range(3)):
             result[y, x, c] = image[y, x, c] + weight * (result[y, x, c] - image[y, x, c])
