@@ -28,7 +28,7 @@ def replaced(image: Image, light: Image, normal: Image = NORMAL) -> Image:
     """Replace the image's smooth light by another image's."""
     own, _, reduced = demodulate(image, ALBEDO, normal, 2)
     irradiance, _, _ = demodulate(light, ALBEDO, normal, 2)
-    return replace_smooth_light(image, own, irradiance, reduced, (ALBEDO, normal), 2)
+    return replace_smooth_light(image, own, irradiance, reduced, (ALBEDO, normal), 2, contrast=0.15)
 
 
 def test_steps_between_blocks_of_a_plain_wall_vanish() -> None:

@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -14,11 +15,13 @@ from tiscene.render.film.upsample import demodulate, upsample
 from tiscene.render.integrators.incremental.base_image import IncrementalBase
 from tiscene.render.integrators.incremental.changed_regions import MARGIN, Region, regions_of
 from tiscene.render.integrators.incremental.incremental_pass import IncrementalImage
-from tiscene.render.integrators.panorama.panorama_pass import REDUCTION, PanoramaImage
+from tiscene.render.integrators.panorama.light_changes import REDUCTION
+from tiscene.render.integrators.panorama.panorama_pass import PanoramaImage
 from tiscene.render.integrators.path.path_pass import PathImage
 
 FloatImage = NDArray[np.float32]
 COARSE_FACTOR = 2  # additional downscale of incremental images outside of changed regions
+BLOCK_NOISE = 1.2  # contrast between blocks of a panorama with one sample per pixel, in noisy light
 COARSE, FINE = "coarse", "fine"  # names of the two resolutions in cache keys
 
 
@@ -79,7 +82,8 @@ class Postprocessor:
         before = self._denoised(image.before, image.white, image.reduced_normal, False)
         guides = image.albedo, image.normal
         own, _, _ = demodulate(shown, *guides, REDUCTION)
-        smooth = replace_smooth_light(shown, own, before, image.reduced_normal, guides, REDUCTION)
+        contrast = BLOCK_NOISE / math.sqrt(image.panorama_spp)
+        smooth = replace_smooth_light(shown, own, before, image.reduced_normal, guides, REDUCTION, contrast)
         shown += image.static_mask * (smooth - shown)
         if image.after is not None:
             after = self._denoised(image.after, image.white, image.reduced_normal, False)

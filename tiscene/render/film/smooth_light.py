@@ -15,8 +15,7 @@ from tiscene.render.film.upsample import read, upsample
 
 FloatImage = NDArray[np.float32]
 
-CONTRAST = 0.15  # of irradiance in 3 x 3 pixels, difference over sum of extremes, up to which light varies slowly
-DIFFERENCE = 0.3  # of the two irradiances, relative, up to which both are trusted; both limits fade out to the double
+DIFFERENCE = 0.3  # of the two irradiances, relative, up to which both are trusted; fades out to the double
 NORMAL_RANGE = 0.3  # of a component of the normal in 3 x 3 pixels, above which there is an edge
 DARKEST = 1e-3  # added to sums of red, green and blue, so that black is no contrast
 
@@ -28,6 +27,7 @@ def replace_smooth_light(
     normal: FloatImage,
     guides: tuple[FloatImage, FloatImage],
     downscale: int,
+    contrast: float,
 ) -> FloatImage:
     """Return an image whose light is replaced where it varies slowly.
 
@@ -38,19 +38,21 @@ def replace_smooth_light(
         normal: Normals at reduced size, float32 [h', w', 3].
         guides: Albedo and normal, float32 [h, w, 3] each.
         downscale: Of `demodulate`.
+        contrast: Of irradiance in 3 x 3 pixels, difference over sum of extremes, up to which light varies slowly; fades
+            out to the double.
 
     Returns:
         float32 [h, w, 3], a new array.
     """
     weights = np.empty(own.shape[:2], np.float32)
-    _find_smooth(own, irradiance, normal, weights)
+    _find_smooth(own, irradiance, normal, contrast, weights)
     result = upsample(irradiance, normal, *guides, downscale)
     _blend(image, weights, 1.0 / downscale, result)
     return result
 
 
 @ti.kernel
-def _find_smooth(own: Floats3, irradiance: Floats3, normal: Floats3, weights: Floats2):
+def _find_smooth(own: Floats3, irradiance: Floats3, normal: Floats3, contrast: ti.f32, weights: Floats2):
     height, width = own.shape[0], own.shape[1]
     for y, x in ti.ndrange(height, width):
         low, high = 1e30, 0.0
@@ -63,7 +65,7 @@ def _find_smooth(own: Floats3, irradiance: Floats3, normal: Floats3, weights: Fl
             least, most = ti.min(least, n), ti.max(most, n)
         here = read(own, y, x)
         difference = ti.abs(read(irradiance, y, x) - here).sum() / (here.sum() + DARKEST)
-        weight = ti.math.clamp(2.0 - (high - low) / (high + low) / CONTRAST, 0.0, 1.0)
+        weight = ti.math.clamp(2.0 - (high - low) / (high + low) / contrast, 0.0, 1.0)
         weight *= ti.math.clamp(2.0 - difference / DIFFERENCE, 0.0, 1.0)
         weights[y, x] = ti.select((most - least).max() < NORMAL_RANGE, weight, 0.0)
 

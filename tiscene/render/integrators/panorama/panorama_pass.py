@@ -54,6 +54,7 @@ class PanoramaImage(PathImage):
         white: Albedo of the two, float32 [h', w', 3].
         reduced_normal: Normals at reduced size, float32 [h', w', 3].
         static_mask: float32 [h, w, 1], 1 where no mover is visible, else 0.
+        panorama_spp: Samples per pixel of the panorama.
     """
 
     static: FloatImage
@@ -63,6 +64,7 @@ class PanoramaImage(PathImage):
     white: FloatImage
     reduced_normal: FloatImage
     static_mask: FloatImage
+    panorama_spp: int
 
     def upsampled(self, change: FloatImage) -> FloatImage:
         """Return the change of radiance, [h, w, 3], for a change of irradiance at reduced size; 0 on movers."""
@@ -123,7 +125,7 @@ class PanoramaPass:
         """
         static = base_placement(placement, moving)
         settings = PanoramaSettings.of(view, spp=panorama_spp, max_depth=max_depth, seed=seed)
-        self._view, self._max_depth = view, max_depth
+        self._view, self._max_depth, self._panorama_spp = view, max_depth, panorama_spp
         self._base = self._panorama(view, static, settings).image(view)
         self._movers_key = frame_key(frame_key(seed, MOVERS_FRAME), frame_index)
         if (moving & placement.present[CURRENT]).any():
@@ -166,7 +168,17 @@ class PanoramaPass:
                     pixel_values.reshape(-1, 3)[pixels] = rows[:, first : first + 3] / np.float32(spp)
         before, white, reduced_normal = demodulate(radiance, albedo, normal, REDUCTION)
         image = PanoramaImage(
-            radiance, albedo, normal, radiance, denoised, before, None, white, reduced_normal, static_mask
+            radiance,
+            albedo,
+            normal,
+            radiance,
+            denoised,
+            before,
+            None,
+            white,
+            reduced_normal,
+            static_mask,
+            self._panorama_spp,
         )
         if correction is None or self._changes is None or not correction[..., :3].any():
             return image
