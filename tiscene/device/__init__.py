@@ -7,6 +7,7 @@
     restart           notice that the user's code restarted Taichi
     vector_mode       compile kernels with SIMD vectors
     memory            host arrays to device arrays
+    freed_arrays      memory of deleted arrays, used again
     part_arrays       arrays of parts, of which those that are there are not copied again
     packed_copies     copies of several arrays that travel as one
     kernel_types      types of kernel arguments

@@ -4,24 +4,20 @@
 from __future__ import annotations
 
 import math
-import weakref
 from typing import Any
 
 import numpy as np
 import taichi as ti
 from numpy.typing import NDArray
-from taichi.lang import impl
-from taichi.lang._ndarray import ScalarNdarray
 
 from tiscene.device import runtime
+from tiscene.device.freed_arrays import new_array
 from tiscene.device.taichi_patches import memcpy
 
 
 @runtime.one_thread_at_a_time
 def device_array(dtype: Any, shape: int | tuple[int, ...]) -> Any:
-    """Allocate a device array whose memory is freed with the Python object.
-
-    Taichi 1.7.4 frees arrays of scalars only; arrays of vectors would stay until the process ends.
+    """Allocate a device array, which gives its memory back with the Python object.
 
     Args:
         dtype: A Taichi scalar or vector type.
@@ -30,15 +26,7 @@ def device_array(dtype: Any, shape: int | tuple[int, ...]) -> Any:
     Returns:
         A ti.ndarray of zeros.
     """
-    array = ti.ndarray(dtype, shape)
-    if not isinstance(array, ScalarNdarray):
-        weakref.finalize(array, _free, impl.get_runtime().prog, array.arr).atexit = False
-    return array
-
-
-def _free(program: Any, memory: Any) -> None:
-    if impl.get_runtime().prog is program:  # else Taichi was restarted, and has freed everything
-        program.delete_ndarray(memory)
+    return new_array(dtype, (shape,) if isinstance(shape, int) else tuple(shape))
 
 
 def upload(values: NDArray[Any]) -> Any:

@@ -163,12 +163,12 @@ def _set_arguments(context: Any, last: list[Any], values: tuple[Any, ...], plan:
                 last[row] = None
                 continue
             if kind == SCALAR_ARRAY:
-                fits = given is ScalarNdarray and value.element_type is dtype and len(value.shape) == axes
+                fits = isinstance(value, ScalarNdarray) and value.element_type is dtype and len(value.shape) == axes
             elif kind == VECTOR_ARRAY:
-                fits = given is VectorNdarray and value.dtype is dtype and value.n == length
+                fits = isinstance(value, VectorNdarray) and value.dtype is dtype and value.n == length
                 fits = fits and len(value.shape) == axes
             else:
-                fits = given is ScalarNdarray or given is VectorNdarray
+                fits = isinstance(value, (ScalarNdarray, VectorNdarray))
             if not fits or value.grad is not None:
                 return False
             restart.check_array(value)

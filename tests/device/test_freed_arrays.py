@@ -1,0 +1,104 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Freed arrays: small memory is used again, as zeros; what is kept is bounded, and forgotten at a restart of Taichi."""
+
+import gc
+
+import pytest
+import taichi as ti
+from taichi.lang import impl
+
+import tiscene as ts
+from tests.device.programs import run_python
+from tiscene.device import freed_arrays, runtime
+from tiscene.device.memory import device_array
+
+VECTOR = ti.types.vector(3, ti.f32)
+TEMPLATES = ("Cube", "Sphere", "Ball 01")
+
+
+@pytest.fixture(autouse=True)
+def started():
+    if runtime.start() != "cpu":
+        pytest.skip("only on CPUs")
+    gc.collect()
+
+
+@pytest.fixture
+def made(monkeypatch):
+    """The kind of each array for which Taichi allocates memory, a list."""
+    allocated = []
+    take = freed_arrays.FREED.take
+    monkeypatch.setattr(freed_arrays.FREED, "take", lambda key: take(key) or allocated.append(key))
+    return allocated
+
+
+@pytest.mark.parametrize("dtype", [ti.f32, ti.i32, ti.u8, VECTOR], ids=("f32", "i32", "u8", "vector"))
+def test_array_in_the_memory_of_a_deleted_one_is_zero(dtype, made):
+    array = device_array(dtype, (13, 7))
+    array.fill(5)
+    memory = array.arr
+    del array
+    gc.collect()  # Taichi keeps arguments of its own kernels in cycles
+    del made[:]
+    again = device_array(dtype, (13, 7))
+    assert again.arr is memory
+    assert not made
+    assert again.shape == (13, 7)
+    assert not again.to_numpy().any()
+
+
+def test_memory_is_not_shared_by_living_arrays_nor_used_for_other_types():
+    arrays = [device_array(dtype, 19) for dtype in (ti.f32, ti.i32, VECTOR) for _ in range(2)]
+    program = impl.get_runtime().prog
+    for _ in range(2):
+        assert len({program.get_ndarray_data_ptr_as_int(each.arr) for each in arrays}) == 6
+        kinds = [(each.dtype, each.element_shape) for each in arrays]
+        del arrays
+        arrays = [device_array(dtype, 19) for dtype in (ti.f32, ti.i32, VECTOR) for _ in range(2)]
+        assert [(each.dtype, each.element_shape) for each in arrays] == kinds
+
+
+def test_what_is_kept_is_bounded_and_large_arrays_are_freed():
+    kept = freed_arrays.FREED.nbytes
+    device_array(ti.f32, freed_arrays.MAX_ARRAY // 4 + 1)
+    assert freed_arrays.FREED.nbytes == kept
+    arrays = [device_array(ti.f32, (2, 8000 + i)) for i in range(freed_arrays.MAX_KEPT // 64000 + 10)]
+    arrays.clear()
+    assert 0.9 * freed_arrays.MAX_KEPT < freed_arrays.FREED.nbytes <= freed_arrays.MAX_KEPT
+
+
+def test_restart_of_taichi_forgets_the_memory():
+    code = """
+import taichi as ti
+from tiscene.device import runtime
+from tiscene.device.freed_arrays import FREED
+from tiscene.device.memory import device_array
+runtime.start("cpu")
+alive = device_array(ti.f32, 11)
+device_array(ti.f32, 11), device_array(ti.types.vector(2, ti.f32), 5)
+kept = FREED.nbytes
+ti.init(ti.cpu, fast_math=False, log_level=ti.ERROR)
+runtime.start("cpu")
+arrays = [device_array(ti.f32, 11) for _ in range(3)]
+del alive
+for each in arrays:
+    each.fill(1.0)
+print(kept, FREED.nbytes, sum(each.to_numpy().sum() for each in arrays))
+"""
+    assert run_python(code).splitlines()[-1].split() == ["84", "0", "33.0"]
+
+
+def test_restarts_of_a_stream_make_no_memory_after_the_first_rounds(made):
+    stream = ts.Stream("object_view", buffers=("instance", "depth"), width=32, height=24)
+
+    def restart(step):
+        objects = [ts.Object("object", TEMPLATES[step % 3], (0.3, 0.1, 0.2))]
+        stream.restart(ts.Scenario("object_view", objects))
+        next(stream)
+
+    for step in range(6):
+        restart(step)
+    del made[:]
+    for step in range(6):
+        restart(step)
+    assert not made

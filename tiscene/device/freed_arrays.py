@@ -1,0 +1,147 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Arrays that give small memory back for later arrays of the same type and shape.
+
+Taichi 1.7.4 forgets no allocation on the CPU: each array that was ever made leaves about 75 bytes in the process, after
+it was deleted too. A restart of a stream makes dozens of small arrays, so that these are used again.
+"""
+
+from __future__ import annotations
+
+import ctypes
+from collections import OrderedDict, deque
+from collections.abc import Hashable
+from typing import Any
+
+import taichi as ti
+from taichi.lang import impl
+from taichi.lang._ndarray import ScalarNdarray
+from taichi.lang.matrix import MatrixType, VectorNdarray
+from taichi.lang.util import cook_dtype
+
+MAX_ARRAY = 1 << 16  # bytes of the largest array that is kept
+MAX_KEPT = 1 << 22  # bytes of all arrays that are kept
+
+
+class FreedArrays:
+    """The memory of deleted arrays, kept for arrays of the same type and shape, on CPUs only.
+
+    Python may delete arrays at any time and in any thread: `give` only puts them into a queue.
+    """
+
+    def __init__(self) -> None:
+        self._queue: deque[tuple[Hashable, dict[str, Any], Any]] = deque()
+        self._program: Any = None  # in which the kept arrays were made
+        self._kept: OrderedDict[Hashable, list[dict[str, Any]]] = OrderedDict()  # the key longest unused is first
+        self._nbytes = 0
+
+    @property
+    def nbytes(self) -> int:
+        """The memory that is kept, bytes."""
+        self._sort_queue()
+        return self._nbytes
+
+    def take(self, key: Hashable) -> dict[str, Any] | None:
+        """Return the attributes of a deleted array, whose memory is all zeros; None if there is none.
+
+        Args:
+            key: What `give` was called with.
+        """
+        self._sort_queue()
+        same = self._kept.get(key)
+        if same is None:
+            return None
+        state = same.pop()
+        if not same:
+            del self._kept[key]
+        size = byte_count(state["arr"])
+        self._nbytes -= size
+        ctypes.memset(self._program.get_ndarray_data_ptr_as_int(state["arr"]), 0, size)
+        return state
+
+    def give(self, key: Hashable, state: dict[str, Any], program: Any) -> None:
+        """Keep the memory of a deleted array if it is small, else free it.
+
+        Args:
+            key: Equal for arrays of the same type and shape.
+            state: The attributes of the array.
+            program: Taichi's program in which it was made. If another one runs, the memory was freed already.
+        """
+        if impl is None or impl.get_runtime() is None or impl.get_runtime().prog is not program:
+            return
+        if byte_count(state["arr"]) <= MAX_ARRAY and ti.cfg.arch in (ti.x64, ti.arm64):
+            self._queue.append((key, {**state, "host_accessor": None}, program))
+        else:
+            program.delete_ndarray(state["arr"])
+
+    def _sort_queue(self) -> None:
+        """Keep the arrays of the queue, and free those longest unused as long as there are too many."""
+        present = impl.get_runtime().prog
+        if self._program is not present:
+            self._program, self._nbytes = present, 0
+            self._kept.clear()
+        while self._queue:
+            key, state, program = self._queue.popleft()
+            if program is present:
+                self._kept.setdefault(key, []).append(state)
+                self._kept.move_to_end(key)
+                self._nbytes += byte_count(state["arr"])
+        while self._nbytes > MAX_KEPT:
+            oldest, same = next(iter(self._kept.items()))
+            memory = same.pop()["arr"]
+            if not same:
+                del self._kept[oldest]
+            self._nbytes -= byte_count(memory)
+            present.delete_ndarray(memory)
+
+
+FREED = FreedArrays()
+
+
+class _Returned:
+    """Gives the memory of an array to FREED when Python deletes the array.
+
+    Attributes:
+        key: See `FreedArrays.give`.
+        made_in: Taichi's program in which it was made.
+    """
+
+    key: Hashable
+    made_in: Any
+
+    def __del__(self) -> None:
+        if FREED is not None:  # else Python ends
+            FREED.give(self.key, self.__dict__, self.made_in)
+
+
+class ReturnedScalars(_Returned, ScalarNdarray):  # type: ignore[misc]
+    """An array of scalars."""
+
+
+class ReturnedVectors(_Returned, VectorNdarray):  # type: ignore[misc]
+    """An array of vectors, which Taichi 1.7.4 itself would keep until the process ends."""
+
+
+def byte_count(memory: Any) -> int:
+    """Return the size of Taichi's native array, bytes."""
+    return int(memory.nelement() * memory.element_size())
+
+
+def new_array(dtype: Any, shape: tuple[int, ...]) -> Any:
+    """Return a Taichi array of zeros, in memory of a deleted one if there is any. One thread at a time calls this.
+
+    Args:
+        dtype: A Taichi scalar or vector type.
+        shape: Lengths of the axes.
+    """
+    length = dtype.n if isinstance(dtype, MatrixType) else 0
+    key = cook_dtype(dtype.dtype if length else dtype).to_string(), length, shape
+    kind = ReturnedVectors if length else ReturnedScalars
+    state = FREED.take(key)
+    if state is not None:
+        array = kind.__new__(kind)
+        array.__dict__.update(state)
+    else:
+        array = ti.ndarray(dtype, shape)
+        array.__class__ = kind
+        array.key, array.made_in = key, impl.get_runtime().prog
+    return array
