@@ -102,7 +102,9 @@ def _vertices(
     meshes: Sequence[Mesh], copies: NDArray[np.int64], values: Callable[[Mesh], NDArray[Any]]
 ) -> NDArray[np.float32]:
     """Return values of the vertices of meshes, with the copies of each mesh one after another."""
-    return _joined([values(mesh) for mesh, count in zip(meshes, copies.tolist(), strict=True) for _ in range(count)])
+    return np.concatenate(
+        [values(mesh) for mesh, count in zip(meshes, copies.tolist(), strict=True) for _ in range(count)]
+    )
 
 
 def _positions(mesh: Mesh) -> NDArray[Any]:
@@ -118,19 +120,17 @@ def _uvs(mesh: Mesh) -> NDArray[Any]:
 
 
 def _triangles(meshes: Sequence[Mesh], firsts: NDArray[np.int64]) -> NDArray[Any]:
-    return _joined([mesh.triangles + first for mesh, first in zip(meshes, firsts, strict=True)])
+    return np.concatenate([mesh.triangles + first for mesh, first in zip(meshes, firsts, strict=True)])
 
 
 def _materials(meshes: Sequence[Mesh], first: int) -> NDArray[Any]:
-    return _joined([np.asarray(mesh.materials, np.int32) + first for mesh in meshes])
+    return np.concatenate([np.asarray(mesh.materials, np.int32) + first for mesh in meshes])
 
 
 def _parts(meshes: Sequence[Mesh]) -> NDArray[Any]:
-    return _joined([np.zeros(len(mesh.triangles), np.int32) if mesh.parts is None else mesh.parts for mesh in meshes])
-
-
-def _joined(parts: Sequence[NDArray[Any]]) -> NDArray[Any]:
-    return np.concatenate(parts)
+    return np.concatenate(
+        [np.zeros(len(mesh.triangles), np.int32) if mesh.parts is None else mesh.parts for mesh in meshes]
+    )
 
 
 def _color_rows(mesh: Mesh) -> NDArray[Any]:
