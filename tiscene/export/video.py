@@ -40,6 +40,8 @@ if TYPE_CHECKING:
 FRAMES_PER_FILE = None
 READS_ONCE = True
 PREVIEW = "preview.mp4"
+# x264's tree of macroblocks reads memory that it never wrote when pictures are small: other bytes in a rare run.
+_H264 = {"crf": "20", "preset": "veryfast", "mbtree": "0"}
 _LAYOUTS = {  # by dtype and number of channels: the layout of arrays, and of FFV1's pixels
     ("uint8", 3): ("rgb24", "bgr0"),
     ("uint8", 1): ("gray", "gray"),
@@ -72,7 +74,7 @@ class VideoWriter:
         if self._codec != "ffv1":  # H.264 has half the colors along each axis: even sizes
             pixels = np.pad(pixels, [(0, size % 2) for size in pixels.shape[:2]] + [(0, 0)], "edge")
         if self._stream is None:
-            options = {"level": "3", "g": "1"} if self._codec == "ffv1" else {"crf": "20", "preset": "veryfast"}
+            options = {"level": "3", "g": "1"} if self._codec == "ffv1" else _H264
             self._stream = self._container.add_stream(self._codec, rate=self._rate, options=options)
             self._stream.height, self._stream.width = pixels.shape[:2]
             self._stream.pix_fmt = ffv1 if self._codec == "ffv1" else "yuv420p"
