@@ -114,7 +114,7 @@ class Renderer:
         seed: int,
         exposure: float,
         moving: NDArray[np.bool_] | None = None,
-        turning: bool = False,
+        camera_moves: bool = False,
         shutter_samples: Iterable[ShutterSample] = (),
         light: PathImage | None = None,
     ) -> dict[str, NDArray[Any]]:
@@ -129,7 +129,7 @@ class Renderer:
             exposure: Exposure of `rgb`, stops.
             moving: bool [n], the movers, if lights are static: color is rendered incrementally if that is estimated to
                 be cheaper. None: color is path traced.
-            turning: Whether the camera turns about a fixed center; then a panorama takes the place of the base image.
+            camera_moves: Whether the camera moves; then a panorama takes the place of the base image.
             shutter_samples: Color is the mean over these times, path traced at full size; empty: the frame's time.
             light: What `trace_frames` has found for the frame; None: light is to be traced.
 
@@ -141,20 +141,12 @@ class Renderer:
         colored = not COLORS.isdisjoint(buffers)
         labels = [name for name in buffers if name not in COLORS]
         sampling: dict[str, int] = {"seed": seed, "max_depth": settings.max_depth}
-        if colored and moving is not None and turning:
-            self._panorama.prepare(
-                view, placement, moving,
-                frame_index=frame_index, spp=settings.spp, panorama_spp=settings.panorama_spp, **sampling,
-            )  # fmt: skip
-            labels += ["instance"] if "instance" not in labels else []
-        elif colored and moving is not None and self._incremental.is_cheaper(view, placement, moving, **sampling):
-            self._incremental.prepare(
-                view, placement, moving,
-                spp=settings.spp, base_spp=max(settings.base_spp, settings.spp), near_spp=settings.near_spp, **sampling,
-            )  # fmt: skip
-        else:
-            moving = None
-        if colored and moving is None and settings.downscale > 1:
+        shared = None
+        if colored and moving is not None:
+            shared = self._prepare_shared(view, placement, moving, frame_index, camera_moves, sampling)
+        if shared is self._panorama and "instance" not in labels:
+            labels.append("instance")
+        if colored and shared is None and settings.downscale > 1:
             labels += [name for name in UPSAMPLING_GUIDES if name not in labels]
         if labels or light is None:
             self.scene.place(placement, times=times_needed([*buffers, *labels]))
@@ -162,7 +154,7 @@ class Renderer:
         if colored:
             self.spp = float(settings.spp)
             blurred = self._trace_shutter(shutter_samples, frame_index, seed)
-            result |= self._color(view, frame_index, seed, exposure, buffers, moving, turning, result, blurred, light)
+            result |= self._color(view, frame_index, seed, exposure, buffers, moving, shared, result, blurred, light)
         return {name: result[name] for name in buffers}
 
     def render_labels(
@@ -202,6 +194,31 @@ class Renderer:
         )
         return float(np.round(auto_exposure(image.hdr), 3))
 
+    def _prepare_shared(
+        self,
+        view: View,
+        placement: Placement,
+        moving: NDArray[np.bool_],
+        frame_index: int,
+        camera_moves: bool,
+        sampling: dict[str, int],
+    ) -> IncrementalPass | PanoramaPass | None:
+        """Return the pass that shares light with other frames, prepared; None: the frame is path traced by itself."""
+        settings = self.settings
+        if camera_moves:
+            served = self._panorama.prepare(
+                view, placement, moving,
+                frame_index=frame_index, spp=settings.spp, panorama_spp=settings.panorama_spp, **sampling,
+            )  # fmt: skip
+            return self._panorama if served else None
+        if not self._incremental.is_cheaper(view, placement, moving, **sampling):
+            return None
+        self._incremental.prepare(
+            view, placement, moving,
+            spp=settings.spp, base_spp=max(settings.base_spp, settings.spp), near_spp=settings.near_spp, **sampling,
+        )  # fmt: skip
+        return self._incremental
+
     def _color(
         self,
         view: View,
@@ -210,7 +227,7 @@ class Renderer:
         exposure: float,
         buffers: Sequence[str],
         moving: NDArray[np.bool_] | None,
-        turning: bool,
+        shared: IncrementalPass | PanoramaPass | None,
         labels: dict[str, NDArray[Any]],
         blurred: PathImage | None,
         light: PathImage | None,
@@ -223,8 +240,8 @@ class Renderer:
             seed: Seed of the random numbers.
             exposure: Exposure of `rgb`, stops.
             buffers: Names of the requested buffers.
-            moving: The movers of an incremental frame; None: path tracing.
-            turning: Whether the incremental frame is rendered over a panorama.
+            moving: The movers, see `render`.
+            shared: The pass that shares light with other frames; None: path tracing.
             labels: Rendered labels, with UPSAMPLING_GUIDES if light is traced at reduced size, and `instance` for a
                 frame over a panorama.
             blurred: Image over the shutter interval, if the shutter is open.
@@ -236,13 +253,13 @@ class Renderer:
         upsampling = replace(denoising, denoiser=None)
         result: dict[str, NDArray[Any]] = {}
         needs_denoised = "rgb" in buffers or "denoised" in buffers
-        if moving is not None and turning:
+        if moving is not None and shared is self._panorama:
             panorama = self._panorama.render(moving, labels["instance"], spp=max(MOVER_SPP, 2 * settings.spp))
             result["hdr"] = panorama.hdr
             guides = panorama.albedo, panorama.normal
             if needs_denoised:
                 radiance = denoising.process_panorama(panorama)
-        elif moving is not None:
+        elif moving is not None and shared is self._incremental:
             incremental = self._incremental.render(moving)
             result["hdr"] = incremental.hdr
             guides = incremental.albedo, incremental.normal

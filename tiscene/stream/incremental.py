@@ -19,11 +19,10 @@ def is_static_view(view: View) -> bool:
     return view.previous == view.current == view.next
 
 
-def turns_in_place(view: View) -> bool:
-    """Return whether a pinhole camera turns about its center around a frame."""
-    cameras = view.cameras
+def pinhole_moves(view: View) -> bool:
+    """Return whether the camera is a pinhole and moves around a frame."""
     is_pinhole = view.current.lens_radius == 0.0 and view.current.orthographic_height is None
-    return is_pinhole and not is_static_view(view) and len({camera.position for camera in cameras}) == 1
+    return is_pinhole and not is_static_view(view)
 
 
 def movers(state: WorldState) -> NDArray[np.bool_] | None:

@@ -76,8 +76,8 @@ class Stream(BatchedFrames, LoaderMethods, StreamOutput, SavedState, Iterator[Fr
         clamp: maximum radiance per sample and channel, W/m²/sr. Removes fireflies; biased.
         pixel_filter: "box", "triangle", "gaussian", "mitchell" or "blackman-harris".
         incremental: whether frames with a static camera and the lights of the start are rendered as a base image of the
-            static scene plus what movers change, and with "fast" and "preview" those whose camera turns in place over
-            a panorama. None: as the preset says ("fast", "preview": yes). The first such frame waits for the image.
+            static scene plus what movers change, and with "fast" and "preview" those whose camera turns or walks over
+            panoramas. None: as the preset says ("fast", "preview": yes). The first such frame waits for the image.
         base_spp: samples per pixel of base images; None: by the preset.
         seed: of the rendering's random numbers; trajectories have their own.
         camera: a Camera or the name of one on the stage, in place of the scenario's. Several: all watch one simulation;

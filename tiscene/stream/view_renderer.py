@@ -23,7 +23,7 @@ from tiscene.render.view import View
 from tiscene.scene.bvh.obstacle_tree import MeshTrees
 from tiscene.scene.device_scene import DeviceScene
 from tiscene.scene.placement import CURRENT, Placement
-from tiscene.stream.incremental import is_static_view, movers, turns_in_place
+from tiscene.stream.incremental import is_static_view, movers, pinhole_moves
 from tiscene.stream.shutter import shutter_samples
 from tiscene.world.world import World
 from tiscene.world.world_state import CameraStep, WorldState
@@ -227,7 +227,7 @@ class ViewRenderer:
             seed=self._seed,
             exposure=exposure,
             moving=moving,
-            turning=turns_in_place(view),
+            camera_moves=pinhole_moves(view),
             shutter_samples=samples or (),
             light=prepared.light,
         )
@@ -298,8 +298,8 @@ class ViewRenderer:
             self.world, state, view, self._shutter, spp=self.settings.spp, seed=self._seed, camera_row=camera_row
         )
         incremental = self.settings.incremental if incremental is None else incremental
-        turning = self.settings.panorama_spp > 0 and turns_in_place(view)
-        if incremental and samples is None and (turning or is_static_view(view)):
+        over_panorama = self.settings.panorama_spp > 0 and pinhole_moves(view)
+        if incremental and samples is None and (over_panorama or is_static_view(view)):
             return None, movers(state)
         return samples, None
 

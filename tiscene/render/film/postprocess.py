@@ -70,8 +70,8 @@ class Postprocessor:
         """Return the radiance, [h, w, 3], of an image over a panorama.
 
         The cells of the panorama are denoised already. Pixels that show movers are denoised in rectangles around them.
-        Where light varies slowly, it is that of the static image denoised as a whole, at reduced size. The movers'
-        change of light is what they change in the denoised irradiance.
+        Where light varies slowly, and in gaps, it is that of the static image denoised as a whole, at reduced size.
+        The movers' change of light is what they change in the denoised irradiance.
         """
         if self.denoiser is None:
             return np.maximum(image.hdr, 0.0)
@@ -83,7 +83,8 @@ class Postprocessor:
         guides = image.albedo, image.normal
         own, _, _ = demodulate(shown, *guides, REDUCTION)
         contrast = BLOCK_NOISE / math.sqrt(image.panorama_spp)
-        smooth = replace_smooth_light(shown, own, before, image.reduced_normal, guides, REDUCTION, contrast)
+        gaps = image.gaps & image.normal.any(axis=-1)
+        smooth = replace_smooth_light(shown, own, before, image.reduced_normal, guides, REDUCTION, contrast, gaps)
         shown += image.static_mask * (smooth - shown)
         if image.after is not None:
             after = self._denoised(image.after, image.white, image.reduced_normal, False)

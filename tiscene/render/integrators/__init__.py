@@ -6,5 +6,5 @@
     labels       one exact ray per pixel center
     path         path tracing with next-event estimation
     incremental  base image of the static scene, corrected where movers change its light
-    panorama     the same for a camera that turns in place, over a panorama of its surroundings
+    panorama     the same for a camera that turns or walks, over panoramas of its surroundings
 """

@@ -40,7 +40,7 @@ def test_pixels_of_pages_are_the_cells_that_their_rays_go_through(face: int) -> 
 
 def test_cells_are_a_fraction_of_a_pixel_wide_at_the_center() -> None:
     view = View(BOX_CAMERA, BOX_CAMERA, BOX_CAMERA, 64, 48)
-    settings = PanoramaSettings.of(view, spp=64, max_depth=4, seed=1)
+    settings = PanoramaSettings.of(view, BOX_CAMERA.position, spp=64, max_depth=4, seed=1)
     pixel = 2.0 * np.tan(0.5 * BOX_CAMERA.vertical_fov) / 48
     assert 2.0 / settings.faces == pytest.approx(CELL * pixel, rel=0.1)
     assert settings.faces % BLOCK == 0

@@ -68,8 +68,13 @@ class SurroundedBalls(MovingBalls):
     def image(
         self, *positions: Position, degrees: float = 0.0, frame: int = 0, spp: int = 4, panorama_spp: int = 64
     ) -> PanoramaImage:
-        placement, view = self.at(*positions), view_at(degrees)
-        self.surrounded.prepare(
+        return self.image_of(view_at(degrees), *positions, frame=frame, spp=spp, panorama_spp=panorama_spp)
+
+    def image_of(
+        self, view: View, *positions: Position, frame: int = 0, spp: int = 4, panorama_spp: int = 64
+    ) -> PanoramaImage:
+        placement = self.at(*positions)
+        assert self.surrounded.prepare(
             view, placement, self.moving, frame_index=frame, seed=1, spp=spp, panorama_spp=panorama_spp, max_depth=DEPTH
         )
         self.device.place(placement)
@@ -77,8 +82,11 @@ class SurroundedBalls(MovingBalls):
         return self.surrounded.render(self.moving, instance, spp=max(8, spp))
 
     def traced(self, *positions: Position, degrees: float = 0.0, spp: int = 256) -> NDArray[np.float32]:
+        return self.traced_view(view_at(degrees), *positions, spp=spp)
+
+    def traced_view(self, view: View, *positions: Position, spp: int = 256) -> NDArray[np.float32]:
         self.device.place(self.at(*positions))
-        return self.paths.render(view_at(degrees), frame_index=0, seed=2, spp=spp, max_depth=DEPTH).hdr
+        return self.paths.render(view, frame_index=0, seed=2, spp=spp, max_depth=DEPTH).hdr
 
 
 @pytest.mark.parametrize(

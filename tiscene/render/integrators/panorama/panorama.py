@@ -17,21 +17,29 @@ from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
+from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
 
 from tiscene.render.film.denoise import denoise
 from tiscene.render.integrators.incremental.base_image import ProgressCallback, scene_under_group
 from tiscene.render.integrators.incremental.path_recording import AUXILIARY, light_column
+from tiscene.render.integrators.labels.first_hits import first_hits
+from tiscene.render.integrators.labels.label_kernels import primary_rays
 from tiscene.render.integrators.panorama import panorama_kernels as kernels
 from tiscene.render.integrators.panorama.cell_files import CellFiles
 from tiscene.render.integrators.panorama.cell_store import CellStore
 from tiscene.render.integrators.panorama.panorama_kernels import BLOCK, TILE, WINDOW
+from tiscene.render.integrators.panorama.reprojection import Reprojection
+from tiscene.render.integrators.panorama.reprojection_kernels import EDGE, FAR
 from tiscene.render.integrators.path.path_pass import PathPass
 from tiscene.render.integrators.path.path_state import FEATURE_COLUMNS
+from tiscene.render.intersect.ray_queue import RayArrays
 from tiscene.render.sampling.sobol import frame_key
 from tiscene.render.view import View
 from tiscene.scene.camera import Camera, Vector3
-from tiscene.scene.placement import Placement
+from tiscene.scene.placement import CURRENT, Placement
+
+FloatImage = NDArray[np.float32]
 
 PAGE = 32 * TILE  # cells along a side of a page
 CELL = 0.35  # width of a cell at the center of a face, px at the center of the image
@@ -45,7 +53,7 @@ class PanoramaSettings:
     """What the cells of a panorama depend on besides the scene.
 
     Attributes:
-        center: Position of the camera, m.
+        center: The point, world, m.
         faces: Cells along a side of a face.
         spp: Samples per solid angle of a pixel at the center of the image.
         max_depth: Largest number of segments of a path.
@@ -59,14 +67,22 @@ class PanoramaSettings:
     seed: int
 
     @classmethod
-    def of(cls, view: View, *, spp: int, max_depth: int, seed: int) -> PanoramaSettings:
-        """Return the settings of the panorama that serves a view."""
+    def of(cls, view: View, center: Vector3, *, spp: int, max_depth: int, seed: int) -> PanoramaSettings:
+        """Return the settings of the panorama around a center that serves a view."""
         pixel = 2.0 * math.tan(0.5 * view.current.vertical_fov) / view.height
         faces = math.ceil(2.0 / (CELL * pixel) / BLOCK) * BLOCK
-        return cls(view.current.position, faces, spp, max_depth, seed)
+        return cls(center, faces, spp, max_depth, seed)
 
-    def page_view(self, face: int, row: int, column: int) -> View:
-        """Return the view of a page, whose pixels are its cells. Pages begin at the margin."""
+    def page_view(self, face: int, row: int, column: int, border: int = 0) -> View:
+        """Return the view of a page, whose pixels are its cells. Pages begin at the margin.
+
+        Args:
+            face: Of the cube.
+            row: Of the page.
+            column: Of the page.
+            border: Width of an additional border, in cells.
+        """
+        size = PAGE + 2 * border
         axes = np.eye(3)
         ahead = axes[face // 2] * (1.0 if face % 2 else -1.0)
         center = self.center
@@ -75,10 +91,10 @@ class PanoramaSettings:
             center,
             (center[0] + ahead[0], center[1] + ahead[1], center[2] + ahead[2]),
             tuple(-axes[(face // 2 + 2) % 3]),
-            vertical_fov=2.0 * math.atan(PAGE / self.faces),
+            vertical_fov=2.0 * math.atan(size / self.faces),
             aperture_offset=(float(middle[0]), float(-middle[1])),
         )
-        return View(camera, camera, camera, PAGE, PAGE)
+        return View(camera, camera, camera, size, size)
 
     def samples(self, page_view: View) -> int:
         """Return the samples per cell of a page.
@@ -125,8 +141,11 @@ class Panorama:
         self._paths, self._static = paths, static
         groups = static.light_groups
         self.groups = 1 if groups is None else len(groups.factors)
+        self._columns = light_column(self.groups)  # of light, albedo and normal; then comes the distance
+        self._rays = RayArrays()
         tiles, blocks = settings.faces // TILE + 2, settings.faces // BLOCK  # along a side of a face
-        self._traced = CellStore((6, tiles, tiles), TILE * TILE, light_column(self.groups), files, f"{key}-traced")
+        self._traced = CellStore((6, tiles, tiles), TILE * TILE, self._columns + 1, files, f"{key}-traced")
+        self._pages_along = -(-tiles * TILE // PAGE)  # a side of a face
         self._denoised = CellStore((6, blocks, blocks), BLOCK * BLOCK, 3 * self.groups, files, f"{key}-denoised")
 
     @property
@@ -143,10 +162,18 @@ class Panorama:
         self._traced.clear()
         self._denoised.clear()
 
-    def missing(self, view: View) -> Missing:
-        """Return what a view needs and is not there."""
+    def missing(self, view: View, points: Reprojection | None = None) -> Missing:
+        """Return what a view needs and is not there.
+
+        Args:
+            view: The view.
+            points: What it shows, if it is seen from elsewhere than the center; None: it is seen from there.
+        """
         found = np.zeros(self._denoised.slots.shape, np.int32)
-        kernels.find_blocks(view.array(), view.width, view.height, self.settings.faces, found)
+        if points is None:
+            kernels.find_blocks(view.array(), view.width, view.height, self.settings.faces, found)
+        else:
+            points.find_blocks(self.settings.faces, found)
         shown = found > 0
         blocks = shown & (self._denoised.slots < 0)
         needed = np.zeros(self._traced.slots.shape, bool)
@@ -157,19 +184,23 @@ class Panorama:
             needed[:, rows, columns] |= shown if own else blocks
         return Missing(np.argwhere(needed & (self._traced.slots < 0)), np.argwhere(blocks))
 
-    def image(self, view: View) -> NDArray[np.float32]:
-        """Return the image of a view for which nothing is missing.
+    def image(self, view: View, points: Reprojection | None = None) -> tuple[FloatImage, NDArray[np.bool_]]:
+        """Return the image of a view for which nothing is missing; arguments as of `missing`.
 
         Returns:
             float32 [h, w, columns + 3 * groups], columns: see `light_column`; then the denoised light of the groups.
+            bool [h, w], where the image is known: everywhere, seen from the center.
         """
         traced, denoised = self._traced, self._denoised
-        image = np.empty((view.height, view.width, traced.columns + denoised.columns), np.float32)
-        kernels.resample(
-            view.array(), view.width, view.height, self.settings.faces,
-            traced.slots, traced.cells, traced.columns, denoised.slots, denoised.cells, denoised.columns, image,
+        image = np.empty((view.height, view.width, self._columns + denoised.columns), np.float32)
+        cells = (
+            self.settings.faces,
+            traced.slots, traced.cells, self._columns, denoised.slots, denoised.cells, denoised.columns, image,
         )  # fmt: skip
-        return image
+        if points is not None:
+            return image, points.image(*cells)
+        kernels.resample(view.array(), view.width, view.height, *cells)
+        return image, np.ones(image.shape[:2], bool)
 
     def complete(self, missing: Missing, view: View, progress: ProgressCallback) -> None:
         """Trace and denoise what is missing. Changes what the scene has placed.
@@ -210,7 +241,34 @@ class Panorama:
                 cells[members, :, features] = merged
                 done += len(members)
                 progress("panorama", done / total)
+        self._place(0)
+        for number, _, members in pages:
+            cells[members, :, self._columns] = self._distances(number, tiles[members, 1:] % (PAGE // TILE) * TILE)
         self._traced.add(tiles, cells)
+
+    def _distances(self, page: int, corners: NDArray[np.int64]) -> NDArray[np.float32]:
+        """Return how far away the centers of cells show surfaces, m; less zero behind the edge of a nearer surface.
+
+        Args:
+            page: Number of the page.
+            corners: [n, 2], row and column on it of the first cell of tiles.
+
+        Returns:
+            float32 [n, TILE * TILE].
+        """
+        border = self._page_view(page, border=1)
+        squares = _squares(corners[:, 0] * border.width + corners[:, 1], border.width, TILE + 2)
+        rays = self._rays.resized(border.width, border.height)
+        chosen = np.zeros((border.height, border.width), bool)
+        chosen.ravel()[squares] = True
+        queue, count = rays.queue_of(chosen)
+        primary_rays(queue, count, border.array(), border.width, border.height, rays.rays, False)
+        first_hits(self._paths.scene, CURRENT, rays, queue, count)
+        found = np.minimum(rays.hits.to_numpy()[squares, 0], FAR).reshape(-1, TILE + 2, TILE + 2)
+        nearest = sliding_window_view(found, (3, 3), axis=(1, 2)).min(axis=(-2, -1))
+        distances = found[:, 1:-1, 1:-1]
+        signed: FloatImage = np.where(nearest < EDGE * distances, -distances, distances)
+        return signed.reshape(len(corners), -1)
 
     def _denoise(self, blocks: NDArray[np.int64]) -> None:
         """Denoise blocks whose windows are traced."""
@@ -236,17 +294,19 @@ class Panorama:
 
     def _pages(self, tiles: NDArray[np.int64]) -> Iterator[tuple[int, View, NDArray[np.int64]]]:
         """Yield for each page with some of the tiles: its number, its view, and which tiles are its."""
-        along = -(-self._traced.slots.shape[1] * TILE // PAGE)
         corner = tiles[:, 1:] // (PAGE // TILE)
-        numbers = (tiles[:, 0] * along + corner[:, 0]) * along + corner[:, 1]
-        for number in np.unique(numbers):
-            members = np.flatnonzero(numbers == number)
-            face, (row, column) = int(tiles[members[0], 0]), corner[members[0]]
-            yield int(number), self.settings.page_view(face, int(row), int(column)), members
+        numbers = (tiles[:, 0] * self._pages_along + corner[:, 0]) * self._pages_along + corner[:, 1]
+        for number in np.unique(numbers).tolist():
+            yield number, self._page_view(number), np.flatnonzero(numbers == number)
+
+    def _page_view(self, number: int, border: int = 0) -> View:
+        """Return the view of a page; see `PanoramaSettings.page_view`."""
+        face, row, column = np.unravel_index(number, (6, self._pages_along, self._pages_along))
+        return self.settings.page_view(int(face), int(row), int(column), border)
 
 
-def _squares(corners: NDArray[np.int64], stride: int) -> NDArray[np.int32]:
-    """Return for each corner the rows of a square of TILE x TILE cells in an array of `stride` cells per row."""
-    within = np.arange(TILE)[:, None] * stride + np.arange(TILE)
+def _squares(corners: NDArray[np.int64], stride: int, side: int = TILE) -> NDArray[np.int32]:
+    """Return for each corner the rows of a square of side x side cells in an array of `stride` cells per row."""
+    within = np.arange(side)[:, None] * stride + np.arange(side)
     rows: NDArray[np.int32] = (corners[:, None] + within.ravel()).ravel().astype(np.int32)
     return rows

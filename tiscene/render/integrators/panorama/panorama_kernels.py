@@ -14,8 +14,8 @@ SIDE = 4  # subpixels along a side of a pixel
 
 
 @ti.func
-def cell_of(direction: vec3, size: ti.i32) -> ti.math.ivec3:
-    """Return the cube face that a direction goes through, and the row and column of the cell on it.
+def place_on_cube(direction: vec3, size: ti.i32) -> vec3:
+    """Return the cube face that a direction goes through, and the row and column there, in cells, with fractions.
 
     Args:
         direction: Need not have unit length.
@@ -31,10 +31,15 @@ def cell_of(direction: vec3, size: ti.i32) -> ti.math.ivec3:
         axis = 2
         ahead, across, down = direction.z, direction.x, direction.y
     half = 0.5 * ti.cast(size, ti.f32)
-    column = ti.cast((across / ahead + 1.0) * half, ti.i32)
-    row = ti.cast((down / ti.abs(ahead) + 1.0) * half, ti.i32)
-    face = 2 * axis + ti.cast(ahead > 0.0, ti.i32)
-    return ti.math.ivec3(face, ti.math.clamp(row, 0, size - 1), ti.math.clamp(column, 0, size - 1))
+    column, row = (across / ahead + 1.0) * half, (down / ti.abs(ahead) + 1.0) * half
+    return vec3(2 * axis + ti.cast(ahead > 0.0, ti.i32), row, column)
+
+
+@ti.func
+def cell_of(direction: vec3, size: ti.i32) -> ti.math.ivec3:
+    """Return the cube face that a direction goes through, and the row and column of the cell on it; see above."""
+    place = ti.cast(place_on_cube(direction, size), ti.i32)
+    return ti.math.ivec3(place[0], ti.math.clamp(place[1], 0, size - 1), ti.math.clamp(place[2], 0, size - 1))
 
 
 @ti.func
@@ -116,8 +121,8 @@ def resample(
         view: The view, of a pinhole camera.
         size: Cells along a side of a face.
         tiles: i32 [6, tiles + 2, tiles + 2], place of each tile in `traced`, in tiles; the outermost are the margin.
-        traced: f32 [slots * TILE * TILE, columns].
-        columns: Their number of columns.
+        traced: f32 [slots * TILE * TILE, at least columns].
+        columns: Number of columns to average.
         blocks: i32 [6, blocks, blocks], place of each block in `denoised`, in blocks.
         denoised: f32 [slots * BLOCK * BLOCK, denoised_columns].
         denoised_columns: Their number of columns; 0: `blocks` and `denoised` are not read.

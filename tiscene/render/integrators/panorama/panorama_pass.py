@@ -1,14 +1,14 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The panorama pass: radiance of a frame whose camera turns about a fixed center.
+"""The panorama pass: radiance of a frame whose camera turns or walks.
 
-1. `PanoramaPass.prepare` resamples the light of the static scene from a panorama, and traces a few paths through the
-   static scene in an image of reduced size.
+1. `PanoramaPass.prepare` resamples the light of the static scene from a panorama around the camera's center or around
+   an anchor nearby, and traces a few paths through the static scene in an image of reduced size.
 2. `PanoramaPass.render` traces those of them again that movers invalidate, as the incremental pass does. The mean
    change of each pixel is what movers add to or take from the light of static surfaces.
-3. Pixels in which a mover is visible are path traced.
+3. Pixels in which a mover is visible, and those that the panorama does not know, are path traced.
 
-The image is approximate: resampling blurs by half a pixel, and movers change light at a reduced size. Every frame is a
-function of its own inputs, not of previous frames.
+The image is approximate: resampling blurs by half a pixel, highlights are those that the anchor sees, and movers change
+light at a reduced size. Every frame is a function of its own inputs, not of previous frames.
 """
 
 from __future__ import annotations
@@ -27,9 +27,11 @@ from tiscene.render.integrators.incremental.base_image_cache import BaseImageCac
 from tiscene.render.integrators.incremental.mover_coverage import dilated
 from tiscene.render.integrators.incremental.path_recording import AUXILIARY, light_column
 from tiscene.render.integrators.incremental.retrace_kernels import MOVER_HITS
+from tiscene.render.integrators.panorama.anchors import Anchors
 from tiscene.render.integrators.panorama.cell_files import CellFiles
 from tiscene.render.integrators.panorama.light_changes import REDUCTION, LightChanges
 from tiscene.render.integrators.panorama.panorama import CELL, DENOISER, PAGE, Panorama, PanoramaSettings
+from tiscene.render.integrators.panorama.reprojection import Reprojection
 from tiscene.render.integrators.path.path_pass import PathImage, PathPass
 from tiscene.render.sampling.sobol import frame_key
 from tiscene.render.view import View
@@ -48,12 +50,14 @@ class PanoramaImage(PathImage):
 
     Attributes:
         static: Radiance without the movers' changes of light on other surfaces, float32 [h, w, 3].
-        denoised: The same, denoised, where no mover is visible, float32 [h, w, 3].
+        denoised: The same, denoised where `static_mask` is 1, except in gaps, float32 [h, w, 3].
         before: Irradiance of `static` at reduced size, float32 [h', w', 3], see `upsample.demodulate`.
         after: The same with the movers' changes of light; None if there are none.
         white: Albedo of the two, float32 [h', w', 3].
         reduced_normal: Normals at reduced size, float32 [h', w', 3].
-        static_mask: float32 [h, w, 1], 1 where no mover is visible, else 0.
+        static_mask: float32 [h, w, 1], 1 where light is that of static surfaces, else 0: at movers, and where the
+            panorama is not known.
+        gaps: bool [h, w], places a pixel or two wide where the panorama is not known. There the mask is 1.
         panorama_spp: Samples per pixel of the panorama.
     """
 
@@ -64,6 +68,7 @@ class PanoramaImage(PathImage):
     white: FloatImage
     reduced_normal: FloatImage
     static_mask: FloatImage
+    gaps: NDArray[np.bool_]
     panorama_spp: int
 
     def upsampled(self, change: FloatImage) -> FloatImage:
@@ -72,7 +77,7 @@ class PanoramaImage(PathImage):
 
 
 class PanoramaPass:
-    """Renders radiance of a DeviceScene in which some instances move, before a camera that turns.
+    """Renders radiance of a DeviceScene in which some instances move, before a camera that turns or walks.
 
     Args:
         paths: Path tracer of the image size.
@@ -93,6 +98,7 @@ class PanoramaPass:
         self._panoramas: dict[tuple[Any, ...], Panorama] = {}  # least recently used first
         self._page_paths: PathPass | None = None
         self._changes: LightChanges | None = None
+        self._anchors, self._points = Anchors(paths.scene), Reprojection(paths.scene)
 
     @property
     def panoramas(self) -> list[Panorama]:
@@ -110,7 +116,7 @@ class PanoramaPass:
         spp: int,
         panorama_spp: int,
         max_depth: int,
-    ) -> None:
+    ) -> bool:
         """Make the static image of a frame. Afterwards the frame must be placed again.
 
         Args:
@@ -122,11 +128,21 @@ class PanoramaPass:
             spp: Paths per pixel of reduced size that find the movers' changes of light.
             panorama_spp: Samples per pixel of the panorama.
             max_depth: Largest number of segments of a path.
+
+        Returns:
+            Whether there is a panorama that serves the view. False: the frame must be rendered otherwise.
         """
         static = base_placement(placement, moving)
-        settings = PanoramaSettings.of(view, spp=panorama_spp, max_depth=max_depth, seed=seed)
+        self.scene.place(static)
+        anchor = self._anchors.nearest(view)
+        if anchor is None:
+            return False
+        points = None if anchor == view.current.position else self._points
+        if points is not None:
+            points.trace(view, anchor)
+        settings = PanoramaSettings.of(view, anchor, spp=panorama_spp, max_depth=max_depth, seed=seed)
         self._view, self._max_depth, self._panorama_spp = view, max_depth, panorama_spp
-        self._base = self._panorama(view, static, settings).image(view)
+        self._base, self._known = self._panorama(view, static, settings, points).image(view, points)
         self._movers_key = frame_key(frame_key(seed, MOVERS_FRAME), frame_index)
         if (moving & placement.present[CURRENT]).any():
             if self._changes is None:
@@ -134,6 +150,7 @@ class PanoramaPass:
             self.scene.place(static)
             keys = (frame_key(frame_key(seed, frame), frame_index) for frame in (CHANGES_FRAME, OPACITY_FRAME))
             self._changes.record(view, placement, keys, spp=spp, max_depth=min(max_depth, CHANGES_DEPTH))
+        return True
 
     def render(self, moving: NDArray[np.bool_], instance: NDArray[np.int32], *, spp: int) -> PanoramaImage:
         """Render what the scene has placed at CURRENT, over the static image prepared last.
@@ -150,34 +167,37 @@ class PanoramaPass:
         denoised = self._light([first_denoised + 3 * group for group in range(len(factors))], factors)
         albedo, normal = (self._base[..., first : first + 3].copy() for first in (AUXILIARY, AUXILIARY + 3))
         moving = moving & self.scene.placement.present[CURRENT]
-        static_mask = np.ones((*instance.shape, 1), np.float32)
+        traced = np.zeros(instance.shape, bool)
         correction = None
         if moving.any():
             assert self._changes is not None, "made by prepare()"
             correction = self._changes.find(moving, factors)
             hits = correction[..., MOVER_HITS] > 0.0
-            shown = np.isin(instance, self.scene.placement.instance_id[moving])
-            found = _block_means(shown[..., None].astype(np.float32))[..., 0] > 0.0
+            movers = np.isin(instance, self.scene.placement.instance_id[moving])
+            found = _block_means(movers[..., None].astype(np.float32))[..., 0] > 0.0
             # Parts of movers between the pixels' centers are in no label.
-            shown = dilated(shown | _enlarged(hits & ~found, instance.shape))
-            pixels = np.flatnonzero(shown).astype(np.int32)
-            static_mask[shown] = 0.0
-            if len(pixels):
-                rows = self._paths.sums(self._view, pixels, spp=spp, key=self._movers_key, max_depth=self._max_depth)
-                for pixel_values, first in ((radiance, 0), (albedo, 3), (normal, 6)):
-                    pixel_values.reshape(-1, 3)[pixels] = rows[:, first : first + 3] / np.float32(spp)
+            traced = dilated(movers | _enlarged(hits & ~found, instance.shape))
+        unknown = ~(self._known | traced)
+        gaps = unknown & ~dilated(~dilated(self._known))
+        static_mask = np.where(traced | (unknown & ~gaps), np.float32(0.0), np.float32(1.0))[..., None]
+        pixels = np.flatnonzero(traced | unknown).astype(np.int32)
+        if len(pixels):
+            rows = self._paths.sums(self._view, pixels, spp=spp, key=self._movers_key, max_depth=self._max_depth)
+            for pixel_values, first in ((radiance, 0), (albedo, 3), (normal, 6)):
+                pixel_values.reshape(-1, 3)[pixels] = rows[:, first : first + 3] / np.float32(spp)
         before, white, reduced_normal = demodulate(radiance, albedo, normal, REDUCTION)
         image = PanoramaImage(
             radiance,
             albedo,
             normal,
             radiance,
-            denoised,
+            np.where(gaps[..., None], radiance, denoised),
             before,
             None,
             white,
             reduced_normal,
             static_mask,
+            gaps,
             self._panorama_spp,
         )
         if correction is None or self._changes is None or not correction[..., :3].any():
@@ -186,7 +206,8 @@ class PanoramaPass:
         filtered = self._changes.without_outliers(reduced_radiance)
         scale = 1.0 / (reduced_albedo + ALBEDO_OFFSET)
         after = np.maximum(before + _filled((filtered - reduced_radiance) * scale, hits), 0.0)
-        hdr = radiance + image.upsampled(_filled(correction[..., :3] * scale, hits))
+        change = image.upsampled(_filled(correction[..., :3] * scale, hits))
+        hdr = radiance + np.where(gaps[..., None], np.float32(0.0), change)
         return replace(image, hdr=hdr, after=after)
 
     def _light(self, columns: Sequence[int], factors: FloatImage) -> FloatImage:
@@ -196,8 +217,10 @@ class PanoramaPass:
             light += factor * self._base[..., column : column + 3]
         return light
 
-    def _panorama(self, view: View, static: Placement, settings: PanoramaSettings) -> Panorama:
-        """Return the panorama that serves a view, with all tiles that it shows."""
+    def _panorama(
+        self, view: View, static: Placement, settings: PanoramaSettings, points: Reprojection | None
+    ) -> Panorama:
+        """Return the panorama that serves a view, with all tiles that it shows; `points` as of `Panorama.missing`."""
         groups = static.light_groups
         lights = self.scene.lights.lights if static.lights is None else static.lights
         still = static.present[CURRENT]
@@ -216,13 +239,13 @@ class PanoramaPass:
             if self._page_paths is None:
                 self._page_paths = PathPass(self.scene, PAGE, PAGE)
             panorama = Panorama(self._page_paths, static, settings, self._files, self._file_key(view, static, settings))
-        missing = panorama.missing(view)
+        missing = panorama.missing(view, points)
         if any(map(len, missing)):
             while self._panoramas and self._bytes() + panorama.bytes_with(missing) > self._memory_limit:
                 del self._panoramas[next(iter(self._panoramas))]
             if panorama.bytes_with(missing) > self._memory_limit:
                 panorama.clear()
-                missing = panorama.missing(view)
+                missing = panorama.missing(view, points)
             panorama.complete(missing, view, self._progress)
         self._panoramas[key] = panorama
         return panorama

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Streams whose camera turns in place: what panoramas may change, and what not."""
+"""Streams whose camera turns or walks: what panoramas may change, and what not."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ import pytest
 
 import tiscene as ts
 from tiscene.render.view import View
-from tiscene.stream.incremental import turns_in_place
+from tiscene.stream.incremental import pinhole_moves
 
 SIZE = {"width": 32, "height": 24}
 LABELS = ("depth", "instance", "forward_flow")
@@ -19,12 +19,17 @@ FAST: dict[str, Any] = {"quality": "fast", "buffers": ("hdr", *LABELS), **SIZE}
 HERE = (0.0, 1.2, 0.5)
 
 
-@pytest.fixture(scope="module")
-def scenario() -> ts.Scenario:
-    """A ball that bounces, and a camera that turns to and fro."""
+@pytest.fixture(scope="module", params=["turns", "walks"])
+def scenario(request: pytest.FixtureRequest) -> ts.Scenario:
+    """A ball that bounces, and a camera that turns or walks to and fro."""
     ball = ts.Object("ball", "Ball 01", (0.0, 1.0, 0.6), dynamic=ts.UniformMovementRandomBounce(speed=1.0, seed=3))
-    turn = ts.Keyframes((0.0, 2.0, 4.0), [ts.Waypoint(HERE, (-10.0, yaw, 0.0)) for yaw in (0, 60, 0)], repeat=True)
-    return ts.Scenario("solid_benchmark", [ball], camera=ts.Camera(HERE, dynamic=turn))
+    if request.param == "turns":
+        ends = [ts.Waypoint(HERE, (-10.0, yaw, 0.0)) for yaw in (0, 60, 0)]
+    else:
+        ends = [ts.Waypoint((x, HERE[1], HERE[2] - x), (-10.0, 0.0, 0.0)) for x in (0.0, 0.6, 0.0)]
+    return ts.Scenario(
+        "solid_benchmark", [ball], camera=ts.Camera(HERE, dynamic=ts.Keyframes((0.0, 2.0, 4.0), ends, repeat=True))
+    )
 
 
 @pytest.fixture(scope="module")
@@ -32,7 +37,7 @@ def stream(scenario: ts.Scenario) -> ts.Stream:
     return ts.Stream(scenario, **FAST)
 
 
-def test_frames_of_a_turning_camera_do_not_depend_on_earlier_frames(scenario: ts.Scenario, stream: ts.Stream) -> None:
+def test_frames_of_a_moving_camera_do_not_depend_on_earlier_frames(scenario: ts.Scenario, stream: ts.Stream) -> None:
     frames = {index: stream[index] for index in (2, 30, 70)}
     with ts.Stream(scenario, **FAST) as fresh:
         for index in (70, 2, 30):
@@ -55,10 +60,10 @@ def test_frames_are_path_traced_where_the_image_must_be_unbiased(scenario: ts.Sc
         np.testing.assert_array_equal(on[12].hdr, off[12].hdr)
 
 
-def test_cameras_turn_in_place_where_only_their_rotation_differs() -> None:
+def test_pinhole_cameras_that_turn_or_walk_are_rendered_over_panoramas() -> None:
     camera = ts.Camera(HERE)
     turned, moved = replace(camera, rotation=(0.9, 0.0, 0.1, 0.0)), replace(camera, position=(0.0, 1.2, 0.51))
     thick = replace(turned, lens_radius=0.01)
     flat = replace(turned, orthographic_height=1.0)
-    found = [turns_in_place(View(camera, each, camera, 32, 24)) for each in (camera, turned, moved, thick, flat)]
-    assert found == [False, True, False, False, False]
+    found = [pinhole_moves(View(camera, each, camera, 32, 24)) for each in (camera, turned, moved, thick, flat)]
+    assert found == [False, True, True, False, False]

@@ -1,0 +1,146 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Cameras that walk: anchors, and images reprojected from their panoramas."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from tests.render.incremental_scenes import BALLS, GLASS, GLOSSY, LACE, MIRROR, SIZE
+from tests.render.integrators.panorama.test_panorama_pass import ONE, SurroundedBalls
+from tests.render.path_scenes import BOX_CAMERA
+from tiscene.render.integrators.incremental.mover_coverage import dilated
+from tiscene.render.integrators.panorama.anchors import MAX_SPACING, Anchors
+from tiscene.render.view import View
+from tiscene.scene.camera import Vector3
+from tiscene.scene.description import Material
+
+pytestmark = pytest.mark.usefixtures("taichi")
+
+SLOW = (0.01, 0.0, -0.02)  # m per frame
+
+
+def walking(position: Vector3, step: Vector3 = SLOW) -> View:
+    """Return the view of the box's camera at a position, while it moves by a step a frame."""
+    here = np.array(position)
+    cameras = (replace(BOX_CAMERA, position=tuple((here + k * np.array(step)).tolist())) for k in (-1, 0, 1))
+    return View(*cameras, *SIZE)
+
+
+@pytest.fixture(scope="module")
+def empty_box() -> SurroundedBalls:
+    scene = SurroundedBalls()
+    scene.device.place(scene.at())
+    return scene
+
+
+@pytest.fixture
+def anchors(empty_box: SurroundedBalls) -> Anchors:
+    empty_box.device.place(empty_box.at())
+    return Anchors(empty_box.device)
+
+
+def test_a_turning_camera_is_its_own_anchor(anchors: Anchors) -> None:
+    position = (0.123, 0.456, 3.3)
+    assert anchors.nearest(walking(position, (0.0, 0.0, 0.0))) == position
+
+
+def test_anchors_are_the_nearest_points_of_a_lattice(anchors: Anchors) -> None:
+    view = walking((0.2, 0.1, 3.1), (0.01, 0.01, 0.01))
+    assert anchors.nearest(view) == (0.0, 0.0, 3.0)
+    assert anchors.nearest(walking((0.27, 0.3, 3.3), (0.01, 0.01, 0.01))) == (0.5, 0.5, 3.5)
+
+
+def test_anchors_are_at_the_height_of_a_camera_that_keeps_it(anchors: Anchors) -> None:
+    heights = {anchors.nearest(walking((0.2, 0.1234 + 1e-9 * k, 3.1)))[1] for k in range(3)}  # type: ignore[index]
+    assert len(heights) == 1
+    assert heights.pop() == pytest.approx(0.1234, abs=MAX_SPACING / 64)
+
+
+def test_close_to_surfaces_anchors_are_denser(anchors: Anchors) -> None:
+    position = (0.2, 0.1, -0.8)
+    anchor = anchors.nearest(walking(position, (0.001, 0.001, 0.001)))
+    assert anchor is not None
+    assert 0.0 < np.abs(np.subtract(anchor, position)).max() < 0.5 * 0.0625
+
+
+def test_anchors_behind_walls_do_not_serve(anchors: Anchors) -> None:
+    # The box's walls are at -1 and 1; the nearest lattice point in the first case is on the other side.
+    sideways = replace(BOX_CAMERA, position=(0.97, 0.1, 0.0))
+    for step in (0.01, -0.01):
+        cameras = (replace(sideways, position=(0.97, 0.1, k * step)) for k in (-1, 0, 1))
+        anchor = anchors.nearest(View(*cameras, *SIZE))
+        assert anchor is not None
+        assert abs(anchor[0]) < 1.0
+
+
+def test_a_fast_camera_has_no_anchor(anchors: Anchors, empty_box: SurroundedBalls) -> None:
+    fast = walking((0.2, 0.1, 3.1), (0.2, 0.0, 0.0))
+    assert anchors.nearest(fast) is None
+    placement = empty_box.at()
+    assert not empty_box.surrounded.prepare(
+        fast, placement, empty_box.moving, frame_index=0, seed=1, spp=1, panorama_spp=16, max_depth=3
+    )
+
+
+@pytest.mark.parametrize(
+    ("wall", "lights"),
+    [(None, "sky and bulb"), (GLOSSY, "lamp"), (MIRROR, "lamp"), (GLASS, "lamp"), (LACE, "shadowless")],
+    ids=lambda each: getattr(each, "name", str(each)),
+)
+def test_mean_light_equals_that_of_path_tracing(wall: Material | None, lights: str) -> None:
+    scene = SurroundedBalls(wall=wall, lights=lights)
+    for place, positions in (((0.2, 0.1, 3.2), ()), ((-0.13, 0.05, 2.76), ()), ((0.1, 0.0, 3.3), ONE)):
+        view = walking(place)
+        image = scene.image_of(view, *positions, spp=64, panorama_spp=512)
+        truth = scene.traced_view(view, *positions)
+        # Lights are brighter than 1, and noisy where pixels show their edges. The box ends in the first columns.
+        counts = ~dilated(truth.max(axis=-1) > 0.8)
+        counts[:, :2] = counts[:, -2:] = False
+        assert counts.mean() > 0.3
+        assert image.hdr[counts].mean() == pytest.approx(truth[counts].mean(), rel=0.03), (place, positions)
+        assert np.abs(image.denoised - truth)[counts & (image.static_mask[..., 0] > 0)].mean() < 0.1 * truth.mean()
+
+
+def test_what_the_anchor_does_not_see_and_what_looks_different_from_there_is_path_traced() -> None:
+    scene = SurroundedBalls(wall=MIRROR, lights="sky and bulb")
+    view = walking((0.24, 0.0, 3.26))
+    image = scene.image_of(view, spp=64, panorama_spp=64)
+    instance = scene.labels.render(view, ["instance"])["instance"]
+    mirror = instance == np.unique(instance)[-1]
+    assert mirror.mean() > 0.02
+    interior = mirror & ~dilated(~mirror)
+    assert (image.static_mask[interior] == 0.0).all()
+    truth = scene.traced_view(view)
+    shown, expected = (np.minimum(each[interior], 2.0).mean() for each in (image.hdr, truth))  # the sun is brighter
+    assert shown == pytest.approx(expected, rel=0.05)
+    assert image.gaps.any()  # beside the mirror, behind its edge
+    assert not image.gaps[interior].any()
+    assert (image.static_mask[image.gaps] == 1.0).all()
+
+
+def test_frames_do_not_depend_on_frames_rendered_before() -> None:
+    scene = SurroundedBalls(wall=GLOSSY, lights="sky and bulb")
+    places = [(0.1 * k, 0.05, 3.4 - 0.15 * k) for k in range(4)]
+    forth = [scene.image_of(walking(place), *BALLS, frame=k) for k, place in enumerate(places)]
+    assert len(scene.surrounded.panoramas) > 1
+    scene.surrounded = scene.new_pass()
+    for k in (2, 0, 3, 1):
+        again = scene.image_of(walking(places[k]), *BALLS, frame=k)
+        for name in ("hdr", "static", "denoised", "albedo", "normal", "after", "gaps", "static_mask"):
+            np.testing.assert_array_equal(getattr(again, name), getattr(forth[k], name), err_msg=f"{k}: {name}")
+
+
+def test_walking_on_shows_little_that_is_new() -> None:
+    scene = SurroundedBalls()
+    scene.image_of(walking((0.1, 0.0, 3.1)))
+    scene.reported.clear()
+    scene.image_of(walking((0.1, 0.0, 3.1)))
+    assert not scene.reported
+    (panorama,) = scene.surrounded.panoramas
+    before = panorama.bytes
+    scene.image_of(walking((0.12, 0.0, 3.06)))
+    assert len(scene.surrounded.panoramas) == 1
+    assert panorama.bytes <= 2 * before

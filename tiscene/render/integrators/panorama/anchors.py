@@ -1,0 +1,94 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Anchors: the points whose panoramas a walking camera shows.
+
+Anchors are the points of a lattice whose spacing follows from how far away surfaces are, so that a camera sees from
+an anchor nearby almost what it sees from its own center. The choice depends on the frame alone.
+"""
+
+from __future__ import annotations
+
+import itertools
+import math
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tiscene.render.integrators.labels import label_kernels
+from tiscene.render.integrators.labels.first_hits import first_hits
+from tiscene.render.intersect.ray_queue import RayArrays, RayWave
+from tiscene.render.view import View
+from tiscene.scene.camera import Vector3
+from tiscene.scene.device_scene import DeviceScene
+from tiscene.scene.placement import CURRENT
+
+DISTANCE_PER_SPACING = 4.0  # least median distance of surfaces, in spacings of the lattice
+MAX_SPACING = 0.5  # m
+STEPS_PER_SPACING = 4.0  # a camera that moves farther in a frame sees too few frames from an anchor
+_GRID = (16, 12)  # rays that measure distances: along a row and a column of the image
+_REST = 1.0 / 1024.0  # speed along an axis, in spacings per frame, up to which the camera rests along it
+_FINE = 1.0 / 64.0  # spacing of anchors along such an axis, in spacings
+
+
+class Anchors:
+    """Chooses anchors in a scene.
+
+    Args:
+        scene: The scene.
+    """
+
+    def __init__(self, scene: DeviceScene) -> None:
+        self._scene = scene
+        self._grid, self._sight = RayArrays(), RayWave()
+
+    def nearest(self, view: View) -> Vector3 | None:
+        """Return the anchor that serves a view, in the scene that is placed.
+
+        A camera that turns about its center has its anchor there. Any other has the nearest of those lattice points
+        around it that it sees. Along an axis along which it rests, anchors are where it is, but for rounding.
+
+        Returns:
+            The anchor, world, m; None if the camera moves too fast, or sees no anchor.
+        """
+        before, here, after = (np.array(camera.position) for camera in view.cameras)
+        if (before == here).all() and (here == after).all():
+            return view.current.position
+        spacing = self._spacing(view)
+        steps = np.maximum(np.abs(here - before), np.abs(after - here))
+        if np.linalg.norm(steps) > spacing / STEPS_PER_SPACING:
+            return None
+        places: list[tuple[float, ...]] = []
+        for at, step in zip(here.tolist(), steps.tolist(), strict=True):
+            if step <= _REST * spacing:
+                fine = _FINE * spacing
+                places.append((round(at / fine) * fine,))
+            else:
+                places.append((math.floor(at / spacing) * spacing, math.ceil(at / spacing) * spacing))
+        around = sorted(
+            set(itertools.product(places[0], places[1], places[2])), key=lambda place: (math.dist(place, here), place)
+        )
+        seen = self._sees(here, np.array(around))
+        return next(itertools.compress(around, seen), None)
+
+    def _spacing(self, view: View) -> float:
+        """Return the spacing of the lattice, m: a power of two."""
+        width, height = _GRID
+        rays = self._grid.resized(width, height)
+        coarse = replace(view, width=width, height=height)
+        label_kernels.primary_rays(rays.queue, rays.count, coarse.array(), width, height, rays.rays, False)
+        first_hits(self._scene, CURRENT, rays, rays.queue, rays.count)
+        distance = float(np.median(rays.hits.to_numpy()[:, 0]))
+        largest = min(max(distance, 1e-3) / DISTANCE_PER_SPACING, MAX_SPACING)
+        return 2.0 ** math.floor(math.log2(largest))
+
+    def _sees(self, eye: NDArray[np.float64], points: NDArray[np.float64]) -> NDArray[np.bool_]:
+        """Return for each point whether nothing is between it and the eye, bool [n]."""
+        rays = self._sight.reserved(len(points))
+        values = np.zeros((*rays.rays.shape, 8), np.float32)
+        values[: len(points), :3] = eye
+        values[: len(points), 4:7] = points - eye
+        values[:, 7] = 1.0
+        rays.rays.from_numpy(values)
+        first_hits(self._scene, CURRENT, rays, rays.queue, len(points))
+        hit_ids: NDArray[np.int32] = rays.hit_ids.to_numpy()[: len(points), 0]
+        return hit_ids < 0
