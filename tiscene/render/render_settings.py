@@ -28,7 +28,7 @@ class RenderSettings:
         incremental: whether frames with a static camera are rendered incrementally.
         base_spp: samples per pixel of the base image of the static scene, in incremental rendering.
         near_spp: samples per pixel added to `spp` where movers are visible, in incremental rendering.
-        panorama_spp: samples per pixel of the panoramas that frames of a camera that turns or walks show, approximately,
+        panorama_spp: samples per pixel of the panoramas that frames of a camera that turns or walks show, about,
             in incremental rendering; 0: such frames are path traced.
         downscale: light is traced in an image smaller by this factor along each axis, and upsampled along the surfaces
             that the labels show. Incremental rendering denoises at full size where much changes only.

@@ -39,6 +39,14 @@ def demodulate(
     return irradiance_out, white, mean_normal
 
 
+def block_means(image: FloatImage, downscale: int) -> FloatImage:
+    """Return the means of blocks of downscale x downscale pixels of an image, [h, w, c]; edges are replicated."""
+    height, width = (-(-length // downscale) for length in image.shape[:2])
+    means = np.empty((height, width, image.shape[2]), np.float32)
+    _block_means(image, downscale, means)
+    return means
+
+
 def upsample(
     irradiance: FloatImage,
     normal: FloatImage,
@@ -103,6 +111,18 @@ def _demodulate(
             irradiance_out[y, x, c] = light_sum[c] / (downscale * downscale)
             white[y, x, c] = surface_sum / (downscale * downscale)
             mean_normal[y, x, c] = normal_sum[c] / (downscale * downscale)
+
+
+@ti.kernel
+def _block_means(image: Floats3, downscale: ti.i32, means: Floats3):
+    for y, x in ti.ndrange(means.shape[0], means.shape[1]):
+        for c in range(means.shape[2]):
+            total = 0.0
+            for offset in range(downscale * downscale):
+                row = ti.min(y * downscale + offset // downscale, image.shape[0] - 1)
+                column = ti.min(x * downscale + offset % downscale, image.shape[1] - 1)
+                total += image[row, column, c]
+            means[y, x, c] = total / (downscale * downscale)
 
 
 @ti.func

@@ -64,8 +64,12 @@ def find_blocks(view: Floats2, width: ti.i32, height: ti.i32, size: ti.i32, need
     """
     for pixel in range(width * height):
         corner, right, down = pixel_directions(view, pixel, width, height)
-        for y, x in ti.ndrange(SIDE, SIDE):
-            cell = cell_of(corner + x * right + y * down, size)
+        # Blocks are wider than two pixels, so that any block shows at a border or contains a pixel's first subpixel.
+        x, y = pixel % width, pixel // width
+        is_inside = ti.min(x, width - 1 - x, y, height - 1 - y) > 0
+        count = 1 if is_inside else SIDE * SIDE
+        for subpixel in range(count):
+            cell = cell_of(corner + subpixel % SIDE * right + subpixel // SIDE * down, size)
             needed[cell[0], cell[1] // BLOCK, cell[2] // BLOCK] = 1
 
 

@@ -21,7 +21,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from tiscene.render.film.upsample import ALBEDO_OFFSET, demodulate, upsample
+from tiscene.render.film.upsample import ALBEDO_OFFSET, block_means, demodulate, upsample
 from tiscene.render.integrators.incremental.base_image import ProgressCallback, base_placement
 from tiscene.render.integrators.incremental.base_image_cache import BaseImageCache, digest_of
 from tiscene.render.integrators.incremental.mover_coverage import dilated
@@ -174,7 +174,7 @@ class PanoramaPass:
             correction = self._changes.find(moving, factors)
             hits = correction[..., MOVER_HITS] > 0.0
             movers = np.isin(instance, self.scene.placement.instance_id[moving])
-            found = _block_means(movers[..., None].astype(np.float32))[..., 0] > 0.0
+            found = block_means(movers[..., None].astype(np.float32), REDUCTION)[..., 0] > 0.0
             # Parts of movers between the pixels' centers are in no label.
             traced = dilated(movers | _enlarged(hits & ~found, instance.shape))
         unknown = ~(self._known | traced)
@@ -202,7 +202,7 @@ class PanoramaPass:
         )
         if correction is None or self._changes is None or not correction[..., :3].any():
             return image
-        reduced_radiance, reduced_albedo = _block_means(radiance), _block_means(albedo)
+        reduced_radiance, reduced_albedo = (block_means(each, REDUCTION) for each in (radiance, albedo))
         filtered = self._changes.without_outliers(reduced_radiance)
         scale = 1.0 / (reduced_albedo + ALBEDO_OFFSET)
         after = np.maximum(before + _filled((filtered - reduced_radiance) * scale, hits), 0.0)
@@ -269,15 +269,6 @@ class PanoramaPass:
 
     def _bytes(self) -> int:
         return sum(panorama.bytes for panorama in self._panoramas.values())
-
-
-def _block_means(image: FloatImage) -> FloatImage:
-    """Return the means of blocks of REDUCTION x REDUCTION pixels; edges are replicated."""
-    height, width = image.shape[:2]
-    padded = np.pad(image, ((0, -height % REDUCTION), (0, -width % REDUCTION), (0, 0)), mode="edge")
-    blocks = padded.reshape(len(padded) // REDUCTION, REDUCTION, -1, REDUCTION, image.shape[2])
-    means: FloatImage = blocks.mean(axis=(1, 3), dtype=np.float32)
-    return means
 
 
 def _enlarged(mask: NDArray[np.bool_], shape: tuple[int, ...]) -> NDArray[np.bool_]:
