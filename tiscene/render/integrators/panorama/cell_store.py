@@ -11,7 +11,7 @@ from tiscene.device.memory import copy_rows, device_array
 from tiscene.render.integrators.panorama import panorama_kernels as kernels
 from tiscene.render.integrators.panorama.cell_files import CellFiles
 
-_FIRST_CELLS = 1 << 18  # that there is room for at first
+_FIRST_CELLS = 1 << 16  # that there is room for at first
 
 
 class CellStore:
