@@ -8,6 +8,7 @@ glass look different from there.
 
 from __future__ import annotations
 
+import math
 from dataclasses import replace
 from typing import Any
 
@@ -25,6 +26,8 @@ from tiscene.scene.camera import Vector3
 from tiscene.scene.device_scene import DeviceScene
 from tiscene.scene.placement import CURRENT
 
+MAX_RAYS = 1 << 20  # traced at once
+
 
 class Reprojection:
     """The points of a scene that a view shows, and their images.
@@ -41,16 +44,21 @@ class Reprojection:
     def trace(self, view: View, anchor: Vector3) -> None:
         """Find the points that a view shows of what is placed, as seen from an anchor."""
         width, height = view.width * kernels.SIDE, view.height * kernels.SIDE
-        rays, fine = self._rays.resized(width, height), replace(view, width=width, height=height)
-        if self._points is None or self._points.shape[0] != rays.count:
-            self._points = device_array(float4, rays.count)
-        label_kernels.primary_rays(rays.queue, rays.count, fine.array(), width, height, rays.rays, False)
-        first_hits(self._scene, CURRENT, rays, rays.queue, rays.count, coherent=True)
-        scene = self._scene
-        offset = np.subtract(view.current.position, anchor)
+        if self._points is None or self._points.shape[0] != width * height:
+            self._points = device_array(float4, width * height)
+        rows = max(1, MAX_RAYS // width)
+        for first in range(0, height, rows):
+            self._trace_rows(band(view, height, first, min(rows, height - first)), first * width, anchor)
+
+    def _trace_rows(self, view: View, first_point: int, anchor: Vector3) -> None:
+        """Find the points of some rows of subpixels, the pixels of a view."""
+        rays, scene = self._rays.resized(view.width, view.height), self._scene
+        label_kernels.primary_rays(rays.queue, rays.count, view.array(), view.width, view.height, rays.rays, False)
+        first_hits(scene, CURRENT, rays, rays.queue, rays.count, coherent=True)
         kernels.find_points(
-            rays.rays, rays.hits, rays.hit_ids, scene.triangle_material, scene.materials.arrays().info,
-            *offset.tolist(), self._points,
+            rays.count, first_point, rays.rays, rays.hits, rays.hit_ids,
+            scene.triangle_material, scene.materials.arrays().info,
+            *np.subtract(view.current.position, anchor).tolist(), self._points,
         )  # fmt: skip
 
     def find_blocks(self, faces: int, found: NDArray[np.int32]) -> None:
@@ -67,3 +75,20 @@ class Reprojection:
         known = np.empty(image.shape[:2], np.int32)
         kernels.reproject(self._points, *cells, known)
         return known > 0
+
+
+def band(view: View, height: int, first: int, rows: int) -> View:
+    """Return the view of some rows of an image of a view that is SIDE times as large.
+
+    Args:
+        view: The view, of a pinhole camera.
+        height: Rows of the large image.
+        first: The first row of the band.
+        rows: The number of rows of the band.
+    """
+    camera = view.current
+    pixel = 2.0 * math.tan(0.5 * camera.vertical_fov) / height
+    right, up = camera.aperture_offset
+    center = (right, up + pixel * (0.5 * (height - rows) - first))
+    camera = replace(camera, vertical_fov=2.0 * math.atan(0.5 * pixel * rows), aperture_offset=center)
+    return replace(view, previous=camera, current=camera, next=camera, width=view.width * kernels.SIDE, height=rows)

@@ -11,16 +11,15 @@ from tiscene.scene.material_table import FLAGS, GLASS, MAY_MIRROR
 SIDE = 2  # subpixels along a side of a pixel
 FAR = 1e5  # distance of the background, m
 DISTANCE_ERROR = 0.01  # relative difference of the distances of a cell and of a point that it shows
-SLANT_ERROR = 2.0  # the same in cells, where a surface is seen at an angle: times the tangent
 EDGE = 0.95  # of the distance of a point: what is nearer there belongs to another surface
-STEEPEST = 40.0  # largest such tangent
 LEAST_WEIGHT = 0.1  # of the cells around a point that show it
 LEAST_SUBPIXELS = 2  # of a pixel that are known
-NORMAL = 6  # column of cells: light, albedo, normal
 
 
 @ti.kernel
 def find_points(
+    count: ti.i32,
+    first: ti.i32,
     rays: Rays,
     hits: Hits,
     hit_ids: HitIds,
@@ -34,20 +33,22 @@ def find_points(
     """Find where rays hit.
 
     Args:
+        count: Number of rays.
+        first: Row of the first one's point.
         rays: Rays of a pinhole camera.
         hits: Their hits, at distances from the camera.
         offset_x, offset_y, offset_z: From the anchor to the camera, world, m.
         points: Output, for each ray the point as seen from the anchor, world, m; and 1 where it looks alike from there,
             else 0.
     """
-    for i in range(points.shape[0]):
+    for i in range(count):
         distance, alike = FAR, 1.0
         if hit_ids[i][0] >= 0:
             distance = hits[i][0]
             if material_info[triangle_material[hit_ids[i][1]], FLAGS] & (GLASS | MAY_MIRROR) != 0:
                 alike = 0.0
         seen = vec3(offset_x, offset_y, offset_z) + distance * ray_direction(rays, i)
-        points[i] = float4(seen.x, seen.y, seen.z, alike)
+        points[first + i] = float4(seen.x, seen.y, seen.z, alike)
 
 
 @ti.func
@@ -116,6 +117,7 @@ def reproject(
             distance = points[corner + y * width * SIDE + x].xyz.norm()
             least, most = ti.min(least, distance), ti.max(most, distance)
         has_edge = least < EDGE * most
+        tolerance = DISTANCE_ERROR + ti.min(1.0 - least / most, 1.0 - EDGE)  # surfaces may be slanted
         for y, x in ti.ndrange(SIDE, SIDE):
             shown = points[corner + y * width * SIDE + x]
             distance = shown.xyz.norm()
@@ -126,10 +128,6 @@ def reproject(
                 row, column = ti.math.clamp(first[1] + down, 0, size - 1), ti.math.clamp(first[2] + right, 0, size - 1)
                 weight = ti.abs(1 - down - within[0]) * ti.abs(1 - right - within[1])
                 cell = traced_row(tiles, first[0], row, column)
-                normal = vec3(traced[cell, NORMAL], traced[cell, NORMAL + 1], traced[cell, NORMAL + 2])
-                cosine = ti.abs(normal.dot(shown.xyz)) / (normal.norm() * distance + 1e-9)
-                tangent = ti.min(ti.sqrt(ti.max(1.0 - cosine * cosine, 0.0)) / ti.max(cosine, 1e-3), STEEPEST)
-                tolerance = DISTANCE_ERROR + SLANT_ERROR * tangent * 2.0 / size
                 measured = traced[cell, columns]
                 # Cells behind an edge show some of what is in front, which the pixel must show too.
                 if has_edge:
