@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from tiscene.files import DiskCache
 
-SIZE_LIMIT = 1 << 30  # bytes; the least recently used files are deleted first
+SIZE_LIMIT = 1 << 32  # bytes; the least recently used files are deleted first
 _SUFFIX = ".cells"
 _ROOM = 1 << 26  # bytes that room is made for at once
 _DIGEST = 16  # bytes
