@@ -133,7 +133,8 @@ class PanoramaPass:
             Whether there is a panorama that serves the view. False: the frame must be rendered otherwise.
         """
         static = base_placement(placement, moving)
-        self.scene.place(static)
+        if len({camera.position for camera in view.cameras}) > 1:
+            self.scene.place(static)  # for what follows to trace
         anchor = self._anchors.nearest(view)
         if anchor is None:
             return False

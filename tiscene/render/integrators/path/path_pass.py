@@ -177,7 +177,10 @@ class PathPass:
             scene: Scene data; None: `scene_arrays()`.
         """
         self._check(view, spp, max_depth)
-        with self.restricted_to(upload_pixels(pixels, self.width, self.height)):
+        chosen = np.zeros(self.width * self.height, bool)
+        chosen[pixels] = True
+        order = self.order[chosen[self.order]]  # balances the load between threads
+        with self.restricted_to(upload_pixels(order, self.width, self.height)):
             self._trace(view, len(pixels), PathSamples(spp, index_bits(spp), key), max_depth, scene=scene)
         rows: NDArray[np.float32] = self.film.to_numpy()[pixels]
         return rows
