@@ -25,6 +25,7 @@ from tiscene.render.intersect.ray_queue import ray, tiled_order, upload_pixels
 from tiscene.render.view import View
 
 BLOCK = 1 << 18  # paths traced and stored together
+_STEP = 1 << 10  # number of records that arrays have room for, so that few sizes occur
 
 
 @dataclass(frozen=True, eq=False)
@@ -251,7 +252,8 @@ class _StepRecords:
 
     def __init__(self, count: int, group: int, is_segment: bool = False) -> None:
         self.count, self.group, self.is_segment = count, group, is_segment
-        self.paths = device_array(ti.i32, (count,))
-        self.rays = device_array(ray, count)
-        self.light = device_array(ti.f32, (count, 3))
-        self.restart = device_array(ti.f32, (count, record.RESTART_COLUMNS)) if is_segment else None
+        room = -(-count // _STEP) * _STEP
+        self.paths = device_array(ti.i32, (room,))
+        self.rays = device_array(ray, room)
+        self.light = device_array(ti.f32, (room, 3))
+        self.restart = device_array(ti.f32, (room, record.RESTART_COLUMNS)) if is_segment else None

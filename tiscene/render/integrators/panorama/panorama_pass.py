@@ -39,7 +39,7 @@ from tiscene.scene.placement import CURRENT, Placement
 
 FloatImage = NDArray[np.float32]
 
-CHANGES_DEPTH = 4  # largest number of segments of the paths that find movers' changes of light: two bounces
+CHANGES_DEPTH = 3  # largest number of segments of the paths that find movers' changes of light: one bounce
 # Frame numbers of keys whose random numbers then vary with the frame.
 CHANGES_FRAME, OPACITY_FRAME, MOVERS_FRAME = -7, -8, -9
 
