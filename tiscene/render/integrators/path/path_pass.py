@@ -170,17 +170,14 @@ class PathPass:
 
         Args:
             view: Camera and image size.
-            pixels: i32 [n], pixel numbers y * width + x.
+            pixels: i32 [n], pixel numbers y * width + x; traced in an order that balances threads.
             spp: Samples per pixel.
             key: Key of the random numbers, see `frame_key`.
             max_depth: See `render`.
             scene: Scene data; None: `scene_arrays()`.
         """
         self._check(view, spp, max_depth)
-        chosen = np.zeros(self.width * self.height, bool)
-        chosen[pixels] = True
-        order = self.order[chosen[self.order]]  # balances the load between threads
-        with self.restricted_to(upload_pixels(order, self.width, self.height)):
+        with self.restricted_to(upload_pixels(self.order[np.isin(self.order, pixels)], self.width, self.height)):
             self._trace(view, len(pixels), PathSamples(spp, index_bits(spp), key), max_depth, scene=scene)
         rows: NDArray[np.float32] = self.film.to_numpy()[pixels]
         return rows
