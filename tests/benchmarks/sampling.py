@@ -18,7 +18,8 @@ from scipy.ndimage import gaussian_filter
 
 from tiscene.render.film.denoise import denoise
 from tiscene.render.film.tone_map import LUMINANCE
-from tiscene.render.integrators.path.path_pass import PathImage, PathPass
+from tiscene.render.integrators.path.path_image import PathImage
+from tiscene.render.integrators.path.path_pass import PathPass
 from tiscene.render.view import View
 from tiscene.scene.device_scene import DeviceScene
 from tiscene.stream.stream import Stream

@@ -17,7 +17,8 @@ from tiscene.render.integrators.incremental.incremental_pass import (
     IncrementalImage,
     IncrementalPass,
 )
-from tiscene.render.integrators.path.path_pass import PathImage, PathPass
+from tiscene.render.integrators.path.path_image import PathImage
+from tiscene.render.integrators.path.path_pass import PathPass
 from tiscene.render.view import View
 from tiscene.scene.camera import Camera
 from tiscene.scene.description import DistantLight, DomeLight, Light, Material, RectLight, SphereLight

@@ -8,7 +8,8 @@ import trimesh
 from numpy.typing import NDArray
 
 from tests.benchmarks.room import static_placement
-from tiscene.render.integrators.path.path_pass import PathImage, PathPass
+from tiscene.render.integrators.path.path_image import PathImage
+from tiscene.render.integrators.path.path_pass import PathPass
 from tiscene.render.view import View
 from tiscene.scene.camera import Camera
 from tiscene.scene.description import Instance, Light, Material, Mesh, SceneDescription, SceneObject, Texture

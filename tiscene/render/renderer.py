@@ -27,7 +27,8 @@ from tiscene.render.integrators.labels.label_pass import LabelPass
 from tiscene.render.integrators.labels.surface_labels import FILTERED_ALBEDO
 from tiscene.render.integrators.panorama.panorama_pass import PanoramaPass
 from tiscene.render.integrators.path.path_frames import PathFrames
-from tiscene.render.integrators.path.path_pass import PathImage, PathPass
+from tiscene.render.integrators.path.path_image import PathImage
+from tiscene.render.integrators.path.path_pass import PathPass
 from tiscene.render.render_settings import RenderSettings
 from tiscene.render.view import View
 from tiscene.scene.device_scene import DeviceScene
@@ -35,7 +36,6 @@ from tiscene.scene.placement import CURRENT, Placement
 
 # Labels that guide the upsampling of light traced at reduced size.
 UPSAMPLING_GUIDES = (FILTERED_ALBEDO, "normal")
-MOVER_SPP = 4  # least samples per pixel in which a mover is visible, in frames over a panorama
 
 
 @dataclass(frozen=True, eq=False)
@@ -254,7 +254,7 @@ class Renderer:
         result: dict[str, NDArray[Any]] = {}
         needs_denoised = "rgb" in buffers or "denoised" in buffers
         if moving is not None and shared is self._panorama:
-            panorama = self._panorama.render(moving, labels["instance"], spp=max(MOVER_SPP, 2 * settings.spp))
+            panorama = self._panorama.render(moving, labels["instance"], spp=max(1, settings.spp // 2))
             result["hdr"] = panorama.hdr
             guides = panorama.albedo, panorama.normal
             if needs_denoised:

@@ -11,7 +11,8 @@ from tiscene.frame.buffers import COLORS, times_needed
 from tiscene.render.film.postprocess import Postprocessor
 from tiscene.render.film.tone_map import tone_map
 from tiscene.render.integrators.labels.label_pass import LabelPass
-from tiscene.render.integrators.path.path_pass import PathImage, PathPass
+from tiscene.render.integrators.path.path_image import PathImage
+from tiscene.render.integrators.path.path_pass import PathPass
 from tiscene.render.render_settings import RenderSettings
 from tiscene.render.renderer import UPSAMPLING_GUIDES
 from tiscene.render.view import View

@@ -16,7 +16,7 @@ from tiscene.frame.frame import Frame, FrameCamera
 from tiscene.render.annotations.object_measurements import Measurer
 from tiscene.render.integrators.incremental.base_image import ProgressCallback
 from tiscene.render.integrators.labels.point_pass import PointPass, SurfacePoints
-from tiscene.render.integrators.path.path_pass import PathImage
+from tiscene.render.integrators.path.path_image import PathImage
 from tiscene.render.render_settings import RenderSettings
 from tiscene.render.renderer import Renderer, ShutterSample
 from tiscene.render.view import View

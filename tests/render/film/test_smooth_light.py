@@ -24,12 +24,11 @@ def flat(values: object) -> Image:
     return (irradiance * (ALBEDO + np.float32(0.08))).astype(np.float32)
 
 
-def replaced(image: Image, light: Image, normal: Image = NORMAL, gaps: NDArray[np.bool_] | None = None) -> Image:
+def replaced(image: Image, light: Image, normal: Image = NORMAL) -> Image:
     """Replace the image's smooth light by another image's."""
     own, _, reduced = demodulate(image, ALBEDO, normal, 2)
     irradiance, _, _ = demodulate(light, ALBEDO, normal, 2)
-    gaps = np.zeros(SIZE, bool) if gaps is None else gaps
-    return replace_smooth_light(image, own, irradiance, reduced, (ALBEDO, normal), 2, contrast=0.15, gaps=gaps)
+    return replace_smooth_light(image, own, irradiance, reduced, (ALBEDO, normal), 2, contrast=0.15)
 
 
 def test_steps_between_blocks_of_a_plain_wall_vanish() -> None:
@@ -52,13 +51,3 @@ def test_edges_of_light_and_of_surfaces_stay() -> None:
 def test_light_that_differs_much_is_not_trusted() -> None:
     wall = flat(np.ones(SIZE))
     np.testing.assert_array_equal(replaced(wall, 2.0 * wall), wall)
-
-
-def test_gaps_have_the_light_around_them_also_at_edges() -> None:
-    wall, gaps = flat(np.ones(SIZE)), np.zeros(SIZE, bool)
-    gaps[4, 7] = True
-    spotted = wall.copy()
-    spotted[gaps] = 9.0
-    result = replaced(spotted, np.float32(4.0) * wall, gaps=gaps)
-    np.testing.assert_allclose(result[gaps], 4.0 * wall[gaps], rtol=1e-4)
-    np.testing.assert_array_equal(result[20:], wall[20:])

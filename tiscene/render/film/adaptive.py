@@ -16,7 +16,8 @@ from numpy.typing import NDArray
 
 from tiscene.errors import ArgumentError
 from tiscene.render.film.tone_map import LUMINANCE
-from tiscene.render.integrators.path.path_pass import PathImage, PathPass
+from tiscene.render.integrators.path.path_image import PathImage
+from tiscene.render.integrators.path.path_pass import PathPass
 from tiscene.render.integrators.path.path_state import DROPPED, FILM_COLUMNS
 from tiscene.render.intersect.ray_queue import tiled_order
 from tiscene.render.sampling.sobol import frame_key

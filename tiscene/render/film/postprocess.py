@@ -17,7 +17,7 @@ from tiscene.render.integrators.incremental.changed_regions import MARGIN, Regio
 from tiscene.render.integrators.incremental.incremental_pass import IncrementalImage
 from tiscene.render.integrators.panorama.light_changes import REDUCTION
 from tiscene.render.integrators.panorama.panorama_pass import PanoramaImage
-from tiscene.render.integrators.path.path_pass import PathImage
+from tiscene.render.integrators.path.path_image import PathImage
 
 FloatImage = NDArray[np.float32]
 COARSE_FACTOR = 2  # additional downscale of incremental images outside of changed regions
@@ -70,22 +70,26 @@ class Postprocessor:
         """Return the radiance, [h, w, 3], of an image over a panorama.
 
         The cells of the panorama are denoised already. Pixels that show movers are denoised in rectangles around them.
-        Where light varies slowly, and in gaps, it is that of the static image denoised as a whole, at reduced size.
-        The movers' change of light is what they change in the denoised irradiance.
+        Where light varies slowly it is that of the static image denoised as a whole, at reduced size; and so is the
+        light of what edges hide from the panorama's center, unless its samples tell otherwise. The movers' change of
+        light is what they change in the denoised irradiance.
         """
         if self.denoiser is None:
             return np.maximum(image.hdr, 0.0)
         shown = image.denoised.copy()
-        for here in regions_of(image.static_mask[..., 0] == 0.0):
+        traced = image.traced[..., None]
+        for here in regions_of(image.traced):
             clean = self._denoised(image.static[here], image.albedo[here], image.normal[here], self.sharp)
-            shown[here] += (1.0 - image.static_mask[here]) * (clean - shown[here])
+            np.copyto(shown[here], clean, where=traced[here])
         before = self._denoised(image.before, image.white, image.reduced_normal, False)
+        hidden = upsample(before, image.reduced_normal, image.hidden.albedo, image.hidden.normal, REDUCTION)
+        hidden = image.hidden.estimate(hidden * (1.0 - image.static_mask))
+        np.add(shown, hidden, out=shown, where=~traced)
         guides = image.albedo, image.normal
         own, _, _ = demodulate(shown, *guides, REDUCTION)
         contrast = BLOCK_NOISE / math.sqrt(image.panorama_spp)
-        gaps = image.gaps & image.normal.any(axis=-1)
-        smooth = replace_smooth_light(shown, own, before, image.reduced_normal, guides, REDUCTION, contrast, gaps)
-        shown += image.static_mask * (smooth - shown)
+        smooth = replace_smooth_light(shown, own, before, image.reduced_normal, guides, REDUCTION, contrast)
+        np.copyto(shown, smooth, where=~traced)
         if image.after is not None:
             after = self._denoised(image.after, image.white, image.reduced_normal, False)
             shown += image.upsampled(after - before)

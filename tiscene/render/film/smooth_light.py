@@ -10,7 +10,7 @@ import numpy as np
 import taichi as ti
 from numpy.typing import NDArray
 
-from tiscene.device.kernel_types import Floats2, Floats3, Ints2, vec3
+from tiscene.device.kernel_types import Floats2, Floats3, vec3
 from tiscene.render.film.upsample import read, upsample
 
 FloatImage = NDArray[np.float32]
@@ -28,7 +28,6 @@ def replace_smooth_light(
     guides: tuple[FloatImage, FloatImage],
     downscale: int,
     contrast: float,
-    gaps: NDArray[np.bool_],
 ) -> FloatImage:
     """Return an image whose light is replaced where it varies slowly.
 
@@ -41,7 +40,6 @@ def replace_smooth_light(
         downscale: Of `demodulate`.
         contrast: Of irradiance in 3 x 3 pixels, difference over sum of extremes, up to which light varies slowly; fades
             out to the double.
-        gaps: bool [h, w], where the image is replaced in any case.
 
     Returns:
         float32 [h, w, 3], a new array.
@@ -49,7 +47,7 @@ def replace_smooth_light(
     weights = np.empty(own.shape[:2], np.float32)
     _find_smooth(own, irradiance, normal, contrast, weights)
     result = upsample(irradiance, normal, *guides, downscale)
-    _blend(image, weights, 1.0 / downscale, gaps.astype(np.int32), result)
+    _blend(image, weights, 1.0 / downscale, result)
     return result
 
 
@@ -73,8 +71,8 @@ def _find_smooth(own: Floats3, irradiance: Floats3, normal: Floats3, contrast: t
 
 
 @ti.kernel
-def _blend(image: Floats3, weights: Floats2, scale: ti.f32, gaps: Ints2, result: Floats3):
-    """Blend an image into another of its size, by one minus weights of reduced size, interpolated; but not in gaps."""
+def _blend(image: Floats3, weights: Floats2, scale: ti.f32, result: Floats3):
+    """Blend an image into another of its size, by one minus weights of reduced size, interpolated."""
     for y, x in ti.ndrange(image.shape[0], image.shape[1]):
         low_y, low_x = (y + 0.5) * scale - 0.5, (x + 0.5) * scale - 0.5
         top, left = ti.floor(low_y, ti.i32), ti.floor(low_x, ti.i32)
@@ -84,7 +82,5 @@ def _blend(image: Floats3, weights: Floats2, scale: ti.f32, gaps: Ints2, result:
             at_y = ti.math.clamp(top + row, 0, weights.shape[0] - 1)
             at_x = ti.math.clamp(left + column, 0, weights.shape[1] - 1)
             weight += share * weights[at_y, at_x]
-        if gaps[y, x] > 0:
-            weight = 1.0
         for c in ti.static(range(3)):
             result[y, x, c] = image[y, x, c] + weight * (result[y, x, c] - image[y, x, c])

@@ -201,3 +201,11 @@ def tiled_order(width: int, height: int) -> NDArray[np.int32]:
     position = np.empty(count, np.int64)
     position[(np.arange(count) * stride) % count] = np.arange(count)
     return rows.ravel()[np.argsort(position[tile].ravel(), kind="stable")]
+
+
+@lru_cache(maxsize=4)
+def tiled_ranks(width: int, height: int) -> NDArray[np.int32]:
+    """Return the place of each pixel in `tiled_order`, int32 [width * height]."""
+    ranks = np.empty(width * height, np.int32)
+    ranks[tiled_order(width, height)] = np.arange(width * height, dtype=np.int32)
+    return ranks

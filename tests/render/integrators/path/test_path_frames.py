@@ -9,7 +9,8 @@ import pytest
 from tests.benchmarks.room import static_placement
 from tests.render.path_scenes import ball, described, matte, quad, towards
 from tiscene.render.integrators.path.path_frames import PathFrames
-from tiscene.render.integrators.path.path_pass import PathImage, PathPass
+from tiscene.render.integrators.path.path_image import PathImage
+from tiscene.render.integrators.path.path_pass import PathPass
 from tiscene.render.view import View
 from tiscene.scene.camera import Camera
 from tiscene.scene.description import DomeLight, Material, SceneDescription, SphereLight

@@ -41,7 +41,8 @@ from tiscene.render.integrators.incremental.path_cache import PathCache, state_s
 from tiscene.render.integrators.incremental.path_recording import AUXILIARY, light_column
 from tiscene.render.integrators.incremental.path_retracer import PathRetracer
 from tiscene.render.integrators.incremental.selected_paths import PathSelection
-from tiscene.render.integrators.path.path_pass import PathImage, PathPass
+from tiscene.render.integrators.path.path_image import PathImage
+from tiscene.render.integrators.path.path_pass import PathPass
 from tiscene.render.integrators.path.path_state import PathSamples, PathState
 from tiscene.render.sampling.sobol import frame_key, index_bits
 from tiscene.render.view import View

@@ -30,7 +30,7 @@ from tiscene.render.integrators.panorama.cell_files import CellFiles
 from tiscene.render.integrators.panorama.cell_store import CellStore
 from tiscene.render.integrators.panorama.panorama_kernels import BLOCK, TILE, WINDOW
 from tiscene.render.integrators.panorama.reprojection import Reprojection
-from tiscene.render.integrators.panorama.reprojection_kernels import EDGE, FAR
+from tiscene.render.integrators.panorama.reprojection_kernels import ALL_KNOWN, EDGE, FAR
 from tiscene.render.integrators.path.path_pass import PathPass
 from tiscene.render.integrators.path.path_state import FEATURE_COLUMNS
 from tiscene.render.intersect.ray_queue import RayArrays
@@ -184,12 +184,12 @@ class Panorama:
             needed[:, rows, columns] |= shown if own else blocks
         return Missing(np.argwhere(needed & (self._traced.slots < 0)), np.argwhere(blocks))
 
-    def image(self, view: View, points: Reprojection | None = None) -> tuple[FloatImage, NDArray[np.bool_]]:
+    def image(self, view: View, points: Reprojection | None = None) -> tuple[FloatImage, NDArray[np.int32]]:
         """Return the image of a view for which nothing is missing; arguments as of `missing`.
 
         Returns:
             float32 [h, w, columns + 3 * groups], columns: see `light_column`; then the denoised light of the groups.
-            bool [h, w], where the image is known: everywhere, seen from the center.
+            int32 [h, w], which subpixels are known, see `reproject`: all of them, seen from the center.
         """
         traced, denoised = self._traced, self._denoised
         image = np.empty((view.height, view.width, self._columns + denoised.columns), np.float32)
@@ -200,7 +200,7 @@ class Panorama:
         if points is not None:
             return image, points.image(*cells)
         kernels.resample(view.array(), view.width, view.height, *cells)
-        return image, np.ones(image.shape[:2], bool)
+        return image, np.full(image.shape[:2], ALL_KNOWN, np.int32)
 
     def complete(self, missing: Missing, view: View, progress: ProgressCallback) -> None:
         """Trace and denoise what is missing. Changes what the scene has placed.

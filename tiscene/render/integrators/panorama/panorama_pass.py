@@ -32,13 +32,18 @@ from tiscene.render.integrators.panorama.cell_files import CellFiles
 from tiscene.render.integrators.panorama.light_changes import REDUCTION, LightChanges
 from tiscene.render.integrators.panorama.panorama import CELL, DENOISER, PAGE, Panorama, PanoramaSettings
 from tiscene.render.integrators.panorama.reprojection import Reprojection
-from tiscene.render.integrators.path.path_pass import PathImage, PathPass
+from tiscene.render.integrators.panorama.reprojection_kernels import ALL_KNOWN, NONE_KNOWN, SUBPIXELS
+from tiscene.render.integrators.panorama.subpixels import Hidden, SubpixelPaths
+from tiscene.render.integrators.path.path_image import PathImage
+from tiscene.render.integrators.path.path_pass import PathPass
 from tiscene.render.sampling.sobol import frame_key
 from tiscene.render.view import View
 from tiscene.scene.placement import CURRENT, Placement
 
 FloatImage = NDArray[np.float32]
 
+UNKNOWN_SPP = 2  # paths per subpixel that the panorama does not know, by those of movers
+_NUMBERS = np.array([bits.bit_count() for bits in range(ALL_KNOWN + 1)], np.int32)  # of known subpixels
 CHANGES_DEPTH = 3  # largest number of segments of the paths that find movers' changes of light: one bounce
 # Frame numbers of keys whose random numbers then vary with the frame.
 CHANGES_FRAME, OPACITY_FRAME, MOVERS_FRAME = -7, -8, -9
@@ -50,25 +55,27 @@ class PanoramaImage(PathImage):
 
     Attributes:
         static: Radiance without the movers' changes of light on other surfaces, float32 [h, w, 3].
-        denoised: The same, denoised where `static_mask` is 1, except in gaps, float32 [h, w, 3].
+        denoised: What the panorama knows of it, denoised, float32 [h, w, 3].
+        hidden: What it does not know of pixels that are not `traced`.
         before: Irradiance of `static` at reduced size, float32 [h', w', 3], see `upsample.demodulate`.
         after: The same with the movers' changes of light; None if there are none.
         white: Albedo of the two, float32 [h', w', 3].
         reduced_normal: Normals at reduced size, float32 [h', w', 3].
-        static_mask: float32 [h, w, 1], 1 where light is that of static surfaces, else 0: at movers, and where the
-            panorama is not known.
-        gaps: bool [h, w], places a pixel or two wide where the panorama is not known. There the mask is 1.
+        traced: bool [h, w], pixels that show movers, or what the panorama does not know: they are path traced.
+        static_mask: float32 [h, w, 1], share of the light of pixels that is from the panorama: 0 where `traced`,
+            less than 1 beside edges that hide something from its center.
         panorama_spp: Samples per pixel of the panorama.
     """
 
     static: FloatImage
     denoised: FloatImage
+    hidden: Hidden
     before: FloatImage
     after: FloatImage | None
     white: FloatImage
     reduced_normal: FloatImage
+    traced: NDArray[np.bool_]
     static_mask: FloatImage
-    gaps: NDArray[np.bool_]
     panorama_spp: int
 
     def upsampled(self, change: FloatImage) -> FloatImage:
@@ -98,6 +105,7 @@ class PanoramaPass:
         self._panoramas: dict[tuple[Any, ...], Panorama] = {}  # least recently used first
         self._page_paths: PathPass | None = None
         self._changes: LightChanges | None = None
+        self._subpixels = SubpixelPaths(paths.scene)
         self._anchors, self._points = Anchors(paths.scene), Reprojection(paths.scene)
 
     @property
@@ -159,7 +167,7 @@ class PanoramaPass:
         Args:
             moving: bool [n], the instances that are not in the panorama, as for `prepare`.
             instance: The frame's label of that name, int32 [h, w].
-            spp: Paths per pixel in which a mover is visible.
+            spp: Paths per subpixel that shows a mover, or what the panorama does not.
         """
         groups = self.scene.placement.light_groups
         factors = np.ones((1, 3), np.float32) if groups is None else groups.factors
@@ -178,27 +186,30 @@ class PanoramaPass:
             found = block_means(movers[..., None].astype(np.float32), REDUCTION)[..., 0] > 0.0
             # Parts of movers between the pixels' centers are in no label.
             traced = dilated(movers | _enlarged(hits & ~found, instance.shape))
-        unknown = ~(self._known | traced)
-        gaps = unknown & ~dilated(~dilated(self._known))
-        static_mask = np.where(traced | (unknown & ~gaps), np.float32(0.0), np.float32(1.0))[..., None]
-        pixels = np.flatnonzero(traced | unknown).astype(np.int32)
-        if len(pixels):
-            rows = self._paths.sums(self._view, pixels, spp=spp, key=self._movers_key, max_depth=self._max_depth)
-            for pixel_values, first in ((radiance, 0), (albedo, 3), (normal, 6)):
-                pixel_values.reshape(-1, 3)[pixels] = rows[:, first : first + 3] / np.float32(spp)
+        number = _NUMBERS[self._known]
+        unknown = number < SUBPIXELS // 2
+        wide = unknown & dilated(~dilated(~unknown))  # not strips beside edges
+        samples = np.where(traced, spp, UNKNOWN_SPP * spp)
+        traced |= wide
+        static_mask = np.where(traced, np.float32(0.0), number * np.float32(1.0 / SUBPIXELS))[..., None]
+        hidden = self._subpixels.fill(
+            self._view, np.where(traced, np.int32(NONE_KNOWN), self._known), (radiance, denoised, albedo, normal),
+            spp=samples, key=self._movers_key, max_depth=self._max_depth,
+        )  # fmt: skip
         before, white, reduced_normal = demodulate(radiance, albedo, normal, REDUCTION)
         image = PanoramaImage(
             radiance,
             albedo,
             normal,
             radiance,
-            np.where(gaps[..., None], radiance, denoised),
+            denoised,
+            hidden,
             before,
             None,
             white,
             reduced_normal,
+            traced,
             static_mask,
-            gaps,
             self._panorama_spp,
         )
         if correction is None or self._changes is None or not correction[..., :3].any():
@@ -208,8 +219,7 @@ class PanoramaPass:
         scale = 1.0 / (reduced_albedo + ALBEDO_OFFSET)
         after = np.maximum(before + _filled((filtered - reduced_radiance) * scale, hits), 0.0)
         change = image.upsampled(_filled(correction[..., :3] * scale, hits))
-        hdr = radiance + np.where(gaps[..., None], np.float32(0.0), change)
-        return replace(image, hdr=hdr, after=after)
+        return replace(image, hdr=radiance + change, after=after)
 
     def _light(self, columns: Sequence[int], factors: FloatImage) -> FloatImage:
         """Return the sum of the groups' light in the static image, [h, w, 3], each from a column on."""

@@ -3,27 +3,178 @@
 
 import taichi as ti
 
-from tiscene.device.kernel_types import Float4s1, Floats2, Floats3, Ints1, Ints2, Ints3, Template, float4, vec3
+from tiscene.device.argument_bundles import bundled
+from tiscene.device.kernel_types import (
+    Float4s1,
+    Float8s1,
+    Floats2,
+    Floats3,
+    Ints1,
+    Ints2,
+    Ints3,
+    Template,
+    float4,
+    float8,
+    vec3,
+)  # fmt: skip
 from tiscene.render.integrators.panorama.panorama_kernels import BLOCK, denoised_row, place_on_cube, traced_row
-from tiscene.render.intersect.ray_queue import HitIds, Hits, Rays, ray_direction
+from tiscene.render.intersect.ray_queue import HitIds, Hits, Rays, ray_direction, write_ray
+from tiscene.render.intersect.surface_interaction import Geometry, surface_at
+from tiscene.render.view import camera_ray
 from tiscene.scene.material_table import FLAGS, GLASS, MAY_MIRROR
+from tiscene.scene.placement import CURRENT
 
 SIDE = 2  # subpixels along a side of a pixel
+SUBPIXELS = SIDE * SIDE
+ALL_KNOWN = (1 << SUBPIXELS) - 1  # bits of the subpixels of a pixel
+NONE_KNOWN = -1
+# Places of points in a pixel, to the right and down, as many for each subpixel. Those of edges belong to a lattice: no
+# two are in the same row or column.
+FLAT_PLACES = tuple((0.5 * (k % 2) - 0.25, 0.5 * (k // 2) - 0.25) for k in range(4))
+_LATTICE = [((k + 0.5) / 8.0 - 0.5, (5 * k % 8 + 0.5) / 8.0 - 0.5) for k in range(8)]
+EDGE_PLACES = tuple(sorted(_LATTICE, key=lambda place: (place[1] > 0.0, place[0] > 0.0)))
+FLAT_COUNT, EDGE_COUNT = len(FLAT_PLACES), len(EDGE_PLACES)
+FLATNESS = 0.01  # relative difference of the distances of a surface and of a plane in the same direction
 FAR = 1e5  # distance of the background, m
 DISTANCE_ERROR = 0.01  # relative difference of the distances of a cell and of a point that it shows
 EDGE = 0.95  # of the distance of a point: what is nearer there belongs to another surface
 LEAST_WEIGHT = 0.1  # of the cells around a point that show it
-LEAST_SUBPIXELS = 2  # of a pixel that are known
 
 
 @ti.kernel
-def find_points(
+@bundled
+def find_surfaces(
     count: ti.i32,
-    first: ti.i32,
     rays: Rays,
     hits: Hits,
     hit_ids: HitIds,
-    triangle_material: Ints1,
+    geometry: Geometry,
+    material_info: Ints2,
+    surfaces: Float8s1,
+):
+    """Find the planes that the rays of a pinhole camera hit.
+
+    Args:
+        count: Number of rays.
+        rays: Rays of a pinhole camera.
+        hits: Their hits, at distances from the camera.
+        hit_ids: Their instances and triangles.
+        geometry: Of the scene.
+        material_info: Of the scene.
+        surfaces: Output, for each ray the point as seen from the camera, world, m; 1 where it looks alike from
+            anywhere, else 0; the normal; and 0.
+    """
+    for i in range(count):
+        direction = ray_direction(rays, i)
+        distance, alike, normal = FAR, 1.0, -direction
+        if hit_ids[i][0] >= 0:
+            distance = hits[i][0]
+            alike = looks_alike(geometry, material_info, hit_ids[i][1])
+            surface = surface_at(geometry, hit_ids[i][0], hit_ids[i][1], hits[i][1], hits[i][2], CURRENT, direction)
+            normal = surface.geometric_normal
+        point = distance * direction
+        surfaces[i] = float8(point.x, point.y, point.z, alike, normal.x, normal.y, normal.z, 0.0)
+
+
+@ti.func
+def looks_alike(geometry: Template, material_info: Template, triangle: ti.i32) -> ti.f32:
+    """Return 1 for a triangle whose radiance is about the same in all directions, 0 for mirrors and glass."""
+    flags = material_info[geometry.triangle_material[triangle], FLAGS]
+    return ti.select(flags & (GLASS | MAY_MIRROR) == 0, 1.0, 0.0)
+
+
+@ti.kernel
+def find_edges(surfaces: Float8s1, edges: Ints2):
+    """Set edges[y, x] to 1 for each pixel that may show something else than its neighbors do, else to 0.
+
+    Args:
+        surfaces: Of `find_surfaces`, for the centers of all pixels.
+        edges: Output, i32 [h, w].
+    """
+    height, width = edges.shape[0], edges.shape[1]
+    for pixel in range(width * height):
+        here = surfaces[pixel]
+        point, normal = vec3(here[0], here[1], here[2]), vec3(here[4], here[5], here[6])
+        edge = 0
+        for row, column in ti.static(((0, 1), (1, 0), (1, 2), (2, 1))):
+            y = ti.math.clamp(pixel // width + row - 1, 0, height - 1)
+            x = ti.math.clamp(pixel % width + column - 1, 0, width - 1)
+            other = surfaces[y * width + x]
+            on_plane = normal.dot(point) / ti.min(normal.dot(vec3(other[0], other[1], other[2])), -1e-6)
+            if other[3] != here[3] or ti.abs(on_plane - 1.0) > FLATNESS:
+                edge = 1
+        edges[pixel // width, pixel % width] = edge
+
+
+@ti.kernel
+def extend_surfaces(
+    pixels: Ints1,
+    surfaces: Float8s1,
+    view: Floats2,
+    width: ti.i32,
+    height: ti.i32,
+    offset_x: ti.f32,
+    offset_y: ti.f32,
+    offset_z: ti.f32,
+    points: Float4s1,
+):
+    """Find the points of the subpixels of pixels that show one plane each.
+
+    Args:
+        pixels: The pixels, y * width + x.
+        surfaces: Of `find_surfaces`, for the centers of all pixels.
+        view: The view, of a pinhole camera.
+        width, height: Image size, px.
+        offset_x, offset_y, offset_z: From the anchor to the camera, world, m.
+        points: Output, for each subpixel the point as seen from the anchor, world, m; and 1 where it looks
+            alike from there, else 0.
+    """
+    for i in range(pixels.shape[0]):
+        here = surfaces[pixels[i]]
+        point, normal = vec3(here[0], here[1], here[2]), vec3(here[4], here[5], here[6])
+        for s in ti.static(range(FLAT_COUNT)):
+            right, down = FLAT_PLACES[s]
+            _, direction = camera_ray(
+                view, CURRENT, pixels[i] % width + right, pixels[i] // width + down, width, height
+            )
+            distance = normal.dot(point) / ti.min(normal.dot(direction), -1e-6)
+            # Almost parallel to the plane, half a pixel may be far along it.
+            distance = ti.math.clamp(distance, EDGE * point.norm(), point.norm() / EDGE)
+            seen = vec3(offset_x, offset_y, offset_z) + distance * direction
+            points[i * FLAT_COUNT + s] = float4(seen.x, seen.y, seen.z, here[3])
+
+
+@ti.kernel
+def subpixel_rays(
+    pixels: Ints1, first: ti.i32, count: ti.i32, view: Floats2, width: ti.i32, height: ti.i32, rays: Rays
+):
+    """Generate the rays through EDGE_PLACES of some pixels.
+
+    Args:
+        pixels: Pixels, y * width + x.
+        first: The first of them.
+        count: Their number.
+        view: The view, of a pinhole camera.
+        width, height: Image size, px.
+        rays: Output.
+    """
+    for i in range(count):
+        x, y = pixels[first + i] % width, pixels[first + i] // width
+        for s in ti.static(range(EDGE_COUNT)):
+            right, down = EDGE_PLACES[s]
+            origin, direction = camera_ray(view, CURRENT, x + right, y + down, width, height)
+            write_ray(rays, i * EDGE_COUNT + s, origin, direction, ti.math.inf)
+
+
+@ti.kernel
+@bundled
+def find_points(
+    first: ti.i32,
+    count: ti.i32,
+    rays: Rays,
+    hits: Hits,
+    hit_ids: HitIds,
+    geometry: Geometry,
     material_info: Ints2,
     offset_x: ti.f32,
     offset_y: ti.f32,
@@ -33,20 +184,21 @@ def find_points(
     """Find where rays hit.
 
     Args:
-        count: Number of rays.
         first: Row of the first one's point.
+        count: Number of rays.
         rays: Rays of a pinhole camera.
         hits: Their hits, at distances from the camera.
+        hit_ids: Their instances and triangles.
+        geometry: Of the scene.
+        material_info: Of the scene.
         offset_x, offset_y, offset_z: From the anchor to the camera, world, m.
-        points: Output, for each ray the point as seen from the anchor, world, m; and 1 where it looks alike from there,
-            else 0.
+        points: Output, as of `extend_surfaces`, for each ray.
     """
     for i in range(count):
         distance, alike = FAR, 1.0
         if hit_ids[i][0] >= 0:
             distance = hits[i][0]
-            if material_info[triangle_material[hit_ids[i][1]], FLAGS] & (GLASS | MAY_MIRROR) != 0:
-                alike = 0.0
+            alike = looks_alike(geometry, material_info, hit_ids[i][1])
         seen = vec3(offset_x, offset_y, offset_z) + distance * ray_direction(rays, i)
         points[first + i] = float4(seen.x, seen.y, seen.z, alike)
 
@@ -65,15 +217,16 @@ def cells_around(seen: vec3, size: ti.i32):
 
 
 @ti.kernel
-def find_blocks(points: Float4s1, size: ti.i32, needed: Ints3):
+def find_blocks(points: Float4s1, count: ti.i32, size: ti.i32, needed: Ints3):
     """Set needed[face, row, column] to 1 for each block with a cell around a point.
 
     Args:
         points: The points.
+        count: Their number.
         size: Cells along a side of a face.
         needed: Output, i32 [6, blocks, blocks], zeros before.
     """
-    for i in range(points.shape[0]):
+    for i in range(count):
         first, _ = cells_around(points[i].xyz, size)
         for y, x in ti.static(ti.ndrange(2, 2)):
             row, column = ti.math.clamp(first[1] + y, 0, size - 1), ti.math.clamp(first[2] + x, 0, size - 1)
@@ -82,7 +235,9 @@ def find_blocks(points: Float4s1, size: ti.i32, needed: Ints3):
 
 @ti.kernel
 def reproject(
+    pixels: Ints1,
     points: Float4s1,
+    count: Template,
     size: ti.i32,
     tiles: Ints3,
     traced: Floats2,
@@ -93,10 +248,12 @@ def reproject(
     image: Floats3,
     known: Ints2,
 ):
-    """Average for each pixel the cells that show its points.
+    """Average for each of some pixels the cells that show its points.
 
     Args:
-        points: One per subpixel, rows of an image of SIDE times the size.
+        pixels: The pixels, y * width + x.
+        points: Their points.
+        count: Number of points of a pixel.
         size: Cells along a side of a face.
         tiles: i32 [6, tiles + 2, tiles + 2], place of each tile in `traced`, in tiles; the outermost are the margin.
         traced: f32 [slots * TILE * TILE, columns + 1], the distance in the last column, see `Panorama`.
@@ -104,44 +261,63 @@ def reproject(
         blocks: i32 [6, blocks, blocks], place of each block in `denoised`, in blocks.
         denoised: f32 [slots * BLOCK * BLOCK, denoised_columns].
         denoised_columns: Their number of columns.
-        image: Output, f32 [h, w, columns + denoised_columns].
-        known: Output, i32 [h, w], 1 where enough subpixels have cells that show their points, else 0.
+        image: Output, f32 [h, w, columns + denoised_columns], means over the subpixels that are known.
+        known: Output, i32 [h, w], one bit for each subpixel, set if cells show its points.
     """
-    height, width = known.shape[0], known.shape[1]
-    for pixel in range(width * height):
+    width = known.shape[1]
+    for i in range(pixels.shape[0]):
         sums = ti.Vector.zero(ti.f32, columns + denoised_columns)
-        count = 0
-        corner = pixel // width * SIDE * width * SIDE + pixel % width * SIDE
+        bits = 0
         least, most = FAR, 0.0
-        for y, x in ti.ndrange(SIDE, SIDE):
-            distance = points[corner + y * width * SIDE + x].xyz.norm()
+        for k in range(count):
+            distance = points[i * count + k].xyz.norm()
             least, most = ti.min(least, distance), ti.max(most, distance)
         has_edge = least < EDGE * most
         tolerance = DISTANCE_ERROR + ti.min(1.0 - least / most, 1.0 - EDGE)  # surfaces may be slanted
-        for y, x in ti.ndrange(SIDE, SIDE):
-            shown = points[corner + y * width * SIDE + x]
-            distance = shown.xyz.norm()
-            first, within = cells_around(shown.xyz, size)
-            part = ti.Vector.zero(ti.f32, columns + denoised_columns)
-            total = 0.0
-            for down, right in ti.static(ti.ndrange(2, 2)):
-                row, column = ti.math.clamp(first[1] + down, 0, size - 1), ti.math.clamp(first[2] + right, 0, size - 1)
-                weight = ti.abs(1 - down - within[0]) * ti.abs(1 - right - within[1])
-                cell = traced_row(tiles, first[0], row, column)
-                measured = traced[cell, columns]
-                # Cells behind an edge show some of what is in front, which the pixel must show too.
-                if has_edge:
-                    measured = ti.abs(measured)
-                if ti.abs(measured - distance) < tolerance * distance:
-                    total += weight
-                    for c in ti.static(range(columns)):
-                        part[c] += weight * traced[cell, c]
-                    cell = denoised_row(blocks, first[0], row, column)
-                    for c in ti.static(range(denoised_columns)):
-                        part[columns + c] += weight * denoised[cell, c]
-            if total > LEAST_WEIGHT and shown.w > 0.0:
-                count += 1
-                sums += part / total
-        known[pixel // width, pixel % width] = ti.cast(count >= LEAST_SUBPIXELS, ti.i32)
+        for subpixel in range(SUBPIXELS):
+            mean = ti.Vector.zero(ti.f32, columns + denoised_columns)
+            is_known = True
+            for k in range(subpixel * (count // SUBPIXELS), (subpixel + 1) * (count // SUBPIXELS)):
+                shown = points[i * count + k]
+                distance = shown.xyz.norm()
+                first, within = cells_around(shown.xyz, size)
+                part = ti.Vector.zero(ti.f32, columns + denoised_columns)
+                total = 0.0
+                for down, right in ti.static(ti.ndrange(2, 2)):
+                    row = ti.math.clamp(first[1] + down, 0, size - 1)
+                    column = ti.math.clamp(first[2] + right, 0, size - 1)
+                    weight = ti.abs(1 - down - within[0]) * ti.abs(1 - right - within[1])
+                    cell = traced_row(tiles, first[0], row, column)
+                    measured = traced[cell, columns]
+                    # Cells behind an edge show some of what is in front, which the pixel must show too.
+                    if has_edge:
+                        measured = ti.abs(measured)
+                    if ti.abs(measured - distance) < tolerance * distance:
+                        total += weight
+                        for c in ti.static(range(columns)):
+                            part[c] += weight * traced[cell, c]
+                        cell = denoised_row(blocks, first[0], row, column)
+                        for c in ti.static(range(denoised_columns)):
+                            part[columns + c] += weight * denoised[cell, c]
+                if total > LEAST_WEIGHT and shown.w > 0.0:
+                    mean += part / total
+                else:
+                    is_known = False
+            if is_known:
+                bits |= 1 << subpixel
+                sums += mean / (count // SUBPIXELS)
+        y, x = pixels[i] // width, pixels[i] % width
+        known[y, x] = bits
+        number = known_subpixels(bits)
         for c in ti.static(range(columns + denoised_columns)):
-            image[pixel // width, pixel % width, c] = sums[c] / ti.max(count, 1)
+            image[y, x, c] = sums[c] / ti.max(number, 1)
+
+
+@ti.func
+def known_subpixels(bits: ti.i32) -> ti.i32:
+    """Return the number of subpixels whose bits are set."""
+    number = 0
+    if bits != NONE_KNOWN:
+        for subpixel in ti.static(range(SUBPIXELS)):
+            number += bits >> subpixel & 1
+    return number

@@ -9,6 +9,7 @@ edition, chapter 15.
 ::
 
     path_pass          PathPass, the host side of the loop above
+    path_image         PathImage, what they render
     path_frames        PathFrames: several frames in one wavefront
     frame_stack        what tells the paths of these frames apart
     path_scene         scene arrays for the kernels

@@ -7,11 +7,11 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from tiscene.device.memory import upload
 from tiscene.render.integrators.path import wavefront_kernels as kernels
 from tiscene.render.integrators.path.frame_stack import FrameStack
-from tiscene.render.integrators.path.path_pass import PathImage, PathPass
-from tiscene.render.integrators.path.path_state import FILM_COLUMNS, PathSamples
+from tiscene.render.integrators.path.path_image import PathImage
+from tiscene.render.integrators.path.path_pass import PathPass
+from tiscene.render.integrators.path.path_state import PathSamples
 from tiscene.render.intersect.ray_queue import upload_pixels
 from tiscene.render.sampling.sobol import frame_key, index_bits
 from tiscene.render.view import View
@@ -95,15 +95,12 @@ class PathFrames(PathPass):
         shape = count * self.height, self.width
         hdr, albedo, normal = (np.empty((*shape, 3), np.float32) for _ in range(3))
         dropped = np.empty(shape, np.int32)
-        kernels.develop(self.film, self.width, shape[0], spp, hdr, albedo, normal, dropped)
+        kernels.develop(self.film, self.pixels, spp, hdr, albedo, normal, dropped)
         self.nonfinite = int(dropped.sum())
         rows = [slice(row, row + self.height) for row in range(0, shape[0], self.height)]
         return [PathImage(*(each[part].copy() for each in (hdr, albedo, normal))) for part in rows]
 
     def _reserve(self, frames: int) -> None:
-        """Make pixels and film of this many frames below each other."""
-        pixels = self.width * self.height
-        if self.pixels.shape[0] == frames * pixels:
-            return
-        self.pixels = upload_pixels(self.order, self.width, self.height, frames)
-        self.film = upload(np.zeros((frames * pixels, FILM_COLUMNS), np.float32))
+        """Make the pixels of this many frames below each other."""
+        if self._pixels is None or self._pixels.shape[0] != frames * self.width * self.height:
+            self._pixels = upload_pixels(self.order, self.width, self.height, frames)

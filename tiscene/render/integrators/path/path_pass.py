@@ -10,24 +10,26 @@ from __future__ import annotations
 import contextlib
 import math
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
+import taichi as ti
 from numpy.typing import NDArray
 
-from tiscene.device.memory import upload
+from tiscene.device.memory import device_array, upload
 from tiscene.device.vector_mode import vector_mode
 from tiscene.errors import ArgumentError
 from tiscene.render.bsdfs.energy_tables import energy_tables
 from tiscene.render.integrators.path import wavefront_kernels as kernels
 from tiscene.render.integrators.path.frame_stack import FrameStack
 from tiscene.render.integrators.path.last_segment import finish_at_lights
+from tiscene.render.integrators.path.path_image import PathImage
 from tiscene.render.integrators.path.path_scene import PathScene, SceneArrays
 from tiscene.render.integrators.path.path_state import CHUNK, FILM_COLUMNS, PathSamples, PathState
 from tiscene.render.integrators.path.shading import shade
 from tiscene.render.integrators.path.shadow_rays import continue_shadow_rays
-from tiscene.render.intersect.ray_queue import tiled_order, upload_pixels
+from tiscene.render.intersect.ray_queue import tiled_order, tiled_ranks, upload_pixels
 from tiscene.render.intersect.surface_interaction import geometry_of
 from tiscene.render.intersect.trace import closest, occluded
 from tiscene.render.sampling.pixel_filter import pixel_filter as pixel_filter_named
@@ -37,27 +39,9 @@ from tiscene.scene.device_scene import DeviceScene
 from tiscene.scene.lights.light_table import LightArrays
 from tiscene.scene.placement import CURRENT
 
-FloatImage = NDArray[np.float32]
-
-
 # Paths in flight. Smaller batches would fit a CPU's cache, but threads would wait for each other more often: 2^15 was
 # measured to take a third longer.
 BATCH_SIZE = 1 << 20
-
-
-@dataclass(frozen=True, eq=False)
-class PathImage:
-    """Images of a path-traced frame, float32 [height, width, 3], means over the samples of each pixel.
-
-    Attributes:
-        hdr: Scene-linear Rec.709 radiance, W/m²/sr.
-        albedo: Denoiser feature, 0..1: diffuse albedo of the first surface that is neither mirror nor clear glass.
-        normal: Denoiser feature: shading normal of that surface, world space, of unit length before averaging.
-    """
-
-    hdr: FloatImage
-    albedo: FloatImage
-    normal: FloatImage
 
 
 class PathPass:
@@ -74,8 +58,7 @@ class PathPass:
     Attributes:
         background: Radiance of camera rays that hit nothing, or SKY; that of the view rendered last.
         order: i32 [pixels], y * width + x, in the order in which paths are traced.
-        pixels: The same on the device, see `upload_pixels`.
-        film: f32 [pixels, FILM_COLUMNS] on the device, sums over the samples.
+        film: f32 [at least as many as `pixels`, FILM_COLUMNS] on the device, sums over the samples of each.
         nonfinite: Number of infinite or NaN samples in the last image. They are left out of the means.
 
     Raises:
@@ -104,11 +87,18 @@ class PathPass:
         self.pixel_filter = upload(pixel_filter_named(pixel_filter).table())
         self._clamp = math.inf if clamp is None else clamp
         self.order = tiled_order(width, height)
-        self.pixels = upload_pixels(self.order, width, height)
-        self.film = upload(np.zeros((width * height, FILM_COLUMNS), np.float32))
+        self._pixels: Any = None
+        self.film: Any = None
         self._stack = FrameStack.single()
         self._energy: Any = None
         self._energy_key: tuple[Any, ...] | None = None
+
+    @property
+    def pixels(self) -> Any:
+        """The pixels that are traced, on the device, see `upload_pixels`."""
+        if self._pixels is None:
+            self._pixels = upload_pixels(self.order, self.width, self.height)
+        return self._pixels
 
     def render(
         self,
@@ -177,9 +167,11 @@ class PathPass:
             scene: Scene data; None: `scene_arrays()`.
         """
         self._check(view, spp, max_depth)
-        with self.restricted_to(upload_pixels(self.order[np.isin(self.order, pixels)], self.width, self.height)):
+        order = np.argsort(tiled_ranks(self.width, self.height)[pixels]).astype(np.int32)
+        with self.restricted_to(upload_pixels(pixels[order], self.width, self.height)):
             self._trace(view, len(pixels), PathSamples(spp, index_bits(spp), key), max_depth, scene=scene)
-        rows: NDArray[np.float32] = self.film.to_numpy()[pixels]
+        rows = np.empty((len(pixels), FILM_COLUMNS), np.float32)
+        kernels.read_film(self.film, order, rows)
         return rows
 
     def warm_up(self, view: View, emission: Callable[[], bool]) -> Iterator[None]:
@@ -190,6 +182,7 @@ class PathPass:
             emission: Called last: whether the scene has emissive surfaces, which selects the variant of `shade`.
         """
         scene, state, samples = self.scene_arrays(), PathState(CHUNK), PathSamples(1, 0, 0)
+        self._make_film(self.width * self.height)
         self._trace_batch(scene, view, state, 0, 0, samples, 0, 1)
         closest(self.scene, CURRENT, state.rays, state.queue, 0, state.hits, state.hit_ids)
         self.cast_shadows(scene, state, 0, 0, 0, samples)
@@ -200,11 +193,11 @@ class PathPass:
     @contextlib.contextmanager
     def restricted_to(self, pixels: Any) -> Iterator[None]:
         """Number paths by these pixels, made by `upload_pixels`, instead of by all pixels of the image."""
-        all_pixels, self.pixels = self.pixels, pixels
+        all_pixels, self._pixels = self._pixels, pixels
         try:
             yield
         finally:
-            self.pixels = all_pixels
+            self._pixels = all_pixels
 
     def start(self, view: View, state: PathState, first: int, count: int, samples: PathSamples) -> None:
         """Generate the camera rays of paths first .. first + count - 1 and queue them."""
@@ -352,6 +345,7 @@ class PathPass:
         scene: PathScene | None = None,
     ) -> None:
         """Trace paths through the first `pixel_count` of `self.pixels`, in batches, and add them to the film."""
+        self._make_film(pixel_count)
         total = pixel_count * samples.spp
         size = min(self._batch_size, -(-total // CHUNK) * CHUNK)
         if self._state is None or self._state.size < size:
@@ -363,6 +357,11 @@ class PathPass:
             self._trace_batch(scene, view, self._state, first, min(size, total - first), samples, max_depth, int(mis))
             if progress:
                 progress(min(1.0, (first + size) / total))
+
+    def _make_film(self, pixel_count: int) -> None:
+        """Make a film for so many pixels."""
+        if self.film is None or self.film.shape[0] < pixel_count:
+            self.film = device_array(ti.f32, (pixel_count, FILM_COLUMNS))
 
     def _trace_batch(
         self,
@@ -395,6 +394,6 @@ class PathPass:
         shape = (self.height, self.width)
         hdr, albedo, normal = (np.empty((*shape, 3), np.float32) for _ in range(3))
         dropped = np.empty(shape, np.int32)
-        kernels.develop(self.film, self.width, self.height, spp, hdr, albedo, normal, dropped)
+        kernels.develop(self.film, self.pixels, spp, hdr, albedo, normal, dropped)
         self.nonfinite = int(dropped.sum())
         return PathImage(hdr, albedo, normal)

@@ -249,12 +249,11 @@ def accumulate(
 
     Args:
         clamp: Limit of the largest channel of a path's radiance, W/m²/sr; infinity to disable.
-        film: f32 [pixels, FILM_COLUMNS].
+        film: f32 [pixels, FILM_COLUMNS], in the order of `pixels`.
         keys, stacked: `FrameStack.arguments`.
     """
     single_keys = set_keys(frame_key, PIXEL_SET)
     for rank in range(first // spp, (first + count - 1) // spp + 1):
-        pixel = pixels[rank][ROW]
         begin, end = ti.max(first, rank * spp), ti.min(first + count, (rank + 1) * spp)
         is_first = begin == rank * spp and first_sample == 0
         sums = ti.Vector.zero(ti.f32, FILM_COLUMNS)
@@ -263,7 +262,7 @@ def accumulate(
             pixel_keys = set_keys(key_of(frame_key, keys, begin, stacked), PIXEL_SET)
         if not is_first:
             for c in ti.static(range(FILM_COLUMNS)):
-                sums[c] = film[pixel, c]
+                sums[c] = film[rank, c]
         for path in range(begin, end):
             i = path - first
             radiance = get3(state, i, RADIANCE)
@@ -283,14 +282,21 @@ def accumulate(
             for c in ti.static(range(FEATURE_COLUMNS)):
                 sums[3 + c] += features[i, c]
         for c in ti.static(range(FILM_COLUMNS)):
-            film[pixel, c] = sums[c]
+            film[rank, c] = sums[c]
+
+
+@ti.kernel
+def read_film(film: Floats2, rows: Ints1, values: Floats2):
+    """Copy rows of the film to the rows `rows` of `values`."""
+    for rank in range(rows.shape[0]):
+        for c in range(values.shape[1]):
+            values[rows[rank], c] = film[rank, c]
 
 
 @ti.kernel
 def develop(
     film: Floats2,
-    width: ti.i32,
-    height: ti.i32,
+    pixels: Pixels,
     spp: ti.i32,
     hdr: Floats3,
     albedo: Floats3,
@@ -302,11 +308,12 @@ def develop(
     Args:
         dropped: Output, i32 [height, width], number of non-finite samples of each pixel.
     """
-    for pixel in range(width * height):
-        x, y = pixel % width, pixel // width
-        valid = ti.max(spp - film[pixel, DROPPED], 1.0)
+    width = hdr.shape[1]
+    for rank in range(width * hdr.shape[0]):
+        x, y = pixels[rank][ROW] % width, pixels[rank][ROW] // width
+        valid = ti.max(spp - film[rank, DROPPED], 1.0)
         for c in ti.static(range(3)):
-            hdr[y, x, c] = film[pixel, c] / valid
-            albedo[y, x, c] = film[pixel, 3 + c] / spp
-            normal[y, x, c] = film[pixel, 6 + c] / spp
-        dropped[y, x] = ti.cast(film[pixel, DROPPED], ti.i32)
+            hdr[y, x, c] = film[rank, c] / valid
+            albedo[y, x, c] = film[rank, 3 + c] / spp
+            normal[y, x, c] = film[rank, 6 + c] / spp
+        dropped[y, x] = ti.cast(film[rank, DROPPED], ti.i32)

@@ -1,0 +1,77 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Path-traced subpixels, and the light of hidden parts of pixels."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from tests.render.integrators.panorama.test_panorama_pass import SurroundedBalls, view_at
+from tiscene.render.integrators.panorama.reprojection_kernels import ALL_KNOWN, NONE_KNOWN, SUBPIXELS
+from tiscene.render.integrators.panorama.subpixels import Hidden, SubpixelPaths
+
+pytestmark = pytest.mark.usefixtures("taichi")
+
+VIEW = view_at(0.0)
+SHAPE = VIEW.height, VIEW.width, 3
+
+
+@pytest.fixture(scope="module")
+def scene() -> SurroundedBalls:
+    scene = SurroundedBalls(lights="sky and bulb")
+    scene.device.place(scene.at())
+    return scene
+
+
+def filled(scene: SurroundedBalls, known: np.ndarray, value: float, spp: int = 16) -> tuple[list[np.ndarray], Hidden]:
+    """Fill images of one value."""
+    images = [np.full(SHAPE, value, np.float32) for _ in range(4)]
+    radiance, denoised, albedo, normal = images
+    each = np.full(SHAPE[:2], spp)
+    paths = SubpixelPaths(scene.device)
+    return images, paths.fill(VIEW, known, (radiance, denoised, albedo, normal), spp=each, key=3, max_depth=4)
+
+
+def test_known_pixels_stay(scene: SurroundedBalls) -> None:
+    known = np.full(SHAPE[:2], ALL_KNOWN, np.int32)
+    known[5, 7] = NONE_KNOWN
+    images, hidden = filled(scene, known, 0.25)
+    for image in images[:3]:
+        assert (image[known == ALL_KNOWN] == np.float32(0.25)).all()
+    assert (images[3][known == NONE_KNOWN] != np.float32(0.25)).any()
+    assert not hidden.light.any()
+
+
+def test_pixels_of_which_nothing_is_known_are_path_traced(scene: SurroundedBalls) -> None:
+    images, _ = filled(scene, np.full(SHAPE[:2], NONE_KNOWN, np.int32), 9.0)
+    truth = scene.paths.render(VIEW, frame_index=0, seed=5, spp=64, max_depth=4)
+    expected = truth.hdr, truth.hdr * 0.0, truth.albedo, truth.normal
+    for image, other in zip(images, expected, strict=True):
+        assert image.mean() == pytest.approx(other.mean(), rel=0.02, abs=1e-6)
+
+
+def test_known_and_traced_subpixels_add_up(scene: SurroundedBalls) -> None:
+    # One quarter of each pixel is known, and black.
+    images, hidden = filled(scene, np.full(SHAPE[:2], 1, np.int32), 0.0)
+    whole, _ = filled(scene, np.full(SHAPE[:2], NONE_KNOWN, np.int32), 0.0)
+    share = (SUBPIXELS - 1) / SUBPIXELS
+    for image, other in ((images[0], whole[0]), (images[2], whole[2]), (images[3], whole[3])):
+        assert image.mean() == pytest.approx(share * other.mean(), rel=0.03)
+    assert not images[1].any()
+    assert hidden.albedo.mean() == pytest.approx(whole[2].mean(), rel=0.03)
+    assert hidden.light.mean() == pytest.approx(images[0].mean(), rel=0.1)
+    noise, raw = ((each - images[0].mean()) ** 2 for each in (hidden.light, images[0]))
+    assert noise[8:16, 8:16].mean() < raw[8:16, 8:16].mean()  # a wall, where the average is over many alike
+    assert (hidden.share > 0.0).all()
+    assert hidden.share.max() < 0.5
+
+
+def test_light_of_few_samples_is_that_which_is_expected() -> None:
+    expected = np.full((1, 4, 3), 0.5, np.float32)
+    hidden = Hidden.none((1, 4, 3))
+    hidden.light[0] = np.array([0.0, 0.7, 0.7, 3.0])[:, None]
+    hidden.share[0] = (1.0, 0.001, 0.001, 0.01)
+    hidden.variance[0] = (0.0, 0.2, 1e-5, 0.1)
+    estimate = hidden.estimate(expected)[0, :, 0]
+    np.testing.assert_allclose(estimate[:2], 0.5)  # black, but few samples; and noisy
+    np.testing.assert_allclose(estimate[2:], (0.7, 3.0), rtol=0.02)

@@ -1,0 +1,209 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Subpixels that a panorama does not know: path traced one by one, and added to what it knows of their pixels.
+
+Beside edges, a walking camera sees a strip of what the edge hides from the panorama's center, often narrower than a
+pixel. Paths through those subpixels alone have less variance than paths through whole pixels.
+"""
+
+from dataclasses import replace
+from typing import NamedTuple, Self
+
+import numpy as np
+import taichi as ti
+from numpy.typing import NDArray
+
+from tiscene.device.kernel_types import Floats2, Floats3, Ints2, Template, vec3
+from tiscene.render.film.upsample import ALBEDO_OFFSET
+from tiscene.render.integrators.panorama.reprojection_kernels import NONE_KNOWN, SIDE, SUBPIXELS, known_subpixels
+from tiscene.render.integrators.path.path_pass import PathPass
+from tiscene.render.integrators.path.path_state import FILM_COLUMNS
+from tiscene.render.view import View
+from tiscene.scene.device_scene import DeviceScene
+
+FloatImage = NDArray[np.float32]
+
+REACH = 5  # subpixels to each side over which path-traced light is averaged
+_BITS = np.arange(SUBPIXELS, dtype=np.int32).reshape(SIDE, SIDE)  # of the subpixels of a pixel
+
+
+class Hidden(NamedTuple):
+    """Path-traced parts of pixels that edges hide from the center of a panorama; 0 elsewhere.
+
+    Attributes:
+        light: Their part of the pixel's radiance, with the irradiance averaged around them, float32 [h, w, 3].
+        albedo: Their albedo, float32 [h, w, 3].
+        normal: Their normal, float32 [h, w, 3].
+        variance: Of `light`, the sum over red, green and blue, as the samples' own variance suggests, float32 [h, w].
+        share: One over the number of samples that were averaged, float32 [h, w].
+    """
+
+    light: FloatImage
+    albedo: FloatImage
+    normal: FloatImage
+    variance: FloatImage
+    share: FloatImage
+
+    @classmethod
+    def none(cls, shape: tuple[int, ...]) -> Self:
+        """Return images of zeros; shape: [h, w, 3]."""
+        lengths = shape, shape, shape, shape[:2], shape[:2]
+        return cls(*(np.zeros(each, np.float32) for each in lengths))
+
+    def estimate(self, expected: FloatImage) -> FloatImage:
+        """Return `light`, moved towards what is expected as far as its error does not tell them apart.
+
+        A positive-part James-Stein estimate. The variance is at least that which samples of the expected light have if
+        they are exponentially distributed: a few dark samples do not make a black surface.
+
+        Args:
+            expected: Light from other sources, float32 [h, w, 3].
+        """
+        variance = np.maximum(self.variance, self.share * (expected**2).sum(axis=-1))[..., None]
+        difference = self.light - expected
+        distance = np.maximum((difference**2).sum(axis=-1, keepdims=True), np.float32(1e-12))
+        result: FloatImage = expected + np.maximum(1.0 - variance / distance, 0.0) * difference
+        return result
+
+
+class SubpixelPaths:
+    """Traces paths through subpixels.
+
+    Args:
+        scene: The scene.
+    """
+
+    def __init__(self, scene: DeviceScene) -> None:
+        self._scene = scene
+        self._paths: PathPass | None = None
+
+    def fill(
+        self,
+        view: View,
+        known: NDArray[np.int32],
+        images: tuple[FloatImage, FloatImage, FloatImage, FloatImage],
+        *,
+        spp: NDArray[np.int64],
+        key: int,
+        max_depth: int,
+    ) -> Hidden:
+        """Add the subpixels that are not known to images, in place.
+
+        Args:
+            view: Camera and image size.
+            known: int32 [h, w], bits of the known subpixels, see `reproject`; NONE_KNOWN where a pixel shows something
+                else altogether.
+            images: Radiance, denoised radiance, albedo and normal, float32 [h, w, 3], means over the known subpixels.
+                Of the denoised radiance, hidden parts of pixels are left out as if they were black.
+            spp: int [h, w], paths per subpixel.
+            key: Key of the random numbers, see `frame_key`.
+            max_depth: Largest number of segments of a path.
+
+        Returns:
+            What is hidden in pixels with known subpixels, and beside them.
+        """
+        unknown = (~known[:, None, :, None] >> _BITS[:, None, :] & 1 > 0) | (known == NONE_KNOWN)[:, None, :, None]
+        view = replace(view, width=SIDE * view.width, height=SIDE * view.height)
+        if self._paths is None:
+            self._paths = PathPass(self._scene, view.width, view.height)
+        rows, samples = np.full((view.height, view.width), -1, np.int32), [np.zeros((0, FILM_COLUMNS), np.float32)]
+        for count in np.unique(spp).tolist():
+            pixels = np.flatnonzero(unknown & (spp == count)[:, None, :, None]).astype(np.int32)
+            if len(pixels):
+                rows.reshape(-1)[pixels] = sum(map(len, samples)) + np.arange(len(pixels), dtype=np.int32)
+                sums = self._paths.sums(view, pixels, spp=count, key=key, max_depth=max_depth)
+                samples.append(sums / np.float32(count))
+        hidden = Hidden.none(images[0].shape)
+        _fill(rows, np.concatenate(samples), known, *images, *hidden)
+        return hidden
+
+
+@ti.kernel
+def _fill(
+    rows: Ints2,
+    samples: Floats2,
+    known: Ints2,
+    radiance: Floats3,
+    denoised: Floats3,
+    albedo: Floats3,
+    normal: Floats3,
+    hidden_light: Floats3,
+    hidden_albedo: Floats3,
+    hidden_normal: Floats3,
+    hidden_variance: Floats2,
+    hidden_share: Floats2,
+):
+    """Add path-traced subpixels to the means over those that are known.
+
+    Args:
+        rows: i32 [SIDE * h, SIDE * w], row of each subpixel in `samples`; -1: it is known.
+        samples: f32 [n, at least 9], radiance, albedo and normal of subpixels.
+        known: i32 [h, w], of `reproject`; NONE_KNOWN where a pixel shows something else altogether.
+        radiance, albedo, normal: Input and output, f32 [h, w, 3].
+        denoised: The same; the path-traced subpixels are left out as if they were black.
+        hidden_light, hidden_albedo, hidden_normal, hidden_variance, hidden_share: Outputs, zeros before, see `Hidden`.
+    """
+    height, width = known.shape[0], known.shape[1]
+    for pixel in range(width * height):
+        y, x = pixel // width, pixel % width
+        number = known_subpixels(known[y, x])
+        if number < SUBPIXELS:
+            light, white, up, smooth, deviation, share = vec3(0.0), vec3(0.0), vec3(0.0), vec3(0.0), 0.0, 0.0
+            for down, right in ti.ndrange(SIDE, SIDE):
+                row = rows[y * SIDE + down, x * SIDE + right]
+                if row >= 0:
+                    light += sample(samples, row, 0)
+                    white += sample(samples, row, 3)
+                    up += sample(samples, row, 6)
+                    if known[y, x] != NONE_KNOWN:
+                        mean, error, own = smoothed(rows, samples, known, y * SIDE + down, x * SIDE + right, row)
+                        smooth += mean
+                        deviation += error  # the same samples: standard deviations add up
+                        share = ti.max(share, own)
+            for c in ti.static(range(3)):
+                radiance[y, x, c] = (number * radiance[y, x, c] + light[c]) / SUBPIXELS
+                denoised[y, x, c] *= number / SUBPIXELS
+                albedo[y, x, c] = (number * albedo[y, x, c] + white[c]) / SUBPIXELS
+                normal[y, x, c] = (number * normal[y, x, c] + up[c]) / SUBPIXELS
+                hidden_light[y, x, c] = smooth[c] / SUBPIXELS
+                hidden_albedo[y, x, c] = white[c] / (SUBPIXELS - number)
+                hidden_normal[y, x, c] = up[c] / (SUBPIXELS - number)
+            hidden_variance[y, x] = (deviation / SUBPIXELS) ** 2
+            hidden_share[y, x] = share
+
+
+@ti.func
+def sample(samples: Template, row: ti.i32, column: ti.i32) -> vec3:
+    """Return three columns of a row."""
+    return vec3(samples[row, column], samples[row, column + 1], samples[row, column + 2])
+
+
+@ti.func
+def smoothed(rows: Template, samples: Template, known: Template, y: ti.i32, x: ti.i32, own: ti.i32):
+    """Return the radiance of a hidden subpixel, with the mean irradiance of those around it that are oriented like it.
+
+    Returns:
+        The radiance, its standard deviation, and one over the number of samples, in effect.
+    """
+    normal = sample(samples, own, 6)
+    sums, squares, total, total_squares = vec3(0.0), 0.0, 0.0, 0.0
+    for down, right in ti.ndrange((-REACH, REACH + 1), (-REACH, REACH + 1)):
+        at_y, at_x = y + down, x + right
+        if at_y >= 0 and at_y < rows.shape[0] and at_x >= 0 and at_x < rows.shape[1]:
+            row = rows[at_y, at_x]
+            if row >= 0 and known[at_y // SIDE, at_x // SIDE] != NONE_KNOWN:
+                weight = ti.max(normal.dot(sample(samples, row, 6)), 0.0) ** 4
+                irradiance = sample(samples, row, 0) / (sample(samples, row, 3) + ALBEDO_OFFSET)
+                sums += weight * irradiance
+                squares += weight * irradiance.norm_sqr()
+                total += weight
+                total_squares += weight * weight
+    result, deviation, share = sample(samples, own, 0), ti.math.inf, 1.0
+    if total > 0.0:
+        mean = sums / total
+        share = total_squares / total**2
+        white = sample(samples, own, 3) + ALBEDO_OFFSET
+        result = mean * white
+        if share < 0.9:
+            variance = ti.max(squares / total - mean.norm_sqr(), 0.0) * share / (1.0 - share)
+            deviation = ti.sqrt(variance) * white.max()
+    return result, deviation, share
