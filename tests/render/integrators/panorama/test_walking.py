@@ -154,7 +154,7 @@ def test_rays_go_through_the_subpixels_of_edges_only(empty_box: SurroundedBalls)
     steps = [np.abs(np.diff(depth, axis=axis)) / np.take(depth, range(1, depth.shape[axis]), axis) for axis in (0, 1)]
     assert edges[1:][steps[0] > 0.2].all()
     assert edges[:, 1:][steps[1] > 0.2].all()
-    assert 0.0 < edges.mean() < 0.3  # the walls are flat, and seen at an angle
+    assert 0.0 < edges.mean() < 0.5  # the walls are flat
 
 
 def test_walking_on_shows_little_that_is_new() -> None:

@@ -197,13 +197,12 @@ def smoothed(rows: Template, samples: Template, known: Template, y: ti.i32, x: t
                 squares += weight * irradiance.norm_sqr()
                 total += weight
                 total_squares += weight * weight
-    result, deviation, share = sample(samples, own, 0), ti.math.inf, 1.0
+    result, deviation, share = sample(samples, own, 0), 0.0, 0.0  # the background
     if total > 0.0:
         mean = sums / total
         share = total_squares / total**2
         white = sample(samples, own, 3) + ALBEDO_OFFSET
         result = mean * white
-        if share < 0.9:
-            variance = ti.max(squares / total - mean.norm_sqr(), 0.0) * share / (1.0 - share)
-            deviation = ti.sqrt(variance) * white.max()
+        variance = ti.max(squares / total - mean.norm_sqr(), 0.0) * share / ti.max(1.0 - share, 0.01)
+        deviation = ti.sqrt(variance) * white.max()
     return result, deviation, share
