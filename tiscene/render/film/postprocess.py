@@ -82,9 +82,7 @@ class Postprocessor:
             clean = self._denoised(image.static[here], image.albedo[here], image.normal[here], self.sharp)
             np.copyto(shown[here], clean, where=traced[here])
         before = self._denoised(image.before, image.white, image.reduced_normal, False)
-        hidden = upsample(before, image.reduced_normal, image.hidden.albedo, image.hidden.normal, REDUCTION)
-        hidden = image.hidden.estimate(hidden * (1.0 - image.static_mask))
-        np.add(shown, hidden, out=shown, where=~traced)
+        self._add_hidden(image, before, shown)
         guides = image.albedo, image.normal
         own, _, _ = demodulate(shown, *guides, REDUCTION)
         contrast = BLOCK_NOISE / math.sqrt(image.panorama_spp)
@@ -94,6 +92,16 @@ class Postprocessor:
             after = self._denoised(image.after, image.white, image.reduced_normal, False)
             shown += image.upsampled(after - before)
         return np.maximum(shown, 0.0, out=shown)
+
+    def _add_hidden(self, image: PanoramaImage, irradiance: FloatImage, shown: FloatImage) -> None:
+        """Add the light of parts of pixels that are hidden from the panorama's center, in place."""
+        hidden = image.hidden
+        albedo, normal = np.zeros_like(shown), np.zeros_like(shown)
+        for part, guide in ((hidden.albedo, albedo), (hidden.normal, normal)):
+            guide.reshape(-1, 3)[hidden.pixels] = part
+        expected = upsample(irradiance, image.reduced_normal, albedo, normal, REDUCTION).reshape(-1, 3)[hidden.pixels]
+        expected *= 1.0 - image.static_mask.reshape(-1, 1)[hidden.pixels]
+        shown.reshape(-1, 3)[hidden.pixels] += hidden.estimate(expected)
 
     def _corrected(self, quick: FloatImage, image: IncrementalImage, here: Region, kind: str) -> FloatImage:
         """Add the known corrections outside of movers, in place."""

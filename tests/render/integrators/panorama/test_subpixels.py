@@ -27,9 +27,8 @@ def filled(scene: SurroundedBalls, known: np.ndarray, value: float, spp: int = 1
     """Fill images of one value."""
     images = [np.full(SHAPE, value, np.float32) for _ in range(4)]
     radiance, denoised, albedo, normal = images
-    each = np.full(SHAPE[:2], spp)
     paths = SubpixelPaths(scene.device)
-    return images, paths.fill(VIEW, known, (radiance, denoised, albedo, normal), spp=each, key=3, max_depth=4)
+    return images, paths.fill(VIEW, known, (radiance, denoised, albedo, normal), spp=spp, key=3, max_depth=4)
 
 
 def test_known_pixels_stay(scene: SurroundedBalls) -> None:
@@ -39,7 +38,7 @@ def test_known_pixels_stay(scene: SurroundedBalls) -> None:
     for image in images[:3]:
         assert (image[known == ALL_KNOWN] == np.float32(0.25)).all()
     assert (images[3][known == NONE_KNOWN] != np.float32(0.25)).any()
-    assert not hidden.light.any()
+    assert len(hidden.pixels) == 0
 
 
 def test_pixels_of_which_nothing_is_known_are_path_traced(scene: SurroundedBalls) -> None:
@@ -60,19 +59,19 @@ def test_known_and_traced_subpixels_add_up(scene: SurroundedBalls) -> None:
     assert not images[1].any()
     assert hidden.albedo.mean() == pytest.approx(whole[2].mean(), rel=0.03)
     assert hidden.light.mean() == pytest.approx(images[0].mean(), rel=0.1)
-    noise, raw = ((each - images[0].mean()) ** 2 for each in (hidden.light, images[0]))
-    assert noise[8:16, 8:16].mean() < raw[8:16, 8:16].mean()  # a wall, where the average is over many alike
-    surface = whole[3].any(axis=-1)
+    np.testing.assert_array_equal(hidden.pixels, np.arange(VIEW.width * VIEW.height))
+    noise, raw = ((each.reshape(SHAPE)[8:16, 8:16] - images[0].mean()) ** 2 for each in (hidden.light, images[0]))
+    assert noise.mean() < raw.mean()  # a wall, where the average is over many alike
+    surface = whole[3].any(axis=-1).ravel()
     assert 0.0 < hidden.share[surface].min() < hidden.share[surface].mean() < 0.2
     assert not hidden.variance[~surface].any()  # the background has no noise
 
 
 def test_light_of_few_samples_is_that_which_is_expected() -> None:
-    expected = np.full((1, 4, 3), 0.5, np.float32)
-    hidden = Hidden.none((1, 4, 3))
-    hidden.light[0] = np.array([0.0, 0.7, 0.7, 3.0])[:, None]
-    hidden.share[0] = (1.0, 0.001, 0.001, 0.01)
-    hidden.variance[0] = (0.0, 0.2, 1e-5, 0.1)
-    estimate = hidden.estimate(expected)[0, :, 0]
+    expected = np.full((4, 3), 0.5, np.float32)
+    light = np.array([0.0, 0.7, 0.7, 3.0], np.float32)[:, None].repeat(3, axis=1)
+    variance, share = np.array([[0.0, 0.2, 1e-5, 0.1], [1.0, 0.001, 0.001, 0.01]], np.float32)
+    hidden = Hidden(np.arange(4, dtype=np.int32), light, expected, expected, variance, share)
+    estimate = hidden.estimate(expected)[:, 0]
     np.testing.assert_allclose(estimate[:2], 0.5)  # black, but few samples; and noisy
     np.testing.assert_allclose(estimate[2:], (0.7, 3.0), rtol=0.02)

@@ -42,7 +42,6 @@ from tiscene.scene.placement import CURRENT, Placement
 
 FloatImage = NDArray[np.float32]
 
-UNKNOWN_SPP = 2  # paths per subpixel that the panorama does not know, by those of movers
 _NUMBERS = np.array([bits.bit_count() for bits in range(ALL_KNOWN + 1)], np.int32)  # of known subpixels
 CHANGES_DEPTH = 3  # largest number of segments of the paths that find movers' changes of light: one bounce
 # Frame numbers of keys whose random numbers then vary with the frame.
@@ -188,13 +187,11 @@ class PanoramaPass:
             traced = dilated(movers | _enlarged(hits & ~found, instance.shape))
         number = _NUMBERS[self._known]
         unknown = number < SUBPIXELS // 2
-        wide = unknown & dilated(~dilated(~unknown))  # not strips beside edges
-        samples = np.where(traced, spp, UNKNOWN_SPP * spp)
-        traced |= wide
+        traced |= unknown & dilated(~dilated(~unknown))  # not strips beside edges
         static_mask = np.where(traced, np.float32(0.0), number * np.float32(1.0 / SUBPIXELS))[..., None]
         hidden = self._subpixels.fill(
             self._view, np.where(traced, np.int32(NONE_KNOWN), self._known), (radiance, denoised, albedo, normal),
-            spp=samples, key=self._movers_key, max_depth=self._max_depth,
+            spp=spp, key=self._movers_key, max_depth=self._max_depth,
         )  # fmt: skip
         before, white, reduced_normal = demodulate(radiance, albedo, normal, REDUCTION)
         image = PanoramaImage(

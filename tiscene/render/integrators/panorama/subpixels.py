@@ -6,48 +6,49 @@ pixel. Paths through those subpixels alone have less variance than paths through
 """
 
 from dataclasses import replace
-from typing import NamedTuple, Self
+from typing import NamedTuple
 
 import numpy as np
 import taichi as ti
 from numpy.typing import NDArray
 
-from tiscene.device.kernel_types import Floats2, Floats3, Ints2, Template, vec3
+from tiscene.device.kernel_types import Floats2, Floats3, Ints1, Ints2, Template, vec3
 from tiscene.render.film.upsample import ALBEDO_OFFSET
-from tiscene.render.integrators.panorama.reprojection_kernels import NONE_KNOWN, SIDE, SUBPIXELS, known_subpixels
+from tiscene.render.integrators.panorama.reprojection_kernels import (
+    ALL_KNOWN,
+    NONE_KNOWN,
+    SIDE,
+    SUBPIXELS,
+    known_subpixels,
+)
 from tiscene.render.integrators.path.path_pass import PathPass
-from tiscene.render.integrators.path.path_state import FILM_COLUMNS
 from tiscene.render.view import View
 from tiscene.scene.device_scene import DeviceScene
 
 FloatImage = NDArray[np.float32]
 
 REACH = 5  # subpixels to each side over which path-traced light is averaged
-_BITS = np.arange(SUBPIXELS, dtype=np.int32).reshape(SIDE, SIDE)  # of the subpixels of a pixel
+_DOWN, _RIGHT = np.divmod(np.arange(SUBPIXELS), SIDE)  # places of the subpixels of a pixel
 
 
 class Hidden(NamedTuple):
-    """Path-traced parts of pixels that edges hide from the center of a panorama; 0 elsewhere.
+    """Path-traced parts of pixels, which edges hide from the center of a panorama.
 
     Attributes:
-        light: Their part of the pixel's radiance, with the irradiance averaged around them, float32 [h, w, 3].
-        albedo: Their albedo, float32 [h, w, 3].
-        normal: Their normal, float32 [h, w, 3].
-        variance: Of `light`, the sum over red, green and blue, as the samples' own variance suggests, float32 [h, w].
-        share: One over the number of samples that were averaged, float32 [h, w].
+        pixels: int32 [n], the pixels, y * width + x.
+        light: The parts' share of the pixels' radiance, with the irradiance averaged around them, float32 [n, 3].
+        albedo: Mean albedo of the parts, float32 [n, 3].
+        normal: Their mean normal, float32 [n, 3].
+        variance: Of `light`, the sum over red, green and blue, as the samples' own variance suggests, float32 [n].
+        share: One over the number of samples that were averaged, float32 [n].
     """
 
+    pixels: NDArray[np.int32]
     light: FloatImage
     albedo: FloatImage
     normal: FloatImage
     variance: FloatImage
     share: FloatImage
-
-    @classmethod
-    def none(cls, shape: tuple[int, ...]) -> Self:
-        """Return images of zeros; shape: [h, w, 3]."""
-        lengths = shape, shape, shape, shape[:2], shape[:2]
-        return cls(*(np.zeros(each, np.float32) for each in lengths))
 
     def estimate(self, expected: FloatImage) -> FloatImage:
         """Return `light`, moved towards what is expected as far as its error does not tell them apart.
@@ -56,9 +57,9 @@ class Hidden(NamedTuple):
         they are exponentially distributed: a few dark samples do not make a black surface.
 
         Args:
-            expected: Light from other sources, float32 [h, w, 3].
+            expected: Light from other sources, float32 [n, 3].
         """
-        variance = np.maximum(self.variance, self.share * (expected**2).sum(axis=-1))[..., None]
+        variance = np.maximum(self.variance, self.share * (expected**2).sum(axis=-1))[:, None]
         difference = self.light - expected
         distance = np.maximum((difference**2).sum(axis=-1, keepdims=True), np.float32(1e-12))
         result: FloatImage = expected + np.maximum(1.0 - variance / distance, 0.0) * difference
@@ -82,7 +83,7 @@ class SubpixelPaths:
         known: NDArray[np.int32],
         images: tuple[FloatImage, FloatImage, FloatImage, FloatImage],
         *,
-        spp: NDArray[np.int64],
+        spp: int,
         key: int,
         max_depth: int,
     ) -> Hidden:
@@ -94,31 +95,36 @@ class SubpixelPaths:
                 else altogether.
             images: Radiance, denoised radiance, albedo and normal, float32 [h, w, 3], means over the known subpixels.
                 Of the denoised radiance, hidden parts of pixels are left out as if they were black.
-            spp: int [h, w], paths per subpixel.
+            spp: Paths per subpixel.
             key: Key of the random numbers, see `frame_key`.
             max_depth: Largest number of segments of a path.
 
         Returns:
             What is hidden in pixels with known subpixels, and beside them.
         """
-        unknown = (~known[:, None, :, None] >> _BITS[:, None, :] & 1 > 0) | (known == NONE_KNOWN)[:, None, :, None]
-        view = replace(view, width=SIDE * view.width, height=SIDE * view.height)
-        if self._paths is None:
-            self._paths = PathPass(self._scene, view.width, view.height)
-        rows, samples = np.full((view.height, view.width), -1, np.int32), [np.zeros((0, FILM_COLUMNS), np.float32)]
-        for count in np.unique(spp).tolist():
-            pixels = np.flatnonzero(unknown & (spp == count)[:, None, :, None]).astype(np.int32)
-            if len(pixels):
-                rows.reshape(-1)[pixels] = sum(map(len, samples)) + np.arange(len(pixels), dtype=np.int32)
-                sums = self._paths.sums(view, pixels, spp=count, key=key, max_depth=max_depth)
-                samples.append(sums / np.float32(count))
-        hidden = Hidden.none(images[0].shape)
-        _fill(rows, np.concatenate(samples), known, *images, *hidden)
-        return hidden
+        pixels = np.flatnonzero(known != ALL_KNOWN).astype(np.int32)
+        bits = known.reshape(-1)[pixels]
+        missing = (~bits[:, None] >> np.arange(SUBPIXELS) & 1 > 0) | (bits == NONE_KNOWN)[:, None]
+        y, x = np.divmod(pixels[:, None], view.width)
+        enlarged = replace(view, width=SIDE * view.width, height=SIDE * view.height)
+        subpixels = ((SIDE * y + _DOWN) * enlarged.width + SIDE * x + _RIGHT)[missing].astype(np.int32)
+        lengths = (3, 3, 3, 1, 1)
+        parts = [np.zeros((len(pixels), length), np.float32) for length in lengths]
+        if len(pixels):
+            if self._paths is None:
+                self._paths = PathPass(self._scene, enlarged.width, enlarged.height)
+            samples = self._paths.sums(enlarged, subpixels, spp=spp, key=key, max_depth=max_depth) / np.float32(spp)
+            rows = np.full((enlarged.height, enlarged.width), -1, np.int32)
+            rows.reshape(-1)[subpixels] = np.arange(len(subpixels), dtype=np.int32)
+            _fill(pixels, rows, samples, known, *images, *parts)
+        is_hidden = bits != NONE_KNOWN
+        light, albedo, normal, variance, share = (part[is_hidden] for part in parts)
+        return Hidden(pixels[is_hidden], light, albedo, normal, variance[:, 0], share[:, 0])
 
 
 @ti.kernel
 def _fill(
+    pixels: Ints1,
     rows: Ints2,
     samples: Floats2,
     known: Ints2,
@@ -126,49 +132,50 @@ def _fill(
     denoised: Floats3,
     albedo: Floats3,
     normal: Floats3,
-    hidden_light: Floats3,
-    hidden_albedo: Floats3,
-    hidden_normal: Floats3,
+    hidden_light: Floats2,
+    hidden_albedo: Floats2,
+    hidden_normal: Floats2,
     hidden_variance: Floats2,
     hidden_share: Floats2,
 ):
     """Add path-traced subpixels to the means over those that are known.
 
     Args:
+        pixels: i32 [n], the pixels with unknown subpixels, y * width + x.
         rows: i32 [SIDE * h, SIDE * w], row of each subpixel in `samples`; -1: it is known.
-        samples: f32 [n, at least 9], radiance, albedo and normal of subpixels.
+        samples: f32 [m, at least 9], radiance, albedo and normal of subpixels.
         known: i32 [h, w], of `reproject`; NONE_KNOWN where a pixel shows something else altogether.
         radiance, albedo, normal: Input and output, f32 [h, w, 3].
         denoised: The same; the path-traced subpixels are left out as if they were black.
-        hidden_light, hidden_albedo, hidden_normal, hidden_variance, hidden_share: Outputs, zeros before, see `Hidden`.
+        hidden_light, hidden_albedo, hidden_normal, hidden_variance, hidden_share: Outputs, f32 [n, 3 or 1], of
+            `Hidden`.
     """
-    height, width = known.shape[0], known.shape[1]
-    for pixel in range(width * height):
-        y, x = pixel // width, pixel % width
+    width = known.shape[1]
+    for i in range(pixels.shape[0]):
+        y, x = pixels[i] // width, pixels[i] % width
         number = known_subpixels(known[y, x])
-        if number < SUBPIXELS:
-            light, white, up, smooth, deviation, share = vec3(0.0), vec3(0.0), vec3(0.0), vec3(0.0), 0.0, 0.0
-            for down, right in ti.ndrange(SIDE, SIDE):
-                row = rows[y * SIDE + down, x * SIDE + right]
-                if row >= 0:
-                    light += sample(samples, row, 0)
-                    white += sample(samples, row, 3)
-                    up += sample(samples, row, 6)
-                    if known[y, x] != NONE_KNOWN:
-                        mean, error, own = smoothed(rows, samples, known, y * SIDE + down, x * SIDE + right, row)
-                        smooth += mean
-                        deviation += error  # the same samples: standard deviations add up
-                        share = ti.max(share, own)
-            for c in ti.static(range(3)):
-                radiance[y, x, c] = (number * radiance[y, x, c] + light[c]) / SUBPIXELS
-                denoised[y, x, c] *= number / SUBPIXELS
-                albedo[y, x, c] = (number * albedo[y, x, c] + white[c]) / SUBPIXELS
-                normal[y, x, c] = (number * normal[y, x, c] + up[c]) / SUBPIXELS
-                hidden_light[y, x, c] = smooth[c] / SUBPIXELS
-                hidden_albedo[y, x, c] = white[c] / (SUBPIXELS - number)
-                hidden_normal[y, x, c] = up[c] / (SUBPIXELS - number)
-            hidden_variance[y, x] = (deviation / SUBPIXELS) ** 2
-            hidden_share[y, x] = share
+        light, white, up, smooth, deviation, share = vec3(0.0), vec3(0.0), vec3(0.0), vec3(0.0), 0.0, 0.0
+        for down, right in ti.ndrange(SIDE, SIDE):
+            row = rows[y * SIDE + down, x * SIDE + right]
+            if row >= 0:
+                light += sample(samples, row, 0)
+                white += sample(samples, row, 3)
+                up += sample(samples, row, 6)
+                if known[y, x] != NONE_KNOWN:
+                    mean, error, own = smoothed(rows, samples, known, y * SIDE + down, x * SIDE + right, row)
+                    smooth += mean
+                    deviation += error  # the same samples: standard deviations add up
+                    share = ti.max(share, own)
+        for c in ti.static(range(3)):
+            radiance[y, x, c] = (number * radiance[y, x, c] + light[c]) / SUBPIXELS
+            denoised[y, x, c] *= number / SUBPIXELS
+            albedo[y, x, c] = (number * albedo[y, x, c] + white[c]) / SUBPIXELS
+            normal[y, x, c] = (number * normal[y, x, c] + up[c]) / SUBPIXELS
+            hidden_light[i, c] = smooth[c] / SUBPIXELS
+            hidden_albedo[i, c] = white[c] / (SUBPIXELS - number)
+            hidden_normal[i, c] = up[c] / (SUBPIXELS - number)
+        hidden_variance[i, 0] = (deviation / SUBPIXELS) ** 2
+        hidden_share[i, 0] = share
 
 
 @ti.func
