@@ -192,20 +192,16 @@ def tiled_order(width: int, height: int) -> NDArray[np.int32]:
     Neighboring rays visit the same nodes. Taichi gives each thread one contiguous part of a loop; shuffled tiles
     balance the load between threads.
     """
-    rows = np.arange(width * height, dtype=np.int32).reshape(height, width)
+    pixels = np.arange(width * height, dtype=np.int32)
+    return pixels[np.argsort(tiled_ranks(pixels, width, height), kind="stable")]
+
+
+def tiled_ranks(pixels: NDArray[np.int32], width: int, height: int) -> NDArray[np.int64]:
+    """Return numbers, int64 [n], by which pixels, y * width + x, are in the order of `tiled_order`."""
     tiles_y, tiles_x = -(-height // _TILE), -(-width // _TILE)
     count = tiles_y * tiles_x
     stride = next(s for s in range(max(1, int(0.618 * count)), 2 * count + 1) if np.gcd(s, count) == 1)
-    y, x = np.mgrid[:height, :width]
-    tile = (y // _TILE) * tiles_x + x // _TILE
-    position = np.empty(count, np.int64)
-    position[(np.arange(count) * stride) % count] = np.arange(count)
-    return rows.ravel()[np.argsort(position[tile].ravel(), kind="stable")]
-
-
-@lru_cache(maxsize=4)
-def tiled_ranks(width: int, height: int) -> NDArray[np.int32]:
-    """Return the place of each pixel in `tiled_order`, int32 [width * height]."""
-    ranks = np.empty(width * height, np.int32)
-    ranks[tiled_order(width, height)] = np.arange(width * height, dtype=np.int32)
-    return ranks
+    y, x = np.divmod(pixels.astype(np.int64), width)
+    tile = y // _TILE * tiles_x + x // _TILE
+    shuffled = tile * pow(stride, -1, count) % count
+    return shuffled * _TILE**2 + y % _TILE * _TILE + x % _TILE

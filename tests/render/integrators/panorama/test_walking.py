@@ -86,6 +86,13 @@ def test_a_fast_camera_has_no_anchor(anchors: Anchors, empty_box: SurroundedBall
     )
 
 
+def test_images_whose_subpixels_are_too_many_have_no_anchor(empty_box: SurroundedBalls) -> None:
+    large = replace(walking((0.2, 0.1, 3.1)), width=1 << 14, height=1 << 12)
+    assert not empty_box.surrounded.prepare(
+        large, empty_box.at(), empty_box.moving, frame_index=0, seed=1, spp=1, panorama_spp=16, max_depth=3
+    )
+
+
 @pytest.mark.parametrize(
     ("wall", "lights"),
     [(None, "sky and bulb"), (GLOSSY, "lamp"), (MIRROR, "lamp"), (GLASS, "lamp"), (LACE, "shadowless")],

@@ -37,7 +37,7 @@ from tiscene.render.integrators.panorama.subpixels import Hidden, SubpixelPaths
 from tiscene.render.integrators.path.path_image import PathImage
 from tiscene.render.integrators.path.path_pass import PathPass
 from tiscene.render.sampling.sobol import frame_key
-from tiscene.render.view import View
+from tiscene.render.view import MAX_PIXELS, View
 from tiscene.scene.placement import CURRENT, Placement
 
 FloatImage = NDArray[np.float32]
@@ -139,6 +139,8 @@ class PanoramaPass:
         Returns:
             Whether there is a panorama that serves the view. False: the frame must be rendered otherwise.
         """
+        if SUBPIXELS * view.width * view.height > MAX_PIXELS:
+            return False
         static = base_placement(placement, moving)
         if len({camera.position for camera in view.cameras}) > 1:
             self.scene.place(static)  # for what follows to trace

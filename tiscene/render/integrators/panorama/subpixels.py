@@ -53,13 +53,14 @@ class Hidden(NamedTuple):
     def estimate(self, expected: FloatImage) -> FloatImage:
         """Return `light`, moved towards what is expected as far as its error does not tell them apart.
 
-        A positive-part James-Stein estimate. The variance is at least that which samples of the expected light have if
-        they are exponentially distributed: a few dark samples do not make a black surface.
+        A positive-part James-Stein estimate. The variance is at least that of exponentially distributed samples, with
+        either mean: a few dark samples do not make a black surface, nor does a bright one make a white spot.
 
         Args:
             expected: Light from other sources, float32 [n, 3].
         """
-        variance = np.maximum(self.variance, self.share * (expected**2).sum(axis=-1))[:, None]
+        squared_mean = np.maximum((expected**2).sum(axis=-1), (self.light**2).sum(axis=-1))
+        variance = np.maximum(self.variance, self.share * squared_mean)[:, None]
         difference = self.light - expected
         distance = np.maximum((difference**2).sum(axis=-1, keepdims=True), np.float32(1e-12))
         result: FloatImage = expected + np.maximum(1.0 - variance / distance, 0.0) * difference

@@ -12,7 +12,7 @@ from tiscene.render.integrators.path.frame_stack import FrameStack
 from tiscene.render.integrators.path.path_image import PathImage
 from tiscene.render.integrators.path.path_pass import PathPass
 from tiscene.render.integrators.path.path_state import PathSamples
-from tiscene.render.intersect.ray_queue import upload_pixels
+from tiscene.render.intersect.ray_queue import tiled_order, upload_pixels
 from tiscene.render.sampling.sobol import frame_key, index_bits
 from tiscene.render.view import View
 from tiscene.scene.placement import CURRENT, Placement
@@ -103,4 +103,4 @@ class PathFrames(PathPass):
     def _reserve(self, frames: int) -> None:
         """Make the pixels of this many frames below each other."""
         if self._pixels is None or self._pixels.shape[0] != frames * self.width * self.height:
-            self._pixels = upload_pixels(self.order, self.width, self.height, frames)
+            self._pixels = upload_pixels(tiled_order(self.width, self.height), self.width, self.height, frames)

@@ -57,7 +57,6 @@ class PathPass:
 
     Attributes:
         background: Radiance of camera rays that hit nothing, or SKY; that of the view rendered last.
-        order: i32 [pixels], y * width + x, in the order in which paths are traced.
         film: f32 [at least as many as `pixels`, FILM_COLUMNS] on the device, sums over the samples of each.
         nonfinite: Number of infinite or NaN samples in the last image. They are left out of the means.
 
@@ -86,7 +85,6 @@ class PathPass:
         self.pixel_filter_name = pixel_filter
         self.pixel_filter = upload(pixel_filter_named(pixel_filter).table())
         self._clamp = math.inf if clamp is None else clamp
-        self.order = tiled_order(width, height)
         self._pixels: Any = None
         self.film: Any = None
         self._stack = FrameStack.single()
@@ -97,7 +95,7 @@ class PathPass:
     def pixels(self) -> Any:
         """The pixels that are traced, on the device, see `upload_pixels`."""
         if self._pixels is None:
-            self._pixels = upload_pixels(self.order, self.width, self.height)
+            self._pixels = upload_pixels(tiled_order(self.width, self.height), self.width, self.height)
         return self._pixels
 
     def render(
@@ -167,7 +165,7 @@ class PathPass:
             scene: Scene data; None: `scene_arrays()`.
         """
         self._check(view, spp, max_depth)
-        order = np.argsort(tiled_ranks(self.width, self.height)[pixels]).astype(np.int32)
+        order = np.argsort(tiled_ranks(pixels, self.width, self.height)).astype(np.int32)
         with self.restricted_to(upload_pixels(pixels[order], self.width, self.height)):
             self._trace(view, len(pixels), PathSamples(spp, index_bits(spp), key), max_depth, scene=scene)
         rows = np.empty((len(pixels), FILM_COLUMNS), np.float32)
