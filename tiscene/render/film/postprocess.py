@@ -82,7 +82,8 @@ class Postprocessor:
             clean = self._denoised(image.static[here], image.albedo[here], image.normal[here], self.sharp)
             np.copyto(shown[here], clean, where=traced[here])
         before = self._denoised(image.before, image.white, image.reduced_normal, False)
-        self._add_hidden(image, before, shown)
+        if len(image.hidden.pixels):
+            self._add_hidden(image, before, shown)
         guides = image.albedo, image.normal
         own, _, _ = demodulate(shown, *guides, REDUCTION)
         contrast = BLOCK_NOISE / math.sqrt(image.panorama_spp)
