@@ -142,10 +142,10 @@ def test_incremental_frame_has_expectation_of_path_tracing(name: str, tmp_path: 
     def images_of(incremental: bool, spp: int) -> NDArray[np.float64]:
         settings = {"spp": spp, "max_depth": 5, "buffers": ("hdr",), "incremental": incremental}
         quality = "fast" if incremental else "preview"  # "fast" has more paths where movers are visible
-        stream = ts.Stream(scenario, width=SIZE[0], height=SIZE[1], quality=quality, **settings)
         images = []
-        for stream.seed in range(SEEDS):
-            images.append(stream[9].hdr.mean(axis=-1, dtype=float))
+        for seed in range(SEEDS):
+            with ts.Stream(scenario, width=SIZE[0], height=SIZE[1], quality=quality, seed=seed, **settings) as stream:
+                images.append(stream[9].hdr.mean(axis=-1, dtype=float))
         return np.stack(images)
 
     incremental_images, traced = images_of(True, 4), images_of(False, 32)
