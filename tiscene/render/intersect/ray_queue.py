@@ -193,11 +193,11 @@ def tiled_order(width: int, height: int) -> NDArray[np.int32]:
     balance the load between threads.
     """
     pixels = np.arange(width * height, dtype=np.int32)
-    return pixels[np.argsort(tiled_ranks(pixels, width, height), kind="stable")]
+    return pixels[np.argsort(tiled_ranks(pixels, width, height))]
 
 
 def tiled_ranks(pixels: NDArray[np.int32], width: int, height: int) -> NDArray[np.int64]:
-    """Return numbers, int64 [n], by which pixels, y * width + x, are in the order of `tiled_order`."""
+    """Return numbers, int64 [n], that sort pixels, y * width + x, as in `tiled_order`."""
     tiles_y, tiles_x = -(-height // _TILE), -(-width // _TILE)
     count = tiles_y * tiles_x
     stride = next(s for s in range(max(1, int(0.618 * count)), 2 * count + 1) if np.gcd(s, count) == 1)

@@ -4,15 +4,18 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
+from numpy.typing import NDArray
 
 from tests.render.incremental_scenes import BALLS, GLASS, GLOSSY, LACE, MIRROR, SIZE
 from tests.render.integrators.panorama.test_panorama_pass import ONE, SurroundedBalls
 from tests.render.path_scenes import BOX_CAMERA
 from tiscene.render.integrators.incremental.mover_coverage import dilated
 from tiscene.render.integrators.panorama import reprojection
+from tiscene.render.integrators.panorama import reprojection_kernels as kernels
 from tiscene.render.integrators.panorama.anchors import MAX_SPACING, Anchors
 from tiscene.render.view import View
 from tiscene.scene.camera import Vector3
@@ -151,12 +154,20 @@ def test_edges_are_traced_in_parts_with_the_same_result(monkeypatch: pytest.Monk
     np.testing.assert_array_equal(scene.image_of(view).hdr, whole.hdr)
 
 
-def test_rays_go_through_the_subpixels_of_edges_only(empty_box: SurroundedBalls) -> None:
+def test_rays_go_through_the_subpixels_of_edges_only(
+    empty_box: SurroundedBalls, monkeypatch: pytest.MonkeyPatch
+) -> None:
     view = walking((0.2, 0.1, 3.1))
+    edges = np.zeros((view.height, view.width), bool)
+    make_rays = kernels.subpixel_rays
+
+    def recorded(pixels: NDArray[np.int32], *args: Any) -> None:
+        edges.reshape(-1)[pixels] = True
+        make_rays(pixels, *args)
+
+    monkeypatch.setattr(kernels, "subpixel_rays", recorded)
     empty_box.device.place(empty_box.at())
-    points = reprojection.Reprojection(empty_box.device)
-    points.trace(view, (0.0, 0.1, 3.0))
-    edges = points.edges(view)
+    reprojection.Reprojection(empty_box.device).trace(view, (0.0, 0.1, 3.0))
     depth = np.minimum(empty_box.labels.render(view, ["depth"])["depth"], 100.0)
     steps = [np.abs(np.diff(depth, axis=axis)) / np.take(depth, range(1, depth.shape[axis]), axis) for axis in (0, 1)]
     assert edges[1:][steps[0] > 0.2].all()

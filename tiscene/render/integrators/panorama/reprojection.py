@@ -102,12 +102,6 @@ class Reprojection:
                 self._edges.points,
             )  # fmt: skip
 
-    def edges(self, view: View) -> NDArray[np.bool_]:
-        """Return where neighbors in a view traced last do not lie in one plane, bool [h, w]."""
-        mask = np.zeros((view.height, view.width), bool)
-        mask.reshape(-1)[self._edges.pixels] = True
-        return mask
-
     def find_blocks(self, faces: int, found: NDArray[np.int32]) -> None:
         """Set found[face, row, column] to 1 for each block of a panorama in which points may be seen."""
         for each in self._shown():

@@ -16,7 +16,7 @@ from tiscene.device.kernel_types import (
     float4,
     float8,
     vec3,
-)  # fmt: skip
+)
 from tiscene.render.integrators.panorama.panorama_kernels import BLOCK, denoised_row, place_on_cube, traced_row
 from tiscene.render.intersect.ray_queue import HitIds, Hits, Rays, ray_direction, write_ray
 from tiscene.render.intersect.surface_interaction import Geometry, surface_at
@@ -39,6 +39,17 @@ FAR = 1e5  # distance of the background, m
 DISTANCE_ERROR = 0.01  # relative difference of the distances of a cell and of a point that it shows
 EDGE = 0.95  # of the distance of a point: what is nearer there belongs to another surface
 LEAST_WEIGHT = 0.1  # of the cells around a point that show it
+
+
+@ti.func
+def first_surface(geometry: Template, material_info: Template, hits: Template, hit_ids: Template, i: ti.i32):
+    """Return how far away a ray hits, m, and 1 where it looks alike from anywhere, else 0: at mirrors and glass."""
+    distance, alike = FAR, 1.0
+    if hit_ids[i][0] >= 0:
+        distance = hits[i][0]
+        if material_info[geometry.triangle_material[hit_ids[i][1]], FLAGS] & (GLASS | MAY_MIRROR) != 0:
+            alike = 0.0
+    return distance, alike
 
 
 @ti.kernel
@@ -66,21 +77,13 @@ def find_surfaces(
     """
     for i in range(count):
         direction = ray_direction(rays, i)
-        distance, alike, normal = FAR, 1.0, -direction
+        distance, alike = first_surface(geometry, material_info, hits, hit_ids, i)
+        normal = -direction
         if hit_ids[i][0] >= 0:
-            distance = hits[i][0]
-            alike = looks_alike(geometry, material_info, hit_ids[i][1])
             surface = surface_at(geometry, hit_ids[i][0], hit_ids[i][1], hits[i][1], hits[i][2], CURRENT, direction)
             normal = surface.geometric_normal
         point = distance * direction
         surfaces[i] = float8(point.x, point.y, point.z, alike, normal.x, normal.y, normal.z, 0.0)
-
-
-@ti.func
-def looks_alike(geometry: Template, material_info: Template, triangle: ti.i32) -> ti.f32:
-    """Return 1 for a triangle whose radiance is about the same in all directions, 0 for mirrors and glass."""
-    flags = material_info[geometry.triangle_material[triangle], FLAGS]
-    return ti.select(flags & (GLASS | MAY_MIRROR) == 0, 1.0, 0.0)
 
 
 @ti.kernel
@@ -195,10 +198,7 @@ def find_points(
         points: Output, as of `extend_surfaces`, for each ray.
     """
     for i in range(count):
-        distance, alike = FAR, 1.0
-        if hit_ids[i][0] >= 0:
-            distance = hits[i][0]
-            alike = looks_alike(geometry, material_info, hit_ids[i][1])
+        distance, alike = first_surface(geometry, material_info, hits, hit_ids, i)
         seen = vec3(offset_x, offset_y, offset_z) + distance * ray_direction(rays, i)
         points[first + i] = float4(seen.x, seen.y, seen.z, alike)
 
