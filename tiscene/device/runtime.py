@@ -17,6 +17,7 @@ import taichi as ti
 
 from tiscene.device import restart
 from tiscene.device.taichi_patches import patched_kernel
+from tiscene.device.worker_affinity import bind_workers, running_threads
 from tiscene.errors import ArgumentError, DeviceError
 
 ARCHITECTURES = ("cpu", "cuda")
@@ -82,6 +83,7 @@ def start(arch: str | None = None, threads: int | None = None) -> str:
         return present
     chosen = arch or "cpu"
     options = {"cpu_max_num_threads": threads} if threads else {}
+    others = running_threads()
     try:
         with contextlib.redirect_stdout(io.StringIO()), _usable_cache_folder():
             ti.init(
@@ -95,6 +97,8 @@ def start(arch: str | None = None, threads: int | None = None) -> str:
         ti.lang.impl.get_runtime().materialize()  # must happen in this thread; kernels may run in any
     except RuntimeError as error:
         raise DeviceError(f"arch={chosen!r}: Taichi finds no such device here; use arch='cpu'") from error
+    if chosen == "cpu":
+        bind_workers(running_threads() - others, ti.cfg.cpu_max_num_threads)
     return chosen
 
 
