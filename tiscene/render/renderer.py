@@ -255,7 +255,8 @@ class Renderer:
         needs_denoised = "rgb" in buffers or "denoised" in buffers
         if moving is not None and shared is self._panorama:
             panorama = self._panorama.render(moving, labels["instance"], spp=max(1, settings.spp // 2))
-            result["hdr"] = panorama.hdr
+            if "hdr" in buffers:
+                result["hdr"] = panorama.hdr
             guides = panorama.albedo, panorama.normal
             if needs_denoised:
                 radiance = denoising.process_panorama(panorama)

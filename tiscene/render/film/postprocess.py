@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from tiscene.render.film.denoise import denoise
 from tiscene.render.film.smooth_light import replace_smooth_light
-from tiscene.render.film.upsample import demodulate, upsample
+from tiscene.render.film.upsample import demodulate, upsample, upsample_at
 from tiscene.render.integrators.incremental.base_image import IncrementalBase
 from tiscene.render.integrators.incremental.changed_regions import MARGIN, Region, regions_of
 from tiscene.render.integrators.incremental.incremental_pass import IncrementalImage
@@ -96,11 +96,10 @@ class Postprocessor:
 
     def _add_hidden(self, image: PanoramaImage, irradiance: FloatImage, shown: FloatImage) -> None:
         """Add the light of parts of pixels that are hidden from the panorama's center, in place."""
-        hidden = image.hidden
-        albedo, normal = np.zeros_like(shown), np.zeros_like(shown)
-        for part, guide in ((hidden.albedo, albedo), (hidden.normal, normal)):
-            guide.reshape(-1, 3)[hidden.pixels] = part
-        expected = upsample(irradiance, image.reduced_normal, albedo, normal, REDUCTION).reshape(-1, 3)[hidden.pixels]
+        hidden, width = image.hidden, image.traced.shape[1]
+        expected = upsample_at(
+            hidden.pixels, irradiance, image.reduced_normal, hidden.albedo, hidden.normal, width, REDUCTION
+        )
         expected *= 1.0 - image.static_mask.reshape(-1, 1)[hidden.pixels]
         shown.reshape(-1, 3)[hidden.pixels] += hidden.estimate(expected)
 

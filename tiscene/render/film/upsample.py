@@ -10,7 +10,7 @@ import numpy as np
 import taichi as ti
 from numpy.typing import NDArray
 
-from tiscene.device.kernel_types import Floats3, Template, vec3
+from tiscene.device.kernel_types import Floats2, Floats3, Ints1, Template, vec3
 
 FloatImage = NDArray[np.float32]
 
@@ -79,6 +79,35 @@ def upsample(
     return radiance
 
 
+def upsample_at(
+    pixels: NDArray[np.int32],
+    irradiance: FloatImage,
+    normal: FloatImage,
+    albedo: FloatImage,
+    pixel_normal: FloatImage,
+    width: int,
+    downscale: int,
+) -> FloatImage:
+    """Upsample irradiance at some pixels, and multiply it by albedo.
+
+    Args:
+        pixels: int32 [n], y * width + x.
+        irradiance: float32 [h', w', 3], of `demodulate`.
+        normal: float32 [h', w', 3], of the lower resolution.
+        albedo: Of the pixels, float32 [n, 3].
+        pixel_normal: Of the pixels, float32 [n, 3]; zero where there is no surface.
+        width: Width of the full resolution, px.
+        downscale: Of `demodulate`.
+
+    Returns:
+        Radiance, float32 [n, 3].
+    """
+    radiance = np.empty_like(albedo)
+    scale = 1.0 / downscale
+    _upsample_at(pixels, irradiance, normal, albedo, pixel_normal, width, scale, 0.5 * scale - 0.5, radiance)
+    return radiance
+
+
 @ti.func
 def read(image: Template, y: ti.i32, x: ti.i32) -> vec3:
     """Return one pixel."""
@@ -144,27 +173,54 @@ def _upsample(
 ):
     """Kernel of `upsample`; first_y, first_x: position of the first pixel's center in the lower resolution."""
     height, width = full_albedo.shape[0], full_albedo.shape[1]
-    low_height, low_width = irradiance.shape[0], irradiance.shape[1]
     for pixel in range(width * height):
         y, x = pixel // width, pixel % width
-        low_y, low_x = first_y + y * scale, first_x + x * scale
-        center_y, center_x = ti.round(low_y, ti.i32), ti.round(low_x, ti.i32)
-        weights_y, weights_x = spline(low_y - center_y), spline(low_x - center_x)
         n = read(full_normal, y, x)
-        surface = n.norm_sqr() > 0.0
-        sums, total = vec3(0.0), 0.0
-        for row, column in ti.static(ti.ndrange(3, 3)):
-            at_y = ti.math.clamp(center_y + row - 1, 0, low_height - 1)
-            at_x = ti.math.clamp(center_x + column - 1, 0, low_width - 1)
-            other = read(normal, at_y, at_x)
-            similarity = ti.max(n.dot(other), 0.0) ** 4
-            if not surface:
-                similarity = ti.select(other.norm_sqr() > 0.0, 0.0, 1.0)
-            weight = weights_y[row] * weights_x[column] * (similarity + MIN_SIMILARITY)
-            sums += weight * read(irradiance, at_y, at_x)
-            total += weight
-        result = sums / total
-        if surface:
+        result = upsampled(irradiance, normal, first_y + y * scale, first_x + x * scale, n)
+        if n.norm_sqr() > 0.0:
             result *= read(full_albedo, y, x) + ALBEDO_OFFSET
         for c in ti.static(range(3)):
             radiance[y, x, c] = result[c]
+
+
+@ti.kernel
+def _upsample_at(
+    pixels: Ints1,
+    irradiance: Floats3,
+    normal: Floats3,
+    albedo: Floats2,
+    pixel_normal: Floats2,
+    width: ti.i32,
+    scale: ti.f32,
+    first: ti.f32,
+    radiance: Floats2,
+):
+    """Kernel of `upsample_at`; first: position of the first pixel's center in the lower resolution."""
+    for i in range(pixels.shape[0]):
+        y, x = pixels[i] // width, pixels[i] % width
+        n = vec3(pixel_normal[i, 0], pixel_normal[i, 1], pixel_normal[i, 2])
+        result = upsampled(irradiance, normal, first + y * scale, first + x * scale, n)
+        for c in ti.static(range(3)):
+            white = 1.0
+            if n.norm_sqr() > 0.0:
+                white = albedo[i, c] + ALBEDO_OFFSET
+            radiance[i, c] = result[c] * white
+
+
+@ti.func
+def upsampled(irradiance: Template, normal: Template, low_y: ti.f32, low_x: ti.f32, n: vec3) -> vec3:
+    """Return the irradiance at a place of the lower resolution, on a surface of a normal; zero: no surface."""
+    center_y, center_x = ti.round(low_y, ti.i32), ti.round(low_x, ti.i32)
+    weights_y, weights_x = spline(low_y - center_y), spline(low_x - center_x)
+    sums, total = vec3(0.0), 0.0
+    for row, column in ti.static(ti.ndrange(3, 3)):
+        at_y = ti.math.clamp(center_y + row - 1, 0, irradiance.shape[0] - 1)
+        at_x = ti.math.clamp(center_x + column - 1, 0, irradiance.shape[1] - 1)
+        other = read(normal, at_y, at_x)
+        similarity = ti.max(n.dot(other), 0.0) ** 4
+        if not n.norm_sqr() > 0.0:
+            similarity = ti.select(other.norm_sqr() > 0.0, 0.0, 1.0)
+        weight = weights_y[row] * weights_x[column] * (similarity + MIN_SIMILARITY)
+        sums += weight * read(irradiance, at_y, at_x)
+        total += weight
+    return sums / total

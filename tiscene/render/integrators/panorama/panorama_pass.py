@@ -14,7 +14,7 @@ light at a reduced size. Every frame is a function of its own inputs, not of pre
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from importlib.metadata import version
 from typing import Any
 
@@ -34,7 +34,6 @@ from tiscene.render.integrators.panorama.panorama import CELL, DENOISER, PAGE, P
 from tiscene.render.integrators.panorama.reprojection import Reprojection
 from tiscene.render.integrators.panorama.reprojection_kernels import ALL_KNOWN, NONE_KNOWN, SUBPIXELS
 from tiscene.render.integrators.panorama.subpixels import Hidden, SubpixelPaths
-from tiscene.render.integrators.path.path_image import PathImage
 from tiscene.render.integrators.path.path_pass import PathPass
 from tiscene.render.sampling.sobol import frame_key
 from tiscene.render.view import MAX_PIXELS, View
@@ -49,16 +48,19 @@ CHANGES_FRAME, OPACITY_FRAME, MOVERS_FRAME = -7, -8, -9
 
 
 @dataclass(frozen=True, eq=False)
-class PanoramaImage(PathImage):
+class PanoramaImage:
     """Images of a frame over a panorama, and what its denoiser needs.
 
     Attributes:
-        static: Radiance without the movers' changes of light on other surfaces, float32 [h, w, 3].
-        denoised: What the panorama knows of it, denoised, float32 [h, w, 3].
+        static: Radiance without the movers' changes of light on other surfaces, W/m²/sr, float32 [h, w, 3].
+        albedo: As of a `PathImage`, float32 [h, w, 3].
+        normal: The same.
+        denoised: What the panorama knows of `static`, denoised, float32 [h, w, 3].
         hidden: What it does not know of pixels that are not `traced`.
         before: Irradiance of `static` at reduced size, float32 [h', w', 3], see `upsample.demodulate`.
-        after: The same with the movers' changes of light; None if there are none.
-        white: Albedo of the two, float32 [h', w', 3].
+        change: How the movers change it, as far as they do, float32 [h', w', 3]; None: they do not.
+        after: The changed irradiance, without outliers, float32 [h', w', 3]; None if `change` is.
+        white: Albedo of the irradiance, float32 [h', w', 3].
         reduced_normal: Normals at reduced size, float32 [h', w', 3].
         traced: bool [h, w], pixels that show movers, or what the panorama does not know: they are path traced.
         static_mask: float32 [h, w, 1], share of the light of pixels that is from the panorama: 0 where `traced`,
@@ -67,15 +69,23 @@ class PanoramaImage(PathImage):
     """
 
     static: FloatImage
+    albedo: FloatImage
+    normal: FloatImage
     denoised: FloatImage
     hidden: Hidden
     before: FloatImage
+    change: FloatImage | None
     after: FloatImage | None
     white: FloatImage
     reduced_normal: FloatImage
     traced: NDArray[np.bool_]
     static_mask: FloatImage
     panorama_spp: int
+
+    @property
+    def hdr(self) -> FloatImage:
+        """Scene-linear radiance, W/m²/sr, float32 [h, w, 3]."""
+        return self.static if self.change is None else self.static + self.upsampled(self.change)
 
     def upsampled(self, change: FloatImage) -> FloatImage:
         """Return the change of radiance, [h, w, 3], for a change of irradiance at reduced size; 0 on movers."""
@@ -197,29 +207,28 @@ class PanoramaPass:
             spp=spp, key=self._movers_key, max_depth=self._max_depth,
         )  # fmt: skip
         before, white, reduced_normal = demodulate(radiance, albedo, normal, REDUCTION)
-        image = PanoramaImage(
-            radiance,
-            albedo,
-            normal,
-            radiance,
-            denoised,
-            hidden,
-            before,
-            None,
-            white,
-            reduced_normal,
-            traced,
-            static_mask,
-            self._panorama_spp,
+        change, after = None, None
+        if correction is not None and self._changes is not None and correction[..., :3].any():
+            reduced_radiance, reduced_albedo = (block_means(each, REDUCTION) for each in (radiance, albedo))
+            filtered = self._changes.without_outliers(reduced_radiance)
+            scale = 1.0 / (reduced_albedo + ALBEDO_OFFSET)
+            change = _filled(correction[..., :3] * scale, hits)
+            after = np.maximum(before + _filled((filtered - reduced_radiance) * scale, hits), 0.0)
+        return PanoramaImage(
+            static=radiance,
+            albedo=albedo,
+            normal=normal,
+            denoised=denoised,
+            hidden=hidden,
+            before=before,
+            change=change,
+            after=after,
+            white=white,
+            reduced_normal=reduced_normal,
+            traced=traced,
+            static_mask=static_mask,
+            panorama_spp=self._panorama_spp,
         )
-        if correction is None or self._changes is None or not correction[..., :3].any():
-            return image
-        reduced_radiance, reduced_albedo = (block_means(each, REDUCTION) for each in (radiance, albedo))
-        filtered = self._changes.without_outliers(reduced_radiance)
-        scale = 1.0 / (reduced_albedo + ALBEDO_OFFSET)
-        after = np.maximum(before + _filled((filtered - reduced_radiance) * scale, hits), 0.0)
-        change = image.upsampled(_filled(correction[..., :3] * scale, hits))
-        return replace(image, hdr=radiance + change, after=after)
 
     def _light(self, columns: Sequence[int], factors: FloatImage) -> FloatImage:
         """Return the sum of the groups' light in the static image, [h, w, 3], each from a column on."""
