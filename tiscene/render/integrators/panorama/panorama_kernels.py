@@ -7,8 +7,10 @@ from tiscene.device.kernel_types import Floats2, Floats3, Ints1, Ints2, Ints3, T
 from tiscene.render.view import CENTER, RIGHT, TANGENT, UP, view_vector
 from tiscene.scene.placement import CURRENT
 
-TILE = 8  # cells along a side of a tile
-BLOCK = 4 * TILE  # cells along a side of a block
+# Powers of two: kernels shift and mask, since Taichi's integer division rounds down at some cost.
+TILE_BITS, BLOCK_BITS = 3, 5
+TILE = 1 << TILE_BITS  # cells along a side of a tile
+BLOCK = 1 << BLOCK_BITS  # cells along a side of a block
 WINDOW = BLOCK + 2 * TILE  # cells along a side of a block and the tiles around it
 SIDE = 4  # subpixels along a side of a pixel
 
@@ -77,13 +79,15 @@ def find_blocks(view: Floats2, width: ti.i32, height: ti.i32, size: ti.i32, need
 def traced_row(tiles: Ints3, face: ti.i32, row: ti.i32, column: ti.i32) -> ti.i32:
     """Return the row of `traced` that holds a cell. Rows and columns -TILE .. -1 are those of the margin of a face."""
     y, x = row + TILE, column + TILE
-    return tiles[face, y // TILE, x // TILE] * (TILE * TILE) + y % TILE * TILE + x % TILE
+    slot = tiles[face, y >> TILE_BITS, x >> TILE_BITS]
+    return (slot << (2 * TILE_BITS)) + ((y & (TILE - 1)) << TILE_BITS) + (x & (TILE - 1))
 
 
 @ti.func
 def denoised_row(blocks: Ints3, face: ti.i32, row: ti.i32, column: ti.i32) -> ti.i32:
     """Return the row of `denoised` that holds a cell."""
-    return blocks[face, row // BLOCK, column // BLOCK] * (BLOCK * BLOCK) + row % BLOCK * BLOCK + column % BLOCK
+    slot = blocks[face, row >> BLOCK_BITS, column >> BLOCK_BITS]
+    return (slot << (2 * BLOCK_BITS)) + ((row & (BLOCK - 1)) << BLOCK_BITS) + (column & (BLOCK - 1))
 
 
 @ti.kernel

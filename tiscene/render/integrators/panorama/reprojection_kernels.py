@@ -17,7 +17,7 @@ from tiscene.device.kernel_types import (
     float8,
     vec3,
 )
-from tiscene.render.integrators.panorama.panorama_kernels import BLOCK, denoised_row, place_on_cube, traced_row
+from tiscene.render.integrators.panorama.panorama_kernels import BLOCK_BITS, denoised_row, place_on_cube, traced_row
 from tiscene.render.intersect.ray_queue import HitIds, Hits, Rays, ray_direction, write_ray
 from tiscene.render.intersect.surface_interaction import Geometry, surface_at
 from tiscene.render.view import camera_ray
@@ -230,7 +230,7 @@ def find_blocks(points: Float4s1, count: ti.i32, size: ti.i32, needed: Ints3):
         first, _ = cells_around(points[i].xyz, size)
         for y, x in ti.static(ti.ndrange(2, 2)):
             row, column = ti.math.clamp(first[1] + y, 0, size - 1), ti.math.clamp(first[2] + x, 0, size - 1)
-            needed[first[0], row // BLOCK, column // BLOCK] = 1
+            needed[first[0], row >> BLOCK_BITS, column >> BLOCK_BITS] = 1
 
 
 @ti.kernel
