@@ -163,14 +163,14 @@ class MaterialTable:
     Attributes:
         materials: The materials, by row.
         flags: Their flags.
-        possible_flags: Their flags at all times together, for materials that vary over time.
+        possible_flags: The flags of all materials at all times together.
         labels: Names of materials by number: prim paths, else names. 0 is "". Materials may share a label.
     """
 
     def __init__(self) -> None:
         self.materials: list[Material] = []
         self.flags: list[int] = []
-        self.possible_flags: list[int] = []
+        self.possible_flags = 0
         self.labels: dict[int, str] = {0: ""}
         self._numbers: dict[str, int] = {"": 0}
         self._label_of_row: list[int] = []
@@ -197,7 +197,7 @@ class MaterialTable:
                     possible |= flags_of(track.applied(material, (sample, 0.0)))
             self.materials.append(material)
             self.flags.append(flags)
-            self.possible_flags.append(possible)
+            self.possible_flags |= possible
             self._first_texture.append(first_texture)
             label = material.prim_path or material.name
             number = self._numbers.setdefault(label, len(self._numbers))
@@ -222,17 +222,17 @@ class MaterialTable:
     @property
     def any_coverage(self) -> bool:
         """Whether some material ever has partial coverage or is unseen, so that rays may pass a surface."""
-        return any(flags & (COVERAGE | UNSEEN) for flags in self.possible_flags)
+        return self.possible_flags & (COVERAGE | UNSEEN) != 0
 
     @property
     def any_extended(self) -> bool:
         """Whether some material ever has extended lobes."""
-        return any(flags & EXTENDED for flags in self.possible_flags)
+        return self.possible_flags & EXTENDED != 0
 
     @property
     def any_emission(self) -> bool:
         """Whether some material is ever emissive."""
-        return any(flags & EMITS for flags in self.possible_flags)
+        return self.possible_flags & EMITS != 0
 
     def arrays(self) -> MaterialArrays:
         """Return the device arrays."""

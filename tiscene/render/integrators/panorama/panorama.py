@@ -184,23 +184,23 @@ class Panorama:
             needed[:, rows, columns] |= shown if own else blocks
         return Missing(np.argwhere(needed & (self._traced.slots < 0)), np.argwhere(blocks))
 
-    def image(self, view: View, points: Reprojection | None = None) -> tuple[FloatImage, NDArray[np.int32]]:
-        """Return the image of a view for which nothing is missing; arguments as of `missing`.
+    def images(self, view: View, points: Reprojection | None = None) -> tuple[FloatImage, NDArray[np.int32]]:
+        """Return the images of a view for which nothing is missing; arguments as of `missing`.
 
         Returns:
-            float32 [h, w, columns + 3 * groups], columns: see `light_column`; then the denoised light of the groups.
+            float32 [n, h, w, 3]: three columns each, see `light_column`; then the denoised light of the groups.
             int32 [h, w], which subpixels are known, see `reproject`: all of them, seen from the center.
         """
         traced, denoised = self._traced, self._denoised
-        image = np.empty((view.height, view.width, self._columns + denoised.columns), np.float32)
+        images = np.empty(((self._columns + denoised.columns) // 3, view.height, view.width, 3), np.float32)
         cells = (
             self.settings.faces,
-            traced.slots, traced.cells, self._columns, denoised.slots, denoised.cells, denoised.columns, image,
+            traced.slots, traced.cells, self._columns, denoised.slots, denoised.cells, denoised.columns, images,
         )  # fmt: skip
         if points is not None:
-            return image, points.image(*cells)
+            return images, points.images(*cells)
         kernels.resample(view.array(), view.width, view.height, *cells)
-        return image, np.full(image.shape[:2], ALL_KNOWN, np.int32)
+        return images, np.full((view.height, view.width), ALL_KNOWN, np.int32)
 
     def complete(self, missing: Missing, view: View, progress: ProgressCallback) -> None:
         """Trace and denoise what is missing. Changes what the scene has placed.

@@ -3,7 +3,7 @@
 
 import taichi as ti
 
-from tiscene.device.kernel_types import Floats2, Floats3, Ints1, Ints2, Ints3, Template, vec3
+from tiscene.device.kernel_types import Floats2, Floats3, Floats4, Ints1, Ints2, Ints3, Template, vec3
 from tiscene.render.view import CENTER, RIGHT, TANGENT, UP, view_vector
 from tiscene.scene.placement import CURRENT
 
@@ -121,7 +121,7 @@ def resample(
     blocks: Ints3,
     denoised: Floats2,
     denoised_columns: Template,
-    image: Floats3,
+    images: Floats4,
 ):
     """Average the cells that the subpixels of each pixel show.
 
@@ -134,7 +134,7 @@ def resample(
         blocks: i32 [6, blocks, blocks], place of each block in `denoised`, in blocks.
         denoised: f32 [slots * BLOCK * BLOCK, denoised_columns].
         denoised_columns: Their number of columns; 0: `blocks` and `denoised` are not read.
-        image: Output, f32 [h, w, columns + denoised_columns].
+        images: Output, f32 [(columns + denoised_columns) / 3, h, w, 3].
     """
     for pixel in range(width * height):
         sums = ti.Vector.zero(ti.f32, columns + denoised_columns)
@@ -149,7 +149,7 @@ def resample(
                 for c in ti.static(range(denoised_columns)):
                     sums[columns + c] += denoised[row, c]
         for c in ti.static(range(columns + denoised_columns)):
-            image[pixel // width, pixel % width, c] = sums[c] / (SIDE * SIDE)
+            images[c // 3, pixel // width, pixel % width, c % 3] = sums[c] / (SIDE * SIDE)
 
 
 @ti.kernel

@@ -13,7 +13,6 @@ light at a reduced size. Every frame is a function of its own inputs, not of pre
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 from importlib.metadata import version
 from typing import Any
@@ -162,7 +161,7 @@ class PanoramaPass:
             points.trace(view, anchor)
         settings = PanoramaSettings.of(view, anchor, spp=panorama_spp, max_depth=max_depth, seed=seed)
         self._view, self._max_depth, self._panorama_spp = view, max_depth, panorama_spp
-        self._base, self._known = self._panorama(view, static, settings, points).image(view, points)
+        self._shown, self._known = self._panorama(view, static, settings, points).images(view, points)
         self._movers_key = frame_key(frame_key(seed, MOVERS_FRAME), frame_index)
         if (moving & placement.present[CURRENT]).any():
             if self._changes is None:
@@ -173,7 +172,7 @@ class PanoramaPass:
         return True
 
     def render(self, moving: NDArray[np.bool_], instance: NDArray[np.int32], *, spp: int) -> PanoramaImage:
-        """Render what the scene has placed at CURRENT, over the static image prepared last.
+        """Render what the scene has placed at CURRENT, over the static image prepared last, which it changes.
 
         Args:
             moving: bool [n], the instances that are not in the panorama, as for `prepare`.
@@ -182,10 +181,13 @@ class PanoramaPass:
         """
         groups = self.scene.placement.light_groups
         factors = np.ones((1, 3), np.float32) if groups is None else groups.factors
-        radiance = self._light([light_column(group) for group in range(len(factors))], factors)
-        first_denoised = self._base.shape[2] - 3 * len(factors)
-        denoised = self._light([first_denoised + 3 * group for group in range(len(factors))], factors)
-        albedo, normal = (self._base[..., first : first + 3].copy() for first in (AUXILIARY, AUXILIARY + 3))
+        images = self._shown
+        radiance, *others = (images[light_column(group) // 3] for group in range(len(factors)))
+        denoised, *others_denoised = images[-len(factors) :]
+        for light, clean, factor in zip(others, others_denoised, factors[1:], strict=True):
+            radiance += factor * light
+            denoised += factor * clean
+        albedo, normal = images[AUXILIARY // 3], images[AUXILIARY // 3 + 1]
         moving = moving & self.scene.placement.present[CURRENT]
         traced = np.zeros(instance.shape, bool)
         correction = None
@@ -229,13 +231,6 @@ class PanoramaPass:
             static_mask=static_mask,
             panorama_spp=self._panorama_spp,
         )
-
-    def _light(self, columns: Sequence[int], factors: FloatImage) -> FloatImage:
-        """Return the sum of the groups' light in the static image, [h, w, 3], each from a column on."""
-        light = self._base[..., columns[0] : columns[0] + 3].copy()
-        for column, factor in zip(columns[1:], factors[1:], strict=True):
-            light += factor * self._base[..., column : column + 3]
-        return light
 
     def _panorama(
         self, view: View, static: Placement, settings: PanoramaSettings, points: Reprojection | None

@@ -107,14 +107,14 @@ class Reprojection:
         for each in self._shown():
             kernels.find_blocks(each.points, each.count, faces, found)
 
-    def image(self, *cells: Any) -> NDArray[np.int32]:
-        """Write the image of the cells of a panorama; arguments as of `reproject`, which has `known` too.
+    def images(self, *cells: Any) -> NDArray[np.int32]:
+        """Write the images of the cells of a panorama; arguments as of `reproject`, which has `known` too.
 
         Returns:
             int32 [h, w], `known`.
         """
-        image = cells[-1]
-        known = np.empty(image.shape[:2], np.int32)
+        images = cells[-1]
+        known = np.empty(images.shape[1:3], np.int32)
         for each in self._shown():
             kernels.reproject(each.pixels, each.points, each.per_pixel, *cells, known)
         return known

@@ -8,7 +8,7 @@ from tiscene.device.kernel_types import (
     Float4s1,
     Float8s1,
     Floats2,
-    Floats3,
+    Floats4,
     Ints1,
     Ints2,
     Ints3,
@@ -245,7 +245,7 @@ def reproject(
     blocks: Ints3,
     denoised: Floats2,
     denoised_columns: Template,
-    image: Floats3,
+    images: Floats4,
     known: Ints2,
 ):
     """Average for each of some pixels the cells that show its points.
@@ -261,7 +261,7 @@ def reproject(
         blocks: i32 [6, blocks, blocks], place of each block in `denoised`, in blocks.
         denoised: f32 [slots * BLOCK * BLOCK, denoised_columns].
         denoised_columns: Their number of columns.
-        image: Output, f32 [h, w, columns + denoised_columns], means over the subpixels that are known.
+        images: Output, f32 [(columns + denoised_columns) / 3, h, w, 3], means over the subpixels that are known.
         known: Output, i32 [h, w], one bit for each subpixel, set if cells show its points.
     """
     width = known.shape[1]
@@ -310,7 +310,7 @@ def reproject(
         known[y, x] = bits
         number = known_subpixels(bits)
         for c in ti.static(range(columns + denoised_columns)):
-            image[y, x, c] = sums[c] / ti.max(number, 1)
+            images[c // 3, y, x, c % 3] = sums[c] / ti.max(number, 1)
 
 
 @ti.func
