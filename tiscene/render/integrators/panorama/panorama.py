@@ -184,8 +184,8 @@ class Panorama:
             needed[:, rows, columns] |= shown if own else blocks
         return Missing(np.argwhere(needed & (self._traced.slots < 0)), np.argwhere(blocks))
 
-    def images(self, view: View, points: Reprojection | None = None) -> tuple[FloatImage, NDArray[np.int32]]:
-        """Return the images of a view for which nothing is missing; arguments as of `missing`.
+    def images(self, view: View, points: Reprojection | None = None) -> tuple[FloatImage, NDArray[np.int32]] | None:
+        """Return the images of a view, or None if cells are missing; arguments as of `missing`.
 
         Returns:
             float32 [n, h, w, 3]: three columns each, see `light_column`; then the denoised light of the groups.
@@ -198,8 +198,10 @@ class Panorama:
             traced.slots, traced.cells, self._columns, denoised.slots, denoised.cells, denoised.columns, images,
         )  # fmt: skip
         if points is not None:
-            return images, points.images(*cells)
-        kernels.resample(view.array(), view.width, view.height, *cells)
+            known = points.images(*cells)
+            return None if known is None else (images, known)
+        if kernels.resample(view.array(), view.width, view.height, *cells):
+            return None
         return images, np.full((view.height, view.width), ALL_KNOWN, np.int32)
 
     def complete(self, missing: Missing, view: View, progress: ProgressCallback) -> None:

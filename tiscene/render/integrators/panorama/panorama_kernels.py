@@ -77,7 +77,10 @@ def find_blocks(view: Floats2, width: ti.i32, height: ti.i32, size: ti.i32, need
 
 @ti.func
 def traced_row(tiles: Ints3, face: ti.i32, row: ti.i32, column: ti.i32) -> ti.i32:
-    """Return the row of `traced` that holds a cell. Rows and columns -TILE .. -1 are those of the margin of a face."""
+    """Return the row of `traced` that holds a cell, negative if none does.
+
+    Rows and columns -TILE .. -1 are those of the margin of a face.
+    """
     y, x = row + TILE, column + TILE
     slot = tiles[face, y >> TILE_BITS, x >> TILE_BITS]
     return (slot << (2 * TILE_BITS)) + ((y & (TILE - 1)) << TILE_BITS) + (x & (TILE - 1))
@@ -85,7 +88,7 @@ def traced_row(tiles: Ints3, face: ti.i32, row: ti.i32, column: ti.i32) -> ti.i3
 
 @ti.func
 def denoised_row(blocks: Ints3, face: ti.i32, row: ti.i32, column: ti.i32) -> ti.i32:
-    """Return the row of `denoised` that holds a cell."""
+    """Return the row of `denoised` that holds a cell, negative if none does."""
     slot = blocks[face, row >> BLOCK_BITS, column >> BLOCK_BITS]
     return (slot << (2 * BLOCK_BITS)) + ((row & (BLOCK - 1)) << BLOCK_BITS) + (column & (BLOCK - 1))
 
@@ -122,7 +125,7 @@ def resample(
     denoised: Floats2,
     denoised_columns: Template,
     images: Floats4,
-):
+) -> ti.i32:
     """Average the cells that the subpixels of each pixel show.
 
     Args:
@@ -133,23 +136,29 @@ def resample(
         columns: Number of columns to average.
         blocks: i32 [6, blocks, blocks], place of each block in `denoised`, in blocks.
         denoised: f32 [slots * BLOCK * BLOCK, denoised_columns].
-        denoised_columns: Their number of columns; 0: `blocks` and `denoised` are not read.
+        denoised_columns: Their number of columns.
         images: Output, f32 [(columns + denoised_columns) / 3, h, w, 3].
+
+    Returns:
+        Number of times that a cell was not there; 0: the images are complete.
     """
+    missing = 0
     for pixel in range(width * height):
         sums = ti.Vector.zero(ti.f32, columns + denoised_columns)
         corner, right, down = pixel_directions(view, pixel, width, height)
         for y, x in ti.ndrange(SIDE, SIDE):
             cell = cell_of(corner + x * right + y * down, size)
-            row = traced_row(tiles, cell[0], cell[1], cell[2])
-            for c in ti.static(range(columns)):
-                sums[c] += traced[row, c]
-            if ti.static(denoised_columns > 0):
-                row = denoised_row(blocks, cell[0], cell[1], cell[2])
+            row, clean = traced_row(tiles, cell[0], cell[1], cell[2]), denoised_row(blocks, cell[0], cell[1], cell[2])
+            if row < 0 or clean < 0:
+                missing += 1
+            else:
+                for c in ti.static(range(columns)):
+                    sums[c] += traced[row, c]
                 for c in ti.static(range(denoised_columns)):
-                    sums[columns + c] += denoised[row, c]
+                    sums[columns + c] += denoised[clean, c]
         for c in ti.static(range(columns + denoised_columns)):
             images[c // 3, pixel // width, pixel % width, c % 3] = sums[c] / (SIDE * SIDE)
+    return missing
 
 
 @ti.kernel

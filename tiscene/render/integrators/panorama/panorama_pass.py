@@ -161,7 +161,7 @@ class PanoramaPass:
             points.trace(view, anchor)
         settings = PanoramaSettings.of(view, anchor, spp=panorama_spp, max_depth=max_depth, seed=seed)
         self._view, self._max_depth, self._panorama_spp = view, max_depth, panorama_spp
-        self._shown, self._known = self._panorama(view, static, settings, points).images(view, points)
+        self._shown, self._known = self._static_images(view, static, settings, points)
         self._movers_key = frame_key(frame_key(seed, MOVERS_FRAME), frame_index)
         if (moving & placement.present[CURRENT]).any():
             if self._changes is None:
@@ -232,10 +232,10 @@ class PanoramaPass:
             panorama_spp=self._panorama_spp,
         )
 
-    def _panorama(
+    def _static_images(
         self, view: View, static: Placement, settings: PanoramaSettings, points: Reprojection | None
-    ) -> Panorama:
-        """Return the panorama that serves a view, with all tiles that it shows; `points` as of `Panorama.missing`."""
+    ) -> tuple[FloatImage, NDArray[np.int32]]:
+        """Return `Panorama.images` of a view, and complete the panorama if needed; `points` as there."""
         groups = static.light_groups
         lights = self.scene.lights.lights if static.lights is None else static.lights
         still = static.present[CURRENT]
@@ -254,16 +254,19 @@ class PanoramaPass:
             if self._page_paths is None:
                 self._page_paths = PathPass(self.scene, PAGE, PAGE)
             panorama = Panorama(self._page_paths, static, settings, self._files, self._file_key(view, static, settings))
-        missing = panorama.missing(view, points)
-        if any(map(len, missing)):
+        images = panorama.images(view, points)
+        if images is None:
+            missing = panorama.missing(view, points)
             while self._panoramas and self._bytes() + panorama.bytes_with(missing) > self._memory_limit:
                 del self._panoramas[next(iter(self._panoramas))]
             if panorama.bytes_with(missing) > self._memory_limit:
                 panorama.clear()
                 missing = panorama.missing(view, points)
             panorama.complete(missing, view, self._progress)
+            images = panorama.images(view, points)
+            assert images is not None, "complete() adds all that is missing"
         self._panoramas[key] = panorama
-        return panorama
+        return images
 
     def _file_key(self, view: View, static: Placement, settings: PanoramaSettings) -> str:
         """Return the name of a panorama's files. Changes what the scene has placed."""

@@ -107,17 +107,15 @@ class Reprojection:
         for each in self._shown():
             kernels.find_blocks(each.points, each.count, faces, found)
 
-    def images(self, *cells: Any) -> NDArray[np.int32]:
+    def images(self, *cells: Any) -> NDArray[np.int32] | None:
         """Write the images of the cells of a panorama; arguments as of `reproject`, which has `known` too.
 
         Returns:
-            int32 [h, w], `known`.
+            int32 [h, w], `known`; None if cells are missing.
         """
-        images = cells[-1]
-        known = np.empty(images.shape[1:3], np.int32)
-        for each in self._shown():
-            kernels.reproject(each.pixels, each.points, each.per_pixel, *cells, known)
-        return known
+        known = np.empty(cells[-1].shape[1:3], np.int32)
+        missing = [kernels.reproject(each.pixels, each.points, each.per_pixel, *cells, known) for each in self._shown()]
+        return None if any(missing) else known
 
     def _shown(self) -> list[ShownPoints]:
         return [each for each in (self._flat, self._edges) if each.count]

@@ -247,7 +247,7 @@ def reproject(
     denoised_columns: Template,
     images: Floats4,
     known: Ints2,
-):
+) -> ti.i32:
     """Average for each of some pixels the cells that show its points.
 
     Args:
@@ -263,8 +263,11 @@ def reproject(
         denoised_columns: Their number of columns.
         images: Output, f32 [(columns + denoised_columns) / 3, h, w, 3], means over the subpixels that are known.
         known: Output, i32 [h, w], one bit for each subpixel, set if cells show its points.
+
+    Returns:
+        Number of times that a cell was not there; 0: the images are complete.
     """
-    width = known.shape[1]
+    width, missing = known.shape[1], 0
     for i in range(pixels.shape[0]):
         sums = ti.Vector.zero(ti.f32, columns + denoised_columns)
         bits = 0
@@ -287,7 +290,10 @@ def reproject(
                     row = ti.math.clamp(first[1] + down, 0, size - 1)
                     column = ti.math.clamp(first[2] + right, 0, size - 1)
                     weight = ti.abs(1 - down - within[0]) * ti.abs(1 - right - within[1])
-                    cell = traced_row(tiles, first[0], row, column)
+                    cell, clean = traced_row(tiles, first[0], row, column), denoised_row(blocks, first[0], row, column)
+                    if cell < 0 or clean < 0:
+                        missing += 1
+                        cell, clean = 0, 0
                     measured = traced[cell, columns]
                     # Cells behind an edge show some of what is in front, which the pixel must show too.
                     if has_edge:
@@ -296,9 +302,8 @@ def reproject(
                         total += weight
                         for c in ti.static(range(columns)):
                             part[c] += weight * traced[cell, c]
-                        cell = denoised_row(blocks, first[0], row, column)
                         for c in ti.static(range(denoised_columns)):
-                            part[columns + c] += weight * denoised[cell, c]
+                            part[columns + c] += weight * denoised[clean, c]
                 if total > LEAST_WEIGHT and shown.w > 0.0:
                     mean += part / total
                 else:
@@ -311,6 +316,7 @@ def reproject(
         number = known_subpixels(bits)
         for c in ti.static(range(columns + denoised_columns)):
             images[c // 3, y, x, c % 3] = sums[c] / ti.max(number, 1)
+    return missing
 
 
 @ti.func
