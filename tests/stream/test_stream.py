@@ -105,6 +105,17 @@ def test_another_process_gives_the_same_bytes_on_any_number_of_threads(threads):
     assert json.loads(done.stdout) == {name: hashlib.sha256(data).hexdigest() for name, data in here.items()}
 
 
+def test_settings_that_would_not_be_followed_cannot_be_changed():
+    stream = ts.Stream(moving_scenario(), **SETTINGS)
+    for name, value in (("seed", 6), ("fps", 30.0), ("shutter", (0.0, 0.5)), ("time_code", 3.0)):
+        before = getattr(stream, name)
+        with pytest.raises(ArgumentError, match=f"{name}=.*cannot change its {name}; make a new Stream"):
+            setattr(stream, name, value)
+        assert getattr(stream, name) == before
+    stream.restart(stream.scenario)
+    assert stream.another(stream.scenario).seed == stream.seed
+
+
 def test_a_stream_resumes_from_its_state():
     stream = ts.Stream(moving_scenario(), frames=10, **SETTINGS)
     stream.seek(6)

@@ -3,18 +3,19 @@
 
 ::
 
-    stream         Stream
-    frame_slice    the frames of `stream[a:b]`
-    frame_batches  several frames rendered at once
-    view_renderer  render views of a world; owns the device arrays
-    incremental    decide which frames are rendered incrementally
-    shutter        sample times while the shutter is open (motion blur)
-    stage_cache    stages that were read last
-    warm_trees     trees of those stages
-    render_ahead   render the next frames in a worker process
-    loaders        data sets of PyTorch, Grain and Hugging Face
-    stream_output  methods for USD programs and notebooks
-    loading        read a stage while kernels compile
-    saved_state    check of saved states
-    progress       default progress bar
+    stream          Stream
+    frame_slice     the frames of `stream[a:b]`
+    frame_batches   several frames rendered at once
+    view_renderer   render views of a world; owns the device arrays
+    incremental     decide which frames are rendered incrementally
+    shutter         sample times while the shutter is open (motion blur)
+    fixed_settings  settings that cannot be changed
+    stage_cache     stages that were read last
+    warm_trees      trees of those stages
+    render_ahead    render the next frames in a worker process
+    loaders         data sets of PyTorch, Grain and Hugging Face
+    stream_output   methods for USD programs and notebooks
+    loading         read a stage while kernels compile
+    saved_state     check of saved states
+    progress        default progress bar
 """

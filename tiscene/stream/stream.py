@@ -31,6 +31,7 @@ from tiscene.render.view import View
 from tiscene.scenario.scenario import Scenario
 from tiscene.scene.camera import Camera
 from tiscene.scene.description import Light
+from tiscene.stream.fixed_settings import FixedSettings
 from tiscene.stream.frame_batches import BatchedFrames, FrameBatches
 from tiscene.stream.frame_slice import FrameSlice
 from tiscene.stream.loaders.loader_methods import LoaderMethods
@@ -49,7 +50,7 @@ from tiscene.world.world import World
 DEFAULT_BUFFERS = ("rgb", "semantic", "instance", "depth", "forward_flow")
 
 
-class Stream(BatchedFrames, LoaderMethods, StreamOutput, SavedState, Iterator[Frame]):
+class Stream(FixedSettings, BatchedFrames, LoaderMethods, StreamOutput, SavedState, Iterator[Frame]):
     """An endless or finite, exactly repeatable sequence of labeled frames.
 
     A stream is an iterator with a position, as an open file is: a second `for` continues where the first stopped,
