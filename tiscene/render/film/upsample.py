@@ -176,9 +176,8 @@ def _upsample(
     for pixel in range(width * height):
         y, x = pixel // width, pixel % width
         n = read(full_normal, y, x)
-        result = upsampled(irradiance, normal, first_y + y * scale, first_x + x * scale, n)
-        if n.norm_sqr() > 0.0:
-            result *= read(full_albedo, y, x) + ALBEDO_OFFSET
+        white = read(full_albedo, y, x)
+        result = upsampled(irradiance, normal, first_y + y * scale, first_x + x * scale, n, white)
         for c in ti.static(range(3)):
             radiance[y, x, c] = result[c]
 
@@ -199,17 +198,18 @@ def _upsample_at(
     for i in range(pixels.shape[0]):
         y, x = pixels[i] // width, pixels[i] % width
         n = vec3(pixel_normal[i, 0], pixel_normal[i, 1], pixel_normal[i, 2])
-        result = upsampled(irradiance, normal, first + y * scale, first + x * scale, n)
+        white = vec3(albedo[i, 0], albedo[i, 1], albedo[i, 2])
+        result = upsampled(irradiance, normal, first + y * scale, first + x * scale, n, white)
         for c in ti.static(range(3)):
-            white = 1.0
-            if n.norm_sqr() > 0.0:
-                white = albedo[i, c] + ALBEDO_OFFSET
-            radiance[i, c] = result[c] * white
+            radiance[i, c] = result[c]
 
 
 @ti.func
-def upsampled(irradiance: Template, normal: Template, low_y: ti.f32, low_x: ti.f32, n: vec3) -> vec3:
-    """Return the irradiance at a place of the lower resolution, on a surface of a normal; zero: no surface."""
+def upsampled(irradiance: Template, normal: Template, low_y: ti.f32, low_x: ti.f32, n: vec3, albedo: vec3) -> vec3:
+    """Return the radiance at a place of the lower resolution, of a surface with a normal and albedo.
+
+    Where the normal is zero there is no surface, and the irradiance is the radiance.
+    """
     center_y, center_x = ti.round(low_y, ti.i32), ti.round(low_x, ti.i32)
     weights_y, weights_x = spline(low_y - center_y), spline(low_x - center_x)
     sums, total = vec3(0.0), 0.0
@@ -223,4 +223,7 @@ def upsampled(irradiance: Template, normal: Template, low_y: ti.f32, low_x: ti.f
         weight = weights_y[row] * weights_x[column] * (similarity + MIN_SIMILARITY)
         sums += weight * read(irradiance, at_y, at_x)
         total += weight
-    return sums / total
+    result = sums / total
+    if n.norm_sqr() > 0.0:
+        result *= albedo + ALBEDO_OFFSET
+    return result
