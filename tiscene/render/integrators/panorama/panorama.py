@@ -28,6 +28,7 @@ from tiscene.render.integrators.labels.label_kernels import primary_rays
 from tiscene.render.integrators.panorama import panorama_kernels as kernels
 from tiscene.render.integrators.panorama.cell_files import CellFiles
 from tiscene.render.integrators.panorama.cell_store import CellStore
+from tiscene.render.integrators.panorama.light_probe import FACES, PLANE, SIZE, LightProbe, face_view, trace_probe
 from tiscene.render.integrators.panorama.panorama_kernels import BLOCK, TILE, WINDOW
 from tiscene.render.integrators.panorama.reprojection import Reprojection
 from tiscene.render.integrators.panorama.reprojection_kernels import ALL_KNOWN, EDGE, FAR
@@ -83,18 +84,8 @@ class PanoramaSettings:
             border: Width of an additional border, in cells.
         """
         size = PAGE + 2 * border
-        axes = np.eye(3)
-        ahead = axes[face // 2] * (1.0 if face % 2 else -1.0)
-        center = self.center
         middle = ((np.array([column, row]) + 0.5) * PAGE - TILE) * (2.0 / self.faces) - 1.0
-        camera = Camera.look_at(
-            center,
-            (center[0] + ahead[0], center[1] + ahead[1], center[2] + ahead[2]),
-            tuple(-axes[(face // 2 + 2) % 3]),
-            vertical_fov=2.0 * math.atan(size / self.faces),
-            aperture_offset=(float(middle[0]), float(-middle[1])),
-        )
-        return View(camera, camera, camera, size, size)
+        return face_view(self.center, face, size, size / self.faces, (float(middle[0]), float(-middle[1])))
 
     def samples(self, page_view: View) -> int:
         """Return the samples per cell of a page.
@@ -145,6 +136,8 @@ class Panorama:
         self._rays = RayArrays()
         tiles, blocks = settings.faces // TILE + 2, settings.faces // BLOCK  # along a side of a face
         self._traced = CellStore((6, tiles, tiles), TILE * TILE, self._columns + 1, files, f"{key}-traced")
+        self._files, self._key = files, f"{key}-probe"
+        self._probe: LightProbe | None = None
         self._pages_along = -(-tiles * TILE // PAGE)  # a side of a face
         self._denoised = CellStore((6, blocks, blocks), BLOCK * BLOCK, 3 * self.groups, files, f"{key}-denoised")
 
@@ -204,6 +197,22 @@ class Panorama:
             return None
         return images, np.full((view.height, view.width), ALL_KNOWN, np.int32)
 
+    def probe(self) -> LightProbe:
+        """Return the light all around. Changes what the scene has placed, the first time."""
+        if self._probe is None:
+            columns, settings = PLANE + 3 * self.groups, self.settings
+            numbers, cells = self._files.load(self._key, SIZE * SIZE, columns) if self._files else ((), None)
+            if cells is None or len(numbers) < FACES:
+                cells = trace_probe(
+                    self._paths, self._place, self.groups, settings.center, seed=settings.seed,
+                    max_depth=settings.max_depth,
+                )  # fmt: skip
+                self._place(0)
+                if self._files:
+                    self._files.append(self._key, np.arange(FACES, dtype=np.int32), cells)
+            self._probe = LightProbe(settings.center, cells)
+        return self._probe
+
     def complete(self, missing: Missing, view: View, progress: ProgressCallback) -> None:
         """Trace and denoise what is missing. Changes what the scene has placed.
 
@@ -222,9 +231,11 @@ class Panorama:
         features = slice(AUXILIARY, AUXILIARY + FEATURE_COLUMNS)
         pages = list(self._pages(tiles))
         done, total = 0, len(tiles) * self.groups
+        self.probe()
         for group in range(self.groups):
             self._place(group)
-            scene = scene_under_group(self._paths, group, None)
+            only = np.eye(self.groups, dtype=np.float32)[group][:, None].repeat(3, 1)
+            scene = replace(scene_under_group(self._paths, group, None), cache=self.probe().cache(only))
             light = slice(light_column(group), light_column(group) + 3)
             for number, page_view, members in pages:
                 first = tiles[members, 1:] % (PAGE // TILE) * TILE

@@ -13,7 +13,7 @@ light at a reduced size. Every frame is a function of its own inputs, not of pre
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from importlib.metadata import version
 from typing import Any
 
@@ -207,6 +207,7 @@ class PanoramaPass:
         hidden = self._subpixels.fill(
             self._view, np.where(traced, np.int32(NONE_KNOWN), self._known), (radiance, denoised, albedo, normal),
             spp=spp, key=self._movers_key, max_depth=self._max_depth,
+            scene=replace(self._paths.scene_arrays(), cache=self._probe.cache(factors)),
         )  # fmt: skip
         before, white, reduced_normal = demodulate(radiance, albedo, normal, REDUCTION)
         change, after = None, None
@@ -266,6 +267,7 @@ class PanoramaPass:
             images = panorama.images(view, points)
             assert images is not None, "complete() adds all that is missing"
         self._panoramas[key] = panorama
+        self._probe = panorama.probe()
         return images
 
     def _file_key(self, view: View, static: Placement, settings: PanoramaSettings) -> str:
@@ -277,6 +279,7 @@ class PanoramaPass:
         values: dict[str, int | str] = {
             "panorama": repr(settings),
             "cell": repr(CELL),
+            "probe": "1",
             "denoiser": f"{DENOISER} {version('pyoidn')}",
             "background": repr(view.background),
             "coverage": int(self.scene.materials.any_coverage),

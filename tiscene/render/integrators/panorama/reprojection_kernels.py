@@ -17,9 +17,10 @@ from tiscene.device.kernel_types import (
     float8,
     vec3,
 )
-from tiscene.render.integrators.panorama.panorama_kernels import BLOCK_BITS, denoised_row, place_on_cube, traced_row
+from tiscene.render.integrators.panorama.panorama_kernels import BLOCK_BITS, denoised_row, traced_row
 from tiscene.render.intersect.ray_queue import HitIds, Hits, Rays, ray_direction, write_ray
 from tiscene.render.intersect.surface_interaction import Geometry, surface_at
+from tiscene.render.sampling.cube import place_on_cube
 from tiscene.render.view import camera_ray
 from tiscene.scene.material_table import FLAGS, GLASS, MAY_MIRROR
 from tiscene.scene.placement import CURRENT

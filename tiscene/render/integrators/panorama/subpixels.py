@@ -22,6 +22,7 @@ from tiscene.render.integrators.panorama.reprojection_kernels import (
     known_subpixels,
 )
 from tiscene.render.integrators.path.path_pass import PathPass
+from tiscene.render.integrators.path.path_scene import PathScene
 from tiscene.render.view import View
 from tiscene.scene.device_scene import DeviceScene
 
@@ -87,6 +88,7 @@ class SubpixelPaths:
         spp: int,
         key: int,
         max_depth: int,
+        scene: PathScene | None = None,
     ) -> Hidden:
         """Add the subpixels that are not known to images, in place.
 
@@ -99,6 +101,7 @@ class SubpixelPaths:
             spp: Paths per subpixel.
             key: Key of the random numbers, see `frame_key`.
             max_depth: Largest number of segments of a path.
+            scene: Scene data; None: see `PathPass.sums`.
 
         Returns:
             What is hidden in pixels with known subpixels, and beside them.
@@ -114,7 +117,8 @@ class SubpixelPaths:
         if len(pixels):
             if self._paths is None:
                 self._paths = PathPass(self._scene, enlarged.width, enlarged.height)
-            samples = self._paths.sums(enlarged, subpixels, spp=spp, key=key, max_depth=max_depth) / np.float32(spp)
+            sums = self._paths.sums(enlarged, subpixels, spp=spp, key=key, max_depth=max_depth, scene=scene)
+            samples = sums / np.float32(spp)
             rows = np.full((enlarged.height, enlarged.width), -1, np.int32)
             rows.reshape(-1)[subpixels] = np.arange(len(subpixels), dtype=np.int32)
             _fill(pixels, rows, samples, known, *images, *parts)

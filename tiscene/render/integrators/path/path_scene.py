@@ -4,6 +4,7 @@
 from dataclasses import dataclass
 from typing import Any, NamedTuple, Self
 
+from tiscene.render.integrators.path.radiance_cache import RadianceCache
 from tiscene.scene.lights.light_table import LightTable
 from tiscene.scene.material_table import MaterialTable
 from tiscene.scene.placement import CURRENT
@@ -56,11 +57,12 @@ class PathScene:
         any_coverage: Whether a material is partially opaque (alpha), so that hits may be rejected.
         any_emission: Whether a material is emissive.
         any_extended: Whether a material has extended lobes.
-        any_links: Whether light or shadow linking restricts a light.
-        any_shadow_links: Whether shadow linking does.
         ends_at_lights: Whether the last segment of a path contributes only if it reaches a light: no surface emits and
             no hit is ever rejected.
         tree: Tree that paths are traced through: CURRENT for all instances.
+        any_links: Whether light or shadow linking restricts a light.
+        any_shadow_links: Whether shadow linking does.
+        cache: Light in which paths may end; None: they go on.
     """
 
     arrays: SceneArrays
@@ -71,6 +73,7 @@ class PathScene:
     tree: int = CURRENT
     any_links: bool = False
     any_shadow_links: bool = False
+    cache: RadianceCache | None = None
 
     @classmethod
     def of(cls, arrays: SceneArrays, materials: MaterialTable, lights: LightTable) -> Self:

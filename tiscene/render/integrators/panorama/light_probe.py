@@ -1,0 +1,141 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Light probes: the light of the surfaces that the center of a panorama sees, coarse but all around.
+
+The cells of panoramas, movers and hidden parts are lit by surfaces outside the view as well. Paths that reach a surface
+that the probe knows end there, see `radiance_cache`.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tiscene.device.memory import device_array, upload_vectors
+from tiscene.device.kernel_types import float8
+from tiscene.render.integrators.incremental.base_image import scene_under_group
+from tiscene.render.integrators.labels.first_hits import first_hits
+from tiscene.render.integrators.labels.label_kernels import primary_rays
+from tiscene.render.integrators.panorama.reprojection_kernels import FAR, find_surfaces
+from tiscene.render.integrators.path.path_pass import PathPass
+from tiscene.render.integrators.path.radiance_cache import ALIGNED, FLATNESS, RadianceCache
+from tiscene.render.intersect.ray_queue import RayArrays
+from tiscene.render.intersect.surface_interaction import geometry_of
+from tiscene.render.view import View
+from tiscene.scene.camera import Camera, Vector3
+from tiscene.scene.placement import CURRENT
+
+FloatImage = NDArray[np.float32]
+
+SIZE = 32  # cells along a side of a face
+FACES = 6
+SPP = 1  # paths per pixel of a face
+PLANE = 4  # columns of a cell's plane, before its light
+_FIRST_FRAME = -500  # frame number of the random numbers of the first face; the next ones count down
+_LEAST_SHARE = 0.125  # of a cell's pixels that must show its plane
+
+
+@dataclass(frozen=True, eq=False)
+class LightProbe:
+    """Light of surfaces around a point.
+
+    Attributes:
+        center: The point, world, m.
+        cells: float32 [6, SIZE * SIZE, PLANE + 3 * groups], by face, row and column: normal, zero if the cell is not
+            known; distance of the center from the surface's plane, m; and the radiance of each light group, W/m²/sr.
+    """
+
+    center: Vector3
+    cells: FloatImage
+
+    def cache(self, factors: FloatImage) -> RadianceCache:
+        """Return the light under all groups.
+
+        Args:
+            factors: float32 [groups, 3], intensity of each light group.
+        """
+        cells = self.cells.reshape(FACES * SIZE * SIZE, -1)
+        light = (cells[:, PLANE:].reshape(len(cells), -1, 3) * factors).sum(axis=1)
+        unused = np.zeros((len(cells), 1), np.float32)
+        values = np.hstack([light, cells[:, 3:PLANE], cells[:, :3], unused])
+        return RadianceCache(upload_vectors(values), SIZE, self.center)
+
+
+def face_view(center: Vector3, face: int, size: int, tangent: float = 1.0, middle: tuple[float, float] = (0.0, 0.0)) -> View:
+    """Return a view of a part of a face of the cube around a point.
+
+    Args:
+        center: The point, world, m.
+        face: The face.
+        size: Image width and height, px.
+        tangent: Width of the part, in widths of the face.
+        middle: Of the part, to the right and up, from the center of the face, in halves of its width.
+    """
+    axes = np.eye(3)
+    ahead = axes[face // 2] * (1.0 if face % 2 else -1.0)
+    camera = Camera.look_at(
+        center,
+        (center[0] + ahead[0], center[1] + ahead[1], center[2] + ahead[2]),
+        tuple(-axes[(face // 2 + 2) % 3]),
+        vertical_fov=2.0 * math.atan(tangent),
+        aperture_offset=middle,
+    )
+    return View(camera, camera, camera, size, size)
+
+
+def trace_probe(
+    paths: PathPass, place: Callable[[int], None], groups: int, center: Vector3, *, seed: int, max_depth: int
+) -> FloatImage:
+    """Return the cells of a light probe.
+
+    Args:
+        paths: Path tracer of square images, SIZE times a whole number wide.
+        place: Places the scene under one light group.
+        groups: Number of light groups.
+        center: The point, world, m.
+        seed: Seed of the random numbers.
+        max_depth: Largest number of segments of a path.
+    """
+    cells = np.zeros((FACES, SIZE * SIZE, PLANE + 3 * groups), np.float32)
+    scene, side, rays = paths.scene, paths.width // SIZE, RayArrays().resized(paths.width, paths.height)
+    surfaces = device_array(float8, rays.count)
+    for group in range(groups):
+        place(group)
+        arrays = scene_under_group(paths, group, None)
+        for face in range(FACES):
+            view = face_view(center, face, paths.width)
+            image = paths.render(
+                view, frame_index=_FIRST_FRAME - face, seed=seed, spp=SPP, max_depth=max_depth, scene=arrays
+            )
+            primary_rays(rays.queue, rays.count, view.array(), view.width, view.height, rays.rays, False)
+            first_hits(scene, CURRENT, rays, rays.queue, rays.count)
+            info = scene.materials.arrays().info
+            find_surfaces(rays.count, rays.rays, rays.hits, rays.hit_ids, *geometry_of(scene), info, surfaces)
+            shown = _by_cell(surfaces.to_numpy(), side)
+            light, seen = _by_cell(image.hdr, side), _by_cell(image.normal, side)
+            middle = shown[:, side * side // 2 + side // 2]
+            normal, point = middle[:, 4:7], middle[:, :3]
+            offset = -(normal * point).sum(axis=-1)
+            width = 2.0 / SIZE * np.linalg.norm(point, axis=-1)
+            distance = np.abs((shown[..., :3] * normal[:, None]).sum(axis=-1) + offset[:, None])
+            aligned = (shown[..., 4:7] * normal[:, None]).sum(axis=-1) > ALIGNED
+            # A path that ends at a light in front of the surface finds no normal.
+            same = (distance < FLATNESS * width[:, None]) & aligned & ((seen**2).sum(axis=-1) > 0.25)
+            number = same.sum(axis=1)
+            known = (number > _LEAST_SHARE * side * side) & (middle[:, 3] > 0.0) & (width < FAR * 1.0 / SIZE)
+            mean = np.where(same[..., None], light, np.float32(0.0)).sum(axis=1) / np.maximum(number, 1)[:, None]
+            columns = slice(PLANE + 3 * group, PLANE + 3 * group + 3)
+            cells[face, :, columns] = mean
+            if group == 0:
+                cells[face, :, :3] = np.where(known[:, None], normal, np.float32(0.0))
+                cells[face, :, 3] = offset
+    return cells
+
+
+def _by_cell(values: FloatImage, side: int) -> FloatImage:
+    """Return the pixels of a square image by cell, [SIZE * SIZE, side * side, columns]."""
+    blocks = values.reshape(SIZE, side, SIZE, side, -1).swapaxes(1, 2)
+    return blocks.reshape(SIZE * SIZE, side * side, -1)
