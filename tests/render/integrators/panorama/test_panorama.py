@@ -8,7 +8,8 @@ import taichi as ti
 from tests.render.path_scenes import BOX_CAMERA
 from tiscene.device.kernel_types import Floats2, Ints2
 from tiscene.render.integrators.panorama.panorama import CELL, PAGE, PanoramaSettings
-from tiscene.render.integrators.panorama.panorama_kernels import BLOCK, TILE, cell_of
+from tiscene.render.integrators.panorama.panorama_kernels import BLOCK, TILE
+from tiscene.render.sampling.cube import cell_of
 from tiscene.render.view import View, camera_ray
 from tiscene.scene.placement import CURRENT
 

@@ -119,8 +119,9 @@ def test_movers_and_their_shadows_are_those_of_path_tracing(mover: Material) -> 
     assert np.abs(change - expected).mean() < 0.4 * np.abs(expected).mean()
 
 
-def test_frames_do_not_depend_on_frames_rendered_before() -> None:
-    scene = SurroundedBalls(wall=GLOSSY, lights="sky and bulb")
+@pytest.mark.parametrize("wall", [GLOSSY, MIRROR], ids=lambda each: each.name)
+def test_frames_do_not_depend_on_frames_rendered_before(wall: Material) -> None:
+    scene = SurroundedBalls(wall=wall, lights="sky and bulb")
     forth = {degrees: scene.image(*BALLS, degrees=degrees, frame=degrees) for degrees in (0, 20, 100)}
     scene.surrounded = scene.new_pass()
     for degrees in (100, 0, 20):
@@ -215,5 +216,5 @@ def test_denoised_light_has_less_noise_also_at_the_edges_of_the_cube() -> None:
         image, truth = scene.image(degrees=degrees, panorama_spp=16), scene.traced(degrees=degrees)
         counts = ~dilated(truth.max(axis=-1) > 0.8)
         noisy, clean = (np.abs(each - truth)[counts].mean() for each in (image.static, image.denoised))
-        assert clean < 0.6 * noisy, degrees
+        assert clean < 0.65 * noisy, degrees  # indirect light has little noise before
         assert image.denoised[counts].mean() == pytest.approx(truth[counts].mean(), rel=0.03)

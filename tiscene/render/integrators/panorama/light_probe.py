@@ -14,12 +14,13 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from tiscene.device.memory import device_array, upload_vectors
 from tiscene.device.kernel_types import float8
+from tiscene.device.memory import device_array, upload_vectors
 from tiscene.render.integrators.incremental.base_image import scene_under_group
 from tiscene.render.integrators.labels.first_hits import first_hits
 from tiscene.render.integrators.labels.label_kernels import primary_rays
 from tiscene.render.integrators.panorama.reprojection_kernels import FAR, find_surfaces
+from tiscene.render.integrators.path.path_image import PathImage
 from tiscene.render.integrators.path.path_pass import PathPass
 from tiscene.render.integrators.path.radiance_cache import ALIGNED, FLATNESS, RadianceCache
 from tiscene.render.intersect.ray_queue import RayArrays
@@ -35,7 +36,7 @@ FACES = 6
 SPP = 1  # paths per pixel of a face
 PLANE = 4  # columns of a cell's plane, before its light
 _FIRST_FRAME = -500  # frame number of the random numbers of the first face; the next ones count down
-_LEAST_SHARE = 0.125  # of a cell's pixels that must show its plane
+LEAST_SHARE = 0.125  # of a cell's pixels that must show its plane
 
 
 @dataclass(frozen=True, eq=False)
@@ -64,7 +65,9 @@ class LightProbe:
         return RadianceCache(upload_vectors(values), SIZE, self.center)
 
 
-def face_view(center: Vector3, face: int, size: int, tangent: float = 1.0, middle: tuple[float, float] = (0.0, 0.0)) -> View:
+def face_view(
+    center: Vector3, face: int, size: int, tangent: float = 1.0, middle: tuple[float, float] = (0.0, 0.0)
+) -> View:
     """Return a view of a part of a face of the cube around a point.
 
     Args:
@@ -100,7 +103,7 @@ def trace_probe(
         max_depth: Largest number of segments of a path.
     """
     cells = np.zeros((FACES, SIZE * SIZE, PLANE + 3 * groups), np.float32)
-    scene, side, rays = paths.scene, paths.width // SIZE, RayArrays().resized(paths.width, paths.height)
+    scene, rays = paths.scene, RayArrays().resized(paths.width, paths.height)
     surfaces = device_array(float8, rays.count)
     for group in range(groups):
         place(group)
@@ -114,25 +117,38 @@ def trace_probe(
             first_hits(scene, CURRENT, rays, rays.queue, rays.count)
             info = scene.materials.arrays().info
             find_surfaces(rays.count, rays.rays, rays.hits, rays.hit_ids, *geometry_of(scene), info, surfaces)
-            shown = _by_cell(surfaces.to_numpy(), side)
-            light, seen = _by_cell(image.hdr, side), _by_cell(image.normal, side)
-            middle = shown[:, side * side // 2 + side // 2]
-            normal, point = middle[:, 4:7], middle[:, :3]
-            offset = -(normal * point).sum(axis=-1)
-            width = 2.0 / SIZE * np.linalg.norm(point, axis=-1)
-            distance = np.abs((shown[..., :3] * normal[:, None]).sum(axis=-1) + offset[:, None])
-            aligned = (shown[..., 4:7] * normal[:, None]).sum(axis=-1) > ALIGNED
-            # A path that ends at a light in front of the surface finds no normal.
-            same = (distance < FLATNESS * width[:, None]) & aligned & ((seen**2).sum(axis=-1) > 0.25)
-            number = same.sum(axis=1)
-            known = (number > _LEAST_SHARE * side * side) & (middle[:, 3] > 0.0) & (width < FAR * 1.0 / SIZE)
-            mean = np.where(same[..., None], light, np.float32(0.0)).sum(axis=1) / np.maximum(number, 1)[:, None]
-            columns = slice(PLANE + 3 * group, PLANE + 3 * group + 3)
-            cells[face, :, columns] = mean
+            planes, light = _light_of_planes(surfaces.to_numpy(), image, paths.width // SIZE)
+            first = PLANE + 3 * group
+            cells[face, :, first : first + 3] = light
             if group == 0:
-                cells[face, :, :3] = np.where(known[:, None], normal, np.float32(0.0))
-                cells[face, :, 3] = offset
+                cells[face, :, :PLANE] = planes
     return cells
+
+
+def _light_of_planes(surfaces: FloatImage, image: PathImage, side: int) -> tuple[FloatImage, FloatImage]:
+    """Return the plane that the middle of each cell shows, and the mean light of the pixels that show it.
+
+    Args:
+        surfaces: Of `find_surfaces`, float32 [pixels, 8].
+        image: Of the same pixels.
+        side: Pixels along a side of a cell.
+
+    Returns:
+        Planes, float32 [cells, PLANE], and light, float32 [cells, 3].
+    """
+    shown, light, seen = (_by_cell(each, side) for each in (surfaces, image.hdr, image.normal))
+    middle = shown[:, side * side // 2 + side // 2]
+    point, alike, normal = middle[:, :3], middle[:, 3], middle[:, 4:7]
+    offset, distance = -(normal * point).sum(axis=-1), np.linalg.norm(point, axis=-1)
+    from_plane = np.abs((shown[..., :3] * normal[:, None]).sum(axis=-1) + offset[:, None])
+    aligned = (shown[..., 4:7] * normal[:, None]).sum(axis=-1) > ALIGNED
+    # A path that ends at a light in front of the surface finds no normal.
+    same = (from_plane < FLATNESS * (2.0 / SIZE) * distance[:, None]) & aligned & ((seen**2).sum(axis=-1) > 0.25)
+    number = same.sum(axis=1)
+    known = (number >= LEAST_SHARE * side * side) & (alike > 0.0) & (distance < 0.5 * FAR)
+    mean = np.where(same[..., None], light, np.float32(0.0)).sum(axis=1) / np.maximum(number, 1)[:, None]
+    planes = np.where(known[:, None], np.column_stack([normal, offset]), np.float32(0.0))
+    return planes.astype(np.float32), mean.astype(np.float32)
 
 
 def _by_cell(values: FloatImage, side: int) -> FloatImage:

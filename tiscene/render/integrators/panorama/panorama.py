@@ -37,7 +37,7 @@ from tiscene.render.integrators.path.path_state import FEATURE_COLUMNS
 from tiscene.render.intersect.ray_queue import RayArrays
 from tiscene.render.sampling.sobol import frame_key
 from tiscene.render.view import View
-from tiscene.scene.camera import Camera, Vector3
+from tiscene.scene.camera import Vector3
 from tiscene.scene.placement import CURRENT, Placement
 
 FloatImage = NDArray[np.float32]
@@ -46,6 +46,7 @@ PAGE = 32 * TILE  # cells along a side of a page
 CELL = 0.35  # width of a cell at the center of a face, px at the center of the image
 FIRST_FRAME = -1000  # frame number of the random numbers of the first page; the next ones count down
 DENOISER = "balanced"  # quality of OIDN; "high" gains 0.1 dB at twice the time
+_NO_FACES = np.empty(0, np.int32)
 _BATCH = 64  # blocks whose cells are copied at once
 
 
@@ -198,18 +199,18 @@ class Panorama:
         return images, np.full((view.height, view.width), ALL_KNOWN, np.int32)
 
     def probe(self) -> LightProbe:
-        """Return the light all around. Changes what the scene has placed, the first time."""
+        """Return the light all around, from disk if it is there. Tracing it changes what the scene has placed."""
         if self._probe is None:
-            columns, settings = PLANE + 3 * self.groups, self.settings
-            numbers, cells = self._files.load(self._key, SIZE * SIZE, columns) if self._files else ((), None)
-            if cells is None or len(numbers) < FACES:
+            columns, settings, files = PLANE + 3 * self.groups, self.settings, self._files
+            faces, cells = files.load(self._key, SIZE * SIZE, columns) if files else (_NO_FACES, None)
+            if cells is None or len(faces) < FACES:
+                depth = max(1, settings.max_depth - 1)  # paths that end in the probe have one segment more
                 cells = trace_probe(
-                    self._paths, self._place, self.groups, settings.center, seed=settings.seed,
-                    max_depth=settings.max_depth,
-                )  # fmt: skip
+                    self._paths, self._place, self.groups, settings.center, seed=settings.seed, max_depth=depth
+                )
                 self._place(0)
-                if self._files:
-                    self._files.append(self._key, np.arange(FACES, dtype=np.int32), cells)
+                if files:
+                    files.append(self._key, np.arange(FACES, dtype=np.int32), cells)
             self._probe = LightProbe(settings.center, cells)
         return self._probe
 
@@ -231,11 +232,11 @@ class Panorama:
         features = slice(AUXILIARY, AUXILIARY + FEATURE_COLUMNS)
         pages = list(self._pages(tiles))
         done, total = 0, len(tiles) * self.groups
-        self.probe()
+        probe = self.probe()
+        only = np.eye(self.groups, dtype=np.float32)[..., None].repeat(3, axis=-1)  # factors of one group alone
         for group in range(self.groups):
             self._place(group)
-            only = np.eye(self.groups, dtype=np.float32)[group][:, None].repeat(3, 1)
-            scene = replace(scene_under_group(self._paths, group, None), cache=self.probe().cache(only))
+            scene = replace(scene_under_group(self._paths, group, None), cache=probe.cache(only[group]))
             light = slice(light_column(group), light_column(group) + 3)
             for number, page_view, members in pages:
                 first = tiles[members, 1:] % (PAGE // TILE) * TILE

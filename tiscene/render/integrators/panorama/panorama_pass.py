@@ -5,7 +5,8 @@
    an anchor nearby, and traces a few paths through the static scene in an image of reduced size.
 2. `PanoramaPass.render` traces those of them again that movers invalidate, as the incremental pass does. The mean
    change of each pixel is what movers add to or take from the light of static surfaces.
-3. Pixels in which a mover is visible, and those that the panorama does not know, are path traced.
+3. Pixels in which a mover is visible, and those that the panorama does not know, are path traced; paths end in the
+   panorama's light probe.
 
 The image is approximate: resampling blurs by half a pixel, highlights are those that the anchor sees, and movers change
 light at a reduced size. Every frame is a function of its own inputs, not of previous frames.
@@ -29,6 +30,7 @@ from tiscene.render.integrators.incremental.retrace_kernels import MOVER_HITS
 from tiscene.render.integrators.panorama.anchors import Anchors
 from tiscene.render.integrators.panorama.cell_files import CellFiles
 from tiscene.render.integrators.panorama.light_changes import REDUCTION, LightChanges
+from tiscene.render.integrators.panorama.light_probe import SIZE, SPP
 from tiscene.render.integrators.panorama.panorama import CELL, DENOISER, PAGE, Panorama, PanoramaSettings
 from tiscene.render.integrators.panorama.reprojection import Reprojection
 from tiscene.render.integrators.panorama.reprojection_kernels import ALL_KNOWN, NONE_KNOWN, SUBPIXELS
@@ -279,7 +281,7 @@ class PanoramaPass:
         values: dict[str, int | str] = {
             "panorama": repr(settings),
             "cell": repr(CELL),
-            "probe": "1",
+            "probe": f"{SIZE} {SPP}",
             "denoiser": f"{DENOISER} {version('pyoidn')}",
             "background": repr(view.background),
             "coverage": int(self.scene.materials.any_coverage),

@@ -19,4 +19,5 @@ edition, chapter 15.
     shading            one vertex of every live path
     shadow_rays        shadow rays through partially opaque surfaces
     last_segment       the last segment where only lights emit
+    radiance_cache     light in which paths may end
 """

@@ -27,7 +27,7 @@ from tiscene.render.integrators.path.last_segment import finish_at_lights
 from tiscene.render.integrators.path.path_image import PathImage
 from tiscene.render.integrators.path.path_scene import PathScene, SceneArrays
 from tiscene.render.integrators.path.path_state import CHUNK, FILM_COLUMNS, PathSamples, PathState
-from tiscene.render.integrators.path.radiance_cache import RadianceCache, end_in_cache
+from tiscene.render.integrators.path.radiance_cache import end_in_cache
 from tiscene.render.integrators.path.shading import shade
 from tiscene.render.integrators.path.shadow_rays import continue_shadow_rays
 from tiscene.render.intersect.ray_queue import tiled_order, tiled_ranks, upload_pixels
@@ -245,8 +245,8 @@ class PathPass:
         else:
             rays = state.rays, state.queue
             closest(self.scene, scene.tree, *rays, live, state.hits, state.hit_ids, step == 0, self._stack.paths)
-            if scene.cache and step > 0:
-                live = self._end_in_cache(scene, scene.cache, state, live)
+            if scene.cache and step == 1:
+                live = end_in_cache(scene.arrays, scene.cache, state, live, scene.any_links)
             with self.vector_mode():
                 shade(
                     *scene.arrays, self.pixels, first, spp, bits, key, step, max_depth, mis, *self.background,
@@ -257,18 +257,6 @@ class PathPass:
         counts = kernels.compact(state.status, state.queue, live, state.next_queue, state.shadow_queue, state.chunks)
         state.swap_queues()
         return counts & 0xFFFFFFFF, counts >> 32
-
-    def _end_in_cache(self, scene: PathScene, cache: RadianceCache, state: PathState, live: int) -> int:
-        """End those of the first `live` paths of the queue whose rays hit what a cache knows; return how many go on."""
-        arrays = scene.arrays
-        end_in_cache(
-            *arrays.surfaces[:8], arrays.material_info, *arrays.lighting[3:], cache.cells, cache.size, *cache.center,
-            state.queue, live, state.rays, state.hits, state.hit_ids, state.occluded, state.state, state.status,
-            scene.any_links,
-        )  # fmt: skip
-        counts = kernels.compact(state.status, state.queue, live, state.next_queue, state.shadow_queue, state.chunks)
-        state.swap_queues()
-        return counts & 0xFFFFFFFF
 
     def cast_shadows(
         self,

@@ -1,14 +1,17 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A radiance cache: light that leaves surfaces, in which paths end that have scattered widely.
+"""A radiance cache: light that leaves surfaces, in which paths end that have scattered once.
 
-Most of a path's segments find indirect light, which hardly differs over a few centimeters. Where a cache knows the light
-of a surface, a path that reaches it takes that light instead of going on (final gathering; see Křivánek et al.,
-"Radiance Caching for Efficient Global Illumination Computation", 2005). It goes on
+Most of a path's segments find indirect light, which hardly differs over a few centimeters. Where a cache knows the
+light of the second surface that a path reaches, it takes that light instead of going on (final gathering; see Křivánek
+et al., "Radiance Caching for Efficient Global Illumination Computation", 2005). A cache of paths with one segment less
+keeps the largest number of segments. A path goes on
 
 - where its footprint is smaller than a cell: near the vertex that it left, and after clear reflections;
 - where the cache does not know the surface;
 - where surfaces look different from elsewhere, emit light, or exist in part only;
 - within solids, and where a light is in front of the surface.
+
+Where the first surface is a mirror, the vertex after it is the first one for images of features, and never ends a path.
 """
 
 from typing import Any, NamedTuple
@@ -20,15 +23,18 @@ from tiscene.device.kernel_types import Float8s1, Floats1, Floats2, Ints1, Ints2
 from tiscene.render.integrators.path.path_state import (
     DEPTH_MASK,
     DIRECT,
+    FEATURES_WRITTEN,
     LIGHT_PENDING,
     RADIANCE,
     RELATIVE_IOR2,
     SPREAD,
     THROUGHPUT,
+    PathState,
     States,
     get3,
     set3,
 )
+from tiscene.render.integrators.path.wavefront_kernels import compact
 from tiscene.render.intersect.ray_queue import HitIds, Hits, Rays, ray_direction, ray_origin
 from tiscene.render.intersect.surface_interaction import Geometry, surface_at
 from tiscene.render.lights.intersect import nearest_light
@@ -57,9 +63,31 @@ class RadianceCache(NamedTuple):
     center: tuple[float, float, float]
 
 
+def end_in_cache(arrays: Any, cache: RadianceCache, state: PathState, live: int, any_links: bool) -> int:
+    """End those of the first `live` paths of the queue whose rays hit what a cache knows.
+
+    Args:
+        arrays: The scene, `SceneArrays`.
+        cache: The cache.
+        state: The paths, whose rays have been intersected; its queue is compacted.
+        live: Number of paths.
+        any_links: Whether light or shadow linking restricts a light.
+
+    Returns:
+        The number of paths that go on, at the head of the queue.
+    """
+    _end_in_cache(
+        *arrays.surfaces[:8], arrays.material_info, *arrays.lighting[3:], cache.cells, cache.size, *cache.center,
+        state.queue, live, state.rays, state.hits, state.hit_ids, state.occluded, state.state, state.status, any_links,
+    )  # fmt: skip
+    counts = compact(state.status, state.queue, live, state.next_queue, state.shadow_queue, state.chunks)
+    state.swap_queues()
+    return counts & 0xFFFFFFFF
+
+
 @ti.kernel
 @bundled
-def end_in_cache(
+def _end_in_cache(
     geometry: Geometry,
     material_info: Ints2,
     light_values: Floats2,
@@ -88,7 +116,8 @@ def end_in_cache(
     for k in range(count):
         i = queue[k]
         depth, instance = status[i] & DEPTH_MASK, hit_ids[i][0]
-        if depth > 0 and instance >= 0 and state[i][RELATIVE_IOR2] == 1.0:
+        is_seen = (status[i] & FEATURES_WRITTEN) != 0
+        if depth == 1 and is_seen and instance >= 0 and state[i][RELATIVE_IOR2] == 1.0:
             flags = material_info[geometry.triangle_material[hit_ids[i][1]], FLAGS]
             if (flags & (COVERAGE | EMITS | GLASS | MAY_MIRROR | UNSEEN)) == 0:
                 origin, direction, distance = ray_origin(rays, i), ray_direction(rays, i), hits[i][0]
@@ -98,9 +127,7 @@ def end_in_cache(
                 normal = vec3(cell[4], cell[5], cell[6])
                 width = seen.norm() * 2.0 / size
                 if distance * state[i][SPREAD] > width and ti.abs(normal.dot(seen) + cell[3]) < FLATNESS * width:
-                    surface = surface_at(
-                        geometry, instance, hit_ids[i][1], hits[i][1], hits[i][2], CURRENT, direction
-                    )
+                    surface = surface_at(geometry, instance, hit_ids[i][1], hits[i][1], hits[i][2], CURRENT, direction)
                     light = -1
                     if normal.dot(surface.geometric_normal) > ALIGNED:
                         light, _ = nearest_light(lights, depth, origin, direction, distance)

@@ -1,0 +1,103 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Light probes: cells have the light and the plane of their surface, and paths that end in them keep the mean."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from tests.render.integrators.panorama.test_panorama_pass import DEPTH, SurroundedBalls, view_at
+from tiscene.render.integrators.incremental.base_image import base_placement
+from tiscene.render.integrators.panorama.light_probe import FACES, PLANE, SIZE, LightProbe, face_view, trace_probe
+from tiscene.render.integrators.path import path_pass
+from tiscene.render.integrators.path.path_pass import PathPass
+from tiscene.render.sampling.sobol import frame_key
+
+pytestmark = pytest.mark.usefixtures("taichi")
+
+CENTER = (0.0, 0.0, 0.0)
+ONE_GROUP = np.ones((1, 3), np.float32)
+
+
+class Probed:
+    """The surrounded balls without movers, and the probe at a point."""
+
+    def __init__(self, lights: str = "sky and bulb") -> None:
+        self.balls = SurroundedBalls(lights=lights)
+        self.center = (0.05, 0.1, 0.3)  # in the box
+        self.device = self.balls.device
+        self.place(0)
+        cells = trace_probe(
+            PathPass(self.device, 8 * SIZE, 8 * SIZE), self.place, 1, self.center, seed=3, max_depth=DEPTH - 1
+        )
+        self.probe = LightProbe(self.center, cells)
+
+    def place(self, group: int) -> None:
+        assert group == 0
+        self.device.place(base_placement(self.balls.at(), self.balls.moving))
+
+
+@pytest.fixture(scope="module")
+def probed() -> Probed:
+    return Probed()
+
+
+def known_cells(probe: LightProbe) -> NDArray[np.bool_]:
+    known: NDArray[np.bool_] = (probe.cells[..., :3] != 0.0).any(axis=-1)
+    return known
+
+
+def test_cells_have_the_light_of_their_surfaces(probed: Probed) -> None:
+    known = known_cells(probed.probe)
+    assert known.mean() > 0.5
+    paths = PathPass(probed.device, SIZE, SIZE)
+    for face in range(FACES - 1):  # the last one looks out of the box
+        image = paths.render(face_view(probed.center, face, SIZE), frame_index=0, seed=9, spp=256, max_depth=DEPTH - 1)
+        truth = image.hdr.reshape(SIZE * SIZE, 3)[known[face]]
+        cells = probed.probe.cells[face, known[face], PLANE:]
+        dim = truth.max(axis=-1) < 0.8  # elsewhere, part of the cell shows a light
+        assert cells[dim].mean() == pytest.approx(truth[dim].mean(), rel=0.03), face
+
+
+def test_planes_face_the_center_at_the_distance_of_their_surfaces(probed: Probed) -> None:
+    known = known_cells(probed.probe)
+    planes = probed.probe.cells[..., :PLANE][known]
+    np.testing.assert_allclose(np.linalg.norm(planes[:, :3], axis=-1), 1.0, atol=1e-5)
+    assert (planes[:, 3] > 0.0).all()
+
+
+def test_paths_that_end_in_the_probe_have_the_same_mean_and_fewer_segments(
+    probed: Probed, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    view = view_at(25.0)
+    paths = PathPass(probed.device, view.width, view.height)
+    probed.place(0)
+    pixels = np.arange(view.width * view.height, dtype=np.int32)
+    segments: list[int] = []
+    closest = path_pass.closest
+
+    def counted(scene: object, tree: object, rays: object, queue: object, count: int, *others: object) -> None:
+        segments.append(count)
+        closest(scene, tree, rays, queue, count, *others)
+
+    monkeypatch.setattr(path_pass, "closest", counted)
+    means, numbers = [], []
+    for cache in (None, probed.probe.cache(ONE_GROUP)):
+        scene = replace(paths.scene_arrays(), cache=cache)
+        segments.clear()
+        sums = paths.sums(view, pixels, spp=64, key=frame_key(5, 0), max_depth=DEPTH, scene=scene)
+        numbers.append(sum(segments))
+        light = sums[:, :3] / 64
+        means.append(light[light.max(axis=-1) < 0.8].mean())
+    assert means[1] == pytest.approx(means[0], rel=0.02)
+    assert numbers[1] < 0.9 * numbers[0]
+
+
+def test_groups_of_lights_are_scaled_apart() -> None:
+    cells = np.zeros((FACES, SIZE * SIZE, PLANE + 6), np.float32)
+    cells[2, 5, PLANE:] = 1.0, 2.0, 3.0, 10.0, 20.0, 30.0
+    cells[2, 5, :PLANE] = 0.0, -1.0, 0.0, 1.5
+    cache = LightProbe(CENTER, cells).cache(np.array([[1.0, 1.0, 1.0], [0.5, 0.0, 2.0]], np.float32))
+    row = cache.cells.to_numpy()[2 * SIZE * SIZE + 5]
+    np.testing.assert_allclose(row, [6.0, 2.0, 63.0, 1.5, 0.0, -1.0, 0.0, 0.0])
