@@ -12,7 +12,18 @@ from tiscene.render.integrators.incremental.base_image import base_placement
 from tiscene.render.integrators.panorama.light_probe import FACES, PLANE, SIZE, LightProbe, face_view, trace_probe
 from tiscene.render.integrators.path import path_pass
 from tiscene.render.integrators.path.path_pass import PathPass
+from tiscene.render.integrators.path.path_state import (
+    FEATURES_WRITTEN,
+    LIVE,
+    RADIANCE,
+    RELATIVE_IOR2,
+    SPREAD,
+    PathSamples,
+    PathState,
+)
+from tiscene.render.integrators.path.radiance_cache import end_in_cache
 from tiscene.render.sampling.sobol import frame_key
+from tiscene.scene.placement import CURRENT
 
 pytestmark = pytest.mark.usefixtures("taichi")
 
@@ -23,8 +34,8 @@ ONE_GROUP = np.ones((1, 3), np.float32)
 class Probed:
     """The surrounded balls without movers, and the probe at a point."""
 
-    def __init__(self, lights: str = "sky and bulb") -> None:
-        self.balls = SurroundedBalls(lights=lights)
+    def __init__(self) -> None:
+        self.balls = SurroundedBalls(lights="sky and bulb")
         self.center = (0.05, 0.1, 0.3)  # in the box
         self.device = self.balls.device
         self.place(0)
@@ -92,6 +103,41 @@ def test_paths_that_end_in_the_probe_have_the_same_mean_and_fewer_segments(
         means.append(light[light.max(axis=-1) < 0.8].mean())
     assert means[1] == pytest.approx(means[0], rel=0.02)
     assert numbers[1] < 0.9 * numbers[0]
+
+
+@pytest.mark.parametrize(
+    ("status", "spread", "ior2", "ends"),
+    [
+        (LIVE | FEATURES_WRITTEN | 1, 1e3, 1.0, True),
+        (LIVE | FEATURES_WRITTEN | 0, 1e3, 1.0, False),  # at the first surface
+        (LIVE | FEATURES_WRITTEN | 2, 1e3, 1.0, False),  # beyond the second
+        (LIVE | 1, 1e3, 1.0, False),  # the first surface is a mirror, whose features are not known yet
+        (LIVE | FEATURES_WRITTEN | 1, 1e-6, 1.0, False),  # narrower than a cell
+        (LIVE | FEATURES_WRITTEN | 1, 1e3, 2.25, False),  # within glass
+    ],
+)
+def test_paths_end_at_the_second_surface_that_the_probe_knows(
+    probed: Probed, status: int, spread: float, ior2: float, ends: bool
+) -> None:
+    face, count = 4, SIZE * SIZE  # the back wall
+    paths = PathPass(probed.device, SIZE, SIZE)
+    probed.place(0)
+    scene, state = paths.scene_arrays(), PathState(count)
+    paths.start(face_view(probed.center, face, SIZE), state, 0, count, PathSamples(1, 0, 7))
+    path_pass.closest(probed.device, CURRENT, state.rays, state.queue, count, state.hits, state.hit_ids)
+    rows = state.state.to_numpy()
+    rows[:, SPREAD], rows[:, RELATIVE_IOR2] = spread, ior2
+    state.state.from_numpy(rows)
+    state.status.fill(status)
+    live = end_in_cache(scene.arrays, probed.probe.cache(ONE_GROUP), state, count, scene.any_links)
+    ended = state.status.to_numpy() == 0
+    assert live == count - ended.sum()
+    assert ended.mean() > 0.5 if ends else not ended.any()
+    radiance = state.state.to_numpy()[:, RADIANCE : RADIANCE + 3]
+    assert (radiance[~ended] == 0.0).all()
+    if ends:
+        light = probed.probe.cells[face, :, PLANE:]
+        assert radiance[ended].mean() == pytest.approx(light[known_cells(probed.probe)[face]].mean(), rel=0.1)
 
 
 def test_groups_of_lights_are_scaled_apart() -> None:

@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -27,6 +26,7 @@ from tiscene.render.intersect.ray_queue import RayArrays
 from tiscene.render.intersect.surface_interaction import geometry_of
 from tiscene.render.view import View
 from tiscene.scene.camera import Camera, Vector3
+from tiscene.scene.device_scene import DeviceScene
 from tiscene.scene.placement import CURRENT
 
 FloatImage = NDArray[np.float32]
@@ -39,18 +39,18 @@ _FIRST_FRAME = -500  # frame number of the random numbers of the first face; the
 LEAST_SHARE = 0.125  # of a cell's pixels that must show its plane
 
 
-@dataclass(frozen=True, eq=False)
 class LightProbe:
     """Light of surfaces around a point.
 
-    Attributes:
+    Args:
         center: The point, world, m.
         cells: float32 [6, SIZE * SIZE, PLANE + 3 * groups], by face, row and column: normal, zero if the cell is not
             known; distance of the center from the surface's plane, m; and the radiance of each light group, W/m²/sr.
     """
 
-    center: Vector3
-    cells: FloatImage
+    def __init__(self, center: Vector3, cells: FloatImage) -> None:
+        self.center, self.cells = center, cells
+        self._cache: tuple[bytes, RadianceCache] | None = None  # the last one, with its factors
 
     def cache(self, factors: FloatImage) -> RadianceCache:
         """Return the light under all groups.
@@ -58,6 +58,11 @@ class LightProbe:
         Args:
             factors: float32 [groups, 3], intensity of each light group.
         """
+        if self._cache is None or self._cache[0] != factors.tobytes():
+            self._cache = factors.tobytes(), self._upload(factors)
+        return self._cache[1]
+
+    def _upload(self, factors: FloatImage) -> RadianceCache:
         cells = self.cells.reshape(FACES * SIZE * SIZE, -1)
         light = (cells[:, PLANE:].reshape(len(cells), -1, 3) * factors).sum(axis=1)
         unused = np.zeros((len(cells), 1), np.float32)
@@ -102,27 +107,35 @@ def trace_probe(
         seed: Seed of the random numbers.
         max_depth: Largest number of segments of a path.
     """
+    place(0)
+    views = [face_view(center, face, paths.width) for face in range(FACES)]
+    surfaces = [_surfaces(paths.scene, view) for view in views]
     cells = np.zeros((FACES, SIZE * SIZE, PLANE + 3 * groups), np.float32)
-    scene, rays = paths.scene, RayArrays().resized(paths.width, paths.height)
-    surfaces = device_array(float8, rays.count)
     for group in range(groups):
-        place(group)
-        arrays = scene_under_group(paths, group, None)
-        for face in range(FACES):
-            view = face_view(center, face, paths.width)
+        if group:
+            place(group)
+        scene, first = scene_under_group(paths, group, None), PLANE + 3 * group
+        for face, view in enumerate(views):
             image = paths.render(
-                view, frame_index=_FIRST_FRAME - face, seed=seed, spp=SPP, max_depth=max_depth, scene=arrays
+                view, frame_index=_FIRST_FRAME - face, seed=seed, spp=SPP, max_depth=max_depth, scene=scene
             )
-            primary_rays(rays.queue, rays.count, view.array(), view.width, view.height, rays.rays, False)
-            first_hits(scene, CURRENT, rays, rays.queue, rays.count)
-            info = scene.materials.arrays().info
-            find_surfaces(rays.count, rays.rays, rays.hits, rays.hit_ids, *geometry_of(scene), info, surfaces)
-            planes, light = _light_of_planes(surfaces.to_numpy(), image, paths.width // SIZE)
-            first = PLANE + 3 * group
+            planes, light = _light_of_planes(surfaces[face], image, paths.width // SIZE)
             cells[face, :, first : first + 3] = light
             if group == 0:
                 cells[face, :, :PLANE] = planes
     return cells
+
+
+def _surfaces(scene: DeviceScene, view: View) -> FloatImage:
+    """Return what the centers of pixels show, see `find_surfaces`, float32 [pixels, 8]."""
+    rays = RayArrays().resized(view.width, view.height)
+    surfaces = device_array(float8, rays.count)
+    primary_rays(rays.queue, rays.count, view.array(), view.width, view.height, rays.rays, False)
+    first_hits(scene, CURRENT, rays, rays.queue, rays.count)
+    info = scene.materials.arrays().info
+    find_surfaces(rays.count, rays.rays, rays.hits, rays.hit_ids, *geometry_of(scene), info, surfaces)
+    result: FloatImage = surfaces.to_numpy()
+    return result
 
 
 def _light_of_planes(surfaces: FloatImage, image: PathImage, side: int) -> tuple[FloatImage, FloatImage]:

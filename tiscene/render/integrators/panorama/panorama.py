@@ -46,7 +46,6 @@ PAGE = 32 * TILE  # cells along a side of a page
 CELL = 0.35  # width of a cell at the center of a face, px at the center of the image
 FIRST_FRAME = -1000  # frame number of the random numbers of the first page; the next ones count down
 DENOISER = "balanced"  # quality of OIDN; "high" gains 0.1 dB at twice the time
-_NO_FACES = np.empty(0, np.int32)
 _BATCH = 64  # blocks whose cells are copied at once
 
 
@@ -202,8 +201,8 @@ class Panorama:
         """Return the light all around, from disk if it is there. Tracing it changes what the scene has placed."""
         if self._probe is None:
             columns, settings, files = PLANE + 3 * self.groups, self.settings, self._files
-            faces, cells = files.load(self._key, SIZE * SIZE, columns) if files else (_NO_FACES, None)
-            if cells is None or len(faces) < FACES:
+            cells = files.load(self._key, SIZE * SIZE, columns)[1] if files else None
+            if cells is None or len(cells) < FACES:
                 depth = max(1, settings.max_depth - 1)  # paths that end in the probe have one segment more
                 cells = trace_probe(
                     self._paths, self._place, self.groups, settings.center, seed=settings.seed, max_depth=depth
