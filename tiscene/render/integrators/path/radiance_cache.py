@@ -11,7 +11,7 @@ keeps the largest number of segments. A path goes on
 - where surfaces look different from elsewhere, emit light, or exist in part only;
 - within solids, and where a light is in front of the surface.
 
-Where the first surface is a mirror, the vertex after it is the first one for images of features, and never ends a path.
+Where the first surface is a mirror, albedo and normal are those of the next surface, and the path goes on there.
 """
 
 from typing import Any, NamedTuple
@@ -116,25 +116,22 @@ def _end_in_cache(
     for k in range(count):
         i = queue[k]
         depth, instance = status[i] & DEPTH_MASK, hit_ids[i][0]
-        is_seen = (status[i] & FEATURES_WRITTEN) != 0
-        if depth == 1 and is_seen and instance >= 0 and state[i][RELATIVE_IOR2] == 1.0:
+        has_features = (status[i] & FEATURES_WRITTEN) != 0
+        if depth == 1 and has_features and instance >= 0 and state[i][RELATIVE_IOR2] == 1.0:
             flags = material_info[geometry.triangle_material[hit_ids[i][1]], FLAGS]
-            if (flags & (COVERAGE | EMITS | GLASS | MAY_MIRROR | UNSEEN)) == 0:
-                origin, direction, distance = ray_origin(rays, i), ray_direction(rays, i), hits[i][0]
-                seen = origin + distance * direction - vec3(center_x, center_y, center_z)
-                place = cell_of(seen, size)
-                cell = cells[(place[0] * size + place[1]) * size + place[2]]
-                normal = vec3(cell[4], cell[5], cell[6])
-                width = seen.norm() * 2.0 / size
-                if distance * state[i][SPREAD] > width and ti.abs(normal.dot(seen) + cell[3]) < FLATNESS * width:
-                    surface = surface_at(geometry, instance, hit_ids[i][1], hits[i][1], hits[i][2], CURRENT, direction)
-                    light = -1
-                    if normal.dot(surface.geometric_normal) > ALIGNED:
-                        light, _ = nearest_light(lights, depth, origin, direction, distance)
-                        if light < 0:
-                            radiance = get3(state, i, RADIANCE)
-                            radiance += get3(state, i, THROUGHPUT) * vec3(cell[0], cell[1], cell[2])
-                            if (status[i] & LIGHT_PENDING) != 0 and occluded[i] == 0:
-                                radiance += get3(state, i, DIRECT)
-                            set3(state, i, RADIANCE, radiance)
-                            status[i] = 0
+            origin, direction, distance = ray_origin(rays, i), ray_direction(rays, i), hits[i][0]
+            seen = origin + distance * direction - vec3(center_x, center_y, center_z)
+            place = cell_of(seen, size)
+            cell = cells[(place[0] * size + place[1]) * size + place[2]]
+            normal, width = vec3(cell[4], cell[5], cell[6]), seen.norm() * 2.0 / size
+            looks_alike = (flags & (COVERAGE | EMITS | GLASS | MAY_MIRROR | UNSEEN)) == 0
+            is_wide = distance * state[i][SPREAD] > width
+            if looks_alike and is_wide and ti.abs(normal.dot(seen) + cell[3]) < FLATNESS * width:
+                surface = surface_at(geometry, instance, hit_ids[i][1], hits[i][1], hits[i][2], CURRENT, direction)
+                light, _ = nearest_light(lights, depth, origin, direction, distance)
+                if light < 0 and normal.dot(surface.geometric_normal) > ALIGNED:
+                    radiance = get3(state, i, RADIANCE) + get3(state, i, THROUGHPUT) * vec3(cell[0], cell[1], cell[2])
+                    if (status[i] & LIGHT_PENDING) != 0 and occluded[i] == 0:
+                        radiance += get3(state, i, DIRECT)
+                    set3(state, i, RADIANCE, radiance)
+                    status[i] = 0
