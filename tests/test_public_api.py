@@ -82,13 +82,10 @@ def test_version_matches_package_metadata():
     assert tiscene.__version__ == importlib.metadata.version("tiscene")
 
 
-def test_import_is_fast_and_loads_no_dependency():
-    report = python(
-        "import time; began = time.perf_counter(); import tiscene; took = time.perf_counter() - began\n"
-        "import sys; print(took, *sorted({name.split('.')[0] for name in sys.modules}))"
-    ).split()
-    assert float(report[0]) < 0.5
-    assert not {"taichi", "pxr", "numpy", "PIL", "rich", "trimesh", "OpenEXR"} & set(report[1:])
+def test_import_loads_no_dependency_and_few_modules():
+    modules = python("import sys, tiscene; print(*sys.modules)").split()
+    assert not {"taichi", "pxr", "numpy", "PIL", "rich", "trimesh", "OpenEXR"} & set(modules)
+    assert len([name for name in modules if name.startswith("tiscene")]) < 5
 
 
 def test_building_a_scenario_loads_neither_taichi_nor_pxr():

@@ -165,7 +165,6 @@ def test_memory_is_flat_over_200_changes_of_scenes(make_agent, small_scenes):
         used.append(resident())
     print(f"{used[20] >> 20} MB after 20 changes, {used[-1] >> 20} MB after 200; {np.median(seconds[20:]):.3f} s each")
     assert used[-1] < 1.05 * max(used[:30]), used
-    assert np.median(seconds[20:]) < 1.0
 
 
 @pytest.mark.slow
@@ -182,7 +181,6 @@ def test_memory_is_flat_over_changes_between_rooms():
     worlds.close()
     print(f"{used[10] >> 20} MB after 10 changes, {used[-1] >> 20} MB after 40; {np.median(seconds[10:]):.2f} s each")
     assert used[-1] < 1.1 * max(used[:10]), used
-    assert np.median(seconds[3:]) < 1.0, seconds
 
 
 BOUNCE = {"type": "uniform_movement_random_bounce", "description": {}}
