@@ -32,15 +32,15 @@ ONE_GROUP = np.ones((1, 3), np.float32)
 
 
 class Probed:
-    """The surrounded balls without movers, and the probe at a point."""
+    """The surrounded balls without movers, and the probe at a point for paths of at most so many segments."""
 
-    def __init__(self) -> None:
+    def __init__(self, depth: int) -> None:
         self.balls = SurroundedBalls(lights="sky and bulb")
         self.center = (0.05, 0.1, 0.3)  # in the box
         self.device = self.balls.device
         self.place(0)
         cells = trace_probe(
-            PathPass(self.device, 8 * SIZE, 8 * SIZE), self.place, 1, self.center, seed=3, max_depth=DEPTH - 1
+            PathPass(self.device, 8 * SIZE, 8 * SIZE), self.place, 1, self.center, seed=3, max_depth=depth - 1
         )
         self.probe = LightProbe(self.center, cells)
 
@@ -51,7 +51,7 @@ class Probed:
 
 @pytest.fixture(scope="module")
 def probed() -> Probed:
-    return Probed()
+    return Probed(DEPTH)
 
 
 def known_cells(probe: LightProbe) -> NDArray[np.bool_]:
@@ -78,9 +78,11 @@ def test_planes_face_the_center_at_the_distance_of_their_surfaces(probed: Probed
     assert (planes[:, 3] > 0.0).all()
 
 
+@pytest.mark.parametrize("depth", [DEPTH, 8])  # with 8, at later surfaces than the second too
 def test_paths_that_end_in_the_probe_have_the_same_mean_and_fewer_segments(
-    probed: Probed, monkeypatch: pytest.MonkeyPatch
+    monkeypatch: pytest.MonkeyPatch, depth: int
 ) -> None:
+    probed = Probed(depth)
     view = view_at(25.0)
     paths = PathPass(probed.device, view.width, view.height)
     probed.place(0)
@@ -97,7 +99,7 @@ def test_paths_that_end_in_the_probe_have_the_same_mean_and_fewer_segments(
     for cache in (None, probed.probe.cache(ONE_GROUP)):
         scene = replace(paths.scene_arrays(), cache=cache)
         segments.clear()
-        sums = paths.sums(view, pixels, spp=64, key=frame_key(5, 0), max_depth=DEPTH, scene=scene)
+        sums = paths.sums(view, pixels, spp=64, key=frame_key(5, 0), max_depth=depth, scene=scene)
         numbers.append(sum(segments))
         light = sums[:, :3] / 64
         means.append(light[light.max(axis=-1) < 0.8].mean())
@@ -106,18 +108,20 @@ def test_paths_that_end_in_the_probe_have_the_same_mean_and_fewer_segments(
 
 
 @pytest.mark.parametrize(
-    ("status", "spread", "ior2", "ends"),
+    ("status", "max_depth", "spread", "ior2", "ends"),
     [
-        (LIVE | FEATURES_WRITTEN | 1, 1e3, 1.0, True),
-        (LIVE | FEATURES_WRITTEN | 0, 1e3, 1.0, False),  # at the first surface
-        (LIVE | FEATURES_WRITTEN | 2, 1e3, 1.0, False),  # beyond the second
-        (LIVE | 1, 1e3, 1.0, False),  # the first surface is a mirror, whose features are not known yet
-        (LIVE | FEATURES_WRITTEN | 1, 1e-6, 1.0, False),  # narrower than a cell
-        (LIVE | FEATURES_WRITTEN | 1, 1e3, 2.25, False),  # within glass
+        (LIVE | FEATURES_WRITTEN | 1, 2, 1e3, 1.0, True),
+        (LIVE | FEATURES_WRITTEN | 0, 8, 1e3, 1.0, False),  # at the first surface
+        (LIVE | FEATURES_WRITTEN | 2, 7, 1e3, 1.0, True),  # at the third, with four segments left
+        (LIVE | FEATURES_WRITTEN | 2, 6, 1e3, 1.0, False),  # with three segments left
+        (LIVE | FEATURES_WRITTEN | 3, 7, 1e3, 1.0, False),  # at the fourth
+        (LIVE | 1, 8, 1e3, 1.0, False),  # the first surface is a mirror, whose features are not known yet
+        (LIVE | FEATURES_WRITTEN | 1, 8, 1e-6, 1.0, False),  # narrower than a cell
+        (LIVE | FEATURES_WRITTEN | 1, 8, 1e3, 2.25, False),  # within glass
     ],
 )
-def test_paths_end_at_the_second_surface_that_the_probe_knows(
-    probed: Probed, status: int, spread: float, ior2: float, ends: bool
+def test_paths_end_at_the_surfaces_that_the_probe_knows(
+    probed: Probed, status: int, max_depth: int, spread: float, ior2: float, ends: bool
 ) -> None:
     face, count = 4, SIZE * SIZE  # the back wall
     paths = PathPass(probed.device, SIZE, SIZE)
@@ -129,7 +133,7 @@ def test_paths_end_at_the_second_surface_that_the_probe_knows(
     rows[:, SPREAD], rows[:, RELATIVE_IOR2] = spread, ior2
     state.state.from_numpy(rows)
     state.status.fill(status)
-    live = end_in_cache(scene.arrays, probed.probe.cache(ONE_GROUP), state, count, scene.any_links)
+    live = end_in_cache(scene.arrays, probed.probe.cache(ONE_GROUP), state, count, max_depth, scene.any_links)
     ended = state.status.to_numpy() == 0
     assert live == count - ended.sum()
     assert ended.mean() > 0.5 if ends else not ended.any()

@@ -2,7 +2,8 @@
 """Changes of the light on static surfaces by movers, found at reduced size.
 
 A few paths through the static scene are recorded for each frame, and those that movers invalidate are traced again, as
-in incremental rendering.
+in incremental rendering. Paths end in a light probe, where it knows their second surface: how movers change the light
+of that surface is left out.
 """
 
 from __future__ import annotations
@@ -20,6 +21,7 @@ from tiscene.render.integrators.incremental.frame_scratch import FrameScratch
 from tiscene.render.integrators.incremental.outlier_filter import filter_outliers
 from tiscene.render.integrators.incremental.path_cache import PathCache, state_size
 from tiscene.render.integrators.incremental.path_retracer import PathRetracer
+from tiscene.render.integrators.panorama.light_probe import LightProbe
 from tiscene.render.integrators.path.path_pass import PathPass
 from tiscene.render.integrators.path.path_state import PathSamples, PathState
 from tiscene.render.sampling.sobol import index_bits
@@ -47,12 +49,15 @@ class LightChanges:
         self._state: PathState | None = None
         self._scratch: FrameScratch | None = None
 
-    def record(self, view: View, placement: Placement, keys: Iterable[int], *, spp: int, max_depth: int) -> None:
+    def record(
+        self, view: View, placement: Placement, probe: LightProbe, keys: Iterable[int], *, spp: int, max_depth: int
+    ) -> None:
         """Trace paths through the static scene, which is placed.
 
         Args:
             view: Camera and image size.
             placement: Placement of the frame.
+            probe: Light of the static scene.
             keys: Keys of the random numbers of paths, and of those by which shadow rays pass partially opaque movers.
             spp: Paths per pixel of reduced size.
             max_depth: Largest number of segments of a path.
@@ -62,8 +67,11 @@ class LightChanges:
         if self._state is None or self._state.size < size:
             self._state = PathState(size)
         self._paths.background = view.background
-        self._lights = BaseLights(self._paths.scene, placement.light_groups)
-        scenes = [scene_under_group(self._paths, group, self._lights) for group in range(self._lights.groups)]
+        self._probe, self._lights = probe, BaseLights(self._paths.scene, placement.light_groups)
+        scenes = [
+            replace(scene_under_group(self._paths, group, self._lights), cache=probe.cache_of_group(group))
+            for group in range(self._lights.groups)
+        ]
         key, mover_key = keys
         samples = PathSamples(spp, index_bits(spp), key)
         self._cache = PathCache(
@@ -81,7 +89,7 @@ class LightChanges:
         """
         assert self._scratch is not None
         self._retracer.place_movers(moving)
-        scene = self._paths.scene_arrays(self._lights.scaled(factors))
+        scene = replace(self._paths.scene_arrays(self._lights.scaled(factors)), cache=self._probe.cache(factors))
         for block in self._cache.blocks:
             self._retracer.retrace(scene, self._cache, block, self._cache.pixels, factors, self._scratch)
         rows: FloatImage = self._scratch.correction.to_numpy()

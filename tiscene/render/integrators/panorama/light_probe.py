@@ -50,7 +50,8 @@ class LightProbe:
 
     def __init__(self, center: Vector3, cells: FloatImage) -> None:
         self.center, self.cells = center, cells
-        self._cache: tuple[bytes, RadianceCache] | None = None  # the last one, with its factors
+        self._groups = (cells.shape[-1] - PLANE) // 3
+        self._caches: dict[bytes, RadianceCache] = {}  # by factors, least recently used first
 
     def cache(self, factors: FloatImage) -> RadianceCache:
         """Return the light under all groups.
@@ -58,9 +59,16 @@ class LightProbe:
         Args:
             factors: float32 [groups, 3], intensity of each light group.
         """
-        if self._cache is None or self._cache[0] != factors.tobytes():
-            self._cache = factors.tobytes(), self._upload(factors)
-        return self._cache[1]
+        key = factors.tobytes()
+        cache = self._caches.pop(key, None) or self._upload(factors)
+        self._caches[key] = cache
+        if len(self._caches) > self._groups + 1:  # each group alone, and all of a frame
+            del self._caches[next(iter(self._caches))]
+        return cache
+
+    def cache_of_group(self, group: int) -> RadianceCache:
+        """Return the light under one group alone."""
+        return self.cache(np.eye(self._groups, dtype=np.float32)[group, :, None].repeat(3, axis=-1))
 
     def _upload(self, factors: FloatImage) -> RadianceCache:
         cells = self.cells.reshape(FACES * SIZE * SIZE, -1)

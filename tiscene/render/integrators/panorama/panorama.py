@@ -232,10 +232,9 @@ class Panorama:
         pages = list(self._pages(tiles))
         done, total = 0, len(tiles) * self.groups
         probe = self.probe()
-        only = np.eye(self.groups, dtype=np.float32)[..., None].repeat(3, axis=-1)  # factors of one group alone
         for group in range(self.groups):
             self._place(group)
-            scene = replace(scene_under_group(self._paths, group, None), cache=probe.cache(only[group]))
+            scene = replace(scene_under_group(self._paths, group, None), cache=probe.cache_of_group(group))
             light = slice(light_column(group), light_column(group) + 3)
             for number, page_view, members in pages:
                 first = tiles[members, 1:] % (PAGE // TILE) * TILE

@@ -43,7 +43,7 @@ from tiscene.scene.placement import CURRENT, Placement
 FloatImage = NDArray[np.float32]
 
 _NUMBERS = np.array([bits.bit_count() for bits in range(ALL_KNOWN + 1)], np.int32)  # of known subpixels
-CHANGES_DEPTH = 3  # largest number of segments of the paths that find movers' changes of light: one bounce
+CHANGES_DEPTH = 4  # largest number of segments of the paths that find movers' changes of light
 # Frame numbers of keys whose random numbers then vary with the frame.
 CHANGES_FRAME, OPACITY_FRAME, MOVERS_FRAME = -7, -8, -9
 
@@ -170,7 +170,7 @@ class PanoramaPass:
                 self._changes = LightChanges(self.scene, view)
             self.scene.place(static)
             keys = (frame_key(frame_key(seed, frame), frame_index) for frame in (CHANGES_FRAME, OPACITY_FRAME))
-            self._changes.record(view, placement, keys, spp=spp, max_depth=min(max_depth, CHANGES_DEPTH))
+            self._changes.record(view, placement, self._probe, keys, spp=spp, max_depth=min(max_depth, CHANGES_DEPTH))
         return True
 
     def render(self, moving: NDArray[np.bool_], instance: NDArray[np.int32], *, spp: int) -> PanoramaImage:

@@ -1,10 +1,11 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A radiance cache: light that leaves surfaces, in which paths end that have scattered once.
+"""A radiance cache: light that leaves surfaces, in which paths end that have scattered.
 
 Most of a path's segments find indirect light, which hardly differs over a few centimeters. Where a cache knows the
 light of the second surface that a path reaches, it takes that light instead of going on (final gathering; see Křivánek
 et al., "Radiance Caching for Efficient Global Illumination Computation", 2005). A cache of paths with one segment less
-keeps the largest number of segments. A path goes on
+keeps the largest number of segments. At later surfaces it has more segments than the path would have: paths end there
+only while they have several left, since what is beyond those brings hardly any light. A path goes on
 
 - where its footprint is smaller than a cell: near the vertex that it left, and after clear reflections;
 - where the cache does not know the surface;
@@ -45,6 +46,7 @@ from tiscene.scene.placement import CURRENT
 
 FLATNESS = 0.1  # largest distance of a point from the plane of its cell, in widths of the cell
 ALIGNED = 0.9  # least cosine between the normals of a point and of its cell
+LEAST_LEFT = 4  # segments that a path must have left to end at a later surface than the second
 
 
 class RadianceCache(NamedTuple):
@@ -63,7 +65,14 @@ class RadianceCache(NamedTuple):
     center: tuple[float, float, float]
 
 
-def end_in_cache(arrays: Any, cache: RadianceCache, state: PathState, live: int, any_links: bool) -> int:
+def last_depth(max_depth: int) -> int:
+    """Return after how many surfaces a path of at most so many segments may still end in a cache."""
+    return max(1, max_depth - 1 - LEAST_LEFT)
+
+
+def end_in_cache(
+    arrays: Any, cache: RadianceCache, state: PathState, live: int, max_depth: int, any_links: bool
+) -> int:
     """End those of the first `live` paths of the queue whose rays hit what a cache knows.
 
     Args:
@@ -71,6 +80,7 @@ def end_in_cache(arrays: Any, cache: RadianceCache, state: PathState, live: int,
         cache: The cache.
         state: The paths, whose rays have been intersected; its queue is compacted.
         live: Number of paths.
+        max_depth: Largest number of segments of a path.
         any_links: Whether light or shadow linking restricts a light.
 
     Returns:
@@ -78,7 +88,8 @@ def end_in_cache(arrays: Any, cache: RadianceCache, state: PathState, live: int,
     """
     _end_in_cache(
         *arrays.surfaces[:8], arrays.material_info, *arrays.lighting[3:], cache.cells, cache.size, *cache.center,
-        state.queue, live, state.rays, state.hits, state.hit_ids, state.occluded, state.state, state.status, any_links,
+        last_depth(max_depth), state.queue, live, state.rays, state.hits, state.hit_ids, state.occluded, state.state,
+        state.status, any_links,
     )  # fmt: skip
     counts = compact(state.status, state.queue, live, state.next_queue, state.shadow_queue, state.chunks)
     state.swap_queues()
@@ -98,6 +109,7 @@ def _end_in_cache(
     center_x: ti.f32,
     center_y: ti.f32,
     center_z: ti.f32,
+    last_depth: ti.i32,
     queue: Ints1,
     count: ti.i32,
     rays: Rays,
@@ -117,7 +129,7 @@ def _end_in_cache(
         i = queue[k]
         depth, instance = status[i] & DEPTH_MASK, hit_ids[i][0]
         has_features = (status[i] & FEATURES_WRITTEN) != 0
-        if depth == 1 and has_features and instance >= 0 and state[i][RELATIVE_IOR2] == 1.0:
+        if depth >= 1 and depth <= last_depth and has_features and instance >= 0 and state[i][RELATIVE_IOR2] == 1.0:
             flags = material_info[geometry.triangle_material[hit_ids[i][1]], FLAGS]
             origin, direction, distance = ray_origin(rays, i), ray_direction(rays, i), hits[i][0]
             seen = origin + distance * direction - vec3(center_x, center_y, center_z)
