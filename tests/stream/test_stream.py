@@ -94,7 +94,7 @@ def test_a_frame_by_number_is_the_frame_of_iterating():
     assert stream.position == 9
 
 
-@pytest.mark.parametrize("threads", [1, 2])
+@pytest.mark.parametrize("threads", [1, pytest.param(2, marks=pytest.mark.slow)])
 def test_another_process_gives_the_same_bytes_on_any_number_of_threads(threads):
     here = {name: array.tobytes() for name, array in ts.Stream(moving_scenario(), **SETTINGS)[7].buffers.items()}
     done = subprocess.run(

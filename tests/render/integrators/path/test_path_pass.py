@@ -277,7 +277,7 @@ def fingerprint() -> str:
     "change",
     [
         "runtime.start(threads=1)",
-        "runtime.start(threads=2)",
+        pytest.param("runtime.start(threads=2)", marks=pytest.mark.slow),
         pytest.param("PathPass.vector_mode = lambda _: contextlib.nullcontext()", marks=pytest.mark.slow),
     ],
 )

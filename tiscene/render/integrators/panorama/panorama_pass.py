@@ -43,7 +43,7 @@ from tiscene.scene.placement import CURRENT, Placement
 FloatImage = NDArray[np.float32]
 
 _NUMBERS = np.array([bits.bit_count() for bits in range(ALL_KNOWN + 1)], np.int32)  # of known subpixels
-CHANGES_DEPTH = 4  # largest number of segments of the paths that find movers' changes of light
+CHANGES_DEPTH = 3  # largest number of segments of the paths that find movers' changes of light: one bounce
 # Frame numbers of keys whose random numbers then vary with the frame.
 CHANGES_FRAME, OPACITY_FRAME, MOVERS_FRAME = -7, -8, -9
 
