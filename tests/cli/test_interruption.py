@@ -129,6 +129,23 @@ def test_nothing_is_left_of_a_command_that_has_ended(start, body):
     assert is_empty(command.pid)
 
 
+def test_message_that_arrives_together_with_the_signal_is_not_repeated():
+    """On a busy machine, the watching process reads both at once."""
+    program = (
+        "import os, signal\n"
+        "from tiscene.cli import interruption\n"
+        "reader, writer = os.pipe()\n"
+        "os.write(writer, bytes([signal.SIGINT]) + interruption._SAID)\n"
+        "watcher = os.fork()\n"
+        "if watcher == 0:\n"
+        "    interruption._watch(reader, watched=-1, grace=0.1)\n"
+        "    os._exit(0)\n"
+        "os.waitpid(watcher, 0)"
+    )
+    done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True)
+    assert (done.stdout, done.stderr) == ("", "")
+
+
 def test_other_signals_do_not_end_a_command(start):
     command = start("import signal; signal.signal(signal.SIGUSR1, print); time.sleep(0.1); signal.raise_signal(10)")
     command.wait(30)

@@ -25,7 +25,7 @@ WORKER_GRACE = 0.8  # s, of a process that renders a part for another command, w
 CLUSTER_GRACE = 15.0  # s, of a command that stops workers on other machines; a second Ctrl-C ends it at once
 _LAST = 0.2  # s, in which the system ends a process after a second SIGINT
 _MESSAGE = b"tiscene: interrupted\n"
-_SAID = b"\0"  # no number of a signal
+_SAID = b"\xff"  # no number of a signal
 
 _pipe: int | None = None  # to the watching process
 
@@ -126,18 +126,17 @@ def _watch(reader: int, watched: int, grace: float) -> None:
     nowhere = os.open(os.devnull, os.O_RDWR)
     os.dup2(nowhere, 0)
     os.dup2(nowhere, 1)
+    received = bytearray(64)  # an exception loses what `os.read` returns
     with contextlib.suppress(KeyboardInterrupt):  # a terminal sends the signal to this process too
         signal.pthread_sigmask(signal.SIG_UNBLOCK, {signal.SIGINT})
-        received = b"?"
-        while received and signal.SIGINT not in received:
-            received = os.read(reader, 64)
-        if not received:
-            return
+        while signal.SIGINT not in received:
+            if not os.readv(reader, [received]):
+                return
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     ended, said = _wait(reader, grace)
     if ended:
         return
-    if not said:
+    if not said and _SAID not in received:  # on a busy machine, both arrive at once
         with contextlib.suppress(OSError):
             os.write(2, _MESSAGE)
     for number in (signal.SIGINT, signal.SIGKILL):  # the former is the second one: see `_end_at_second_signal`
