@@ -53,6 +53,11 @@ class LightProbe:
         self._groups = (cells.shape[-1] - PLANE) // 3
         self._caches: dict[bytes, RadianceCache] = {}  # by factors, least recently used first
 
+    @property
+    def bytes(self) -> int:
+        """Memory of the cells, and of the copies on the device."""
+        return self.cells.nbytes + len(self._caches) * FACES * SIZE * SIZE * 4 * 8
+
     def cache(self, factors: FloatImage) -> RadianceCache:
         """Return the light under all groups.
 

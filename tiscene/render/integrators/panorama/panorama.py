@@ -143,12 +143,17 @@ class Panorama:
 
     @property
     def bytes(self) -> int:
-        """Memory of the cells."""
-        return self._traced.bytes_with(0) + self._denoised.bytes_with(0)
+        """Memory of the cells and of the light probe."""
+        return self._traced.bytes_with(0) + self._denoised.bytes_with(0) + self._probe_bytes
 
     def bytes_with(self, missing: Missing) -> int:
-        """Return the memory of the cells with room for those that are missing."""
-        return self._traced.bytes_with(len(missing.tiles)) + self._denoised.bytes_with(len(missing.blocks))
+        """Return the memory with room for cells that are missing."""
+        cells = self._traced.bytes_with(len(missing.tiles)) + self._denoised.bytes_with(len(missing.blocks))
+        return cells + self._probe_bytes
+
+    @property
+    def _probe_bytes(self) -> int:
+        return self._probe.bytes if self._probe else 0
 
     def clear(self) -> None:
         """Forget all cells."""
