@@ -12,7 +12,16 @@ from tiscene.render.integrators.path.path_image import PathImage
 from tiscene.render.integrators.path.path_pass import PathPass
 from tiscene.render.view import View
 from tiscene.scene.camera import Camera
-from tiscene.scene.description import Instance, Light, Material, Mesh, SceneDescription, SceneObject, Texture
+from tiscene.scene.description import (
+    Instance,
+    Light,
+    Material,
+    Mesh,
+    RectLight,
+    SceneDescription,
+    SceneObject,
+    Texture,
+)
 from tiscene.scene.device_scene import DeviceScene
 
 WHITE = (1.0, 1.0, 1.0)
@@ -134,3 +143,12 @@ def towards(position: tuple[float, float, float], direction: tuple[float, float,
     matrix[:3, :3] = np.stack([x, np.cross(z, x), z], axis=1)
     matrix[:3, 3] = position
     return matrix
+
+
+CEILING_LAMP = RectLight("lamp", "/lamp", towards((0.0, 0.99, 0.0), (0.0, -1.0, 0.0)), (18.0, 15.0, 8.0), 0.6, 0.5)
+
+
+def lit_box() -> SceneDescription:
+    """Return a Cornell box with a rectangular light."""
+    meshes, materials = box(CORNELL)
+    return described(meshes, materials, [CEILING_LAMP])

@@ -52,7 +52,7 @@ def seconds_of_libraries(path: Path, description: SceneDescription) -> float:
     return time.process_time() - start
 
 
-def test_room_is_read_in_little_more_time_than_libraries_take(room: tuple[SceneDescription, float]) -> None:
+def test_room_is_read_in_a_few_times_the_seconds_of_libraries(room: tuple[SceneDescription, float]) -> None:
     description, seconds = room
     assert seconds < RATIO * seconds_of_libraries(PACKAGE / description.name / "scene.usda", description)
 

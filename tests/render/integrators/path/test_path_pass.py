@@ -1,10 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The path pass: furnace tests, closed forms, MIS, determinism, independence of batches, threads and scenes."""
+"""The path pass: furnace tests, closed forms, MIS, sampling, textures, the lens and invalid input."""
 
-import hashlib
 import math
-import subprocess
-import sys
 
 import numpy as np
 import pytest
@@ -19,6 +16,7 @@ from tests.render.path_scenes import (
     box,
     described,
     device_scene,
+    lit_box,
     matte,
     quad,
     render,
@@ -34,7 +32,6 @@ from tiscene.scene.description import (
     Material,
     Mesh,
     RectLight,
-    SceneDescription,
     SphereLight,
     Texture,
     TextureLookup,
@@ -43,13 +40,6 @@ from tiscene.scene.description import (
 SKY = DomeLight("sky", "/sky", np.eye(4), (1.0, 1.0, 1.0))
 CLOSE = Camera.look_at((0.0, 0.0, 4.0), (0.0, 0.0, 0.0), vertical_fov=math.radians(26.0))
 FLOOR = quad((-50, 0, 50), (50, 0, 50), (50, 0, -50), (-50, 0, -50))
-
-
-def lit_box() -> SceneDescription:
-    """Return a Cornell box with a rectangular light."""
-    meshes, materials = box(CORNELL)
-    lamp = RectLight("lamp", "/lamp", towards((0.0, 0.99, 0.0), (0.0, -1.0, 0.0)), (18.0, 15.0, 8.0), 0.6, 0.5)
-    return described(meshes, materials, [lamp])
 
 
 def floor_radiance(light: object, material: Material | None = None, textures: tuple[Texture, ...] = ()) -> float:
@@ -256,62 +246,6 @@ def test_normal_map_tilts_shading_normal() -> None:
     floor = matte("bumpy", WHITE, normal=lookup)
     expected = math.cos(math.radians(45.0 - 30.0)) / math.pi
     assert floor_radiance(sun, floor, (texture,)) == pytest.approx(expected, rel=2e-3)
-
-
-def digest(image: np.ndarray) -> str:
-    """Return the SHA-256 of an image."""
-    return hashlib.sha256(image.tobytes()).hexdigest()
-
-
-def fingerprint() -> str:
-    """Return digests of images with glass, textures of light and many bounces; other processes run this too."""
-    meshes, materials = box(CORNELL)
-    meshes.append(ball((0.3, 0.3, 0.2), 0.4, 3))
-    materials.append(Material("frosted", opacity=0.2, roughness=0.3, clearcoat=0.5))
-    lamp = RectLight("lamp", "/lamp", towards((0.0, 0.99, 0.0), (0.0, -1.0, 0.0)), (18.0, 15.0, 8.0), 0.6, 0.5)
-    image = render(described(meshes, materials, [lamp, SKY]), BOX_CAMERA, (40, 30), spp=6, max_depth=8, frame_index=3)
-    return digest(image.hdr) + digest(image.albedo) + digest(image.normal)
-
-
-@pytest.mark.parametrize(
-    "change",
-    [
-        "runtime.start(threads=1)",
-        pytest.param("runtime.start(threads=2)", marks=pytest.mark.slow),
-        pytest.param("PathPass.vector_mode = lambda _: contextlib.nullcontext()", marks=pytest.mark.slow),
-    ],
-)
-def test_same_bytes_in_another_process(change: str) -> None:
-    """With other numbers of threads, and with kernels compiled in scalar instead of vector mode."""
-    code = (
-        "import contextlib\n"
-        "from tiscene.device import runtime\n"
-        "from tiscene.render.integrators.path.path_pass import PathPass\n"
-        f"{change}\n"
-        "from tests.render.integrators.path.test_path_pass import fingerprint; print(fingerprint())"
-    )
-    result = subprocess.run([sys.executable, "-W", "ignore", "-c", code], capture_output=True, text=True)
-    assert (result.returncode, result.stderr[-3000:]) == (0, "")
-    assert result.stdout.split() == [fingerprint()]
-
-
-def test_bytes_do_not_depend_on_batch_size() -> None:
-    scene = device_scene(lit_box())
-    whole = render(scene, BOX_CAMERA, (20, 13), spp=5)
-    for batch_size in (128, 1000, 1300):
-        parts = render(scene, BOX_CAMERA, (20, 13), spp=5, batch_size=batch_size)
-        assert digest(parts.hdr) == digest(whole.hdr)
-        assert digest(parts.albedo) == digest(whole.albedo)
-
-
-def test_frames_and_seeds_have_independent_noise() -> None:
-    scene = device_scene(lit_box())
-    first = render(scene, BOX_CAMERA, spp=4).hdr
-    assert digest(render(scene, BOX_CAMERA, spp=4).hdr) == digest(first)
-    for other in ({"seed": 2}, {"frame_index": 1}):
-        image = render(scene, BOX_CAMERA, spp=4, **other).hdr
-        assert np.abs(image - first).max() > 1e-3
-        assert image.mean() == pytest.approx(first.mean(), rel=0.25)
 
 
 def test_sobol_has_less_error_than_independent_sampling() -> None:
