@@ -109,6 +109,9 @@ class Missing(NamedTuple):
     blocks: NDArray[np.int64]
 
 
+_NOTHING = Missing(np.zeros((0, 3), np.int64), np.zeros((0, 3), np.int64))
+
+
 class Panorama:
     """Cells around a point, as far as they were needed.
 
@@ -144,16 +147,12 @@ class Panorama:
     @property
     def bytes(self) -> int:
         """Memory of the cells and of the light probe."""
-        return self._traced.bytes_with(0) + self._denoised.bytes_with(0) + self._probe_bytes
+        return self.bytes_with(_NOTHING)
 
     def bytes_with(self, missing: Missing) -> int:
         """Return the memory with room for cells that are missing."""
         cells = self._traced.bytes_with(len(missing.tiles)) + self._denoised.bytes_with(len(missing.blocks))
-        return cells + self._probe_bytes
-
-    @property
-    def _probe_bytes(self) -> int:
-        return self._probe.bytes if self._probe else 0
+        return cells + (self._probe.bytes if self._probe else 0)
 
     def clear(self) -> None:
         """Forget all cells."""

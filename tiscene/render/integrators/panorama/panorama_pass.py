@@ -5,8 +5,9 @@
    an anchor nearby, and traces a few paths through the static scene in an image of reduced size.
 2. `PanoramaPass.render` traces those of them again that movers invalidate, as the incremental pass does. The mean
    change of each pixel is what movers add to or take from the light of static surfaces.
-3. Pixels in which a mover is visible, and those that the panorama does not know, are path traced; paths end in the
-   panorama's light probe.
+3. Pixels in which a mover is visible, and those that the panorama does not know, are path traced.
+
+All these paths end in the panorama's light probe, where it knows a surface that they reach.
 
 The image is approximate: resampling blurs by half a pixel, highlights are those that the anchor sees, and movers change
 light at a reduced size. Every frame is a function of its own inputs, not of previous frames.
