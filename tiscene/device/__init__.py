@@ -6,6 +6,7 @@
     runtime           start Taichi once per process
     restart           notice that the user's code restarted Taichi
     worker_affinity   bind each of Taichi's threads to a core
+    balanced_loops    loops whose work threads share evenly
     vector_mode       compile kernels with SIMD vectors
     memory            host arrays to device arrays
     freed_arrays      memory of deleted arrays, used again

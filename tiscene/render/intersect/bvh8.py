@@ -10,12 +10,13 @@ Compiled in vector mode only (`tiscene.device.vector_mode`).
 
 import taichi as ti
 
+from tiscene.device.balanced_loops import item_of, iterations
 from tiscene.device.kernel_types import Float4s1, Float8s1, Floats3, Ints1, Ints2, Template, float4, float8, int8
 from tiscene.render.intersect.ray_queue import HitIds, Hits, Rays, hit, hit_id
 from tiscene.scene.bvh.rebraid import INFO_PARTS, ROW_BITS, ROW_MASK
 
 TASK_RAYS = 32  # rays of one task, which share a stack: Taichi clears it where it is declared
-MIN_TASKS = 1 << 11  # Taichi schedules at least 512 iterations of a loop per thread
+MIN_TASKS = 1 << 8  # of a loop over many rays
 STACK = 112  # a BLAS and a TLAS need at most 56 entries each (tiscene.scene.bvh.workspace)
 SLACK = 1.000002  # factor of far planes and t_max
 INFINITY = ti.math.inf
@@ -311,7 +312,11 @@ def closest(
 ):
     """Find the closest hits of rays; parameters as `trace.closest`."""
     size = ti.math.clamp(count // MIN_TASKS, 1, TASK_RAYS)
-    for task in range((count + size - 1) // size):
+    tasks = (count + size - 1) // size
+    for iteration in range(iterations(tasks)):
+        task = item_of(iteration, tasks)
+        if task < 0:
+            continue
         references = ti.Vector([0] * STACK)
         distances = ti.Vector([0.0] * STACK)
         for i in range(task * size, ti.min(count, (task + 1) * size)):

@@ -11,6 +11,7 @@ Compiled in vector mode only.
 
 import taichi as ti
 
+from tiscene.device.balanced_loops import item_of, iterations
 from tiscene.device.kernel_types import Float4s1, Float8s1, Floats3, Ints1, Ints2, Template, float8
 from tiscene.render.intersect.bvh8 import (
     LARGEST,
@@ -86,7 +87,11 @@ def occluded(
 ):
     """Test rays for occlusion; parameters as `trace.occluded` and `occluded_by_instance`; targeted: use `targets`."""
     size = ti.math.clamp(count // MIN_TASKS, 1, TASK_RAYS)
-    for task in range((count + size - 1) // size):
+    tasks = (count + size - 1) // size
+    for iteration in range(iterations(tasks)):
+        task = item_of(iteration, tasks)
+        if task < 0:
+            continue
         groups = ti.Vector([0] * (RAYS * GROUPS))
         floats = ti.Vector([1.0] * (RAYS * FLOATS))
         ints = ti.Vector([0] * (RAYS * INTS))  # each ray starts at the empty node, then ends

@@ -11,6 +11,7 @@ Compiled in vector mode only.
 
 import taichi as ti
 
+from tiscene.device.balanced_loops import item_of, iterations
 from tiscene.device.kernel_types import Float4s1, Float8s1, Floats3, Ints1, Ints2, Template, float8
 from tiscene.render.intersect.bvh8 import INFINITY, LARGEST, STACK, entry_column, fast_max, fast_min, trace
 from tiscene.render.intersect.ray_queue import HitIds, Hits, Rays, hit, hit_id
@@ -82,8 +83,11 @@ def closest(
 ):
     """Find the closest hits of rays; parameters as `trace.closest`."""
     # Per axis, c and r: center and radius of the packet's directions; l, m, j: results of `interval`.
-    ti.loop_config(block_dim=16)
-    for packet in range((count + LANES - 1) // LANES):
+    packets = (count + LANES - 1) // LANES
+    for iteration in range(iterations(packets)):
+        packet = item_of(iteration, packets)
+        if packet < 0:
+            continue
         references = ti.Vector([0] * STACK)
         distances = ti.Vector([0.0] * STACK)
         first = packet * LANES

@@ -10,6 +10,7 @@ combined by multiple importance sampling. See Physically Based Rendering, 4th ed
 import taichi as ti
 
 from tiscene.device.argument_bundles import bundled
+from tiscene.device.balanced_loops import item_of, iterations
 from tiscene.device.kernel_types import Float8s1, Floats1, Floats2, Ints1, Template, vec2, vec3
 from tiscene.render.bsdfs import extended_surface_bsdf as extended_bsdf
 from tiscene.render.bsdfs import preview_surface_bsdf as bsdf
@@ -142,9 +143,11 @@ def shade(
     )
     first_set = FIRST_STEP_SET + SETS * step
     single_texture_key = set_key(frame_key, first_set + TEXTURE_SET)
-    ti.loop_config(block_dim=128)
     # Vectors must be created inside the loop: in vector mode, memory of vectors created before it is not aligned.
-    for k in range(count):
+    for iteration in range(iterations(count)):
+        k = item_of(iteration, count)
+        if k < 0:
+            continue
         i = queue[k]
         origin, direction = ray_origin(rays, i), ray_direction(rays, i)
         throughput, radiance = get3(state, i, THROUGHPUT), get3(state, i, RADIANCE)
