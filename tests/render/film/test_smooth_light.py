@@ -32,8 +32,8 @@ def replaced(image: Image, light: Image, normal: Image = NORMAL) -> Image:
 
 
 def test_steps_between_blocks_of_a_plain_wall_vanish() -> None:
-    blocks = 1.0 + 0.1 * (np.add.outer(np.arange(SIZE[0]) // 8, np.arange(SIZE[1]) // 8) % 2)
-    wall = flat(np.full(SIZE, 1.05))
+    blocks = 1.0 + 0.04 * (np.add.outer(np.arange(SIZE[0]) // 8, np.arange(SIZE[1]) // 8) % 2)
+    wall = flat(np.full(SIZE, 1.02))
     np.testing.assert_allclose(replaced(flat(blocks), wall), wall, rtol=1e-4)
 
 
@@ -46,6 +46,16 @@ def test_edges_of_light_and_of_surfaces_stay() -> None:
     result = replaced(wall, np.float32(1.1) * wall, corner)
     np.testing.assert_array_equal(result[edge], wall[edge])
     np.testing.assert_allclose(result[:, :16], 1.1 * wall[:, :16], rtol=1e-4)
+
+
+def test_details_that_reduced_size_does_not_show_stay() -> None:
+    seams = 1.0 - 0.2 * (np.arange(SIZE[1]) % 8 == 3)
+    image = flat(np.broadcast_to(seams, SIZE))
+    for factor in (1.0, 1.1):
+        light = np.float32(factor) * image
+        result = replaced(image, light)
+        np.testing.assert_allclose(result, light, rtol=0.03)
+        np.testing.assert_allclose(result[:, 3::8], light[:, 3::8], rtol=0.005)
 
 
 def test_light_that_differs_much_is_not_trusted() -> None:

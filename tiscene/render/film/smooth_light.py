@@ -2,8 +2,9 @@
 """Replacement of denoised light where it varies slowly by light that was denoised at reduced size.
 
 Parts of an image that are denoised each by itself differ slightly in mean light, which shows as a grid on plain walls.
-There irradiance of reduced size is as good, and it is denoised in the image as a whole. Where light or surfaces differ
-between neighbors, or the two images do, the image stays as it is.
+There irradiance of reduced size is as good, and it is denoised in the image as a whole. Details that it cannot show
+are kept: what the image has and its own irradiance of reduced size has not. Where light or surfaces differ between
+neighbors, or the two irradiances do, the image stays as it is.
 """
 
 import numpy as np
@@ -11,13 +12,14 @@ import taichi as ti
 from numpy.typing import NDArray
 
 from tiscene.device.kernel_types import Floats2, Floats3, vec3
-from tiscene.render.film.upsample import read, upsample
+from tiscene.render.film.upsample import modulation, read, similarity, spline
 
 FloatImage = NDArray[np.float32]
 
 DIFFERENCE = 0.3  # of the two irradiances, relative, up to which both are trusted; fades out to the double
 NORMAL_RANGE = 0.3  # of a component of the normal in 3 x 3 pixels, above which there is an edge
 DARKEST = 1e-3  # added to sums of red, green and blue, so that black is no contrast
+DETAIL = 0.4  # relative difference of light from its surroundings that is a detail, in contrasts; half of it is none
 
 
 def replace_smooth_light(
@@ -46,8 +48,8 @@ def replace_smooth_light(
     """
     weights = np.empty(own.shape[:2], np.float32)
     _find_smooth(own, irradiance, normal, contrast, weights)
-    result = upsample(irradiance, normal, *guides, downscale)
-    _blend(image, weights, 1.0 / downscale, result)
+    result = np.empty_like(image)
+    _replace(image, own, irradiance, normal, *guides, weights, 1.0 / downscale, DETAIL * contrast, result)
     return result
 
 
@@ -71,16 +73,38 @@ def _find_smooth(own: Floats3, irradiance: Floats3, normal: Floats3, contrast: t
 
 
 @ti.kernel
-def _blend(image: Floats3, weights: Floats2, scale: ti.f32, result: Floats3):
-    """Blend an image into another of its size, by one minus weights of reduced size, interpolated."""
+def _replace(
+    image: Floats3,
+    own: Floats3,
+    irradiance: Floats3,
+    normal: Floats3,
+    full_albedo: Floats3,
+    full_normal: Floats3,
+    weights: Floats2,
+    scale: ti.f32,
+    detail: ti.f32,
+    result: Floats3,
+):
+    """Blend the image and the upsampled irradiance with the image's details."""
+    height, width = own.shape[0], own.shape[1]
     for y, x in ti.ndrange(image.shape[0], image.shape[1]):
         low_y, low_x = (y + 0.5) * scale - 0.5, (x + 0.5) * scale - 0.5
-        top, left = ti.floor(low_y, ti.i32), ti.floor(low_x, ti.i32)
-        weight = 0.0
-        for row, column in ti.static(ti.ndrange(2, 2)):
-            share = (1.0 - ti.abs(low_y - (top + row))) * (1.0 - ti.abs(low_x - (left + column)))
-            at_y = ti.math.clamp(top + row, 0, weights.shape[0] - 1)
-            at_x = ti.math.clamp(left + column, 0, weights.shape[1] - 1)
-            weight += share * weights[at_y, at_x]
+        n, shown = read(full_normal, y, x), read(image, y, x)
+        center_y, center_x = ti.round(low_y, ti.i32), ti.round(low_x, ti.i32)
+        weights_y, weights_x = spline(low_y - center_y), spline(low_x - center_x)
+        before, after, total, blend = vec3(0.0), vec3(0.0), 0.0, 0.0
+        for row, column in ti.static(ti.ndrange(3, 3)):
+            near_y, near_x = low_y - (center_y + row - 1), low_x - (center_x + column - 1)
+            at_y = ti.math.clamp(center_y + row - 1, 0, height - 1)
+            at_x = ti.math.clamp(center_x + column - 1, 0, width - 1)
+            weight = weights_y[row] * weights_x[column] * similarity(n, read(normal, at_y, at_x))
+            before += weight * read(own, at_y, at_x)
+            after += weight * read(irradiance, at_y, at_x)
+            total += weight
+            blend += ti.max(1.0 - ti.abs(near_y), 0.0) * ti.max(1.0 - ti.abs(near_x), 0.0) * weights[at_y, at_x]
+        light = modulation(n, read(full_albedo, y, x)) / total
+        before, after = before * light, after * light
+        excess = shown / ti.max(before, 1e-6) - 1.0
+        smooth = after * (1.0 + ti.math.smoothstep(0.5 * detail, detail, ti.abs(excess).max()) * excess)
         for c in ti.static(range(3)):
-            result[y, x, c] = image[y, x, c] + weight * (result[y, x, c] - image[y, x, c])
+            result[y, x, c] = shown[c] + blend * (smooth[c] - shown[c])

@@ -216,14 +216,22 @@ def upsampled(irradiance: Template, normal: Template, low_y: ti.f32, low_x: ti.f
     for row, column in ti.static(ti.ndrange(3, 3)):
         at_y = ti.math.clamp(center_y + row - 1, 0, irradiance.shape[0] - 1)
         at_x = ti.math.clamp(center_x + column - 1, 0, irradiance.shape[1] - 1)
-        other = read(normal, at_y, at_x)
-        similarity = ti.max(n.dot(other), 0.0) ** 4
-        if not n.norm_sqr() > 0.0:
-            similarity = ti.select(other.norm_sqr() > 0.0, 0.0, 1.0)
-        weight = weights_y[row] * weights_x[column] * (similarity + MIN_SIMILARITY)
+        weight = weights_y[row] * weights_x[column] * similarity(n, read(normal, at_y, at_x))
         sums += weight * read(irradiance, at_y, at_x)
         total += weight
-    result = sums / total
-    if n.norm_sqr() > 0.0:
-        result *= albedo + ALBEDO_OFFSET
-    return result
+    return sums / total * modulation(n, albedo)
+
+
+@ti.func
+def similarity(n: vec3, other: vec3) -> ti.f32:
+    """Return the weight of a neighbor with another normal; zero normals are no surface."""
+    result = ti.max(n.dot(other), 0.0) ** 4
+    if not n.norm_sqr() > 0.0:
+        result = ti.select(other.norm_sqr() > 0.0, 0.0, 1.0)
+    return result + MIN_SIMILARITY
+
+
+@ti.func
+def modulation(n: vec3, albedo: vec3) -> vec3:
+    """Return radiance over irradiance, as of `demodulate`."""
+    return ti.select(n.norm_sqr() > 0.0, albedo + ALBEDO_OFFSET, vec3(1.0))
