@@ -96,6 +96,19 @@ def test_density_is_zero_outside_portals_and_integrates_to_one(name: str) -> Non
         assert density[count == 1].std() < 0.01 * density[count == 1].mean()
 
 
+def test_portal_beside_a_point_is_chosen_by_its_solid_angle() -> None:
+    """Of the light at a window's reveal, most comes through that window, though it is seen at a grazing angle."""
+    x, y, z = ORIGIN
+    beside = Portal(placed((x - 0.1, y + 0.9, z), (1.0, 0.0, 0.0)), 1.5, 1.8)
+    opposite = Portal(placed((x + 3.0, y, z), (-1.0, 0.0, 0.0)), 1.5, 1.8)
+    everywhere = np.random.default_rng(5).normal(size=(COUNT, 3))
+    solid_angles = [crossed(portal, everywhere).sum() for portal in (beside, opposite)]
+    directions, _, _ = dome((beside, opposite)).sample(numbers(6))
+    chosen = [crossed(portal, directions).sum() for portal in (beside, opposite)]
+    assert solid_angles[0] > 10.0 * solid_angles[1]
+    assert chosen[0] > 5.0 * chosen[1]  # a tenth of the samples is spread evenly
+
+
 def test_dome_image_is_sampled_where_no_portal_faces() -> None:
     alone, plain = dome((BEHIND,)), dome(())
     for ours, theirs in zip(alone.sample(numbers(4)), plain.sample(numbers(4)), strict=True):

@@ -11,9 +11,10 @@ import taichi as ti
 
 from tiscene.device.kernel_types import Template, float8, vec3
 from tiscene.render.intersect.bvh8 import mask_bits
-from tiscene.render.lights import emission_profile
+from tiscene.render.lights import emission_profile, rect
 from tiscene.render.lights.lane_ops import load_lanes, lowest_set_bit, sum_lanes
 from tiscene.render.lights.light_sample import axis, header, integer, light_row, node_lanes, node_value, slot_value
+from tiscene.render.sampling import warp
 from tiscene.scene.lights.light_table import PORTAL_MAP_COLUMNS, PORTAL_MAPS
 from tiscene.scene.lights.light_tree import (
     BACK,
@@ -49,6 +50,8 @@ _MIN_COSINE = 0.05
 # A group is near if its squared distance is below this factor times SPREAD2. Near groups are weighed by the sum of
 # their children's estimates, which halves the largest errors.
 _NEAR = 4.0
+# Squared ratio of distance to half a diagonal below which the solid angle of a portal is computed.
+NEAR_PORTAL = 2.0
 
 
 @ti.func
@@ -131,6 +134,25 @@ def enters_through_portal(lights: Template, entry: ti.i32, origin: vec3):
 
 
 @ti.func
+def near_portal_factor(lights: Template, row: ti.i32, estimate: ti.f32, origin: vec3) -> ti.f32:
+    """Return by what the estimate of a portal has to be multiplied: beside a window it is far too small.
+
+    Args:
+        lights: LightTables.
+        row: The portal.
+        estimate: Estimated solid angle over area, 1/m².
+        origin: Shading point.
+    """
+    result = 1.0
+    x0, x1, y0, y1, z0 = rect.extent_from(lights.values, row, origin)
+    width, height, x, y = x1 - x0, y1 - y0, x0 + x1, y0 + y1
+    is_near = NEAR_PORTAL * (width * width + height * height) > x * x + y * y + 4.0 * z0 * z0
+    if z0 > 0.0 and estimate > 0.0 and is_near:
+        result = warp.rectangle_view(x0, x1, y0, y1, z0).solid_angle / (width * height * estimate)
+    return result
+
+
+@ti.func
 def weigh_infinite_lights(lights: Template, origin: vec3, weights: Template, faced: Template, faces: Template):
     """Set the weights of domes, and reduce those of distant lights that shine through no portal.
 
@@ -142,6 +164,12 @@ def weigh_infinite_lights(lights: Template, origin: vec3, weights: Template, fac
     domes, end = header(nodes, H_DISTANT_END), header(nodes, H_DOME_END)
     through_portals = 0.0
     for entry in range(portals, distants):
+        row = ti.cast(entry_value(nodes, entry, ROW), ti.i32)
+        if row >= 0:
+            closeness = near_portal_factor(lights, row, weights[entry] / entry_value(nodes, entry, STRENGTH), origin)
+            weights[entry] *= closeness
+            if ti.static(faces):
+                faced[entry] *= closeness
         through_portals += weights[entry]
     if through_portals > 0.0:
         for entry in range(distants, domes):
