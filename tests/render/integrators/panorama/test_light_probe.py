@@ -9,7 +9,15 @@ from numpy.typing import NDArray
 
 from tests.render.integrators.panorama.test_panorama_pass import DEPTH, SurroundedBalls, view_at
 from tiscene.render.integrators.incremental.base_image import base_placement
-from tiscene.render.integrators.panorama.light_probe import FACES, PLANE, SIZE, LightProbe, face_view, trace_probe
+from tiscene.render.integrators.panorama.light_probe import (
+    FACES,
+    PIXELS,
+    PLANE,
+    SIZE,
+    LightProbe,
+    face_view,
+    trace_probe,
+)
 from tiscene.render.integrators.path import path_pass
 from tiscene.render.integrators.path.path_pass import PathPass
 from tiscene.render.integrators.path.path_state import (
@@ -40,7 +48,7 @@ class Probed:
         self.device = self.balls.device
         self.place(0)
         cells = trace_probe(
-            PathPass(self.device, 8 * SIZE, 8 * SIZE), self.place, 1, self.center, seed=3, max_depth=depth - 1
+            PathPass(self.device, PIXELS, PIXELS), self.place, 1, self.center, seed=3, max_depth=depth - 1
         )
         self.probe = LightProbe(self.center, cells)
 

@@ -7,7 +7,7 @@ import taichi as ti
 
 from tests.render.path_scenes import BOX_CAMERA
 from tiscene.device.kernel_types import Floats2, Ints2
-from tiscene.render.integrators.panorama.panorama import CELL, PAGE, PanoramaSettings
+from tiscene.render.integrators.panorama.panorama import CELL, CONTRAST, PAGE, PanoramaSettings, contrast_of
 from tiscene.render.integrators.panorama.panorama_kernels import BLOCK, TILE
 from tiscene.render.sampling.cube import cell_of
 from tiscene.render.view import View, camera_ray
@@ -51,3 +51,22 @@ def test_cells_far_from_the_center_of_a_face_have_fewer_samples() -> None:
     settings = PanoramaSettings((0.0, 0.0, 0.0), 4 * PAGE - 2 * TILE, 256, 4, 0)
     samples = [settings.samples(settings.page_view(0, row, 1)) for row in range(4)]
     assert samples[0] == samples[3] < samples[1] == samples[2]
+
+
+def test_contrast_is_that_of_light_between_the_quarters_of_a_tile() -> None:
+    noise = np.random.default_rng(3)
+    shape = TILE, TILE, 3
+    albedo = noise.uniform(0.2, 0.8, shape)  # a texture
+    split = np.where(np.arange(TILE)[:, None] < TILE // 2, 1.0, 4.0)[..., None]
+    noisy = noise.exponential(1.0, shape)
+    cells = np.stack(
+        [
+            np.concatenate([light, albedo], axis=-1).reshape(TILE * TILE, 6)
+            for light in ((albedo + 0.08), (albedo + 0.08) * split, (albedo + 0.08) * noisy, 1e-4 * split * albedo)
+        ]
+    ).astype(np.float32)
+    textured, shadowed, noisy_tile, dark = contrast_of(cells, 0.01)
+    assert textured < 0.02
+    assert shadowed == pytest.approx((4.0 - 1.0) / (4.0 + 1.0 + 0.02), rel=0.02)
+    assert noisy_tile < CONTRAST
+    assert dark < 0.1

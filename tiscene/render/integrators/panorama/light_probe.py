@@ -32,6 +32,7 @@ from tiscene.scene.placement import CURRENT
 FloatImage = NDArray[np.float32]
 
 SIZE = 32  # cells along a side of a face
+PIXELS = 6 * SIZE  # along a side of a face
 FACES = 6
 SPP = 1  # paths per pixel of a face
 PLANE = 4  # columns of a cell's plane, before its light
@@ -57,6 +58,10 @@ class LightProbe:
     def bytes(self) -> int:
         """Memory of the cells, and of the copies on the device."""
         return self.cells.nbytes + len(self._caches) * FACES * SIZE * SIZE * 4 * 8
+
+    def mean_light(self, group: int) -> float:
+        """Return the mean radiance of all cells under one light group, W/m²/sr."""
+        return float(self.cells[..., PLANE + 3 * group : PLANE + 3 * group + 3].mean())
 
     def cache(self, factors: FloatImage) -> RadianceCache:
         """Return the light under all groups.
@@ -113,7 +118,7 @@ def trace_probe(
     """Return the cells of a light probe.
 
     Args:
-        paths: Path tracer of square images, SIZE times a whole number wide.
+        paths: Path tracer of square images, SIZE times a whole number wide: PIXELS.
         place: Places the scene under one light group.
         groups: Number of light groups.
         center: The point, world, m.

@@ -3,7 +3,9 @@
 
 Each face of the cube is divided into pages, each the image of a pinhole camera with an offset aperture, and these into
 tiles. All cells of a tile are traced when a view first needs one. Cells far from the center of a face subtend less and
-have fewer samples, so that samples are about equally dense in solid angle.
+have fewer samples, so that samples are about equally dense in solid angle. A quarter of these samples is traced first.
+Only tiles in which light varies then get all of them besides: elsewhere, what is between neighbors is noise, which the
+denoiser removes.
 
 Blocks of tiles are denoised once, together with the tiles around them. So that blocks at the edges of a face
 have such tiles too, a margin of one tile continues the plane of each face.
@@ -21,6 +23,7 @@ from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
 
 from tiscene.render.film.denoise import denoise
+from tiscene.render.film.upsample import ALBEDO_OFFSET
 from tiscene.render.integrators.incremental.base_image import ProgressCallback, scene_under_group
 from tiscene.render.integrators.incremental.path_recording import AUXILIARY, light_column
 from tiscene.render.integrators.labels.first_hits import first_hits
@@ -33,6 +36,7 @@ from tiscene.render.integrators.panorama.panorama_kernels import BLOCK, TILE, WI
 from tiscene.render.integrators.panorama.reprojection import Reprojection
 from tiscene.render.integrators.panorama.reprojection_kernels import ALL_KNOWN, EDGE, FAR
 from tiscene.render.integrators.path.path_pass import PathPass
+from tiscene.render.integrators.path.path_scene import PathScene
 from tiscene.render.integrators.path.path_state import FEATURE_COLUMNS
 from tiscene.render.intersect.ray_queue import RayArrays
 from tiscene.render.sampling.sobol import frame_key
@@ -45,7 +49,11 @@ FloatImage = NDArray[np.float32]
 PAGE = 32 * TILE  # cells along a side of a page
 CELL = 0.35  # width of a cell at the center of a face, px at the center of the image
 FIRST_FRAME = -1000  # frame number of the random numbers of the first page; the next ones count down
-DENOISER = "balanced"  # quality of OIDN; "high" gains 0.1 dB at twice the time
+FIRST_SHARE, LEAST_SPP = 4, 2  # one over the share of the samples that all tiles have, and least number in a cell
+FURTHER_FRAME = -2  # frame number that sets the random numbers of further samples apart
+CONTRAST = 0.3  # of the light in a tile, from which it has further samples
+DIM = 0.3  # of the mean light: contrast is measured as if so much were added, so that noise in the dark does not count
+FINE_SPP = 128  # samples per pixel from which the denoiser's best quality pays
 _BATCH = 64  # blocks whose cells are copied at once
 
 
@@ -56,7 +64,7 @@ class PanoramaSettings:
     Attributes:
         center: The point, world, m.
         faces: Cells along a side of a face.
-        spp: Samples per solid angle of a pixel at the center of the image.
+        spp: Samples per solid angle of a pixel at the center of the image, where light varies.
         max_depth: Largest number of segments of a path.
         seed: Seed of the random numbers.
     """
@@ -66,6 +74,11 @@ class PanoramaSettings:
     spp: int
     max_depth: int
     seed: int
+
+    @property
+    def denoiser(self) -> str:
+        """Quality of OIDN."""
+        return "high" if self.spp >= FINE_SPP else "fast"
 
     @classmethod
     def of(cls, view: View, center: Vector3, *, spp: int, max_depth: int, seed: int) -> PanoramaSettings:
@@ -117,6 +130,7 @@ class Panorama:
 
     Args:
         paths: Path tracer of pages, of PAGE x PAGE pixels.
+        probe_paths: Path tracer of the light probe, see `trace_probe`.
         static: Placement without the movers, see `base_placement`.
         settings: What the cells depend on besides.
         files: Cells on disk; None: none.
@@ -126,13 +140,14 @@ class Panorama:
     def __init__(
         self,
         paths: PathPass,
+        probe_paths: PathPass,
         static: Placement,
         settings: PanoramaSettings,
         files: CellFiles | None = None,
         key: str = "",
     ) -> None:
         self.settings = settings
-        self._paths, self._static = paths, static
+        self._paths, self._probe_paths, self._static = paths, probe_paths, static
         groups = static.light_groups
         self.groups = 1 if groups is None else len(groups.factors)
         self._columns = light_column(self.groups)  # of light, albedo and normal; then comes the distance
@@ -209,7 +224,7 @@ class Panorama:
             if cells is None or len(cells) < FACES:
                 depth = max(1, settings.max_depth - 1)  # paths that end in the probe have one segment more
                 cells = trace_probe(
-                    self._paths, self._place, self.groups, settings.center, seed=settings.seed, max_depth=depth
+                    self._probe_paths, self._place, self.groups, settings.center, seed=settings.seed, max_depth=depth
                 )
                 self._place(0)
                 if files:
@@ -241,14 +256,9 @@ class Panorama:
             scene = replace(scene_under_group(self._paths, group, None), cache=probe.cache_of_group(group))
             light = slice(light_column(group), light_column(group) + 3)
             for number, page_view, members in pages:
-                first = tiles[members, 1:] % (PAGE // TILE) * TILE
-                spp = self.settings.samples(page_view)
-                sums = self._paths.sums(
-                    replace(page_view, background=view.background), _squares(first[:, 0] * PAGE + first[:, 1], PAGE),
-                    spp=spp, key=frame_key(self.settings.seed, FIRST_FRAME - number),
-                    max_depth=self.settings.max_depth, scene=scene,
-                )  # fmt: skip
-                means = sums.reshape(len(members), TILE * TILE, -1) / np.float32(spp)
+                corners = tiles[members, 1:] % (PAGE // TILE) * TILE
+                shown = replace(page_view, background=view.background)
+                means = self._sampled(shown, FIRST_FRAME - number, corners, scene, probe.mean_light(group))
                 cells[members, :, light] = means[..., :3]
                 # Features are merged as those of base images, see `render_base_image`.
                 merged = (
@@ -261,6 +271,35 @@ class Panorama:
         for number, _, members in pages:
             cells[members, :, self._columns] = self._distances(number, tiles[members, 1:] % (PAGE // TILE) * TILE)
         self._traced.add(tiles, cells)
+
+    def _sampled(
+        self, view: View, frame: int, corners: NDArray[np.int64], scene: PathScene, mean_light: float
+    ) -> FloatImage:
+        """Return the means of the samples of cells, float32 [n, TILE * TILE, FILM_COLUMNS].
+
+        Args:
+            view: View of the page.
+            frame: Frame number of its random numbers.
+            corners: [n, 2], row and column on it of the first cell of tiles.
+            scene: Scene data.
+            mean_light: Of all cells around, W/m²/sr.
+        """
+        settings, spp = self.settings, self.settings.samples(view)
+        first_spp = max(LEAST_SPP, spp // FIRST_SHARE)
+
+        def sums(corners: NDArray[np.int64], spp: int, seed: int) -> FloatImage:
+            rows = self._paths.sums(
+                view, _squares(corners[:, 0] * PAGE + corners[:, 1], PAGE),
+                spp=spp, key=frame_key(seed, frame), max_depth=settings.max_depth, scene=scene,
+            )  # fmt: skip
+            return rows.reshape(len(corners), TILE * TILE, -1)
+
+        result = sums(corners, first_spp, settings.seed) / np.float32(first_spp)
+        varied = contrast_of(result, DIM * mean_light) > CONTRAST
+        if varied.any():
+            further = sums(corners[varied], spp, frame_key(settings.seed, FURTHER_FRAME))
+            result[varied] = (result[varied] * np.float32(first_spp) + further) / np.float32(first_spp + spp)
+        return result
 
     def _distances(self, page: int, corners: NDArray[np.int64]) -> NDArray[np.float32]:
         """Return how far away the centers of cells show surfaces, m; less zero behind the edge of a nearer surface.
@@ -292,12 +331,12 @@ class Panorama:
         windows = np.empty((len(blocks), WINDOW * WINDOW, traced.columns), np.float32)
         kernels.gather_windows(blocks.astype(np.int32), traced.slots, traced.cells, traced.columns, windows)
         result = np.empty((len(blocks), BLOCK, BLOCK, self._denoised.columns), np.float32)
-        inside = slice(TILE, TILE + BLOCK)
+        inside, quality = slice(TILE, TILE + BLOCK), self.settings.denoiser
         for window, light in zip(windows.reshape(-1, WINDOW, WINDOW, traced.columns), result, strict=True):
             albedo, normal = (window[..., first : first + 3] for first in (AUXILIARY, AUXILIARY + 3))
             for group in range(self.groups):
                 column = light_column(group)
-                clean = denoise(window[..., column : column + 3], albedo, normal, DENOISER)
+                clean = denoise(window[..., column : column + 3], albedo, normal, quality, clean=False)
                 light[..., 3 * group : 3 * group + 3] = clean[inside, inside]
         self._denoised.add(blocks, result.reshape(len(blocks), BLOCK * BLOCK, -1))
 
@@ -319,6 +358,20 @@ class Panorama:
         """Return the view of a page; see `PanoramaSettings.page_view`."""
         face, row, column = np.unravel_index(number, (6, self._pages_along, self._pages_along))
         return self.settings.page_view(int(face), int(row), int(column), border)
+
+
+def contrast_of(cells: FloatImage, offset: float) -> FloatImage:
+    """Return how much light varies in tiles, 0..1: the contrast of the irradiance of their quarters, float32 [n].
+
+    Args:
+        cells: float32 [n, TILE * TILE, at least 6], radiance and albedo.
+        offset: Added to the irradiance, W/m²/sr, so that noise in the dark does not count.
+    """
+    irradiance = cells[..., :3].mean(axis=-1) / (cells[..., 3:6].mean(axis=-1) + np.float32(ALBEDO_OFFSET))
+    quarters = irradiance.reshape(-1, 2, TILE // 2, 2, TILE // 2).mean(axis=(2, 4)).reshape(-1, 4) + np.float32(offset)
+    most, least = quarters.max(axis=-1), quarters.min(axis=-1)
+    result: FloatImage = (most - least) / np.maximum(most + least, np.float32(1e-30))
+    return result
 
 
 def _squares(corners: NDArray[np.int64], stride: int, side: int = TILE) -> NDArray[np.int32]:

@@ -28,11 +28,20 @@ from tiscene.render.integrators.incremental.base_image_cache import BaseImageCac
 from tiscene.render.integrators.incremental.mover_coverage import dilated
 from tiscene.render.integrators.incremental.path_recording import AUXILIARY, light_column
 from tiscene.render.integrators.incremental.retrace_kernels import MOVER_HITS
+from tiscene.render.integrators.panorama import light_probe
 from tiscene.render.integrators.panorama.anchors import Anchors
 from tiscene.render.integrators.panorama.cell_files import CellFiles
 from tiscene.render.integrators.panorama.light_changes import REDUCTION, LightChanges
-from tiscene.render.integrators.panorama.light_probe import SIZE, SPP
-from tiscene.render.integrators.panorama.panorama import CELL, DENOISER, PAGE, Panorama, PanoramaSettings
+from tiscene.render.integrators.panorama.panorama import (
+    CELL,
+    CONTRAST,
+    DIM,
+    FIRST_SHARE,
+    LEAST_SPP,
+    PAGE,
+    Panorama,
+    PanoramaSettings,
+)
 from tiscene.render.integrators.panorama.reprojection import Reprojection
 from tiscene.render.integrators.panorama.reprojection_kernels import ALL_KNOWN, NONE_KNOWN, SUBPIXELS
 from tiscene.render.integrators.panorama.subpixels import Hidden, SubpixelPaths
@@ -114,7 +123,7 @@ class PanoramaPass:
         self._memory_limit = memory_limit
         self._progress = progress
         self._panoramas: dict[tuple[Any, ...], Panorama] = {}  # least recently used first
-        self._page_paths: PathPass | None = None
+        self._page_paths: tuple[PathPass, PathPass] | None = None  # of pages and of light probes
         self._changes: LightChanges | None = None
         self._subpixels = SubpixelPaths(paths.scene)
         self._anchors, self._points = Anchors(paths.scene), Reprojection(paths.scene)
@@ -256,8 +265,12 @@ class PanoramaPass:
         panorama = self._panoramas.pop(key, None)
         if panorama is None:
             if self._page_paths is None:
-                self._page_paths = PathPass(self.scene, PAGE, PAGE)
-            panorama = Panorama(self._page_paths, static, settings, self._files, self._file_key(view, static, settings))
+                self._page_paths = (
+                    PathPass(self.scene, PAGE, PAGE),
+                    PathPass(self.scene, light_probe.PIXELS, light_probe.PIXELS),
+                )
+            key_of_files = self._file_key(view, static, settings)
+            panorama = Panorama(*self._page_paths, static, settings, self._files, key_of_files)
         images = panorama.images(view, points)
         if images is None:
             missing = panorama.missing(view, points)
@@ -282,8 +295,9 @@ class PanoramaPass:
         values: dict[str, int | str] = {
             "panorama": repr(settings),
             "cell": repr(CELL),
-            "probe": f"{SIZE} {SPP}",
-            "denoiser": f"{DENOISER} {version('pyoidn')}",
+            "sampling": f"{FIRST_SHARE} {LEAST_SPP} {CONTRAST} {DIM}",
+            "probe": f"{light_probe.SIZE} {light_probe.PIXELS} {light_probe.SPP}",
+            "denoiser": f"{settings.denoiser} {version('pyoidn')}",
             "background": repr(view.background),
             "coverage": int(self.scene.materials.any_coverage),
             "emission": int(self.scene.materials.any_emission),
