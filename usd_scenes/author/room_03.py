@@ -151,11 +151,12 @@ def _toilet(room: Room) -> None:
 
 def _light(room: Room) -> None:
     pane = WINDOW_WIDTH - 0.21, HEAD - SILL - 0.21
+    middle, back = (SILL + HEAD) / 2.0, (0.0, 180.0, 0.0)
     room.panel(
         "WindowLight",
         *pane,
-        (WINDOW, (SILL + HEAD) / 2.0, FAR - WALL * 0.62 + 0.012),
-        (0.0, 180.0, 0.0),
+        (WINDOW, middle, FAR - WALL * 0.62 + 0.012),
+        back,
         {"day": 2.6, "evening": 1.6, "night": 0.12},
         {"day": (1.0, 0.99, 0.96), "evening": (1.0, 0.62, 0.36), "night": (0.30, 0.45, 1.0)},
         "frosted_color.png",
@@ -170,6 +171,7 @@ def _light(room: Room) -> None:
         room.bulb(f"WallLampLight{index + 1}", at, 0.0665, {"day": 2.2, "evening": 6.0, "night": 6.0})
     room.bulb("CeilingLight", (0.1, HEIGHT - 0.21, 0.05), 0.1005, {"day": 0.0, "evening": 1.2, "night": 4.5})
     room.dome("Outside", {"day": 0.5, "evening": 0.1, "night": 0.01})
+    room.portal("Outside", "Portal", *pane, (WINDOW, middle, FAR - WALL), back)
 
 
 def _cameras(room: Room) -> None:

@@ -126,6 +126,8 @@ def _light(room: Room) -> None:
     room.bulb("TableLampLight", lamp, 0.03, {"day": 8.0, "evening": 26.0, "night": 26.0})
     room.scale_emission("BedsideShade", {"day": 0.4, "evening": 0.8, "night": 0.8})
     room.dome("Outside", {"day": 0.5, "evening": 0.1, "night": 0.01})
+    for name, x, y, width, height in glazing:
+        room.portal("Outside", name.replace("Light", "Portal"), width, height, (-x, y, NEAR + 0.12), ORIGIN)
 
 
 def _cameras(room: Room) -> None:
