@@ -208,6 +208,18 @@ def test_moldings_overlap_adjacent_surfaces(name: str) -> None:
         assert box[f"{building}/Cornice"].GetMax()[1] > box[f"{building}/Ceiling"].GetMin()[1] + 0.002
 
 
+@pytest.mark.parametrize("name", ROOMS)
+def test_domes_have_portals(name: str) -> None:
+    """Without, a dome takes most samples of light in a closed room."""
+    stage = open_scene(name)
+    domes = [prim for prim in prims(stage) if prim.IsA(UsdLux.DomeLight)]
+    assert domes
+    for dome in domes:
+        portals = UsdLux.DomeLight(dome).GetPortalsRel().GetTargets()
+        assert portals
+        assert all(stage.GetPrimAtPath(path).IsA(UsdLux.PortalLight) for path in portals)
+
+
 def test_table_of_labels_is_up_to_date() -> None:
     (table,) = gallery.TABLE.findall((gallery.DOCS / "scenes.md").read_text(encoding="utf-8"))
     assert table == gallery.table(), "run `python -m docs.tools.gallery table`"

@@ -101,7 +101,7 @@ class PanoramaSettings:
         return face_view(self.center, face, size, size / self.faces, (float(middle[0]), float(-middle[1])))
 
     def samples(self, page_view: View) -> int:
-        """Return the samples per cell of a page.
+        """Return the samples per cell of a page, where light varies.
 
         Always a power of two: other numbers leave out the same part of the sample space in every cell, so that the
         error does not average out over cells.
