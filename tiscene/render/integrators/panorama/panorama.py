@@ -51,7 +51,7 @@ CELL = 0.35  # width of a cell at the center of a face, px at the center of the 
 FIRST_FRAME = -1000  # frame number of the random numbers of the first page; the next ones count down
 FIRST_SHARE, LEAST_SPP = 4, 2  # one over the share of the samples that all tiles have, and least number in a cell
 FURTHER_FRAME = -2  # frame number that sets the random numbers of further samples apart
-CONTRAST = 0.3  # of the light in a tile, from which it has further samples
+CONTRAST = 0.25  # of the light in a tile, from which it has further samples
 DIM = 0.3  # of the mean light: contrast is measured as if so much were added, so that noise in the dark does not count
 FINE_SPP = 128  # samples per pixel from which the denoiser's best quality pays
 _BATCH = 64  # blocks whose cells are copied at once
@@ -363,12 +363,16 @@ class Panorama:
 def contrast_of(cells: FloatImage, offset: float) -> FloatImage:
     """Return how much light varies in tiles, 0..1: the contrast of the irradiance of their quarters, float32 [n].
 
+    That of a quarter is the median of its cells: if few bright paths decided, they would be diluted by further samples
+    where they happened to be found, and rooms became 1 % darker.
+
     Args:
         cells: float32 [n, TILE * TILE, at least 6], radiance and albedo.
         offset: Added to the irradiance, W/m²/sr, so that noise in the dark does not count.
     """
     irradiance = cells[..., :3].mean(axis=-1) / (cells[..., 3:6].mean(axis=-1) + np.float32(ALBEDO_OFFSET))
-    quarters = irradiance.reshape(-1, 2, TILE // 2, 2, TILE // 2).mean(axis=(2, 4)).reshape(-1, 4) + np.float32(offset)
+    by_quarter = irradiance.reshape(-1, 2, TILE // 2, 2, TILE // 2).swapaxes(2, 3).reshape(-1, 4, TILE * TILE // 4)
+    quarters = np.median(by_quarter, axis=-1) + np.float32(offset)
     most, least = quarters.max(axis=-1), quarters.min(axis=-1)
     result: FloatImage = (most - least) / np.maximum(most + least, np.float32(1e-30))
     return result
