@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Estimated contribution of each light to a shading point, without visibility; its formula is in `light_tree`.
 
-Portals are weighed like rect lights. In a scene with portals, a distant light counts only where it shines through one:
-the sun is hardly ever sampled where it cannot be seen.
+Portals are weighed like rect lights, those beside a point by their solid angle. In a scene with portals, a distant
+light counts only where it shines through one: the sun is hardly ever sampled where it cannot be seen.
 """
 
 import math
@@ -50,8 +50,8 @@ _MIN_COSINE = 0.05
 # A group is near if its squared distance is below this factor times SPREAD2. Near groups are weighed by the sum of
 # their children's estimates, which halves the largest errors.
 _NEAR = 4.0
-# Squared ratio of distance to half a diagonal below which the solid angle of a portal is computed.
-NEAR_PORTAL = 2.0
+# Ratio, see `rect.is_far`, below which a portal is weighed like other lights.
+_FAR_PORTAL = 0.5
 
 
 @ti.func
@@ -135,26 +135,27 @@ def enters_through_portal(lights: Template, entry: ti.i32, origin: vec3):
 
 @ti.func
 def near_portal_factor(lights: Template, row: ti.i32, estimate: ti.f32, origin: vec3) -> ti.f32:
-    """Return by what the estimate of a portal has to be multiplied: beside a window it is far too small.
+    """Return by what the estimate of a portal has to be multiplied.
+
+    The estimate takes a portal for a small one at its center. Beside a window it is up to seven times too small, and a
+    sun behind the window would take most samples.
 
     Args:
         lights: LightTables.
         row: The portal.
-        estimate: Estimated solid angle over area, 1/m².
+        estimate: Estimated solid angle over area, 1/m²; NaN for a black portal.
         origin: Shading point.
     """
     result = 1.0
     x0, x1, y0, y1, z0 = rect.extent_from(lights.values, row, origin)
-    width, height, x, y = x1 - x0, y1 - y0, x0 + x1, y0 + y1
-    is_near = NEAR_PORTAL * (width * width + height * height) > x * x + y * y + 4.0 * z0 * z0
-    if z0 > 0.0 and estimate > 0.0 and is_near:
-        result = warp.rectangle_view(x0, x1, y0, y1, z0).solid_angle / (width * height * estimate)
+    if z0 > 0.0 and estimate > 0.0 and rect.is_far(x0, x1, y0, y1, z0, _FAR_PORTAL) == 0:
+        result = warp.rectangle_view(x0, x1, y0, y1, z0).solid_angle / ((x1 - x0) * (y1 - y0) * estimate)
     return result
 
 
 @ti.func
 def weigh_infinite_lights(lights: Template, origin: vec3, weights: Template, faced: Template, faces: Template):
-    """Set the weights of domes, and reduce those of distant lights that shine through no portal.
+    """Set the weights of domes and of portals beside the point; reduce those of distant lights that shine through none.
 
     Arguments as for `weigh_entries`. A light behind a portal also passes the test of `enters_through_portal` at points
     outside; they are few, and their result stays unbiased.
@@ -166,10 +167,10 @@ def weigh_infinite_lights(lights: Template, origin: vec3, weights: Template, fac
     for entry in range(portals, distants):
         row = ti.cast(entry_value(nodes, entry, ROW), ti.i32)
         if row >= 0:
-            closeness = near_portal_factor(lights, row, weights[entry] / entry_value(nodes, entry, STRENGTH), origin)
-            weights[entry] *= closeness
+            factor = near_portal_factor(lights, row, weights[entry] / entry_value(nodes, entry, STRENGTH), origin)
+            weights[entry] *= factor
             if ti.static(faces):
-                faced[entry] *= closeness
+                faced[entry] *= factor
         through_portals += weights[entry]
     if through_portals > 0.0:
         for entry in range(distants, domes):

@@ -16,7 +16,7 @@ from tiscene.scene.lights.light_table import GRID, IMAGE_FRACTION, SIZE, TEXTURE
 
 # Solid angle, sr, below which float32 angles are too imprecise and uniform sampling in area is as good.
 SMALL = 2e-3
-# Squared ratio of diagonal to distance below which sampling in solid angle costs more than it gains.
+# Ratio, see `is_far`, below which sampling in solid angle costs more than it gains.
 FAR = 0.2
 
 
@@ -52,10 +52,10 @@ def image_density(lights: Template, row: ti.i32, x: ti.f32, y: ti.f32) -> ti.f32
 
 
 @ti.func
-def is_far(x0: ti.f32, x1: ti.f32, y0: ti.f32, y1: ti.f32, z0: ti.f32):
-    """Return 1 if the rectangle is to be sampled uniformly in area, else 0."""
+def is_far(x0: ti.f32, x1: ti.f32, y0: ti.f32, y1: ti.f32, z0: ti.f32, ratio: ti.f32):
+    """Return 1 if half the diagonal of the rectangle over its distance has a square below `ratio`, else 0."""
     width, height, x, y = x1 - x0, y1 - y0, x0 + x1, y0 + y1
-    return ti.cast(width * width + height * height < FAR * (x * x + y * y + 4.0 * z0 * z0), ti.i32)
+    return ti.cast(width * width + height * height < ratio * (x * x + y * y + 4.0 * z0 * z0), ti.i32)
 
 
 @ti.func
@@ -77,7 +77,7 @@ def sample(lights: Template, textures: Template, row: ti.i32, origin: vec3, u: v
             v.x = ti.min(u.x / fraction if from_image else (u.x - fraction) / (1.0 - fraction), 0.99999994)
         p = vec2(x0 + v.x * (x1 - x0), y0 + v.y * (y1 - y0))
         density = 0.0
-        if is_far(x0, x1, y0, y1, z0) == 0:
+        if is_far(x0, x1, y0, y1, z0, FAR) == 0:
             view = warp.rectangle_view(x0, x1, y0, y1, z0)
             if view.solid_angle > SMALL:
                 density = warp.rectangle_pdf(view)
@@ -109,7 +109,7 @@ def pdf(lights: Template, row: ti.i32, origin: vec3, direction: vec3, distance: 
         w = to_light(values, row, direction)
         by_area = area_pdf(values, row, w.z, distance)
         result = by_area
-        if is_far(x0, x1, y0, y1, z0) == 0:
+        if is_far(x0, x1, y0, y1, z0, FAR) == 0:
             view = warp.rectangle_view(x0, x1, y0, y1, z0)
             if view.solid_angle > SMALL:
                 result = warp.rectangle_pdf(view)

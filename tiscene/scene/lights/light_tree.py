@@ -20,7 +20,8 @@ LANES = 1 << LANE_BITS
 #
 # CENTER (3), NORMAL (3), ROUND, STRENGTH, SIZE2, SPREAD2, BACK: the importance. At distance d and height h above the
 #     plane of a child (against NORMAL, the direction in which a flat light emits), its estimated irradiance (luminance,
-#     W/m²) is STRENGTH * (ROUND * d + max(h, -BACK * h)) / (d * max(d² + SIZE2, SPREAD2)).
+#     W/m²) is STRENGTH * (ROUND * d + max(h, -BACK * h)) / (d * max(d² + SIZE2, SPREAD2)). Portals beside a point are
+#     weighed by their solid angle instead.
 # SPREAD2: mean squared distance of a group's lights from its center, m²; 0 for a light.
 # BACK: weight of the back side; CONE for a light with a cone, whose falloff is applied besides.
 # UNIFORM: part of an entry's probability that is the same at every shading point.

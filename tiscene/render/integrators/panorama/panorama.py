@@ -49,10 +49,10 @@ FloatImage = NDArray[np.float32]
 PAGE = 32 * TILE  # cells along a side of a page
 CELL = 0.35  # width of a cell at the center of a face, px at the center of the image
 FIRST_FRAME = -1000  # frame number of the random numbers of the first page; the next ones count down
-FIRST_SHARE, LEAST_SPP = 4, 2  # one over the share of the samples that all tiles have, and least number in a cell
+FIRST_DIVISOR, LEAST_SPP = 4, 2  # cells have their samples divided by this first, but no fewer than so many
 FURTHER_FRAME = -2  # frame number that sets the random numbers of further samples apart
 CONTRAST = 0.25  # of the light in a tile, from which it has further samples
-DIM = 0.3  # of the mean light: contrast is measured as if so much were added, so that noise in the dark does not count
+DIM = 0.3  # of the mean light: the offset of `contrast_of`
 FINE_SPP = 128  # samples per pixel from which the denoiser's best quality pays
 _BATCH = 64  # blocks whose cells are copied at once
 
@@ -254,11 +254,11 @@ class Panorama:
         for group in range(self.groups):
             self._place(group)
             scene = replace(scene_under_group(self._paths, group, None), cache=probe.cache_of_group(group))
-            light = slice(light_column(group), light_column(group) + 3)
+            light, dim = slice(light_column(group), light_column(group) + 3), DIM * probe.mean_light(group)
             for number, page_view, members in pages:
                 corners = tiles[members, 1:] % (PAGE // TILE) * TILE
                 shown = replace(page_view, background=view.background)
-                means = self._sampled(shown, FIRST_FRAME - number, corners, scene, probe.mean_light(group))
+                means = self._sampled(shown, FIRST_FRAME - number, corners, scene, dim)
                 cells[members, :, light] = means[..., :3]
                 # Features are merged as those of base images, see `render_base_image`.
                 merged = (
@@ -272,20 +272,18 @@ class Panorama:
             cells[members, :, self._columns] = self._distances(number, tiles[members, 1:] % (PAGE // TILE) * TILE)
         self._traced.add(tiles, cells)
 
-    def _sampled(
-        self, view: View, frame: int, corners: NDArray[np.int64], scene: PathScene, mean_light: float
-    ) -> FloatImage:
-        """Return the means of the samples of cells, float32 [n, TILE * TILE, FILM_COLUMNS].
+    def _sampled(self, view: View, frame: int, corners: NDArray[np.int64], scene: PathScene, dim: float) -> FloatImage:
+        """Trace cells and return the means of their samples, float32 [n, TILE * TILE, FILM_COLUMNS].
 
         Args:
             view: View of the page.
             frame: Frame number of its random numbers.
             corners: [n, 2], row and column on it of the first cell of tiles.
             scene: Scene data.
-            mean_light: Of all cells around, W/m²/sr.
+            dim: Offset of `contrast_of`.
         """
         settings, spp = self.settings, self.settings.samples(view)
-        first_spp = max(LEAST_SPP, spp // FIRST_SHARE)
+        first_spp = max(LEAST_SPP, spp // FIRST_DIVISOR)
 
         def sums(corners: NDArray[np.int64], spp: int, seed: int) -> FloatImage:
             rows = self._paths.sums(
@@ -295,7 +293,7 @@ class Panorama:
             return rows.reshape(len(corners), TILE * TILE, -1)
 
         result = sums(corners, first_spp, settings.seed) / np.float32(first_spp)
-        varied = contrast_of(result, DIM * mean_light) > CONTRAST
+        varied = contrast_of(result, dim) > CONTRAST
         if varied.any():
             further = sums(corners[varied], spp, frame_key(settings.seed, FURTHER_FRAME))
             result[varied] = (result[varied] * np.float32(first_spp) + further) / np.float32(first_spp + spp)

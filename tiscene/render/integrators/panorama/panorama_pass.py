@@ -36,7 +36,7 @@ from tiscene.render.integrators.panorama.panorama import (
     CELL,
     CONTRAST,
     DIM,
-    FIRST_SHARE,
+    FIRST_DIVISOR,
     LEAST_SPP,
     PAGE,
     Panorama,
@@ -123,7 +123,7 @@ class PanoramaPass:
         self._memory_limit = memory_limit
         self._progress = progress
         self._panoramas: dict[tuple[Any, ...], Panorama] = {}  # least recently used first
-        self._page_paths: tuple[PathPass, PathPass] | None = None  # of pages and of light probes
+        self._panorama_paths: tuple[PathPass, PathPass] | None = None  # of pages and of light probes
         self._changes: LightChanges | None = None
         self._subpixels = SubpixelPaths(paths.scene)
         self._anchors, self._points = Anchors(paths.scene), Reprojection(paths.scene)
@@ -264,13 +264,13 @@ class PanoramaPass:
         )
         panorama = self._panoramas.pop(key, None)
         if panorama is None:
-            if self._page_paths is None:
-                self._page_paths = (
+            if self._panorama_paths is None:
+                self._panorama_paths = (
                     PathPass(self.scene, PAGE, PAGE),
                     PathPass(self.scene, light_probe.PIXELS, light_probe.PIXELS),
                 )
             key_of_files = self._file_key(view, static, settings)
-            panorama = Panorama(*self._page_paths, static, settings, self._files, key_of_files)
+            panorama = Panorama(*self._panorama_paths, static, settings, self._files, key_of_files)
         images = panorama.images(view, points)
         if images is None:
             missing = panorama.missing(view, points)
@@ -295,7 +295,7 @@ class PanoramaPass:
         values: dict[str, int | str] = {
             "panorama": repr(settings),
             "cell": repr(CELL),
-            "sampling": f"{FIRST_SHARE} {LEAST_SPP} {CONTRAST} {DIM}",
+            "sampling": f"{FIRST_DIVISOR} {LEAST_SPP} {CONTRAST} {DIM}",
             "probe": f"{light_probe.SIZE} {light_probe.PIXELS} {light_probe.SPP}",
             "denoiser": f"{settings.denoiser} {version('pyoidn')}",
             "background": repr(view.background),
