@@ -80,7 +80,8 @@ class Postprocessor:
         traced = image.traced[..., None]
         for here in regions_of(image.traced):
             clean = self._denoised(image.static[here], image.albedo[here], image.normal[here], self.sharp)
-            np.copyto(shown[here], clean, where=traced[here])
+            weight = blend_weights(here, *image.traced.shape)  # rectangles may overlap
+            shown[here] += np.where(traced[here], weight, np.float32(0.0)) * (clean - shown[here])
         before = self._denoised(image.before, image.white, image.reduced_normal, False)
         if len(image.hidden.pixels):
             self._add_hidden(image, before, shown)

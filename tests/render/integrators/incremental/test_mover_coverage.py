@@ -98,6 +98,15 @@ def test_bounding_regions_contain_cells_and_margin() -> None:
     assert bounding_regions(np.ones((4, 4), bool), 32, 32) == [(slice(0, 32), slice(0, 32))]
 
 
+def test_a_group_is_covered_by_several_rectangles_where_they_are_smaller() -> None:
+    cells = np.zeros((24, 32), bool)
+    cells[2:22, 3:5] = cells[20:22, 3:28] = True  # an L
+    regions = bounding_regions(cells, 192, 256)
+    assert len(regions) == 2
+    assert sum((rows.stop - rows.start) * (columns.stop - columns.start) for rows, columns in regions) < 0.5 * 176 * 216
+    assert len(bounding_regions(cells[:8], 64, 256)) == 1  # a straight line
+
+
 def test_changed_regions_contain_shadows_and_movers_but_not_single_pixels() -> None:
     width, height = 96, 64
     correction, base = np.zeros((height, width, 10), np.float32), np.full((height, width, 3), 0.5, np.float32)

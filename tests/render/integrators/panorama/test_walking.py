@@ -150,7 +150,7 @@ def test_frames_do_not_depend_on_frames_rendered_before() -> None:
 def test_edges_are_traced_in_parts_with_the_same_result(monkeypatch: pytest.MonkeyPatch) -> None:
     scene, view = SurroundedBalls(wall=GLOSSY), walking((0.2, 0.1, 3.2))
     whole = scene.image_of(view)
-    monkeypatch.setattr(reprojection, "MAX_RAYS", 1000)
+    monkeypatch.setattr(reprojection, "AT_ONCE", 100)
     np.testing.assert_array_equal(scene.image_of(view).hdr, whole.hdr)
 
 

@@ -214,7 +214,7 @@ class PanoramaPass:
         number = _NUMBERS[self._known]
         unknown = number < SUBPIXELS // 2
         if unknown.any():
-            traced |= unknown & dilated(~dilated(~unknown))  # not strips beside edges
+            traced |= unknown & dilated(dilated(~dilated(dilated(~unknown))))  # not strips beside edges
         static_mask = np.where(traced, np.float32(0.0), number * np.float32(1.0 / SUBPIXELS))[..., None]
         hidden = self._subpixels.fill(
             self._view, np.where(traced, np.int32(NONE_KNOWN), self._known), (radiance, denoised, albedo, normal),

@@ -29,12 +29,9 @@ SIDE = 2  # subpixels along a side of a pixel
 SUBPIXELS = SIDE * SIDE
 ALL_KNOWN = (1 << SUBPIXELS) - 1  # bits of the subpixels of a pixel
 NONE_KNOWN = -1
-# Places of points in a pixel, to the right and down, as many for each subpixel. Those of edges belong to a lattice: no
-# two are in the same row or column.
-FLAT_PLACES = tuple((0.5 * (k % 2) - 0.25, 0.5 * (k // 2) - 0.25) for k in range(4))
-_LATTICE = [((k + 0.5) / 8.0 - 0.5, (5 * k % 8 + 0.5) / 8.0 - 0.5) for k in range(8)]
-EDGE_PLACES = tuple(sorted(_LATTICE, key=lambda place: (place[1] > 0.0, place[0] > 0.0)))
-FLAT_COUNT, EDGE_COUNT = len(FLAT_PLACES), len(EDGE_PLACES)
+# Places of the subpixels' points in a pixel, to the right and down. No two are in the same row or column of a lattice:
+# an edge along a row or a column of pixels crosses them one by one.
+PLACES = ((-0.375, -0.125), (0.125, -0.375), (-0.125, 0.375), (0.375, 0.125))
 FLATNESS = 0.01  # relative difference of the distances of a surface and of a plane in the same direction
 FAR = 1e5  # distance of the background, m
 DISTANCE_ERROR = 0.01  # relative difference of the distances of a cell and of a point that it shows
@@ -88,14 +85,29 @@ def find_surfaces(
 
 
 @ti.kernel
-def find_edges(surfaces: Float8s1, edges: Ints2):
-    """Set edges[y, x] to 1 for each pixel that may show something else than its neighbors do, else to 0.
+def extend_surfaces(
+    surfaces: Float8s1,
+    view: Floats2,
+    width: ti.i32,
+    height: ti.i32,
+    offset_x: ti.f32,
+    offset_y: ti.f32,
+    offset_z: ti.f32,
+    points: Float4s1,
+    edges: Ints2,
+):
+    """Find the points of the subpixels of pixels that show one plane each.
 
     Args:
         surfaces: Of `find_surfaces`, for the centers of all pixels.
-        edges: Output, i32 [h, w].
+        view: The view, of a pinhole camera.
+        width, height: Image size, px.
+        offset_x, offset_y, offset_z: From the anchor to the camera, world, m.
+        points: Output, in row SUBPIXELS * (y * width + x) + subpixel the point as seen from the anchor, world, m;
+            and 1 where it looks alike from there, else 0.
+        edges: Output, i32 [h, w], 1 for each pixel that may show something else than its neighbors do, whose points are
+            not written; else 0.
     """
-    height, width = edges.shape[0], edges.shape[1]
     for pixel in range(width * height):
         here = surfaces[pixel]
         point, normal = vec3(here[0], here[1], here[2]), vec3(here[4], here[5], here[6])
@@ -108,73 +120,39 @@ def find_edges(surfaces: Float8s1, edges: Ints2):
             if other[3] != here[3] or ti.abs(on_plane - 1.0) > FLATNESS:
                 edge = 1
         edges[pixel // width, pixel % width] = edge
+        if edge == 0:
+            for s in ti.static(range(SUBPIXELS)):
+                right, down = PLACES[s]
+                _, direction = camera_ray(view, CURRENT, pixel % width + right, pixel // width + down, width, height)
+                distance = normal.dot(point) / ti.min(normal.dot(direction), -1e-6)
+                # Almost parallel to the plane, half a pixel may be far along it.
+                distance = ti.math.clamp(distance, EDGE * point.norm(), point.norm() / EDGE)
+                seen = vec3(offset_x, offset_y, offset_z) + distance * direction
+                points[pixel * SUBPIXELS + s] = float4(seen.x, seen.y, seen.z, here[3])
 
 
 @ti.kernel
-def extend_surfaces(
-    pixels: Ints1,
-    surfaces: Float8s1,
-    view: Floats2,
-    width: ti.i32,
-    height: ti.i32,
-    offset_x: ti.f32,
-    offset_y: ti.f32,
-    offset_z: ti.f32,
-    points: Float4s1,
-):
-    """Find the points of the subpixels of pixels that show one plane each.
-
-    Args:
-        pixels: The pixels, y * width + x.
-        surfaces: Of `find_surfaces`, for the centers of all pixels.
-        view: The view, of a pinhole camera.
-        width, height: Image size, px.
-        offset_x, offset_y, offset_z: From the anchor to the camera, world, m.
-        points: Output, for each subpixel the point as seen from the anchor, world, m; and 1 where it looks
-            alike from there, else 0.
-    """
-    for i in range(pixels.shape[0]):
-        here = surfaces[pixels[i]]
-        point, normal = vec3(here[0], here[1], here[2]), vec3(here[4], here[5], here[6])
-        for s in ti.static(range(FLAT_COUNT)):
-            right, down = FLAT_PLACES[s]
-            _, direction = camera_ray(
-                view, CURRENT, pixels[i] % width + right, pixels[i] // width + down, width, height
-            )
-            distance = normal.dot(point) / ti.min(normal.dot(direction), -1e-6)
-            # Almost parallel to the plane, half a pixel may be far along it.
-            distance = ti.math.clamp(distance, EDGE * point.norm(), point.norm() / EDGE)
-            seen = vec3(offset_x, offset_y, offset_z) + distance * direction
-            points[i * FLAT_COUNT + s] = float4(seen.x, seen.y, seen.z, here[3])
-
-
-@ti.kernel
-def subpixel_rays(
-    pixels: Ints1, first: ti.i32, count: ti.i32, view: Floats2, width: ti.i32, height: ti.i32, rays: Rays
-):
-    """Generate the rays through EDGE_PLACES of some pixels.
+def subpixel_rays(pixels: Ints1, view: Floats2, width: ti.i32, height: ti.i32, rays: Rays):
+    """Generate the rays through the subpixels of some pixels.
 
     Args:
         pixels: Pixels, y * width + x.
-        first: The first of them.
-        count: Their number.
         view: The view, of a pinhole camera.
         width, height: Image size, px.
-        rays: Output.
+        rays: Output, for each pixel SUBPIXELS rays.
     """
-    for i in range(count):
-        x, y = pixels[first + i] % width, pixels[first + i] // width
-        for s in ti.static(range(EDGE_COUNT)):
-            right, down = EDGE_PLACES[s]
+    for i in range(pixels.shape[0]):
+        x, y = pixels[i] % width, pixels[i] // width
+        for s in ti.static(range(SUBPIXELS)):
+            right, down = PLACES[s]
             origin, direction = camera_ray(view, CURRENT, x + right, y + down, width, height)
-            write_ray(rays, i * EDGE_COUNT + s, origin, direction, ti.math.inf)
+            write_ray(rays, i * SUBPIXELS + s, origin, direction, ti.math.inf)
 
 
 @ti.kernel
 @bundled
 def find_points(
-    first: ti.i32,
-    count: ti.i32,
+    pixels: Ints1,
     rays: Rays,
     hits: Hits,
     hit_ids: HitIds,
@@ -185,23 +163,22 @@ def find_points(
     offset_z: ti.f32,
     points: Float4s1,
 ):
-    """Find where rays hit.
+    """Find where the rays of `subpixel_rays` hit.
 
     Args:
-        first: Row of the first one's point.
-        count: Number of rays.
-        rays: Rays of a pinhole camera.
-        hits: Their hits, at distances from the camera.
-        hit_ids: Their instances and triangles.
+        pixels: Pixels, y * width + x.
+        rays: Their rays.
+        hits: The hits, at distances from the camera.
+        hit_ids: The instances and triangles.
         geometry: Of the scene.
         material_info: Of the scene.
         offset_x, offset_y, offset_z: From the anchor to the camera, world, m.
-        points: Output, as of `extend_surfaces`, for each ray.
+        points: Output, as of `extend_surfaces`.
     """
-    for i in range(count):
+    for i in range(pixels.shape[0] * SUBPIXELS):
         distance, alike = first_surface(geometry, material_info, hits, hit_ids, i)
         seen = vec3(offset_x, offset_y, offset_z) + distance * ray_direction(rays, i)
-        points[first + i] = float4(seen.x, seen.y, seen.z, alike)
+        points[pixels[i // SUBPIXELS] * SUBPIXELS + i % SUBPIXELS] = float4(seen.x, seen.y, seen.z, alike)
 
 
 @ti.func
@@ -236,9 +213,7 @@ def find_blocks(points: Float4s1, count: ti.i32, size: ti.i32, needed: Ints3):
 
 @ti.kernel
 def reproject(
-    pixels: Ints1,
     points: Float4s1,
-    count: Template,
     size: ti.i32,
     tiles: Ints3,
     traced: Floats2,
@@ -249,12 +224,10 @@ def reproject(
     images: Floats4,
     known: Ints2,
 ) -> ti.i32:
-    """Average for each of some pixels the cells that show its points.
+    """Average for each pixel the cells that show its points.
 
     Args:
-        pixels: The pixels, y * width + x.
-        points: Their points.
-        count: Number of points of a pixel.
+        points: In row SUBPIXELS * (y * width + x) + subpixel, see `extend_surfaces`.
         size: Cells along a side of a face.
         tiles: i32 [6, tiles + 2, tiles + 2], place of each tile in `traced`, in tiles; the outermost are the margin.
         traced: f32 [slots * TILE * TILE, columns + 1], the distance in the last column, see `Panorama`.
@@ -263,56 +236,49 @@ def reproject(
         denoised: f32 [slots * BLOCK * BLOCK, denoised_columns].
         denoised_columns: Their number of columns.
         images: Output, f32 [(columns + denoised_columns) / 3, h, w, 3], means over the subpixels that are known.
-        known: Output, i32 [h, w], one bit for each subpixel, set if cells show its points.
+        known: Output, i32 [h, w], one bit for each subpixel, set if cells show its point.
 
     Returns:
         Number of times that a cell was not there; 0: the images are complete.
     """
     width, missing = known.shape[1], 0
-    for i in range(pixels.shape[0]):
+    for pixel in range(width * known.shape[0]):
         sums = ti.Vector.zero(ti.f32, columns + denoised_columns)
         bits = 0
         least, most = FAR, 0.0
-        for k in range(count):
-            distance = points[i * count + k].xyz.norm()
+        for s in range(SUBPIXELS):
+            distance = points[pixel * SUBPIXELS + s].xyz.norm()
             least, most = ti.min(least, distance), ti.max(most, distance)
         has_edge = least < EDGE * most
         tolerance = DISTANCE_ERROR + ti.min(1.0 - least / most, 1.0 - EDGE)  # surfaces may be slanted
-        for subpixel in range(SUBPIXELS):
-            mean = ti.Vector.zero(ti.f32, columns + denoised_columns)
-            is_known = True
-            for k in range(subpixel * (count // SUBPIXELS), (subpixel + 1) * (count // SUBPIXELS)):
-                shown = points[i * count + k]
-                distance = shown.xyz.norm()
-                first, within = cells_around(shown.xyz, size)
-                part = ti.Vector.zero(ti.f32, columns + denoised_columns)
-                total = 0.0
-                for down, right in ti.static(ti.ndrange(2, 2)):
-                    row = ti.math.clamp(first[1] + down, 0, size - 1)
-                    column = ti.math.clamp(first[2] + right, 0, size - 1)
-                    weight = ti.abs(1 - down - within[0]) * ti.abs(1 - right - within[1])
-                    cell, clean = traced_row(tiles, first[0], row, column), denoised_row(blocks, first[0], row, column)
-                    if cell < 0 or clean < 0:
-                        missing += 1
-                        cell, clean = 0, 0
-                    measured = traced[cell, columns]
-                    # Cells behind an edge show some of what is in front, which the pixel must show too.
-                    if has_edge:
-                        measured = ti.abs(measured)
-                    if ti.abs(measured - distance) < tolerance * distance:
-                        total += weight
-                        for c in ti.static(range(columns)):
-                            part[c] += weight * traced[cell, c]
-                        for c in ti.static(range(denoised_columns)):
-                            part[columns + c] += weight * denoised[clean, c]
-                if total > LEAST_WEIGHT and shown.w > 0.0:
-                    mean += part / total
-                else:
-                    is_known = False
-            if is_known:
-                bits |= 1 << subpixel
-                sums += mean / (count // SUBPIXELS)
-        y, x = pixels[i] // width, pixels[i] % width
+        for s in range(SUBPIXELS):
+            shown = points[pixel * SUBPIXELS + s]
+            distance = shown.xyz.norm()
+            first, within = cells_around(shown.xyz, size)
+            part = ti.Vector.zero(ti.f32, columns + denoised_columns)
+            total = 0.0
+            for down, right in ti.static(ti.ndrange(2, 2)):
+                row = ti.math.clamp(first[1] + down, 0, size - 1)
+                column = ti.math.clamp(first[2] + right, 0, size - 1)
+                weight = ti.abs(1 - down - within[0]) * ti.abs(1 - right - within[1])
+                cell, clean = traced_row(tiles, first[0], row, column), denoised_row(blocks, first[0], row, column)
+                if cell < 0 or clean < 0:
+                    missing += 1
+                    cell, clean = 0, 0
+                measured = traced[cell, columns]
+                # Cells behind an edge show some of what is in front, which the pixel must show too.
+                if has_edge:
+                    measured = ti.abs(measured)
+                if ti.abs(measured - distance) < tolerance * distance:
+                    total += weight
+                    for c in ti.static(range(columns)):
+                        part[c] += weight * traced[cell, c]
+                    for c in ti.static(range(denoised_columns)):
+                        part[columns + c] += weight * denoised[clean, c]
+            if total > LEAST_WEIGHT and shown.w > 0.0:
+                bits |= 1 << s
+                sums += part / total
+        y, x = pixel // width, pixel % width
         known[y, x] = bits
         number = known_subpixels(bits)
         for c in ti.static(range(columns + denoised_columns)):
