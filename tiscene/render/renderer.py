@@ -150,7 +150,8 @@ class Renderer:
             labels += [name for name in UPSAMPLING_GUIDES if name not in labels]
         if labels or light is None:
             self.scene.place(placement, times=times_needed([*buffers, *labels]))
-        result = self._labels.render(view, labels)
+        static_hits = self._panorama.static_hits if shared is self._panorama else None
+        result = self._labels.render(view, labels, static_hits)
         if colored:
             self.spp = float(settings.spp)
             blurred = self._trace_shutter(shutter_samples, frame_index, seed)

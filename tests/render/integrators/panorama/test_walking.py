@@ -10,10 +10,12 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from tests.render.incremental_scenes import BALLS, GLASS, GLOSSY, LACE, MIRROR, SIZE
+from tests.render.incremental_scenes import BALLS, GLASS, GLOSSY, LACE, MIRROR, SIZE, Position
 from tests.render.integrators.panorama.test_panorama_pass import ONE, SurroundedBalls
 from tests.render.path_scenes import BOX_CAMERA
+from tiscene.frame.buffers import LABELS
 from tiscene.render.integrators.incremental.mover_coverage import dilated
+from tiscene.render.integrators.labels.static_labels import ALL_TIMES
 from tiscene.render.integrators.panorama import reprojection
 from tiscene.render.integrators.panorama import reprojection_kernels as kernels
 from tiscene.render.integrators.panorama.anchors import MAX_SPACING, Anchors
@@ -173,6 +175,19 @@ def test_rays_go_through_the_subpixels_of_edges_only(
     assert edges[1:][steps[0] > 0.2].all()
     assert edges[:, 1:][steps[1] > 0.2].all()
     assert 0.0 < edges.mean() < 0.5  # the walls are flat
+
+
+@pytest.mark.parametrize("positions", [BALLS, ONE, ()], ids=len)
+@pytest.mark.parametrize("wall", [LACE, MIRROR], ids=lambda each: each.name)
+def test_labels_over_static_hits_are_those_of_all_rays(wall: Material, positions: tuple[Position, ...]) -> None:
+    scene, view = SurroundedBalls(wall=wall), walking((0.2, 0.1, 3.1))
+    scene.image_of(view, *positions)
+    assert scene.surrounded.static_hits is not None
+    scene.device.place(scene.at(*positions), ALL_TIMES)
+    expected = scene.labels.render(view, list(LABELS))
+    labels = scene.labels.render(view, list(LABELS), scene.surrounded.static_hits)
+    for name in LABELS:
+        np.testing.assert_array_equal(labels[name], expected[name], err_msg=name)
 
 
 def test_walking_on_shows_little_that_is_new() -> None:

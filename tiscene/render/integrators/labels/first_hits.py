@@ -5,9 +5,12 @@ Leaves and lace are often rectangles with an opacity texture (`material_table.CO
 with probability `opacity`; a label has to decide. Surfaces that the camera does not see (UNSEEN) are never present.
 """
 
+from dataclasses import dataclass
 from typing import Any
 
+import numpy as np
 import taichi as ti
+from numpy.typing import NDArray
 
 from tiscene.device.argument_bundles import bundled
 from tiscene.device.kernel_types import Ints1
@@ -71,6 +74,55 @@ def first_hits(
         if count == 0:
             return
         closest(scene, time, rays.rays, queue, count, rays.hits, rays.hit_ids, rays_per_frame=rays_per_frame)
+
+
+@dataclass(frozen=True, eq=False)
+class StaticHits:
+    """First hits of a view's pixel centers on the instances that do not move.
+
+    Attributes:
+        rays: The rays, with their hits.
+        moving: bool [n], the other instances.
+    """
+
+    rays: RayArrays
+    moving: NDArray[np.bool_]
+
+
+@ti.kernel
+def keep_nearer(
+    queue: Ints1,
+    count: ti.i32,
+    other_rays: Rays,
+    other_hits: Hits,
+    other_ids: HitIds,
+    rays: Rays,
+    hits: Hits,
+    hit_ids: HitIds,
+    passed: Ints1,
+    passed_count: Ints1,
+) -> ti.i32:
+    """Replace hits by others of the same rays that are nearer; at the same distance, by those of lower rows.
+
+    Rays that have passed a transparent surface went on from there, and would have hit others a rounding error away.
+
+    Args:
+        passed: Output, rows of these rays, whose hits are to be found with all instances.
+        passed_count: Scratch, i32 [1].
+
+    Returns:
+        Their number.
+    """
+    passed_count[0] = 0
+    for i in range(count):
+        ray = queue[i]
+        here, there = hits[ray][0], other_hits[ray][0]
+        if there < here or (there == here and other_ids[ray][0] < hit_ids[ray][0]):
+            hits[ray] = other_hits[ray]
+            hit_ids[ray] = other_ids[ray]
+        if rays[ray][TRAVELED] > 0.0 or other_rays[ray][TRAVELED] > 0.0:
+            passed[ti.atomic_add(passed_count[0], 1)] = ray
+    return passed_count[0]
 
 
 @cached_on_device(maxsize=1)

@@ -19,7 +19,7 @@ from tiscene.errors import BufferNotFound
 from tiscene.frame.buffers import LABELS, times_needed
 from tiscene.render.integrators.labels import label_kernels as kernels
 from tiscene.render.integrators.labels.coverage import COVERAGES, CoverageLabels, CoverageSamples
-from tiscene.render.integrators.labels.first_hits import counter, first_hits
+from tiscene.render.integrators.labels.first_hits import StaticHits, counter, first_hits, keep_nearer
 from tiscene.render.integrators.labels.label_frames import LabelFrames
 from tiscene.render.integrators.labels.label_images import Images, LabelImages
 from tiscene.render.integrators.labels.static_labels import StaticImage, StaticLabelCache
@@ -33,7 +33,7 @@ from tiscene.render.intersect.ray_queue import RayArrays
 from tiscene.render.intersect.surface_interaction import geometry_of
 from tiscene.render.view import View
 from tiscene.scene.device_scene import DeviceScene
-from tiscene.scene.placement import CURRENT, NEXT, PREVIOUS, Placement
+from tiscene.scene.placement import CURRENT, MOVERS, NEXT, PREVIOUS, Placement
 
 MAX_MIRRORS = 4  # a mirror behind this many others is labeled itself
 _OCCLUSIONS = (("backward_occlusion", PREVIOUS), ("forward_occlusion", NEXT))
@@ -60,13 +60,16 @@ class LabelPass:
         self._coverage = CoverageLabels(scene)
         self._static_labels = StaticLabelCache(scene)
 
-    def render(self, view: View, buffers: Sequence[str]) -> dict[str, NDArray[Any]]:
+    def render(
+        self, view: View, buffers: Sequence[str], static_hits: StaticHits | None = None
+    ) -> dict[str, NDArray[Any]]:
         """Render label buffers.
 
         Args:
             view: Camera and image size.
             buffers: Names of label buffers, or FILTERED_ALBEDO. Others cost nothing. The scene must be placed at
                 `times_needed(buffers)`.
+            static_hits: What the view shows of static instances, if it is known; only others are traced then.
 
         Returns:
             New arrays by name.
@@ -84,7 +87,7 @@ class LabelPass:
         if cached is None:
             rays = self._rays.resized(view.width, view.height)
             arrays = self._images.empty(buffers, view.width, view.height)
-            self._draw(self._frame(view), rays.queue, rays.count, arrays)
+            self._draw(self._frame(view), rays.queue, rays.count, arrays, static_hits=static_hits)
         else:
             image, changed, moving = cached
             arrays = self._images.copied(image.arrays, buffers)
@@ -145,6 +148,7 @@ class LabelPass:
         arrays: Images,
         image: StaticImage | None = None,
         static: CoverageSamples | None = None,
+        static_hits: StaticHits | None = None,
     ) -> None:
         """Write the queued pixels.
 
@@ -155,11 +159,11 @@ class LabelPass:
             arrays: Output, buffers by name.
             image: Output, the cached image that the buffers belong to, if any.
             static: Coverage samples of the static instances; then only movers are traced for coverage.
+            static_hits: See `render`.
         """
         self.traced_pixels += count
         rays, pixels = self._rays, frames.pixels
-        kernels.primary_rays(queue, count, frames.cameras, frames.width, frames.height, rays.rays, frames.stacked)
-        first_hits(self.scene, CURRENT, rays, queue, count, rays_per_frame=pixels)
+        self._find_hits(frames, queue, count, static_hits)
         if image is not None:
             image.max_distance[...] = rays.hits.to_numpy()[:, 0].reshape(image.max_distance.shape)
 
@@ -181,6 +185,24 @@ class LabelPass:
             first_hits(self.scene, CURRENT, rays, queue, count, rays_per_frame=pixels)
             followed += 1
             mirrors = self._draw_surfaces(frames, queue, count, arrays, MATERIAL_BUFFERS, followed)
+
+    def _find_hits(self, frames: LabelFrames, queue: Any, count: int, static_hits: StaticHits | None) -> None:
+        """Trace rays through the queued pixels; other arguments as of `_draw`."""
+        rays, pixels = self._rays, frames.pixels
+        camera = frames.cameras, frames.width, frames.height, rays.rays, frames.stacked
+        kernels.primary_rays(queue, count, *camera)
+        if static_hits is not None:
+            self.scene.place_movers(static_hits.moving)
+            first_hits(self.scene, MOVERS, rays, queue, count)
+            static, passed = static_hits.rays, rays.mirrored[0]
+            count = keep_nearer(
+                queue, count, static.rays, static.hits, static.hit_ids, rays.rays, rays.hits, rays.hit_ids, passed,
+                counter(),
+            )  # fmt: skip
+            queue = passed
+            kernels.primary_rays(queue, count, *camera)
+        if count:
+            first_hits(self.scene, CURRENT, rays, queue, count, rays_per_frame=pixels)
 
     def _draw_surfaces(
         self,

@@ -28,6 +28,7 @@ from tiscene.render.integrators.incremental.base_image_cache import BaseImageCac
 from tiscene.render.integrators.incremental.mover_coverage import dilated
 from tiscene.render.integrators.incremental.path_recording import AUXILIARY, light_column
 from tiscene.render.integrators.incremental.retrace_kernels import MOVER_HITS
+from tiscene.render.integrators.labels.first_hits import StaticHits
 from tiscene.render.integrators.panorama import light_probe
 from tiscene.render.integrators.panorama.anchors import Anchors
 from tiscene.render.integrators.panorama.cell_files import CellFiles
@@ -111,6 +112,9 @@ class PanoramaPass:
         memory_limit: Limit of the memory of all panoramas, bytes. One view's cells are kept even if they exceed it.
         progress: Called with the name of a stage and its completed fraction, 0..1.
         images: Disk cache of base images, in whose folder cells are kept too; None: none.
+
+    Attributes:
+        static_hits: What the view prepared last shows of static instances; None: it was not traced.
     """
 
     def __init__(
@@ -126,6 +130,7 @@ class PanoramaPass:
         self._panorama_paths: tuple[PathPass, PathPass] | None = None  # of pages and of light probes
         self._changes: LightChanges | None = None
         self._subpixels = SubpixelPaths(paths.scene)
+        self.static_hits: StaticHits | None = None
         self._anchors, self._points = Anchors(paths.scene), Reprojection(paths.scene)
 
     @property
@@ -169,8 +174,10 @@ class PanoramaPass:
         if anchor is None:
             return False
         points = None if anchor == view.current.position else self._points
+        self.static_hits = None
         if points is not None:
             points.trace(view, anchor)
+            self.static_hits = StaticHits(points.centers, moving)
         settings = PanoramaSettings.of(view, anchor, spp=panorama_spp, max_depth=max_depth, seed=seed)
         self._view, self._max_depth, self._panorama_spp = view, max_depth, panorama_spp
         self._shown, self._known = self._static_images(view, static, settings, points)

@@ -37,17 +37,21 @@ class Reprojection:
 
     Args:
         scene: The scene.
+
+    Attributes:
+        centers: The rays through the centers of the pixels, with their hits.
     """
 
     def __init__(self, scene: DeviceScene) -> None:
+        self.centers = RayArrays()
         self._scene = scene
-        self._centers, self._subpixels = RayArrays(), RayWave()
+        self._subpixels = RayWave()
         self._surfaces: Any = None
         self._points: Any = None
 
     def trace(self, view: View, anchor: Vector3) -> None:
         """Find the points that a view shows of what is placed, as seen from an anchor."""
-        rays, scene = self._centers.resized(view.width, view.height), self._scene
+        rays, scene = self.centers.resized(view.width, view.height), self._scene
         if self._surfaces is None or self._surfaces.shape[0] != rays.count:
             self._surfaces = device_array(float8, rays.count)
             self._points = device_array(float4, rays.count * SUBPIXELS)
