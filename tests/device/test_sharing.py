@@ -157,6 +157,7 @@ def test_user_code_runs_after_the_stream_started_taichi(run):
     assert stream == run(STREAM_ALONE)[1]
 
 
+@pytest.mark.slow
 def test_stream_without_patches_has_the_same_digests(run):
     """Buffers of the first frames, in color and with labels."""
     assert run(STREAM_ALONE, TISCENE_TAICHI_PATCHES="0") == run(STREAM_ALONE)

@@ -209,7 +209,7 @@ class Renderer:
         if camera_moves:
             served = self._panorama.prepare(
                 view, placement, moving,
-                frame_index=frame_index, spp=settings.spp, panorama_spp=settings.panorama_spp, **sampling,
+                frame_index=frame_index, spp=max(1, settings.spp // 2), panorama_spp=settings.panorama_spp, **sampling,
             )  # fmt: skip
             return self._panorama if served else None
         if not self._incremental.is_cheaper(view, placement, moving, **sampling):
@@ -255,7 +255,7 @@ class Renderer:
         result: dict[str, NDArray[Any]] = {}
         needs_denoised = "rgb" in buffers or "denoised" in buffers
         if moving is not None and shared is self._panorama:
-            panorama = self._panorama.render(moving, labels["instance"], spp=max(1, settings.spp // 2))
+            panorama = self._panorama.render(moving, labels["instance"], spp=settings.spp)
             if "hdr" in buffers:
                 result["hdr"] = panorama.hdr
             guides = panorama.albedo, panorama.normal

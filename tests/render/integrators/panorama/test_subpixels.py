@@ -67,6 +67,13 @@ def test_known_and_traced_subpixels_add_up(scene: SurroundedBalls) -> None:
     assert not hidden.variance[~surface].any()  # the background has no noise
 
 
+def test_share_is_one_over_the_number_of_paths(scene: SurroundedBalls) -> None:
+    one, four = (filled(scene, np.full(SHAPE[:2], 1, np.int32), 0.0, spp=spp)[1].share for spp in (1, 4))
+    surface = (one > 0.0) & (four > 0.0)
+    assert surface.mean() > 0.5
+    assert one[surface].mean() / four[surface].mean() == pytest.approx(4.0, rel=0.1)
+
+
 def test_light_of_few_samples_is_that_which_is_expected() -> None:
     expected = np.full((4, 3), 0.5, np.float32)
     light = np.array([0.0, 0.7, 0.7, 3.0], np.float32)[:, None].repeat(3, axis=1)

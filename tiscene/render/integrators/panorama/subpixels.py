@@ -28,7 +28,7 @@ from tiscene.scene.device_scene import DeviceScene
 
 FloatImage = NDArray[np.float32]
 
-REACH = 5  # subpixels to each side over which path-traced light is averaged
+REACH = 3  # subpixels to each side over which path-traced light is averaged
 _DOWN, _RIGHT = np.divmod(np.arange(SUBPIXELS), SIDE)  # places of the subpixels of a pixel
 
 
@@ -41,7 +41,7 @@ class Hidden(NamedTuple):
         albedo: Mean albedo of the parts, float32 [n, 3].
         normal: Their mean normal, float32 [n, 3].
         variance: Of `light`, the sum over red, green and blue, as the samples' own variance suggests, float32 [n].
-        share: One over the number of samples that were averaged, float32 [n].
+        share: One over the number of paths that were averaged, float32 [n].
     """
 
     pixels: NDArray[np.int32]
@@ -124,7 +124,7 @@ class SubpixelPaths:
             _fill(pixels, rows, samples, known, *images, *parts)
         is_hidden = bits != NONE_KNOWN
         light, albedo, normal, variance, share = (part[is_hidden] for part in parts)
-        return Hidden(pixels[is_hidden], light, albedo, normal, variance[:, 0], share[:, 0])
+        return Hidden(pixels[is_hidden], light, albedo, normal, variance[:, 0], share[:, 0] / np.float32(spp))
 
 
 @ti.kernel
@@ -194,7 +194,7 @@ def smoothed(rows: Template, samples: Template, known: Template, y: ti.i32, x: t
     """Return the radiance of a hidden subpixel, with the mean irradiance of those around it that are oriented like it.
 
     Returns:
-        The radiance, its standard deviation, and one over the number of samples, in effect.
+        The radiance, its standard deviation, and one over the number of subpixels, in effect.
     """
     normal = sample(samples, own, 6)
     sums, squares, total, total_squares = vec3(0.0), 0.0, 0.0, 0.0
