@@ -46,7 +46,7 @@ def test_changing_between_scenes_frees_device_memory(make_agent, small_scenes):
     gc.disable()  # device memory is freed at once, without the cyclic garbage collector
     try:
         counts = []
-        for number in range(18):
+        for number in range(40):
             agent.change_scene(small_scenes[number % 3])
             agent.spawn_object("Cube", (0, 1, 3))
             agent.get_frame()
@@ -172,7 +172,7 @@ def test_memory_is_flat_over_changes_between_rooms():
     worlds = AgentWorlds("room_02/scene", quality="fast", spp=1)
     agent = worlds.register(64, 48)
     used, seconds = [], []
-    for number in range(18):
+    for number in range(40):
         began = time.process_time()
         worlds.change_scene(agent, ("room_02/scene", "object_view/scene", "room_01/scene")[number % 3])
         worlds.world_of(agent).frame(agent, ["main", "object"])

@@ -199,10 +199,11 @@ class LabelPass:
                 queue, count, static.rays, static.hits, static.hit_ids, rays.rays, rays.hits, rays.hit_ids, passed,
                 counter(),
             )  # fmt: skip
+            if not count:
+                return
             queue = passed
             kernels.primary_rays(queue, count, *camera)
-        if count:
-            first_hits(self.scene, CURRENT, rays, queue, count, rays_per_frame=pixels)
+        first_hits(self.scene, CURRENT, rays, queue, count, rays_per_frame=pixels)
 
     def _draw_surfaces(
         self,

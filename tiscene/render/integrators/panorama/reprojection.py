@@ -75,7 +75,7 @@ class Reprojection:
 
     def find_blocks(self, faces: int, found: NDArray[np.int32]) -> None:
         """Set found[face, row, column] to 1 for each block of a panorama in which points may be seen."""
-        kernels.find_blocks(self._points, self._points.shape[0], faces, found)
+        kernels.find_blocks(self._points, faces, found)
 
     def images(self, *cells: Any) -> NDArray[np.int32] | None:
         """Write the images of the cells of a panorama; arguments as of `reproject`, which has `points` and `known` too.

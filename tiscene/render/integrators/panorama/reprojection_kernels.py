@@ -195,16 +195,15 @@ def cells_around(seen: vec3, size: ti.i32):
 
 
 @ti.kernel
-def find_blocks(points: Float4s1, count: ti.i32, size: ti.i32, needed: Ints3):
+def find_blocks(points: Float4s1, size: ti.i32, needed: Ints3):
     """Set needed[face, row, column] to 1 for each block with a cell around a point.
 
     Args:
         points: The points.
-        count: Their number.
         size: Cells along a side of a face.
         needed: Output, i32 [6, blocks, blocks], zeros before.
     """
-    for i in range(count):
+    for i in range(points.shape[0]):
         first, _ = cells_around(points[i].xyz, size)
         for y, x in ti.static(ti.ndrange(2, 2)):
             row, column = ti.math.clamp(first[1] + y, 0, size - 1), ti.math.clamp(first[2] + x, 0, size - 1)
