@@ -1,6 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """A process shared with the user's own Taichi code: neither side changes the results of the other."""
 
+import functools
+
 import pytest
 
 from tests.device.programs import run_python
@@ -128,12 +130,13 @@ def split(printed: str) -> tuple[list[str], list[str]]:
     return [line for line in lines if line[:6] != "stream"], [line for line in lines if line[:6] == "stream"]
 
 
-@pytest.fixture
-def run(tmp_path):
-    """Run a program from a file, since Taichi reads the sources of kernels."""
+@pytest.fixture(scope="module")
+def run(tmp_path_factory):
+    """Run a program once, from a file, since Taichi reads the sources of kernels."""
 
+    @functools.cache
     def run(code, **env):
-        file = tmp_path / "program.py"
+        file = tmp_path_factory.mktemp("shared") / "program.py"
         file.write_text(code)
         return split(
             run_python(str(file), env={**env, "ENABLE_TAICHI_HEADER_PRINT": "0", "TI_SKIP_VERSION_CHECK": "ON"})

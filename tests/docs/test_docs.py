@@ -39,6 +39,7 @@ RUN_ELSEWHERE = {
     "export-recipes": "test_export_pages_run",
     "importing": "none: it needs models that are not in the repository",
 }
+SLOW = {"evaluate", "scenes", "taichi"}  # their Python takes more than ten seconds
 # Blocks with these imports run as scripts: worker processes import the file, and Taichi reads the source of kernels.
 NEEDS_SCRIPT = re.compile(r"^(?:import|from) (torch|avalanche|taichi|datasets|grain)", re.MULTILINE)
 SPHERE = "/SolidBenchmark/Solids/Sphere"
@@ -112,7 +113,11 @@ def test_python_blocks_parse(page):
 
 @pytest.mark.parametrize(
     "page",
-    sorted(page.stem for page in DOCS.glob("*.md") if BLOCK.search(read(page)) and page.stem not in RUN_ELSEWHERE),
+    [
+        pytest.param(page, marks=pytest.mark.slow) if page in SLOW else page
+        for page in sorted(page.stem for page in DOCS.glob("*.md") if BLOCK.search(read(page)))
+        if page not in RUN_ELSEWHERE
+    ],
 )
 def test_python_blocks_run(page, tmp_path, monkeypatch):
     """Blocks run one after another in one namespace, in a folder with `run.json` and `upload.usdz`."""

@@ -46,7 +46,7 @@ def test_changing_between_scenes_frees_device_memory(make_agent, small_scenes):
     gc.disable()  # device memory is freed at once, without the cyclic garbage collector
     try:
         counts = []
-        for number in range(40):
+        for number in range(18):
             agent.change_scene(small_scenes[number % 3])
             agent.spawn_object("Cube", (0, 1, 3))
             agent.get_frame()

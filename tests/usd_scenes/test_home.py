@@ -118,6 +118,7 @@ def test_labels_at_doorways_agree_with_embree(stream: ts.Stream, embree: tuple[E
     assert sum(rooms >= 2 for rooms in in_view) >= 3
 
 
+@pytest.mark.slow
 def test_flow_at_doorways_is_that_of_the_points(stream: ts.Stream) -> None:
     for k in doorways(stream):
         frame, following = stream[k], stream[k + 1].camera
