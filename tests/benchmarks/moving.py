@@ -6,10 +6,9 @@ both; "rests" is the same room with the camera at rest. Frames have SAILenv's fi
 
 PSNR: of `denoised`, times 2, clipped and encoded as sRGB, at the frames COMPARED, against path tracing at depth 8.
 Two references with independent noise are used, because the mean product of the errors against both does not depend on
-their noise. They are kept in the cache folder. "SSIM": structural similarity to them of the light, `denoised` over
-`albedo`. "once": the first frame. "frame" and "CPU": medians of wall and CPU time, "again": median of wall time where
-the same views were rendered before. "flicker": mean difference, in 8-bit levels, between `rgb` and the same points of
-static surfaces in the next frame, found by `forward_flow`.
+their noise. They are kept in the cache folder. "once": the first frame. "frame" and "CPU": medians of wall and CPU
+time, "again": median of wall time where the same views were rendered before. "flicker": mean difference, in 8-bit
+levels, between `rgb` and the same points of static surfaces in the next frame, found by `forward_flow`.
 """
 
 from __future__ import annotations
@@ -23,7 +22,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.ndimage import gaussian_filter, map_coordinates
+from scipy.ndimage import map_coordinates
 
 import tiscene as ts
 from dynamics.rotation import multiply
@@ -34,7 +33,7 @@ from tiscene.render.view import View
 ROOMS = ("room_01", "room_02", "room_03")
 CAMERAS = ("rests", "turns", "walks", "both")
 PRESETS = ("fast", "preview", "standard")
-BUFFERS = ("rgb", "semantic", "instance", "forward_flow", "depth", "denoised", "albedo")
+BUFFERS = ("rgb", "semantic", "instance", "forward_flow", "depth", "denoised")
 SIZE = 256, 192
 FRAMES, COMPARED = 24, (10, 20)  # COMPARED: frame indices
 TURN, STEP = math.radians(1.0), 0.03  # a frame, rad and m
@@ -92,8 +91,8 @@ def _moved(camera: ts.Camera, kind: str, index: int) -> ts.Camera:
 
 def main(large: bool = False) -> None:
     """Print one line for each room, camera and preset, at 256x192 or, if large, at 640x480."""
-    heads = ("PSNR", "SSIM", "once", "frame", "CPU", "frames/s", "again", "flicker")
-    print(f"{'':<8} {'camera':<6} {'':<9}" + " {:>8} {:>6} {:>8} {:>9} {:>9} {:>9} {:>9} {:>8}".format(*heads))
+    heads = ("PSNR", "once", "frame", "CPU", "frames/s", "again", "flicker")
+    print(f"{'':<8} {'camera':<6} {'':<9}" + " {:>8} {:>8} {:>9} {:>9} {:>9} {:>9} {:>8}".format(*heads))
     for room in ROOMS:
         for camera in CAMERAS:
             shot = Shot(room, camera, (640, 480) if large else SIZE)
@@ -123,13 +122,11 @@ def line(shot: Shot, preset: str, truth: dict[int, tuple[Image, Image]]) -> None
             shot.render(stream, index)
             again.append(time.perf_counter() - wall)
     errors = [product_of_errors(frames[k].denoised, *truth[k]) for k in COMPARED]
-    similar = np.mean([similarity(frames[k].denoised, *truth[k], frames[k].albedo) for k in COMPARED])
     wall, cpu = 1e3 * np.median(walls), 1e3 * np.median(cpus)
     flicker = np.mean([difference(frames[k], frames[k + 1]) for k in COMPARED])
     print(
-        f"{shot.room:<8} {shot.camera:<6} {preset:<9} {-10.0 * np.log10(np.mean(errors)):>5.1f} dB {similar:>6.3f}"
-        f" {once:>6.1f} s {wall:>6.1f} ms {cpu:>6.1f} ms {1e3 / wall:>9.1f} {1e3 * np.median(again):>6.1f} ms"
-        f" {flicker:>8.2f}",
+        f"{shot.room:<8} {shot.camera:<6} {preset:<9} {-10.0 * np.log10(np.mean(errors)):>5.1f} dB {once:>6.1f} s"
+        f" {wall:>6.1f} ms {cpu:>6.1f} ms {1e3 / wall:>9.1f} {1e3 * np.median(again):>6.1f} ms {flicker:>8.2f}",
         flush=True,
     )
 
@@ -172,25 +169,6 @@ def product_of_errors(image: Image, one: Image, other: Image) -> float:
     """Return the mean product of an image's errors against two references: its mean squared error without theirs."""
     shown = display(image)
     return max(float(np.mean((shown - display(one)) * (shown - display(other)))), 1e-9)
-
-
-def similarity(image: Image, one: Image, other: Image, albedo: Image) -> float:
-    """Return the structural similarity (Wang et al. 2004) of an image's light to two references without their noise.
-
-    The mean product of the references' deviations in a window stands for the variance of what they share.
-    """
-    scale = albedo.mean() / (albedo + 0.02)
-    x, a, b = (display(radiance * scale).mean(axis=-1) for radiance in (image, one, other))
-
-    def mean(values: NDArray[np.float64]) -> NDArray[np.float64]:
-        return gaussian_filter(values, 1.5, truncate=3.5)
-
-    mean_x, mean_a, mean_b = mean(x), mean(a), mean(b)
-    mean_y, y = 0.5 * (mean_a + mean_b), 0.5 * (a + b)
-    variances = mean(x * x) - mean_x * mean_x + mean(a * b) - mean_a * mean_b
-    means = (2.0 * mean_x * mean_y + 0.01**2) / (mean_x**2 + mean_y**2 + 0.01**2)
-    structure = (2.0 * (mean(x * y) - mean_x * mean_y) + 0.03**2) / (variances + 0.03**2)
-    return float((means * structure).mean())
 
 
 def difference(frame: ts.Frame, after: ts.Frame) -> float:
