@@ -18,8 +18,8 @@ from taichi.lang._ndarray import ScalarNdarray
 from taichi.lang.matrix import MatrixType, VectorNdarray
 from taichi.lang.util import cook_dtype
 
-MAX_ARRAY = 1 << 18  # bytes of the largest array that is kept
-MAX_KEPT = 1 << 24  # bytes of all arrays that are kept
+MAX_ARRAY = 1 << 20  # bytes of the largest array that is kept
+MAX_KEPT = 1 << 25  # bytes of all arrays that are kept
 
 
 class FreedArrays:

@@ -27,9 +27,10 @@ def vector_mode() -> Iterator[None]:
     Traversal kernels and kernels that shade paths use it. tests/render/intersect/test_intersect.py compares the former
     with the scalar mode.
     """
-    before = ti.cfg.real_matrix_scalarize
-    ti.cfg.real_matrix_scalarize = False
+    config = ti.cfg  # looked up each time, which is slow
+    before = config.real_matrix_scalarize
+    config.real_matrix_scalarize = False
     try:
         yield
     finally:
-        ti.cfg.real_matrix_scalarize = before
+        config.real_matrix_scalarize = before

@@ -209,7 +209,7 @@ class Renderer:
         if camera_moves:
             served = self._panorama.prepare(
                 view, placement, moving,
-                frame_index=frame_index, spp=max(1, settings.spp // 2), panorama_spp=settings.panorama_spp, **sampling,
+                frame_index=frame_index, spp=max(2, settings.spp), panorama_spp=settings.panorama_spp, **sampling,
             )  # fmt: skip
             return self._panorama if served else None
         if not self._incremental.is_cheaper(view, placement, moving, **sampling):

@@ -124,7 +124,7 @@ def launch(kernel: Any, *args: Any, **kwargs: Any) -> Any:
         raise kernel_impl.handle_exception_from_cpp(error) from None
     result = None
     if plan.returns_integer:
-        runtime.sync()
+        runtime.prog.synchronize()
         result = context.get_struct_ret_int((0,))
     if plan.keeps_arguments:
         variant.contexts.append((context, last))

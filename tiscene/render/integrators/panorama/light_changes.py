@@ -31,7 +31,7 @@ from tiscene.scene.placement import Placement
 
 FloatImage = NDArray[np.float32]
 
-REDUCTION = 3  # factor along each axis by which the image is smaller
+REDUCTION = 4  # factor along each axis by which the image is smaller
 
 
 class LightChanges:
