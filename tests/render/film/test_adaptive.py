@@ -46,6 +46,7 @@ def luminance(hdr: NDArray[np.float32]) -> NDArray[np.float64]:
     return result
 
 
+@pytest.mark.slow
 def test_error_threshold_holds_everywhere_at_lower_cost() -> None:
     passes = paths()
     exact = luminance(passes.render(VIEW, frame_index=0, seed=9, spp=8192, max_depth=4).hdr)
