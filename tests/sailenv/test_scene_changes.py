@@ -40,13 +40,14 @@ def small_scenes(tmp_path, monkeypatch):
     return SCENE, "solid_benchmark/scene", "third_view/scene"
 
 
-def test_changing_between_scenes_frees_device_memory(make_agent, small_scenes):
+@pytest.mark.parametrize("changes", [18, pytest.param(40, marks=pytest.mark.slow)])
+def test_changing_between_scenes_frees_device_memory(make_agent, small_scenes, changes):
     agent = make_agent(width=16, height=12, max_depth=2)
     gc.collect()
     gc.disable()  # device memory is freed at once, without the cyclic garbage collector
     try:
         counts = []
-        for number in range(18):
+        for number in range(changes):
             agent.change_scene(small_scenes[number % 3])
             agent.spawn_object("Cube", (0, 1, 3))
             agent.get_frame()

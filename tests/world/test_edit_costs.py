@@ -74,16 +74,18 @@ CYCLES = {
 
 
 @pytest.mark.parametrize("name", CYCLES)
-def test_spawn_and_despawn_make_as_many_calls_after_200_edits_as_after_20(name):
+@pytest.mark.parametrize("edits", [200, pytest.param(600, marks=pytest.mark.slow)])
+def test_spawn_and_despawn_make_as_many_calls_after_many_edits_as_after_20(name, edits):
     create, cycle = CYCLES[name]
     world = create()
     calls = []
-    for number in range(100):
-        if 5 <= number < 10 or number >= 95:
+    cycles = edits // 2
+    for number in range(cycles):
+        if 5 <= number < 10 or number >= cycles - 5:
             calls.append(count_calls(lambda: cycle(world)))
         else:
             cycle(world)
-    assert len(world.scenario.edits) == 200
+    assert len(world.scenario.edits) == edits
     assert np.median(calls[5:]) < 1.1 * np.median(calls[:5])
 
 
@@ -133,12 +135,13 @@ def test_garbage_collected_objects_per_edit_are_few():
 
 
 @pytest.mark.parametrize("target", ["a", "/Pillar"])
-def test_move_makes_as_many_calls_after_500_moves_as_after_20(target):
+@pytest.mark.parametrize("moves", [500, pytest.param(2000, marks=pytest.mark.slow)])
+def test_move_makes_as_many_calls_after_many_moves_as_after_20(target, moves):
     world = make(ts.Object("a", "Cube", (-1, 0, 0)), stage=STAGE)
     calls = []
-    for number in range(500):
+    for number in range(moves):
         move = lambda number=number: world.move(target, (-1.0, 1e-4 * number, 0.0), (0.0, 1.0, 0.0))  # noqa: E731
-        if 20 <= number < 40 or number >= 480:
+        if 20 <= number < 40 or number >= moves - 20:
             calls.append(count_calls(move))
         else:
             move()

@@ -285,12 +285,13 @@ def test_stage_of_the_documentation_plays(tmp_path):
 
 
 @pytest.mark.skipif(os.name != "posix", reason="limits of processes need POSIX")
-def test_randomly_damaged_scenarios_are_read_or_refused(tmp_path):
+@pytest.mark.parametrize(("count", "stopped"), [(30, 1), pytest.param(60, 3, marks=pytest.mark.slow)])
+def test_randomly_damaged_scenarios_are_read_or_refused(tmp_path, count, stopped):
     text = "#usda 1.0\n" + MOVING + ANIMATED.replace('"World"', '"Other"')
     data, rng = crate_bytes(text, tmp_path), random.Random(3)
-    files = [tmp_path / f"damaged_{number}.usdc" for number in range(30)]
+    files = [tmp_path / f"damaged_{number}.usdc" for number in range(count)]
     for path in files:
         path.write_bytes(damaged(data, rng))
     outcomes = read_all("tiscene.scenario.scenario:Scenario.load", files, seconds=20.0, total=180.0)
     assert {READ, REFUSED} <= set(outcomes)
-    assert outcomes.count(STOPPED) <= 2  # a damaged count can keep USD itself busy
+    assert outcomes.count(STOPPED) <= stopped  # a damaged count can keep USD itself busy
