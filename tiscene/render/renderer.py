@@ -207,6 +207,7 @@ class Renderer:
         """Return the pass that shares light with other frames, prepared; None: the frame is path traced by itself."""
         settings = self.settings
         if camera_moves:
+            # One path per pixel of reduced size leaves stains of color.
             served = self._panorama.prepare(
                 view, placement, moving,
                 frame_index=frame_index, spp=max(2, settings.spp), panorama_spp=settings.panorama_spp, **sampling,
