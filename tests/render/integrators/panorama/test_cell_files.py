@@ -21,7 +21,7 @@ def groups(*numbers: int) -> tuple[NDArray[np.int32], NDArray[np.float32]]:
 def check(files: CellFiles, *expected: tuple[NDArray[np.int32], NDArray[np.float32]]) -> None:
     """Check that exactly these groups are read, in order of their numbers."""
     numbers, cells = (np.concatenate(each) for each in zip(*expected, strict=True))
-    found_numbers, found_cells = files.load("key", SIZE, COLUMNS)
+    found_numbers, found_cells = files.load("key", SIZE, COLUMNS, np.float32)
     np.testing.assert_array_equal(found_numbers, np.sort(numbers))
     np.testing.assert_array_equal(found_cells, cells[np.argsort(numbers)])
 
@@ -34,7 +34,7 @@ def test_groups_of_all_processes_are_read_by_key(tmp_path: Path) -> None:
     one.append("other", *groups(9))
     check(CellFiles(tmp_path), groups(7, 3), groups(5), groups(4))
     assert len(list(tmp_path.iterdir())) == 3
-    assert len(one.load("none", SIZE, COLUMNS)[0]) == 0
+    assert len(one.load("none", SIZE, COLUMNS, np.float32)[0]) == 0
 
 
 def test_torn_and_damaged_records_are_left_out(tmp_path: Path) -> None:
@@ -60,4 +60,4 @@ def test_folder_that_cannot_be_written_is_no_error(tmp_path: Path) -> None:
     (tmp_path / "file").write_text("")
     files = CellFiles(tmp_path / "file" / "folder")
     files.append("key", *groups(1))
-    assert len(files.load("key", SIZE, COLUMNS)[0]) == 0
+    assert len(files.load("key", SIZE, COLUMNS, np.float32)[0]) == 0

@@ -187,9 +187,10 @@ def test_cells_on_disk_are_those_that_were_made(tmp_path: Path) -> None:
     scene.surrounded = scene.new_pass(images=images)
     first = scene.image(*BALLS)
     assert scene.reported
-    for lost, traces in (("nothing", False), ("denoised", False), ("traced", True)):
-        for path in tmp_path.glob(f"*-{lost}-*"):
-            path.unlink()
+    for lost, traces in (((), False), (("tiles",), False), (("tiles", "blocks"), True), (("blocks",), False)):
+        for kind in lost:
+            for path in tmp_path.glob(f"*-{kind}-*"):
+                path.unlink()
         scene.reported.clear()
         scene.surrounded = scene.new_pass(images=images)
         again = scene.image(*BALLS)

@@ -11,12 +11,15 @@ import contextlib
 import hashlib
 import os
 from pathlib import Path
+from typing import TypeVar
 from uuid import uuid4
 
 import numpy as np
 from numpy.typing import NDArray
 
 from tiscene.files import DiskCache
+
+Value = TypeVar("Value", np.float32, np.int32)
 
 SIZE_LIMIT = 1 << 32  # bytes; the least recently used files are deleted first
 _SUFFIX = ".cells"
@@ -38,19 +41,20 @@ class CellFiles:
         self._name = f"{os.getpid()}-{uuid4().hex[:8]}{_SUFFIX}"
         self._room = 0
 
-    def load(self, key: str, size: int, columns: int) -> tuple[NDArray[np.int32], NDArray[np.float32]]:
+    def load(self, key: str, size: int, columns: int, kind: type[Value]) -> tuple[NDArray[np.int32], NDArray[Value]]:
         """Return the groups of a panorama that are on disk.
 
         Args:
             key: Of the panorama and the kind of group.
             size: Cells of a group.
             columns: Columns of a cell.
+            kind: Type of their values, of four bytes.
 
         Returns:
-            int32 [n], numbers of the groups, increasing; float32 [n, size, columns], their cells.
+            int32 [n], numbers of the groups, increasing; [n, size, columns], their cells.
         """
-        record = _record(size, columns)
-        found: dict[int, NDArray[np.float32]] = {}
+        record = _record(size, columns, kind)
+        found: dict[int, NDArray[Value]] = {}
         for path in sorted(self.folder.glob(f"{key}-*{_SUFFIX}")):
             with contextlib.suppress(OSError):
                 content = path.read_bytes()
@@ -59,18 +63,18 @@ class CellFiles:
                     if row["digest"].tobytes() == _digest(row["group"], row["cells"]):
                         found[int(row["group"])] = row["cells"]
         groups = np.array(sorted(found), np.int32)
-        cells = np.array([found[group] for group in groups], np.float32).reshape(-1, size, columns)
+        cells = np.array([found[group] for group in groups], kind).reshape(-1, size, columns)
         return groups, cells
 
-    def append(self, key: str, groups: NDArray[np.int32], cells: NDArray[np.float32]) -> None:
+    def append(self, key: str, groups: NDArray[np.int32], cells: NDArray[Value]) -> None:
         """Store groups. Does nothing if the folder is not writable.
 
         Args:
             key: Of the panorama and the kind of group.
             groups: int32 [n], numbers of the groups.
-            cells: float32 [n, size, columns], their cells.
+            cells: float32 or int32 [n, size, columns], their cells.
         """
-        records = np.empty(len(groups), _record(*cells.shape[1:]))
+        records = np.empty(len(groups), _record(cells.shape[1], cells.shape[2], cells.dtype.type))
         records["group"], records["cells"] = groups, cells
         for row in records:
             row["digest"] = np.frombuffer(_digest(row["group"], row["cells"]), f"V{_DIGEST}")[0]
@@ -90,11 +94,12 @@ class CellFiles:
                     raise
 
 
-def _record(size: int, columns: int) -> np.dtype[np.void]:
+def _record(size: int, columns: int, kind: type[Value]) -> np.dtype[np.void]:
     """Return the type of a record."""
-    return np.dtype([("digest", f"V{_DIGEST}"), ("group", "<i4"), ("cells", "<f4", (size, columns))])
+    value = np.dtype(kind).newbyteorder("<")
+    return np.dtype([("digest", f"V{_DIGEST}"), ("group", "<i4"), ("cells", value, (size, columns))])
 
 
-def _digest(group: np.int32, cells: NDArray[np.float32]) -> bytes:
+def _digest(group: np.int32, cells: NDArray[Value]) -> bytes:
     """Return the digest of a record's content."""
     return hashlib.blake2b(group.tobytes() + cells.tobytes(), digest_size=_DIGEST).digest()

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from tiscene.device.memory import copy_rows, device_array
 from tiscene.render.integrators.panorama import panorama_kernels as kernels
 from tiscene.render.integrators.panorama.cell_files import CellFiles
+from tiscene.render.integrators.panorama.packed_cells import pack, words
 
 _FIRST_CELLS = 1 << 16  # that there is room for at first
 
@@ -26,7 +27,7 @@ class CellStore:
 
     Attributes:
         slots: int32 [shape], place of each group in `cells`, in groups; -1 if it is not there.
-        cells: f32 [places * size, columns] on the device.
+        cells: i32 [places * size, words] on the device, see `packed_cells`.
         columns: Columns of a cell.
     """
 
@@ -35,17 +36,17 @@ class CellStore:
     ) -> None:
         self.slots = np.full(shape, -1, np.int32)
         self.columns = columns
-        self._size, self._used = size, 0
-        self.cells = device_array(ti.f32, (_FIRST_CELLS // size * size, columns))
+        self._size, self._used, self._words = size, 0, words(columns)
+        self.cells = device_array(ti.i32, (_FIRST_CELLS // size * size, self._words))
         self._files, self._key = files, key
         self._saved = np.empty(0, np.int32)  # numbers of the groups on disk
         if files:
-            self._saved, values = files.load(key, size, columns)
+            self._saved, values = files.load(key, size, self._words, np.int32)
             self._keep(self._saved, values)
 
     def bytes_with(self, groups: int) -> int:
         """Return the memory of the cells with room for further groups."""
-        return 4 * self._room(self._used + groups) * self._size * self.columns
+        return 4 * self._room(self._used + groups) * self._size * self._words
 
     def clear(self) -> None:
         """Forget all groups, except on disk."""
@@ -60,19 +61,20 @@ class CellStore:
             values: float32 [n, size, columns], their cells.
         """
         numbers = np.ravel_multi_index(tuple(places.T), self.slots.shape).astype(np.int32)
-        self._keep(numbers, values)
+        cells = pack(values)
+        self._keep(numbers, cells)
         if self._files:
             unsaved = ~np.isin(numbers, self._saved)
-            self._files.append(self._key, numbers[unsaved], values[unsaved])
+            self._files.append(self._key, numbers[unsaved], cells[unsaved])
             self._saved = np.append(self._saved, numbers[unsaved])
 
-    def _keep(self, numbers: NDArray[np.int32], values: NDArray[np.float32]) -> None:
+    def _keep(self, numbers: NDArray[np.int32], cells: NDArray[np.int32]) -> None:
         room = self._room(self._used + len(numbers)) * self._size
         if room > self.cells.shape[0]:
-            old, self.cells = self.cells, device_array(ti.f32, (room, self.columns))
+            old, self.cells = self.cells, device_array(ti.i32, (room, self._words))
             copy_rows(old, self.cells, old.shape[0])
         slots = self._used + np.arange(len(numbers), dtype=np.int32)
-        kernels.store_cells(values, slots, self.columns, self.cells)
+        kernels.store_cells(cells, slots, self.cells)
         self.slots.ravel()[numbers] = slots
         self._used += len(numbers)
 

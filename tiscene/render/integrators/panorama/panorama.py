@@ -153,11 +153,13 @@ class Panorama:
         self._columns = light_column(self.groups)  # of light, albedo and normal; then comes the distance
         self._rays = RayArrays()
         tiles, blocks = settings.faces // TILE + 2, settings.faces // BLOCK  # along a side of a face
-        self._traced = CellStore((6, tiles, tiles), TILE * TILE, self._columns + 1, files, f"{key}-traced")
+        self._tiles = CellStore((6, tiles, tiles), TILE * TILE, self._columns + 1, files, f"{key}-tiles")
         self._files, self._key = files, f"{key}-probe"
         self._probe: LightProbe | None = None
         self._pages_along = -(-tiles * TILE // PAGE)  # a side of a face
-        self._denoised = CellStore((6, blocks, blocks), BLOCK * BLOCK, 3 * self.groups, files, f"{key}-denoised")
+        # Blocks have all that views need: the columns of tiles, with the denoised light before the distance.
+        self._shown_columns = self._columns + 3 * self.groups
+        self._blocks = CellStore((6, blocks, blocks), BLOCK * BLOCK, self._shown_columns + 1, files, f"{key}-blocks")
 
     @property
     def bytes(self) -> int:
@@ -166,13 +168,13 @@ class Panorama:
 
     def bytes_with(self, missing: Missing) -> int:
         """Return the memory with room for cells that are missing."""
-        cells = self._traced.bytes_with(len(missing.tiles)) + self._denoised.bytes_with(len(missing.blocks))
+        cells = self._tiles.bytes_with(len(missing.tiles)) + self._blocks.bytes_with(len(missing.blocks))
         return cells + (self._probe.bytes if self._probe else 0)
 
     def clear(self) -> None:
         """Forget all cells."""
-        self._traced.clear()
-        self._denoised.clear()
+        self._tiles.clear()
+        self._blocks.clear()
 
     def missing(self, view: View, points: Reprojection | None = None) -> Missing:
         """Return what a view needs and is not there.
@@ -181,20 +183,18 @@ class Panorama:
             view: The view.
             points: What it shows, if it is seen from elsewhere than the center; None: it is seen from there.
         """
-        found = np.zeros(self._denoised.slots.shape, np.int32)
+        found = np.zeros(self._blocks.slots.shape, np.int32)
         if points is None:
             kernels.find_blocks(view.array(), view.width, view.height, self.settings.faces, found)
         else:
             points.find_blocks(self.settings.faces, found)
-        shown = found > 0
-        blocks = shown & (self._denoised.slots < 0)
-        needed = np.zeros(self._traced.slots.shape, bool)
+        blocks = (found > 0) & (self._blocks.slots < 0)
+        needed = np.zeros(self._tiles.slots.shape, bool)
         side = BLOCK // TILE  # tiles along a side of a block; one more on each side belongs to its window
         for row, column in np.ndindex(side + 2, side + 2):
-            own = 1 <= row <= side and 1 <= column <= side
             rows, columns = (slice(first, first + side * blocks.shape[1], side) for first in (row, column))
-            needed[:, rows, columns] |= shown if own else blocks
-        return Missing(np.argwhere(needed & (self._traced.slots < 0)), np.argwhere(blocks))
+            needed[:, rows, columns] |= blocks
+        return Missing(np.argwhere(needed & (self._tiles.slots < 0)), np.argwhere(blocks))
 
     def images(self, view: View, points: Reprojection | None = None) -> tuple[FloatImage, NDArray[np.int32]] | None:
         """Return the images of a view, or None if cells are missing; arguments as of `missing`.
@@ -203,12 +203,9 @@ class Panorama:
             float32 [n, h, w, 3]: three columns each, see `light_column`; then the denoised light of the groups.
             int32 [h, w], which subpixels are known, see `reproject`: all of them, seen from the center.
         """
-        traced, denoised = self._traced, self._denoised
-        images = np.empty(((self._columns + denoised.columns) // 3, view.height, view.width, 3), np.float32)
-        cells = (
-            self.settings.faces,
-            traced.slots, traced.cells, self._columns, denoised.slots, denoised.cells, denoised.columns, images,
-        )  # fmt: skip
+        blocks, columns = self._blocks, self._shown_columns
+        images = np.empty((columns // 3, view.height, view.width, 3), np.float32)
+        cells = self.settings.faces, blocks.slots, blocks.cells, columns, images
         if points is not None:
             known = points.images(*cells)
             return None if known is None else (images, known)
@@ -220,7 +217,7 @@ class Panorama:
         """Return the light all around, from disk if it is there. Tracing it changes what the scene has placed."""
         if self._probe is None:
             columns, settings, files = PLANE + 3 * self.groups, self.settings, self._files
-            cells = files.load(self._key, SIZE * SIZE, columns)[1] if files else None
+            cells = files.load(self._key, SIZE * SIZE, columns, np.float32)[1] if files else None
             if cells is None or len(cells) < FACES:
                 depth = max(1, settings.max_depth - 1)  # paths that end in the probe have one segment more
                 cells = trace_probe(
@@ -246,7 +243,7 @@ class Panorama:
 
     def _trace(self, tiles: NDArray[np.int64], view: View, progress: ProgressCallback) -> None:
         """Trace tiles."""
-        cells = np.zeros((len(tiles), TILE * TILE, self._traced.columns), np.float32)
+        cells = np.zeros((len(tiles), TILE * TILE, self._tiles.columns), np.float32)
         features = slice(AUXILIARY, AUXILIARY + FEATURE_COLUMNS)
         pages = list(self._pages(tiles))
         done, total = 0, len(tiles) * self.groups
@@ -270,7 +267,7 @@ class Panorama:
         self._place(0)
         for number, _, members in pages:
             cells[members, :, self._columns] = self._distances(number, tiles[members, 1:] % (PAGE // TILE) * TILE)
-        self._traced.add(tiles, cells)
+        self._tiles.add(tiles, cells)
 
     def _sampled(self, view: View, frame: int, corners: NDArray[np.int64], scene: PathScene, dim: float) -> FloatImage:
         """Trace cells and return the means of their samples, float32 [n, TILE * TILE, FILM_COLUMNS].
@@ -325,18 +322,19 @@ class Panorama:
 
     def _denoise(self, blocks: NDArray[np.int64]) -> None:
         """Denoise blocks whose windows are traced."""
-        traced = self._traced
-        windows = np.empty((len(blocks), WINDOW * WINDOW, traced.columns), np.float32)
-        kernels.gather_windows(blocks.astype(np.int32), traced.slots, traced.cells, traced.columns, windows)
-        result = np.empty((len(blocks), BLOCK, BLOCK, self._denoised.columns), np.float32)
+        tiles, traced = self._tiles, self._columns
+        windows = np.empty((len(blocks), WINDOW * WINDOW, tiles.columns), np.float32)
+        kernels.gather_windows(blocks.astype(np.int32), tiles.slots, tiles.cells, tiles.columns, windows)
+        result = np.empty((len(blocks), BLOCK, BLOCK, self._blocks.columns), np.float32)
         inside, quality = slice(TILE, TILE + BLOCK), self.settings.denoiser
-        for window, light in zip(windows.reshape(-1, WINDOW, WINDOW, traced.columns), result, strict=True):
+        for window, cells in zip(windows.reshape(-1, WINDOW, WINDOW, tiles.columns), result, strict=True):
+            cells[..., :traced], cells[..., -1] = window[inside, inside, :traced], window[inside, inside, -1]
             albedo, normal = (window[..., first : first + 3] for first in (AUXILIARY, AUXILIARY + 3))
             for group in range(self.groups):
-                column = light_column(group)
+                column, clean_column = light_column(group), traced + 3 * group
                 clean = denoise(window[..., column : column + 3], albedo, normal, quality, clean=False)
-                light[..., 3 * group : 3 * group + 3] = clean[inside, inside]
-        self._denoised.add(blocks, result.reshape(len(blocks), BLOCK * BLOCK, -1))
+                cells[..., clean_column : clean_column + 3] = clean[inside, inside]
+        self._blocks.add(blocks, result.reshape(len(blocks), BLOCK * BLOCK, -1))
 
     def _place(self, group: int) -> None:
         """Place the static scene with the lights of one group."""

@@ -4,6 +4,7 @@
 import taichi as ti
 
 from tiscene.device.kernel_types import Floats2, Floats3, Floats4, Ints1, Ints2, Ints3, Template
+from tiscene.render.integrators.panorama.packed_cells import UNIT, unpacked
 from tiscene.render.sampling.cube import cell_of
 from tiscene.render.view import CENTER, RIGHT, TANGENT, UP, view_vector
 from tiscene.scene.placement import CURRENT
@@ -48,8 +49,8 @@ def find_blocks(view: Floats2, width: ti.i32, height: ti.i32, size: ti.i32, need
 
 
 @ti.func
-def traced_row(tiles: Ints3, face: ti.i32, row: ti.i32, column: ti.i32) -> ti.i32:
-    """Return the row of `traced` that holds a cell, negative if none does.
+def tile_row(tiles: Ints3, face: ti.i32, row: ti.i32, column: ti.i32) -> ti.i32:
+    """Return the row of the cells of tiles that holds a cell, negative if none does.
 
     Rows and columns -TILE .. -1 are those of the margin of a face.
     """
@@ -59,29 +60,29 @@ def traced_row(tiles: Ints3, face: ti.i32, row: ti.i32, column: ti.i32) -> ti.i3
 
 
 @ti.func
-def denoised_row(blocks: Ints3, face: ti.i32, row: ti.i32, column: ti.i32) -> ti.i32:
-    """Return the row of `denoised` that holds a cell, negative if none does."""
+def block_row(blocks: Ints3, face: ti.i32, row: ti.i32, column: ti.i32) -> ti.i32:
+    """Return the row of the cells of blocks that holds a cell, negative if none does."""
     slot = blocks[face, row >> BLOCK_BITS, column >> BLOCK_BITS]
     return (slot << (2 * BLOCK_BITS)) + ((row & (BLOCK - 1)) << BLOCK_BITS) + (column & (BLOCK - 1))
 
 
 @ti.kernel
-def gather_windows(places: Ints2, tiles: Ints3, traced: Floats2, columns: ti.i32, windows: Floats3):
+def gather_windows(places: Ints2, tiles: Ints3, traced: Ints2, columns: Template, windows: Floats3):
     """Copy the cells of blocks and of the tiles around them.
 
     Args:
         places: i32 [n, 3], face, row and column of each block.
         tiles: i32 [6, tiles + 2, tiles + 2], place of each tile in `traced`, in tiles; the outermost are the margin.
-        traced: f32 [slots * TILE * TILE, columns].
+        traced: i32 [slots * TILE * TILE, words], see `packed_cells`.
         columns: Their number of columns.
         windows: Output, f32 [n, WINDOW * WINDOW, columns].
     """
     for window, cell in ti.ndrange(places.shape[0], WINDOW * WINDOW):
         row = places[window, 1] * BLOCK - TILE + cell // WINDOW
         column = places[window, 2] * BLOCK - TILE + cell % WINDOW
-        source = traced_row(tiles, places[window, 0], row, column)
-        for c in range(columns):
-            windows[window, cell, c] = traced[source, c]
+        source = tile_row(tiles, places[window, 0], row, column)
+        for c in ti.static(range(columns)):
+            windows[window, cell, c] = UNIT * unpacked(traced[source, c // 2], c)
 
 
 @ti.kernel
@@ -90,12 +91,9 @@ def resample(
     width: ti.i32,
     height: ti.i32,
     size: ti.i32,
-    tiles: Ints3,
-    traced: Floats2,
-    columns: Template,
     blocks: Ints3,
-    denoised: Floats2,
-    denoised_columns: Template,
+    cells: Ints2,
+    columns: Template,
     images: Floats4,
 ) -> ti.i32:
     """Average the cells that the subpixels of each pixel show.
@@ -103,47 +101,41 @@ def resample(
     Args:
         view: The view, of a pinhole camera.
         size: Cells along a side of a face.
-        tiles: i32 [6, tiles + 2, tiles + 2], place of each tile in `traced`, in tiles; the outermost are the margin.
-        traced: f32 [slots * TILE * TILE, at least columns].
+        blocks: i32 [6, blocks, blocks], place of each block in `cells`, in blocks.
+        cells: i32 [slots * BLOCK * BLOCK, words], see `packed_cells`; at least `columns` values.
         columns: Number of columns to average.
-        blocks: i32 [6, blocks, blocks], place of each block in `denoised`, in blocks.
-        denoised: f32 [slots * BLOCK * BLOCK, denoised_columns].
-        denoised_columns: Their number of columns.
-        images: Output, f32 [(columns + denoised_columns) / 3, h, w, 3].
+        images: Output, f32 [columns / 3, h, w, 3].
 
     Returns:
         Number of times that a cell was not there; 0: the images are complete.
     """
     missing = 0
     for pixel in range(width * height):
-        sums = ti.Vector.zero(ti.f32, columns + denoised_columns)
+        sums = ti.Vector.zero(ti.f32, columns)
         corner, right, down = pixel_directions(view, pixel, width, height)
         for y, x in ti.ndrange(SIDE, SIDE):
             cell = cell_of(corner + x * right + y * down, size)
-            row, clean = traced_row(tiles, cell[0], cell[1], cell[2]), denoised_row(blocks, cell[0], cell[1], cell[2])
-            if row < 0 or clean < 0:
+            row = block_row(blocks, cell[0], cell[1], cell[2])
+            if row < 0:
                 missing += 1
             else:
                 for c in ti.static(range(columns)):
-                    sums[c] += traced[row, c]
-                for c in ti.static(range(denoised_columns)):
-                    sums[columns + c] += denoised[clean, c]
-        for c in ti.static(range(columns + denoised_columns)):
-            images[c // 3, pixel // width, pixel % width, c % 3] = sums[c] / (SIDE * SIDE)
+                    sums[c] += unpacked(cells[row, c // 2], c)
+        for c in ti.static(range(columns)):
+            images[c // 3, pixel // width, pixel % width, c % 3] = sums[c] * (UNIT / (SIDE * SIDE))
     return missing
 
 
 @ti.kernel
-def store_cells(values: Floats3, slots: Ints1, columns: ti.i32, cells: Floats2):
+def store_cells(values: Ints3, slots: Ints1, cells: Ints2):
     """Copy groups of cells to their places.
 
     Args:
-        values: f32 [n, size, columns].
+        values: i32 [n, size, words].
         slots: i32 [n], place of each group in `cells`, in groups.
-        columns: Their number of columns.
-        cells: Output, f32 [slots * size, columns].
+        cells: Output, i32 [slots * size, words].
     """
     size = values.shape[1]
     for group, cell in ti.ndrange(slots.shape[0], size):
-        for c in range(columns):
-            cells[slots[group] * size + cell, c] = values[group, cell, c]
+        for word in range(values.shape[2]):
+            cells[slots[group] * size + cell, word] = values[group, cell, word]

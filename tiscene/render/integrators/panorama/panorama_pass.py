@@ -33,6 +33,7 @@ from tiscene.render.integrators.panorama import light_probe
 from tiscene.render.integrators.panorama.anchors import Anchors
 from tiscene.render.integrators.panorama.cell_files import CellFiles
 from tiscene.render.integrators.panorama.light_changes import REDUCTION, LightChanges
+from tiscene.render.integrators.panorama.packed_cells import FORMAT
 from tiscene.render.integrators.panorama.panorama import (
     CELL,
     CONTRAST,
@@ -301,7 +302,7 @@ class PanoramaPass:
         groups = static.light_groups
         values: dict[str, int | str] = {
             "panorama": repr(settings),
-            "cell": repr(CELL),
+            "cell": f"{CELL!r} {FORMAT}",
             "sampling": f"{FIRST_DIVISOR} {LEAST_SPP} {CONTRAST} {DIM}",
             "probe": f"{light_probe.SIZE} {light_probe.PIXELS} {light_probe.SPP}",
             "denoiser": f"{settings.denoiser} {version('pyoidn')}",

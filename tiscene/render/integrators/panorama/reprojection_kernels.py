@@ -17,7 +17,8 @@ from tiscene.device.kernel_types import (
     float8,
     vec3,
 )
-from tiscene.render.integrators.panorama.panorama_kernels import BLOCK_BITS, denoised_row, traced_row
+from tiscene.render.integrators.panorama.packed_cells import UNIT, unpacked
+from tiscene.render.integrators.panorama.panorama_kernels import BLOCK, BLOCK_BITS, block_row
 from tiscene.render.intersect.ray_queue import HitIds, Hits, Rays, ray_direction, write_ray
 from tiscene.render.intersect.surface_interaction import Geometry, surface_at
 from tiscene.render.sampling.cube import place_on_cube
@@ -214,12 +215,9 @@ def find_blocks(points: Float4s1, size: ti.i32, needed: Ints3):
 def reproject(
     points: Float4s1,
     size: ti.i32,
-    tiles: Ints3,
-    traced: Floats2,
-    columns: Template,
     blocks: Ints3,
-    denoised: Floats2,
-    denoised_columns: Template,
+    cells: Ints2,
+    columns: Template,
     images: Floats4,
     known: Ints2,
 ) -> ti.i32:
@@ -228,13 +226,10 @@ def reproject(
     Args:
         points: In row SUBPIXELS * (y * width + x) + subpixel, see `extend_surfaces`.
         size: Cells along a side of a face.
-        tiles: i32 [6, tiles + 2, tiles + 2], place of each tile in `traced`, in tiles; the outermost are the margin.
-        traced: f32 [slots * TILE * TILE, columns + 1], the distance in the last column, see `Panorama`.
+        blocks: i32 [6, blocks, blocks], place of each block in `cells`, in blocks.
+        cells: i32 [slots * BLOCK**2, words], see `packed_cells`: `columns` values, and the distance, see `Panorama`.
         columns: Number of columns to average.
-        blocks: i32 [6, blocks, blocks], place of each block in `denoised`, in blocks.
-        denoised: f32 [slots * BLOCK * BLOCK, denoised_columns].
-        denoised_columns: Their number of columns.
-        images: Output, f32 [(columns + denoised_columns) / 3, h, w, 3], means over the subpixels that are known.
+        images: Output, f32 [columns / 3, h, w, 3], means over the subpixels that are known.
         known: Output, i32 [h, w], one bit for each subpixel, set if cells show its point.
 
     Returns:
@@ -242,7 +237,7 @@ def reproject(
     """
     width, missing = known.shape[1], 0
     for pixel in range(width * known.shape[0]):
-        sums = ti.Vector.zero(ti.f32, columns + denoised_columns)
+        sums = ti.Vector.zero(ti.f32, columns)
         bits = 0
         least, most = FAR, 0.0
         for s in range(SUBPIXELS):
@@ -254,33 +249,38 @@ def reproject(
             shown = points[pixel * SUBPIXELS + s]
             distance = shown.xyz.norm()
             first, within = cells_around(shown.xyz, size)
-            part = ti.Vector.zero(ti.f32, columns + denoised_columns)
+            part = ti.Vector.zero(ti.f32, columns)
             total = 0.0
+            # Mostly all four are in one block, and the place of that is enough.
+            in_block = ti.max(first[1] & (BLOCK - 1), first[2] & (BLOCK - 1)) < BLOCK - 1
+            corner = 0
+            if in_block:
+                corner = block_row(blocks, first[0], first[1], first[2])
             for down, right in ti.static(ti.ndrange(2, 2)):
-                row = ti.math.clamp(first[1] + down, 0, size - 1)
-                column = ti.math.clamp(first[2] + right, 0, size - 1)
                 weight = ti.abs(1 - down - within[0]) * ti.abs(1 - right - within[1])
-                cell, clean = traced_row(tiles, first[0], row, column), denoised_row(blocks, first[0], row, column)
-                if cell < 0 or clean < 0:
+                cell = corner + (down * BLOCK + right)
+                if not in_block:
+                    row = ti.math.clamp(first[1] + down, 0, size - 1)
+                    column = ti.math.clamp(first[2] + right, 0, size - 1)
+                    cell = block_row(blocks, first[0], row, column)
+                if cell < 0:
                     missing += 1
-                    cell, clean = 0, 0
-                measured = traced[cell, columns]
+                    cell = 0
+                measured = UNIT * unpacked(cells[cell, columns // 2], columns)
                 # Cells behind an edge show some of what is in front, which the pixel must show too.
                 if has_edge:
                     measured = ti.abs(measured)
                 if ti.abs(measured - distance) < tolerance * distance:
                     total += weight
                     for c in ti.static(range(columns)):
-                        part[c] += weight * traced[cell, c]
-                    for c in ti.static(range(denoised_columns)):
-                        part[columns + c] += weight * denoised[clean, c]
+                        part[c] += weight * unpacked(cells[cell, c // 2], c)
             if total > LEAST_WEIGHT and shown.w > 0.0:
                 bits |= 1 << s
-                sums += part / total
+                sums += part * (UNIT / total)
         y, x = pixel // width, pixel % width
         known[y, x] = bits
         number = known_subpixels(bits)
-        for c in ti.static(range(columns + denoised_columns)):
+        for c in ti.static(range(columns)):
             images[c // 3, y, x, c % 3] = sums[c] / ti.max(number, 1)
     return missing
 
