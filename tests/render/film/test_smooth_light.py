@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Light that varies slowly is replaced; edges and what is not trusted stay."""
+"""Light that varies slowly is replaced; edges and what is not trusted stay. Changes are added."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from tiscene.render.film.smooth_light import replace_smooth_light
+from tiscene.render.film.smooth_light import apply_reduced_light
 from tiscene.render.film.upsample import demodulate
 
 pytestmark = pytest.mark.usefixtures("taichi")
@@ -24,11 +24,18 @@ def flat(values: object) -> Image:
     return (irradiance * (ALBEDO + np.float32(0.08))).astype(np.float32)
 
 
-def replaced(image: Image, light: Image, normal: Image = NORMAL) -> Image:
-    """Replace the image's smooth light by another image's."""
+def replaced(
+    image: Image, light: Image, normal: Image = NORMAL, *, change: Image | None = None, kept: bool = False
+) -> Image:
+    """Replace the image's smooth light by another image's, and add a change of radiance in the left half."""
     own, _, reduced = demodulate(image, ALBEDO, normal, 2)
     irradiance, _, _ = demodulate(light, ALBEDO, normal, 2)
-    return replace_smooth_light(image, own, irradiance, reduced, (ALBEDO, normal), 2, contrast=0.15)
+    added = np.zeros_like(own) if change is None else demodulate(change, ALBEDO, normal, 2)[0]
+    mask = np.zeros((*SIZE, 1), np.float32)
+    mask[:, : SIZE[1] // 2] = 1.0
+    result, guides = image.copy(), (ALBEDO, normal)
+    apply_reduced_light(result, own, irradiance, added, reduced, guides, np.full(SIZE, kept), mask, 2, contrast=0.15)
+    return result
 
 
 def test_steps_between_blocks_of_a_plain_wall_vanish() -> None:
@@ -61,3 +68,16 @@ def test_details_that_reduced_size_does_not_show_stay() -> None:
 def test_light_that_differs_much_is_not_trusted() -> None:
     wall = flat(np.ones(SIZE))
     np.testing.assert_array_equal(replaced(wall, 2.0 * wall), wall)
+
+
+@pytest.mark.parametrize("factor", [0.5, -0.5, -2.0])
+def test_changes_are_added_where_the_mask_says_and_light_does_not_become_negative(factor: float) -> None:
+    wall, half = flat(np.ones(SIZE)), SIZE[1] // 2
+    result = replaced(wall, wall, change=np.float32(factor) * wall)
+    np.testing.assert_allclose(result[:, :half], max(1.0 + factor, 0.0) * wall[:, :half], rtol=1e-4)
+    np.testing.assert_allclose(result[:, half:], wall[:, half:], rtol=1e-4)
+
+
+def test_pixels_that_are_kept_do_not_change() -> None:
+    wall = flat(np.ones(SIZE))
+    np.testing.assert_array_equal(replaced(wall, np.float32(1.1) * wall, change=wall, kept=True), wall)

@@ -7,6 +7,6 @@
     denoise       Intel Open Image Denoise
     postprocess   denoise and upsample radiance images
     upsample      guided upsampling along label edges
-    smooth_light  replacement of light where it varies slowly
+    smooth_light  light of reduced size: what varies slowly, and what has changed
     tone_map      exposure, tone curve, sRGB
 """

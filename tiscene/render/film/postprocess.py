@@ -10,10 +10,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tiscene.render.film.denoise import denoise
-from tiscene.render.film.smooth_light import replace_smooth_light
+from tiscene.render.film.smooth_light import apply_reduced_light
 from tiscene.render.film.upsample import demodulate, upsample, upsample_at
 from tiscene.render.integrators.incremental.base_image import IncrementalBase
-from tiscene.render.integrators.incremental.changed_regions import MARGIN, Region, regions_of
+from tiscene.render.integrators.incremental.changed_regions import MARGIN, NARROW_MARGIN, Region, regions_of
 from tiscene.render.integrators.incremental.incremental_pass import IncrementalImage
 from tiscene.render.integrators.panorama.light_changes import REDUCTION
 from tiscene.render.integrators.panorama.panorama_pass import PanoramaImage
@@ -77,23 +77,24 @@ class Postprocessor:
         if self.denoiser is None:
             return np.maximum(image.hdr, 0.0)
         shown = image.denoised.copy()
-        traced = image.traced[..., None]
+        traced, (height, width) = image.traced[..., None], image.traced.shape
         for here in regions_of(image.traced):
             clean = self._denoised(image.static[here], image.albedo[here], image.normal[here], self.sharp)
-            weight = blend_weights(here, *image.traced.shape)  # rectangles may overlap
+            weight = blend_weights(here, height, width, NARROW_MARGIN)  # rectangles may overlap
             shown[here] += np.where(traced[here], weight, np.float32(0.0)) * (clean - shown[here])
         before = self._denoised(image.before, image.white, image.reduced_normal, False)
         if len(image.hidden.pixels):
             self._add_hidden(image, before, shown)
         guides = image.albedo, image.normal
         own, _, _ = demodulate(shown, *guides, REDUCTION)
-        contrast = BLOCK_NOISE / math.sqrt(image.panorama_spp)
-        smooth = replace_smooth_light(shown, own, before, image.reduced_normal, guides, REDUCTION, contrast)
-        np.copyto(shown, smooth, where=~traced)
+        change = np.zeros_like(before)
         if image.after is not None:
-            after = self._denoised(image.after, image.white, image.reduced_normal, False)
-            shown += image.upsampled(after - before)
-        return np.maximum(shown, 0.0, out=shown)
+            change = self._denoised(image.after, image.white, image.reduced_normal, False) - before
+        apply_reduced_light(
+            shown, own, before, change, image.reduced_normal, guides, image.traced, image.static_mask, REDUCTION,
+            contrast=BLOCK_NOISE / math.sqrt(image.panorama_spp),
+        )  # fmt: skip
+        return shown
 
     def _add_hidden(self, image: PanoramaImage, irradiance: FloatImage, shown: FloatImage) -> None:
         """Add the light of parts of pixels that are hidden from the panorama's center, in place."""
@@ -136,15 +137,22 @@ class Postprocessor:
         return denoise(radiance, albedo, normal, self.denoiser, clean=clean)
 
 
-def blend_weights(region: Region, height: int, width: int) -> FloatImage:
-    """Return blending weights [h, w, 1] that rise from 0 to 1 at the sides of a region that are inside the image."""
+def blend_weights(region: Region, height: int, width: int, margin: int = MARGIN) -> FloatImage:
+    """Return blending weights [h, w, 1] that rise from 0 to 1 at the sides of a region that are inside the image.
+
+    Args:
+        region: The region.
+        height: Image height, px.
+        width: Image width, px.
+        margin: How far inside a side the weight is 1, px.
+    """
     ramps = []
     for span, size in zip(region, (height, width), strict=True):
         here = np.arange(span.start, span.stop, dtype=np.float32) + 0.5
         ramp = np.ones(len(here), np.float32)
         if span.start > 0:
-            ramp = np.minimum(ramp, (here - span.start) / MARGIN)
+            ramp = np.minimum(ramp, (here - span.start) / margin)
         if span.stop < size:
-            ramp = np.minimum(ramp, (span.stop - here) / MARGIN)
+            ramp = np.minimum(ramp, (span.stop - here) / margin)
         ramps.append(ramp)
     return np.minimum(ramps[0][:, None, None], ramps[1][None, :, None])

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Replacement of denoised light where it varies slowly by light that was denoised at reduced size.
+"""Light of reduced size in a full-size image: it replaces what varies slowly, and adds what has changed.
 
 Parts of an image that are denoised each by itself differ slightly in mean light, which shows as a grid on plain walls.
 There irradiance of reduced size is as good, and it is denoised in the image as a whole. Details that it cannot show
@@ -11,7 +11,7 @@ import numpy as np
 import taichi as ti
 from numpy.typing import NDArray
 
-from tiscene.device.kernel_types import Floats2, Floats3, vec3
+from tiscene.device.kernel_types import Bytes2, Floats2, Floats3, vec3
 from tiscene.render.film.upsample import modulation, read, similarity, spline
 
 FloatImage = NDArray[np.float32]
@@ -22,35 +22,37 @@ DARKEST = 1e-3  # added to sums of red, green and blue, so that black is no cont
 DETAIL = 0.4  # relative difference of light from its surroundings that is a detail, in contrasts; half of it is none
 
 
-def replace_smooth_light(
+def apply_reduced_light(
     image: FloatImage,
     own: FloatImage,
     irradiance: FloatImage,
+    change: FloatImage,
     normal: FloatImage,
     guides: tuple[FloatImage, FloatImage],
+    kept: NDArray[np.bool_],
+    mask: FloatImage,
     downscale: int,
     contrast: float,
-) -> FloatImage:
-    """Return an image whose light is replaced where it varies slowly.
+) -> None:
+    """Replace an image's light where it varies slowly, then add a change, in place. Negative light becomes black.
 
     Args:
-        image: Radiance, float32 [h, w, 3].
+        image: Input and output, radiance, float32 [h, w, 3].
         own: Its irradiance at reduced size, float32 [h', w', 3], see `demodulate`.
         irradiance: What takes its place, float32 [h', w', 3].
+        change: Irradiance to add, float32 [h', w', 3].
         normal: Normals at reduced size, float32 [h', w', 3].
         guides: Albedo and normal, float32 [h, w, 3] each.
+        kept: bool [h, w], pixels that stay as they are.
+        mask: float32 [h, w, 1], factor of the change.
         downscale: Of `demodulate`.
         contrast: Of irradiance in 3 x 3 pixels, difference over sum of extremes, up to which light varies slowly; fades
             out to the double.
-
-    Returns:
-        float32 [h, w, 3], a new array.
     """
     weights = np.empty(own.shape[:2], np.float32)
     _find_smooth(own, irradiance, normal, contrast, weights)
-    result = np.empty_like(image)
-    _replace(image, own, irradiance, normal, *guides, weights, 1.0 / downscale, DETAIL * contrast, result)
-    return result
+    reduced = own, irradiance, change, normal, weights
+    _apply(image, *reduced, *guides, kept.view(np.uint8), mask, 1.0 / downscale, DETAIL * contrast)
 
 
 @ti.kernel
@@ -73,38 +75,44 @@ def _find_smooth(own: Floats3, irradiance: Floats3, normal: Floats3, contrast: t
 
 
 @ti.kernel
-def _replace(
+def _apply(
     image: Floats3,
     own: Floats3,
     irradiance: Floats3,
+    change: Floats3,
     normal: Floats3,
+    weights: Floats2,
     full_albedo: Floats3,
     full_normal: Floats3,
-    weights: Floats2,
+    kept: Bytes2,
+    mask: Floats3,
     scale: ti.f32,
     detail: ti.f32,
-    result: Floats3,
 ):
-    """Blend the image and the upsampled irradiance with the image's details."""
+    """Blend the image and the upsampled irradiance with the image's details, and add the upsampled change."""
     height, width = own.shape[0], own.shape[1]
     for y, x in ti.ndrange(image.shape[0], image.shape[1]):
-        low_y, low_x = (y + 0.5) * scale - 0.5, (x + 0.5) * scale - 0.5
-        n, shown = read(full_normal, y, x), read(image, y, x)
-        center_y, center_x = ti.round(low_y, ti.i32), ti.round(low_x, ti.i32)
-        weights_y, weights_x = spline(low_y - center_y), spline(low_x - center_x)
-        before, after, total, blend = vec3(0.0), vec3(0.0), 0.0, 0.0
-        for row, column in ti.static(ti.ndrange(3, 3)):
-            near_y, near_x = low_y - (center_y + row - 1), low_x - (center_x + column - 1)
-            at_y = ti.math.clamp(center_y + row - 1, 0, height - 1)
-            at_x = ti.math.clamp(center_x + column - 1, 0, width - 1)
-            weight = weights_y[row] * weights_x[column] * similarity(n, read(normal, at_y, at_x))
-            before += weight * read(own, at_y, at_x)
-            after += weight * read(irradiance, at_y, at_x)
-            total += weight
-            blend += ti.max(1.0 - ti.abs(near_y), 0.0) * ti.max(1.0 - ti.abs(near_x), 0.0) * weights[at_y, at_x]
-        light = modulation(n, read(full_albedo, y, x)) / total
-        before, after = before * light, after * light
-        excess = shown / ti.max(before, 1e-6) - 1.0
-        smooth = after * (1.0 + ti.math.smoothstep(0.5 * detail, detail, ti.abs(excess).max()) * excess)
+        shown = read(image, y, x)
+        if kept[y, x] == 0:
+            low_y, low_x = (y + 0.5) * scale - 0.5, (x + 0.5) * scale - 0.5
+            n = read(full_normal, y, x)
+            center_y, center_x = ti.round(low_y, ti.i32), ti.round(low_x, ti.i32)
+            weights_y, weights_x = spline(low_y - center_y), spline(low_x - center_x)
+            before, after, added, total, blend = vec3(0.0), vec3(0.0), vec3(0.0), 0.0, 0.0
+            for row, column in ti.static(ti.ndrange(3, 3)):
+                near_y, near_x = low_y - (center_y + row - 1), low_x - (center_x + column - 1)
+                at_y = ti.math.clamp(center_y + row - 1, 0, height - 1)
+                at_x = ti.math.clamp(center_x + column - 1, 0, width - 1)
+                weight = weights_y[row] * weights_x[column] * similarity(n, read(normal, at_y, at_x))
+                before += weight * read(own, at_y, at_x)
+                after += weight * read(irradiance, at_y, at_x)
+                added += weight * read(change, at_y, at_x)
+                total += weight
+                blend += ti.max(1.0 - ti.abs(near_y), 0.0) * ti.max(1.0 - ti.abs(near_x), 0.0) * weights[at_y, at_x]
+            light = modulation(n, read(full_albedo, y, x)) / total
+            before, after = before * light, after * light
+            excess = shown / ti.max(before, 1e-6) - 1.0
+            smooth = after * (1.0 + ti.math.smoothstep(0.5 * detail, detail, ti.abs(excess).max()) * excess)
+            shown += blend * (smooth - shown) + mask[y, x, 0] * light * added
         for c in ti.static(range(3)):
-            result[y, x, c] = shown[c] + blend * (smooth[c] - shown[c])
+            image[y, x, c] = ti.max(shown[c], 0.0)

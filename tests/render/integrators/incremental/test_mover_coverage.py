@@ -9,7 +9,15 @@ from numpy.typing import NDArray
 
 from tests.render.incremental_scenes import BALLS, LENS, RADII, RED, SIZE, MovingBalls
 from tiscene.device.memory import upload
-from tiscene.render.integrators.incremental.changed_regions import CELL, MARGIN, STEP, bounding_regions, changed_regions
+from tiscene.render.integrators.incremental.changed_regions import (
+    CELL,
+    MARGIN,
+    NARROW_MARGIN,
+    STEP,
+    bounding_regions,
+    changed_regions,
+    regions_of,
+)
 from tiscene.render.integrators.incremental.mover_coverage import NO_MOVER_NEAR, SUBPIXELS
 
 pytestmark = pytest.mark.usefixtures("taichi")
@@ -105,6 +113,27 @@ def test_a_group_is_covered_by_several_rectangles_where_they_are_smaller() -> No
     assert len(regions) == 2
     assert sum((rows.stop - rows.start) * (columns.stop - columns.start) for rows, columns in regions) < 0.5 * 176 * 216
     assert len(bounding_regions(cells[:8], 64, 256)) == 1  # a straight line
+
+
+def test_regions_of_pixels_contain_them_with_a_narrow_margin() -> None:
+    rng = np.random.default_rng(2)
+    for height, width in ((150, 203), (48, 40), (17, 300)):
+        mask = rng.random((height, width)) < 3e-3
+        mask[:20, :3] = True
+        counts = np.zeros((height, width), int)
+        for rows, columns in regions_of(mask):
+            counts[rows, columns] += 1
+            assert all(
+                (span.stop - span.start) % STEP == 0 or (span.stop - span.start) in mask.shape
+                for span in (rows, columns)
+            )
+        wanted = np.pad(mask, NARROW_MARGIN)
+        wanted = np.lib.stride_tricks.sliding_window_view(wanted, (2 * NARROW_MARGIN + 1,) * 2).any(axis=(2, 3))
+        assert (counts[wanted] > 0).all()
+    mask = np.zeros((192, 256), bool)
+    mask[80:104, 100:120] = True  # in 4 x 3 cells, 32 x 24 px
+    assert regions_of(mask) == [(slice(76, 108), slice(94, 126))]
+    assert regions_of(np.zeros((9, 9), bool)) == []
 
 
 def test_changed_regions_contain_shadows_and_movers_but_not_single_pixels() -> None:

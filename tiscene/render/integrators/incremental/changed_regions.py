@@ -4,6 +4,7 @@
 Where light is denoised at reduced resolution, these regions are denoised at full resolution.
 """
 
+from functools import reduce
 from itertools import accumulate, chain, groupby
 from operator import itemgetter
 from typing import Any
@@ -15,12 +16,14 @@ from numpy.typing import NDArray
 from tiscene.device.kernel_types import Floats2, Floats3, Ints2
 
 Region = tuple[slice, slice]  # rows and columns of an image
-Extent = tuple[int, int, int, int]  # first and last row, first and last column of cells
+Place = tuple[int, int]  # row and column of a cell
+Extent = tuple[int, int, int, int]  # first row, the one after the last, and the same for columns, px
 
 CELL = 8  # px; changes are detected per square cell
 MIN_CHANGE = 0.15  # change of a cell's radiance that counts, as a fraction of its radiance in the base image
 # Margin around the cells of a region, and the granularity of its sides, so that few sizes occur; px.
 MARGIN, STEP = 8, 16
+NARROW_MARGIN = 4  # around pixels that alone are taken from the denoised rectangle, px
 SPLIT_GAIN = 512  # px, by which two rectangles have to be smaller than one
 
 
@@ -69,15 +72,26 @@ def find_changed(
 
 
 def regions_of(mask: NDArray[np.bool_]) -> list[Region]:
-    """Return rectangles that contain all True pixels of a mask, [h, w], see `bounding_regions`."""
+    """Return rectangles that contain all True pixels of a mask, [h, w], with a margin of NARROW_MARGIN.
+
+    There is one for each group of pixels in adjoining cells, or several, as of `bounding_regions`.
+    """
     height, width = mask.shape
     padded = np.pad(mask, ((0, -height % CELL), (0, -width % CELL)))
-    cells = np.any(padded.reshape(len(padded) // CELL, CELL, -1, CELL), axis=(1, 3))
-    return bounding_regions(np.asarray(cells), height, width)
+    cells = padded.reshape(len(padded) // CELL, CELL, -1, CELL).swapaxes(1, 2)
+    rows, columns = np.nonzero(cells.any(axis=(2, 3)))
+    inside = cells[rows, columns]
+    spans = [
+        (CELL * first + filled.argmax(axis=1), CELL * (first + 1) - filled[:, ::-1].argmax(axis=1))
+        for first, filled in ((rows, np.asarray(inside.any(axis=2))), (columns, np.asarray(inside.any(axis=1))))
+    ]
+    extents = np.column_stack([*spans[0], *spans[1]]).tolist()
+    places = zip(rows.tolist(), columns.tolist(), strict=True)
+    return _Rectangles(height, width, NARROW_MARGIN).around(dict(zip(places, extents, strict=True)))
 
 
 def bounding_regions(cells: NDArray[np.bool_], height: int, width: int) -> list[Region]:
-    """Return rectangles that contain all True cells, sorted by row and column.
+    """Return rectangles that contain all True cells with a margin of MARGIN, sorted by row and column.
 
     There is one for each 8-connected group, or several where they are smaller together by more than SPLIT_GAIN. If
     together they are no smaller than the image, return one rectangle of the whole image.
@@ -87,63 +101,77 @@ def bounding_regions(cells: NDArray[np.bool_], height: int, width: int) -> list[
         height: Image height, px.
         width: Image width, px.
     """
-    remaining = set(map(tuple, np.argwhere(cells).tolist()))
-    result: list[Region] = []
-    while remaining:
-        stack, group = [remaining.pop()], list[tuple[int, ...]]()
-        while stack:
-            row, column = stack.pop()
-            group.append((row, column))
-            neighbors = {(row + y, column + x) for y in (-1, 0, 1) for x in (-1, 0, 1)} & remaining
-            remaining -= neighbors
-            stack += neighbors
-        result += _covering(group, height, width)
-    if sum(map(_area, result)) >= height * width:
-        return [(slice(0, height), slice(0, width))]
-    return sorted(result, key=lambda region: (region[0].start, region[1].start))
+    extents: dict[Place, Extent] = {
+        (row, column): (CELL * row, CELL * (row + 1), CELL * column, CELL * (column + 1))
+        for row, column in np.argwhere(cells).tolist()
+    }
+    return _Rectangles(height, width, MARGIN).around(extents)
 
 
-def _covering(cells: list[tuple[int, ...]], height: int, width: int) -> list[Region]:
-    """Return rectangles that contain cells, (row, column) each: one, cut in two as long as that makes them smaller."""
-    whole, best = _rectangle(*_extent(cells), height, width), None
-    if (least := _area(whole) - SPLIT_GAIN) > 2 * (CELL + 2 * MARGIN) ** 2:
-        for axis in (0, 1):
-            lines = [list(line) for _, line in groupby(sorted(cells, key=itemgetter(axis)), key=itemgetter(axis))]
-            extents = [_extent(line) for line in lines]
-            before = list(accumulate(extents, _union))
-            after = list(accumulate(reversed(extents), _union))[::-1]
-            for cut in range(1, len(lines)):
-                parts = before[cut - 1], after[cut]
-                area = sum(_area(_rectangle(*part, height, width)) for part in parts)
-                if area < least:
-                    least, best = area, (lines[:cut], lines[cut:])
-    if best is None:
-        return [whole]
-    return [region for half in best for region in _covering(list(chain.from_iterable(half)), height, width)]
+class _Rectangles:
+    """Rectangles in an image around groups of cells.
 
+    Args:
+        height: Image height, px.
+        width: Image width, px.
+        margin: Of a rectangle, px.
+    """
 
-def _extent(cells: list[tuple[int, ...]]) -> Extent:
-    rows, columns = zip(*cells, strict=True)
-    return min(rows), max(rows), min(columns), max(columns)
+    def __init__(self, height: int, width: int, margin: int) -> None:
+        self._height, self._width, self._margin = height, width, margin
+
+    def around(self, extents: dict[Place, Extent]) -> list[Region]:
+        """Return rectangles around all cells, see `bounding_regions`, from what each has to contain of its cell."""
+        remaining = set(extents)
+        result: list[Region] = []
+        while remaining:
+            stack, group = [remaining.pop()], list[Place]()
+            while stack:
+                row, column = stack.pop()
+                group.append((row, column))
+                neighbors = {(row + y, column + x) for y in (-1, 0, 1) for x in (-1, 0, 1)} & remaining
+                remaining -= neighbors
+                stack += neighbors
+            result += self._covering(group, extents)
+        if sum(map(_area, result)) >= self._height * self._width:
+            return [(slice(0, self._height), slice(0, self._width))]
+        return sorted(result, key=lambda region: (region[0].start, region[1].start))
+
+    def _covering(self, cells: list[Place], extents: dict[Place, Extent]) -> list[Region]:
+        """Return rectangles that contain cells: one, cut in two as long as that makes them smaller."""
+        whole = self._rectangle(reduce(_union, (extents[cell] for cell in cells)))
+        best: tuple[list[list[Place]], list[list[Place]]] | None = None
+        if (least := _area(whole) - SPLIT_GAIN) > 2 * STEP**2:
+            for axis in (0, 1):
+                lines = [list(line) for _, line in groupby(sorted(cells, key=itemgetter(axis)), key=itemgetter(axis))]
+                parts = [reduce(_union, (extents[cell] for cell in line)) for line in lines]
+                before = list(accumulate(parts, _union))
+                after = list(accumulate(reversed(parts), _union))[::-1]
+                for cut in range(1, len(lines)):
+                    area = sum(_area(self._rectangle(part)) for part in (before[cut - 1], after[cut]))
+                    if area < least:
+                        least, best = area, (lines[:cut], lines[cut:])
+        if best is None:
+            return [whole]
+        return [region for half in best for region in self._covering(list(chain.from_iterable(half)), extents)]
+
+    def _rectangle(self, extent: Extent) -> Region:
+        """Return the rectangle of an extent with its margin."""
+        top, bottom, left, right = extent
+        return self._span(top, bottom, self._height), self._span(left, right, self._width)
+
+    def _span(self, begin: int, end: int, size: int) -> slice:
+        """Return the pixels along an axis from `begin` to before `end`, with their margin, within 0 .. size."""
+        begin, end = begin - self._margin, end + self._margin
+        length = min(-(-(end - begin) // STEP) * STEP, size)
+        begin = max(0, min((begin + end - length) // 2, size - length))
+        return slice(begin, begin + length)
 
 
 def _union(one: Extent, other: Extent) -> Extent:
     return min(one[0], other[0]), max(one[1], other[1]), min(one[2], other[2]), max(one[3], other[3])
 
 
-def _rectangle(top: int, bottom: int, left: int, right: int, height: int, width: int) -> Region:
-    """Return the rectangle of some rows and columns of cells with their margin."""
-    return _span(top, bottom, height), _span(left, right, width)
-
-
 def _area(region: Region) -> int:
     rows, columns = region
     return int((rows.stop - rows.start) * (columns.stop - columns.start))
-
-
-def _span(first: int, last: int, size: int) -> slice:
-    """Return the pixels along an axis that contain the cells first .. last and their margin, within 0 .. size."""
-    begin, end = first * CELL - MARGIN, (last + 1) * CELL + MARGIN
-    length = min(-(-(end - begin) // STEP) * STEP, size)
-    begin = max(0, min((begin + end - length) // 2, size - length))
-    return slice(begin, begin + length)

@@ -54,7 +54,7 @@ from tiscene.scene.placement import CURRENT, Placement
 
 FloatImage = NDArray[np.float32]
 
-_NUMBERS = np.array([bits.bit_count() for bits in range(ALL_KNOWN + 1)], np.int32)  # of known subpixels
+_SHARES = np.array([bits.bit_count() / SUBPIXELS for bits in range(ALL_KNOWN + 1)], np.float32)  # of known subpixels
 CHANGES_DEPTH = 3  # largest number of segments of the paths that find movers' changes of light: one bounce
 # Frame numbers of keys whose random numbers then vary with the frame.
 CHANGES_FRAME, OPACITY_FRAME, MOVERS_FRAME = -7, -8, -9
@@ -219,11 +219,11 @@ class PanoramaPass:
             found = block_means(movers[..., None].astype(np.float32), REDUCTION)[..., 0] > 0.0
             # Parts of movers between the pixels' centers are in no label.
             traced = dilated(movers | _enlarged(hits & ~found, instance.shape))
-        number = _NUMBERS[self._known]
-        unknown = number < SUBPIXELS // 2
+        known_share = _SHARES[self._known]
+        unknown = known_share < 0.5
         if unknown.any():
             traced |= unknown & dilated(dilated(~dilated(dilated(~unknown))))  # not strips beside edges
-        static_mask = np.where(traced, np.float32(0.0), number * np.float32(1.0 / SUBPIXELS))[..., None]
+        static_mask = np.where(traced, np.float32(0.0), known_share)[..., None]
         hidden = self._subpixels.fill(
             self._view, np.where(traced, np.int32(NONE_KNOWN), self._known), (radiance, denoised, albedo, normal),
             spp=spp, key=self._movers_key, max_depth=self._max_depth,
