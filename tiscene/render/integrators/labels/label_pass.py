@@ -22,7 +22,7 @@ from tiscene.render.integrators.labels.coverage import COVERAGES, CoverageLabels
 from tiscene.render.integrators.labels.first_hits import StaticHits, counter, first_hits, keep_nearer
 from tiscene.render.integrators.labels.label_frames import LabelFrames
 from tiscene.render.integrators.labels.label_images import Images, LabelImages
-from tiscene.render.integrators.labels.static_labels import StaticImage, StaticLabelCache
+from tiscene.render.integrators.labels.static_labels import StaticImage, StaticLabelCache, boxes_in_view, corners_of
 from tiscene.render.integrators.labels.surface_labels import (
     FILTERED_ALBEDO,
     MATERIAL_BUFFERS,
@@ -69,7 +69,8 @@ class LabelPass:
             view: Camera and image size.
             buffers: Names of label buffers, or FILTERED_ALBEDO. Others cost nothing. The scene must be placed at
                 `times_needed(buffers)`.
-            static_hits: What the view shows of static instances, if it is known; only others are traced then.
+            static_hits: What the view shows of static instances, if it is known; only others are traced then, and
+                become part of it.
 
         Returns:
             New arrays by name.
@@ -163,7 +164,13 @@ class LabelPass:
         """
         self.traced_pixels += count
         rays, pixels = self._rays, frames.pixels
-        self._find_hits(frames, queue, count, static_hits)
+        if static_hits is None:
+            camera = frames.cameras, frames.width, frames.height, rays.rays, frames.stacked
+            kernels.primary_rays(queue, count, *camera)
+            first_hits(self.scene, CURRENT, rays, queue, count, rays_per_frame=pixels)
+        else:
+            rays = static_hits.rays
+            self._find_movers(frames, static_hits)
         if image is not None:
             image.max_distance[...] = rays.hits.to_numpy()[:, 0].reshape(image.max_distance.shape)
 
@@ -172,10 +179,10 @@ class LabelPass:
             max_distance, samples = (None, None) if image is None else (image.max_distance, image.samples)
             self._coverage.render(view, queue, count, arrays, max_distance, static, samples)
 
-        mirrors = self._draw_surfaces(frames, queue, count, arrays, SURFACE_BUFFERS, 0)
+        mirrors = self._draw_surfaces(frames, rays, queue, count, arrays, SURFACE_BUFFERS, 0)
         for name, time in _OCCLUSIONS:
             if name in arrays:
-                self._draw_occlusion(frames, queue, count, time, self._images.argument(arrays, name))
+                self._draw_occlusion(frames, rays, queue, count, time, self._images.argument(arrays, name))
         # Last: reflected rays overwrite the hits.
         followed = 0
         while mirrors:
@@ -184,30 +191,34 @@ class LabelPass:
                 image.mirrors.ravel()[queue.to_numpy()[:count]] = True
             first_hits(self.scene, CURRENT, rays, queue, count, rays_per_frame=pixels)
             followed += 1
-            mirrors = self._draw_surfaces(frames, queue, count, arrays, MATERIAL_BUFFERS, followed)
+            mirrors = self._draw_surfaces(frames, rays, queue, count, arrays, MATERIAL_BUFFERS, followed)
 
-    def _find_hits(self, frames: LabelFrames, queue: Any, count: int, static_hits: StaticHits | None) -> None:
-        """Trace rays through the queued pixels; other arguments as of `_draw`."""
-        rays, pixels = self._rays, frames.pixels
-        camera = frames.cameras, frames.width, frames.height, rays.rays, frames.stacked
-        kernels.primary_rays(queue, count, *camera)
-        if static_hits is not None:
-            self.scene.place_movers(static_hits.moving)
-            first_hits(self.scene, MOVERS, rays, queue, count)
-            static, passed = static_hits.rays, rays.mirrored[0]
-            count = keep_nearer(
-                queue, count, static.rays, static.hits, static.hit_ids, rays.rays, rays.hits, rays.hit_ids, passed,
-                counter(),
-            )  # fmt: skip
-            if not count:
-                return
-            queue = passed
-            kernels.primary_rays(queue, count, *camera)
-        first_hits(self.scene, CURRENT, rays, queue, count, rays_per_frame=pixels)
+    def _find_movers(self, frames: LabelFrames, static_hits: StaticHits) -> None:
+        """Trace rays through the pixels that movers may cover, and put their hits among the static ones."""
+        view, static, movers = frames.views[0], static_hits.rays, self._rays
+        boxes = self.scene.place_movers(static_hits.moving)
+        covered = np.zeros((view.height, view.width), bool)
+        for here, _ in boxes_in_view(view, corners_of(boxes.reshape(-1, 2, 3))):
+            covered[here] = True
+        queue, count = movers.queue_of(covered)
+        if not count:
+            return
+        camera = frames.cameras, frames.width, frames.height
+        kernels.primary_rays(queue, count, *camera, movers.rays, frames.stacked)
+        first_hits(self.scene, MOVERS, movers, queue, count)
+        passed = movers.mirrored[0]
+        count = keep_nearer(
+            queue, count, movers.rays, movers.hits, movers.hit_ids, static.rays, static.hits, static.hit_ids, passed,
+            counter(),
+        )  # fmt: skip
+        if count:
+            kernels.primary_rays(passed, count, *camera, static.rays, frames.stacked)
+            first_hits(self.scene, CURRENT, static, passed, count)
 
     def _draw_surfaces(
         self,
         frames: LabelFrames,
+        rays: RayArrays,
         queue: Any,
         count: int,
         arrays: Images,
@@ -218,6 +229,7 @@ class LabelPass:
 
         Args:
             frames: What is rendered.
+            rays: The rays, with their hits.
             queue: i32 pixel numbers on the device.
             count: Number of queued pixels.
             arrays: Output, buffers by name.
@@ -227,7 +239,6 @@ class LabelPass:
         wanted = tuple(name in arrays and name in buffers for name in SURFACE_BUFFERS)
         if not any(wanted):
             return 0
-        rays = self._rays
         mirrors = surface_labels(
             queue,
             count,
@@ -256,13 +267,14 @@ class LabelPass:
     def _draw_occlusion(
         self,
         frames: LabelFrames,
+        rays: RayArrays,
         queue: Any,
         count: int,
         time: int,
         occluded: Any,
     ) -> None:
         """Write whether the queued pixels' surface points are occluded from the camera at another time."""
-        rays, other = self._rays, self._occlusion_rays.resized(frames.width, frames.height * len(frames.views))
+        other = self._occlusion_rays.resized(frames.width, frames.height * len(frames.views))
         kernels.occlusion_rays(
             queue,
             count,

@@ -7,7 +7,7 @@ those of drawing the whole image: a ray that hits only static instances finds th
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -19,6 +19,8 @@ from tiscene.render.view import View
 from tiscene.scene.camera import Camera
 from tiscene.scene.device_scene import DeviceScene
 from tiscene.scene.placement import CURRENT, NEXT, PREVIOUS, Placement
+
+Region = tuple[slice, slice]  # rows and columns of an image
 
 MAX_VIEWS = 4  # the least recently used one is dropped first
 MAX_PIXELS = 1 << 19  # larger images are not cached: this many take 130 MB with all buffers
@@ -130,8 +132,6 @@ class StaticLabelCache:
         """
         placement, boxes = self.scene.placement, self.scene.mesh_boxes
         changed = np.zeros((view.height, view.width), bool)
-        size = np.array([view.width, view.height])
-        camera, focal = view.camera_from_world()[CURRENT], view.focal_lengths()[CURRENT]
         for time in times:
             present = placement.present[time, rows]
             if not present.any():
@@ -140,23 +140,41 @@ class StaticLabelCache:
                 changed |= image.mirrors
             shown = rows[present]
             matrices = placement.world_from_object[time, shown]
-            corners = boxes[time, placement.mesh[shown]][:, _CORNERS, np.arange(3)]
+            corners = corners_of(boxes[time, placement.mesh[shown]])
             world = np.einsum("nij,nkj->nki", matrices[:, :, :3], corners) + matrices[:, None, :, 3]
-            seen = np.einsum("ij,nkj->nki", camera[:, :3], world) + camera[:, 3]
-            nearest = seen[..., 2].min(axis=1)
-            with np.errstate(divide="ignore", invalid="ignore"):
-                pixels = seen[..., :2] / seen[..., 2:] * focal + 0.5 * size
-            low, high = np.floor(pixels.min(axis=1)) - 1.0, np.ceil(pixels.max(axis=1)) + 1.0
-            crosses_camera_plane = nearest <= _MARGIN  # its projection is unbounded
-            low[crosses_camera_plane], high[crosses_camera_plane] = 0.0, size
-            low, high = np.clip(low, 0, size).astype(int), np.clip(high, 0, size).astype(int)
-            sides = np.concatenate([seen[..., :2], -seen[..., :2]], axis=2) * focal
-            sides += seen[..., 2:] * (0.5 * np.concatenate([size, size]) + 1.0)
-            visible = (sides.max(axis=1) > 0.0).all(axis=1) & (seen[..., 2].max(axis=1) > 0.0)
-            bounds = zip(low[visible], high[visible], nearest[visible] * (1.0 - _MARGIN), strict=True)
-            for (x0, y0), (x1, y1), z in bounds:
-                changed[y0:y1, x0:x1] |= image.max_distance[y0:y1, x0:x1] >= z
+            for here, nearest in boxes_in_view(view, world):
+                changed[here] |= image.max_distance[here] >= nearest
         return changed
+
+
+def corners_of(boxes: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return the corners of boxes, [n, 8, 3]; boxes: lower and upper corner, [n, 2, 3]."""
+    corners: NDArray[np.float64] = boxes[:, _CORNERS, np.arange(3)]
+    return corners
+
+
+def boxes_in_view(view: View, corners: NDArray[np.float64]) -> Iterator[tuple[Region, float]]:
+    """Yield for each box that a perspective view may show at CURRENT the pixels around it, and how near it is, m.
+
+    Args:
+        view: The view.
+        corners: Of the boxes, world, [n, 8, 3], m.
+    """
+    size = np.array([view.width, view.height])
+    camera, focal = view.camera_from_world()[CURRENT], view.focal_lengths()[CURRENT]
+    seen = np.einsum("ij,nkj->nki", camera[:, :3], corners) + camera[:, 3]
+    nearest = seen[..., 2].min(axis=1)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        pixels = seen[..., :2] / seen[..., 2:] * focal + 0.5 * size
+    low, high = np.floor(pixels.min(axis=1)) - 1.0, np.ceil(pixels.max(axis=1)) + 1.0
+    crosses_camera_plane = nearest <= _MARGIN  # its projection is unbounded
+    low[crosses_camera_plane], high[crosses_camera_plane] = 0.0, size
+    low, high = np.clip(low, 0, size).astype(int), np.clip(high, 0, size).astype(int)
+    sides = np.concatenate([seen[..., :2], -seen[..., :2]], axis=2) * focal
+    sides += seen[..., 2:] * (0.5 * np.concatenate([size, size]) + 1.0)
+    visible = (sides.max(axis=1) > 0.0).all(axis=1) & (seen[..., 2].max(axis=1) > 0.0)
+    for (x0, y0), (x1, y1), z in zip(low[visible], high[visible], nearest[visible] * (1.0 - _MARGIN), strict=True):
+        yield (slice(y0, y1), slice(x0, x1)), float(z)
 
 
 _CORNERS = np.array([[x, y, z] for x in (0, 1) for y in (0, 1) for z in (0, 1)])
