@@ -104,11 +104,9 @@ class DeviceScene:
         self._frame_roots: dict[int, Any] = {}
         self._pending: list[NDArray[Any]] | None = None  # values of the arrays of instances, not on the device yet
         self._info_at: dict[int, Any] = {}  # at other times than CURRENT, if a mesh deforms
-        self.world_from_instance: Any = None
-        self.instance_from_world: Any = None
-        self.box_from_instance: Any = None
         self._upload_meshes()
-        self._upload_instances(np.zeros((3, 0, 3, 4)), np.zeros((3, 0)))
+        self._inverse, self._determinant = np.zeros((3, 0, 3, 4)), np.zeros((3, 0))
+        self._upload_instances()
 
     def __del__(self) -> None:
         trees = vars(self).get("_stage_trees")
@@ -245,8 +243,7 @@ class DeviceScene:
             self._bvh.place(time, *names, capacity=count + PARTS * MAX_SPLIT)
         self._write_instances()
         here = self._instance_boxes[CURRENT, hittable[CURRENT]]
-        corners = (here[:, :3].min(axis=0), here[:, 3:].max(axis=0)) if len(here) else np.zeros((2, 3))
-        self.bounds = np.array(corners)
+        self.bounds = np.array((here[:, :3].min(axis=0), here[:, 3:].max(axis=0)) if len(here) else np.zeros((2, 3)))
 
     def place_frames(self, placements: Sequence[Placement], times: Iterable[int] = (CURRENT,)) -> None:
         """Place the instances of several frames at once: those of a frame follow those of the one before.
@@ -283,11 +280,14 @@ class DeviceScene:
         return self._frame_roots[time]
 
     def _place_instances(self, placement: Placement) -> None:
-        inverse, determinant = inverted(placement.world_from_object)
+        # A frame is often placed twice: as it is, and without what moves.
+        matrices, before = placement.world_from_object, self.placement
+        if moved := matrices is not before.world_from_object or placement.box_from_object is not before.box_from_object:
+            self._inverse, self._determinant = inverted(matrices)
         self.placement = placement
-        self._upload_instances(inverse, determinant)
-        self._hittable = placement.present & (determinant != 0.0) & ~self._mesh_is_empty[placement.mesh]
-        self._instance_boxes = transformed_boxes(self._boxes[:, placement.mesh], placement.world_from_object)
+        self._upload_instances(moved)
+        self._hittable = placement.present & (self._determinant != 0.0) & ~self._mesh_is_empty[placement.mesh]
+        self._instance_boxes = transformed_boxes(self._boxes[:, placement.mesh], matrices)
         self._bvh.clear_instances()
 
     def _write_instances(self) -> None:
@@ -337,13 +337,10 @@ class DeviceScene:
         self._first_vertices = np.cumsum([0, *(vertex_counts * copies)])
         added = zip(self.descriptions, self._first_materials, strict=True)
         groups = [MeshGroup(description.meshes, first) for (_, description), first in added]
-        first_colors = self._arrays.write_meshes(groups, self._first_vertices, copies)
-        self.vertex_position, self.vertex_normal = self._arrays.vertex_position.array, self._arrays.vertex_normal.array
-        self.vertex_uv, self.triangle_vertices = self._arrays.vertex_uv.array, self._arrays.triangle_vertices.array
-        self.triangle_material, self.triangle_part = (
-            self._arrays.triangle_material.array,
-            self._arrays.triangle_part.array,
-        )
+        arrays, first_colors = self._arrays, self._arrays.write_meshes(groups, self._first_vertices, copies)
+        self.vertex_position, self.vertex_normal = arrays.vertex_position.array, arrays.vertex_normal.array
+        self.vertex_uv, self.triangle_vertices = arrays.vertex_uv.array, arrays.triangle_vertices.array
+        self.triangle_material, self.triangle_part = arrays.triangle_material.array, arrays.triangle_part.array
         flags = [
             HAS_NORMALS * (m.normals is not None) + HAS_UV * (m.uv is not None) + HAS_COLORS * (m.colors is not None)
             for m in meshes
@@ -359,11 +356,12 @@ class DeviceScene:
             self._parts.entries[row] = 0
             deforming.invalidate()
         colors, links = first_colors - 3 * self._first_vertices[:-1], [mesh.link_class for mesh in meshes]
-        columns = [entries, self._first_triangles[:-1], flags, deforming_vertices, colors, links]
-        self._mesh_table = np.array(columns, np.int32).T.reshape(-1, 6)
+        table = entries, self._first_triangles[:-1], flags, deforming_vertices, colors, links
+        self._mesh_table = np.array(table, np.int32).T.reshape(-1, 6)
         self._mesh_arrays_are_stale = False
 
-    def _upload_instances(self, inverse: NDArray[np.float64], determinant: NDArray[np.float64]) -> None:
+    def _upload_instances(self, moved: bool = True) -> None:
+        """Upload what is placed; moved: whether matrices differ from those that are there."""
         placement = self.placement
         count = len(placement.mesh)
         info = np.zeros((count, INFO_COLUMNS), np.int32)
@@ -373,26 +371,29 @@ class DeviceScene:
         info[:, 3] = placement.category_id
         info[:, 4] = placement.mesh
         info[:, 6] = 0 if placement.part is None else placement.part
-        mirrored = np.where(placement.present, determinant, 0.0).min(axis=0) < 0.0
+        mirrored = np.where(placement.present, self._determinant, 0.0).min(axis=0) < 0.0
         info[:, 5] |= np.where(mirrored, MIRRORED, 0)
         if count != self.instance_count or self.instance_info is None:
-            self.instance_info = device_array(ti.i32, (max(count, 1), INFO_COLUMNS))
-            self.world_from_instance = device_array(ti.f32, (3, max(count, 1), 12))
-            self.instance_from_world = device_array(ti.f32, (3, max(count, 1), 12))
-            self.box_from_instance = device_array(ti.f32, (max(count, 1), 12))
+            rows = max(count, 1)
+            self.instance_info = device_array(ti.i32, (rows, INFO_COLUMNS))
+            self.world_from_instance, self.instance_from_world = (device_array(ti.f32, (3, rows, 12)) for _ in range(2))
+            self.box_from_instance = device_array(ti.f32, (rows, 12))
         self.instance_count = count
         self._info_at = {}
         if self._deforming and count:
             for time in (PREVIOUS, NEXT):
                 then = info.copy()
-                for row, deforming in self._deforming.items():
-                    then[placement.mesh == row, 0] = deforming.blas[time].entry
+                for mesh, deforming in self._deforming.items():
+                    then[placement.mesh == mesh, 0] = deforming.blas[time].entry
                 self._info_at[time] = upload(then)
-        if count:
-            matrices = placement.world_from_object, inverse, placement.box_from_object
-            values = [info, *(each.astype(np.float32) for each in matrices)]
-            if self.traversal == "bvh2":
-                self._pending = values
-                return
-            for array, each in zip(self._instance_arrays(), values, strict=True):
-                array.from_numpy(each.reshape(array.shape))
+        if not count:
+            return
+        values, on_card = [info], self.traversal == "bvh2"
+        if moved or on_card:
+            matrices = placement.world_from_object, self._inverse, placement.box_from_object
+            values += [each.astype(np.float32) for each in matrices]
+        if on_card:
+            self._pending = values
+            return
+        for array, each in zip(self._instance_arrays(), values, strict=False):
+            array.from_numpy(each.reshape(array.shape))
