@@ -50,7 +50,7 @@ def in_view(camera: Camera, aspect: float, boxes: Array, poses: Array) -> NDArra
             for y in (-tangent, tangent)
         ]
     )
-    sides = np.array([np.cross(rays[a], rays[b]) for a, b in ((0, 1), (1, 3), (3, 2), (2, 0))])
+    sides = np.cross(rays[[0, 1, 3, 2]], rays[[1, 3, 2, 0]])
     sides *= np.sign(sides @ rays.sum(axis=0))[:, None]  # normals point inwards
     corners = boxes[:, None, 0] + _CORNERS * (boxes[:, None, 1] - boxes[:, None, 0])
     corners = np.einsum("nij,ncj->nci", poses[:, :, :3], corners) + poses[:, None, :, 3] - tip
