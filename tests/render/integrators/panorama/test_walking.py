@@ -126,6 +126,8 @@ def test_what_the_anchor_does_not_see_and_what_looks_different_from_there_is_pat
     assert mirror.mean() > 0.02
     interior = mirror & ~dilated(~mirror)
     assert image.traced[interior].all()
+    rim = mirror & ~interior  # too narrow for the mirror's look from elsewhere to matter
+    assert (image.static_mask[rim] > 0.0).mean() > 0.7
     truth = scene.traced_view(view)
     shown, expected = (np.minimum(each[interior], 2.0).mean() for each in (image.hdr, truth))  # the sun is brighter
     assert shown == pytest.approx(expected, rel=0.05)

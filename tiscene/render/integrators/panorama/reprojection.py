@@ -2,8 +2,8 @@
 """Reprojection: the image of a view, from the cells of a panorama around another point.
 
 The points that subpixels show are looked up in the directions in which they are seen from the anchor. A cell counts if
-what it shows is as far from the anchor as the point. Where no cell does, the anchor does not see the point; mirrors and
-glass look different from there.
+what it shows is as far from the anchor as the point. Where no cell does, the anchor does not see the point. Mirrors and
+glass look different from there, but for edges: thin chrome, and rims of glass, are too narrow for that to matter.
 
 A ray through each pixel's center finds what it shows. Where neighbors lie in one plane, so do the points of subpixels;
 elsewhere a ray through each subpixel finds them.
@@ -57,8 +57,8 @@ class Reprojection:
             self._points = device_array(float4, rays.count * SUBPIXELS)
         label_kernels.primary_rays(rays.queue, rays.count, view.array(), view.width, view.height, rays.rays, False)
         first_hits(scene, CURRENT, rays, rays.queue, rays.count, coherent=True)
-        surface_info = *geometry_of(scene), scene.materials.arrays().info
-        kernels.find_surfaces(rays.count, rays.rays, rays.hits, rays.hit_ids, *surface_info, self._surfaces)
+        info = scene.materials.arrays().info
+        kernels.find_surfaces(rays.count, rays.rays, rays.hits, rays.hit_ids, *geometry_of(scene), info, self._surfaces)
         offset = np.subtract(view.current.position, anchor).tolist()
         size = view.array(), view.width, view.height
         is_edge = np.empty((view.height, view.width), np.int32)
@@ -71,7 +71,7 @@ class Reprojection:
             wave = self._subpixels.reserved(count)
             kernels.subpixel_rays(pixels, *size, wave.rays)
             first_hits(scene, CURRENT, wave, wave.queue, count, coherent=True)
-            kernels.find_points(pixels, wave.rays, wave.hits, wave.hit_ids, *surface_info, *offset, self._points)
+            kernels.find_points(pixels, wave.rays, wave.hits, wave.hit_ids, *offset, self._points)
 
     def find_blocks(self, faces: int, found: NDArray[np.int32]) -> None:
         """Set found[face, row, column] to 1 for each block of a panorama in which points may be seen."""

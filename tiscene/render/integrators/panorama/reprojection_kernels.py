@@ -40,17 +40,6 @@ EDGE = 0.95  # of the distance of a point: what is nearer there belongs to anoth
 LEAST_WEIGHT = 0.1  # of the cells around a point that show it
 
 
-@ti.func
-def first_surface(geometry: Template, material_info: Template, hits: Template, hit_ids: Template, i: ti.i32):
-    """Return how far away a ray hits, m, and 1 where it looks alike from anywhere, else 0: at mirrors and glass."""
-    distance, alike = FAR, 1.0
-    if hit_ids[i][0] >= 0:
-        distance = hits[i][0]
-        if material_info[geometry.triangle_material[hit_ids[i][1]], FLAGS] & (GLASS | MAY_MIRROR) != 0:
-            alike = 0.0
-    return distance, alike
-
-
 @ti.kernel
 @bundled
 def find_surfaces(
@@ -72,13 +61,15 @@ def find_surfaces(
         geometry: Of the scene.
         material_info: Of the scene.
         surfaces: Output, for each ray the point as seen from the camera, world, m; 1 where it looks alike from
-            anywhere, else 0; the normal; and 0.
+            anywhere, 0 at mirrors and glass; the normal; and 0.
     """
     for i in range(count):
         direction = ray_direction(rays, i)
-        distance, alike = first_surface(geometry, material_info, hits, hit_ids, i)
-        normal = -direction
+        distance, alike, normal = FAR, 1.0, -direction
         if hit_ids[i][0] >= 0:
+            distance = hits[i][0]
+            if material_info[geometry.triangle_material[hit_ids[i][1]], FLAGS] & (GLASS | MAY_MIRROR) != 0:
+                alike = 0.0
             surface = surface_at(geometry, hit_ids[i][0], hit_ids[i][1], hits[i][1], hits[i][2], CURRENT, direction)
             normal = surface.geometric_normal
         point = distance * direction
@@ -151,14 +142,11 @@ def subpixel_rays(pixels: Ints1, view: Floats2, width: ti.i32, height: ti.i32, r
 
 
 @ti.kernel
-@bundled
 def find_points(
     pixels: Ints1,
     rays: Rays,
     hits: Hits,
     hit_ids: HitIds,
-    geometry: Geometry,
-    material_info: Ints2,
     offset_x: ti.f32,
     offset_y: ti.f32,
     offset_z: ti.f32,
@@ -166,20 +154,21 @@ def find_points(
 ):
     """Find where the rays of `subpixel_rays` hit.
 
+    Here mirrors and glass count as if they looked alike from anywhere: what thin chrome or the rim of a glass reflects
+    nearby is better than a few paths.
+
     Args:
         pixels: Pixels, y * width + x.
         rays: Their rays.
         hits: The hits, at distances from the camera.
         hit_ids: The instances and triangles.
-        geometry: Of the scene.
-        material_info: Of the scene.
         offset_x, offset_y, offset_z: From the anchor to the camera, world, m.
         points: Output, as of `extend_surfaces`.
     """
     for i in range(pixels.shape[0] * SUBPIXELS):
-        distance, alike = first_surface(geometry, material_info, hits, hit_ids, i)
+        distance = ti.select(hit_ids[i][0] >= 0, hits[i][0], FAR)
         seen = vec3(offset_x, offset_y, offset_z) + distance * ray_direction(rays, i)
-        points[pixels[i // SUBPIXELS] * SUBPIXELS + i % SUBPIXELS] = float4(seen.x, seen.y, seen.z, alike)
+        points[pixels[i // SUBPIXELS] * SUBPIXELS + i % SUBPIXELS] = float4(seen.x, seen.y, seen.z, 1.0)
 
 
 @ti.func
