@@ -187,6 +187,7 @@ def test_cells_on_disk_are_those_that_were_made(tmp_path: Path) -> None:
     scene.surrounded = scene.new_pass(images=images)
     first = scene.image(*BALLS)
     assert scene.reported
+    assert first.hdr.dtype == first.denoised.dtype == np.float32
     for lost, traces in (((), False), (("tiles",), False), (("tiles", "blocks"), True), (("blocks",), False)):
         for kind in lost:
             for path in tmp_path.glob(f"*-{kind}-*"):
