@@ -188,6 +188,7 @@ def test_cells_on_disk_are_those_that_were_made(tmp_path: Path) -> None:
     first = scene.image(*BALLS)
     assert scene.reported
     assert first.hdr.dtype == first.denoised.dtype == np.float32
+    # Blocks are enough; without them, tiles are denoised again.
     for lost, traces in (((), False), (("tiles",), False), (("tiles", "blocks"), True), (("blocks",), False)):
         for kind in lost:
             for path in tmp_path.glob(f"*-{kind}-*"):

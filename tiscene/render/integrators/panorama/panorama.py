@@ -152,11 +152,11 @@ class Panorama:
         self.groups = 1 if groups is None else len(groups.factors)
         self._columns = light_column(self.groups)  # of light, albedo and normal; then comes the distance
         self._rays = RayArrays()
-        tiles, blocks = settings.faces // TILE + 2, settings.faces // BLOCK  # along a side of a face
-        self._tiles = CellStore((6, tiles, tiles), TILE * TILE, self._columns + 1, files, f"{key}-tiles")
-        self._files, self._key = files, f"{key}-probe"
+        self._files, self._key = files, key
         self._probe: LightProbe | None = None
-        self._pages_along = -(-tiles * TILE // PAGE)  # a side of a face
+        self._tiles: CellStore | None = None
+        self._tiles_along, blocks = settings.faces // TILE + 2, settings.faces // BLOCK  # a side of a face
+        self._pages_along = -(-self._tiles_along * TILE // PAGE)
         # Blocks have all that views need: the columns of tiles, with the denoised light before the distance.
         self._shown_columns = self._columns + 3 * self.groups
         self._blocks = CellStore((6, blocks, blocks), BLOCK * BLOCK, self._shown_columns + 1, files, f"{key}-blocks")
@@ -168,12 +168,14 @@ class Panorama:
 
     def bytes_with(self, missing: Missing) -> int:
         """Return the memory with room for cells that are missing."""
-        cells = self._tiles.bytes_with(len(missing.tiles)) + self._blocks.bytes_with(len(missing.blocks))
-        return cells + (self._probe.bytes if self._probe else 0)
+        tiles = self._tiles.bytes_with(len(missing.tiles)) if self._tiles else 0
+        blocks = self._blocks.bytes_with(len(missing.blocks))
+        return tiles + blocks + (self._probe.bytes if self._probe else 0)
 
     def clear(self) -> None:
         """Forget all cells."""
-        self._tiles.clear()
+        if self._tiles:
+            self._tiles.clear()
         self._blocks.clear()
 
     def missing(self, view: View, points: Reprojection | None = None) -> Missing:
@@ -189,12 +191,15 @@ class Panorama:
         else:
             points.find_blocks(self.settings.faces, found)
         blocks = (found > 0) & (self._blocks.slots < 0)
-        needed = np.zeros(self._tiles.slots.shape, bool)
+        if not blocks.any():
+            return _NOTHING
+        tiles = self._tile_store().slots
+        needed = np.zeros(tiles.shape, bool)
         side = BLOCK // TILE  # tiles along a side of a block; one more on each side belongs to its window
         for row, column in np.ndindex(side + 2, side + 2):
             rows, columns = (slice(first, first + side * blocks.shape[1], side) for first in (row, column))
             needed[:, rows, columns] |= blocks
-        return Missing(np.argwhere(needed & (self._tiles.slots < 0)), np.argwhere(blocks))
+        return Missing(np.argwhere(needed & (tiles < 0)), np.argwhere(blocks))
 
     def images(self, view: View, points: Reprojection | None = None) -> tuple[FloatImage, NDArray[np.int32]] | None:
         """Return the images of a view, or None if cells are missing; arguments as of `missing`.
@@ -217,7 +222,7 @@ class Panorama:
         """Return the light all around, from disk if it is there. Tracing it changes what the scene has placed."""
         if self._probe is None:
             columns, settings, files = PLANE + 3 * self.groups, self.settings, self._files
-            cells = files.load(self._key, SIZE * SIZE, columns, np.float32)[1] if files else None
+            cells = files.load(f"{self._key}-probe", SIZE * SIZE, columns, np.float32)[1] if files else None
             if cells is None or len(cells) < FACES:
                 depth = max(1, settings.max_depth - 1)  # paths that end in the probe have one segment more
                 cells = trace_probe(
@@ -225,7 +230,7 @@ class Panorama:
                 )
                 self._place(0)
                 if files:
-                    files.append(self._key, np.arange(FACES, dtype=np.int32), cells)
+                    files.append(f"{self._key}-probe", np.arange(FACES, dtype=np.int32), cells)
             self._probe = LightProbe(settings.center, cells)
         return self._probe
 
@@ -243,7 +248,7 @@ class Panorama:
 
     def _trace(self, tiles: NDArray[np.int64], view: View, progress: ProgressCallback) -> None:
         """Trace tiles."""
-        cells = np.zeros((len(tiles), TILE * TILE, self._tiles.columns), np.float32)
+        cells = np.zeros((len(tiles), TILE * TILE, self._columns + 1), np.float32)
         features = slice(AUXILIARY, AUXILIARY + FEATURE_COLUMNS)
         pages = list(self._pages(tiles))
         done, total = 0, len(tiles) * self.groups
@@ -267,7 +272,7 @@ class Panorama:
         self._place(0)
         for number, _, members in pages:
             cells[members, :, self._columns] = self._distances(number, tiles[members, 1:] % (PAGE // TILE) * TILE)
-        self._tiles.add(tiles, cells)
+        self._tile_store().add(tiles, cells)
 
     def _sampled(self, view: View, frame: int, corners: NDArray[np.int64], scene: PathScene, dim: float) -> FloatImage:
         """Trace cells and return the means of their samples, float32 [n, TILE * TILE, FILM_COLUMNS].
@@ -322,7 +327,7 @@ class Panorama:
 
     def _denoise(self, blocks: NDArray[np.int64]) -> None:
         """Denoise blocks whose windows are traced."""
-        tiles, traced = self._tiles, self._columns
+        tiles, traced = self._tile_store(), self._columns
         windows = np.empty((len(blocks), WINDOW * WINDOW, tiles.columns), np.float32)
         kernels.gather_windows(blocks.astype(np.int32), tiles.slots, tiles.cells, tiles.columns, windows)
         result = np.empty((len(blocks), BLOCK, BLOCK, self._blocks.columns), np.float32)
@@ -335,6 +340,13 @@ class Panorama:
                 clean = denoise(window[..., column : column + 3], albedo, normal, quality, clean=False)
                 cells[..., clean_column : clean_column + 3] = clean[inside, inside]
         self._blocks.add(blocks, result.reshape(len(blocks), BLOCK * BLOCK, -1))
+
+    def _tile_store(self) -> CellStore:
+        """Return the tiles. Views whose blocks are on disk do not need them: the first other view loads them."""
+        if self._tiles is None:
+            shape = 6, self._tiles_along, self._tiles_along
+            self._tiles = CellStore(shape, TILE * TILE, self._columns + 1, self._files, f"{self._key}-tiles")
+        return self._tiles
 
     def _place(self, group: int) -> None:
         """Place the static scene with the lights of one group."""
