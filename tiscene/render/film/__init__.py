@@ -8,5 +8,6 @@
     postprocess   denoise and upsample radiance images
     upsample      guided upsampling along label edges
     smooth_light  light of reduced size: what varies slowly, and what has changed
+    steady_change changes of light without their noise
     tone_map      exposure, tone curve, sRGB
 """

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from tiscene.render.film.denoise import denoise
 from tiscene.render.film.smooth_light import apply_reduced_light
+from tiscene.render.film.steady_change import steadied
 from tiscene.render.film.upsample import demodulate, upsample, upsample_at
 from tiscene.render.integrators.incremental.base_image import IncrementalBase
 from tiscene.render.integrators.incremental.changed_regions import MARGIN, NARROW_MARGIN, Region, regions_of
@@ -72,7 +73,7 @@ class Postprocessor:
         The cells of the panorama are denoised already. Pixels that show movers are denoised in rectangles around them.
         Where light varies slowly it is that of the static image denoised as a whole, at reduced size; and so is the
         light of what edges hide from the panorama's center, unless its samples tell otherwise. The movers' change of
-        light is what they change in the denoised irradiance.
+        light is what they change in the denoised irradiance, as far as it is more than noise.
         """
         if self.denoiser is None:
             return np.maximum(image.hdr, 0.0)
@@ -90,6 +91,7 @@ class Postprocessor:
         change = np.zeros_like(before)
         if image.after is not None:
             change = self._denoised(image.after, image.white, image.reduced_normal, False) - before
+            change = steadied(change, image.after - image.before, image.reduced_normal)
         apply_reduced_light(
             shown, own, before, change, image.reduced_normal, guides, image.traced, image.static_mask, REDUCTION,
             contrast=BLOCK_NOISE / math.sqrt(image.panorama_spp),

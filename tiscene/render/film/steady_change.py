@@ -1,0 +1,68 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Changes of light whose noise is taken out where it could explain them.
+
+A few paths find how movers change the light of a frame. The denoiser takes single ones that a mover stops for shadows:
+dark spots, elsewhere in each frame. Here a denoised change is drawn to the mean around, unless the paths nearby agree.
+"""
+
+import numpy as np
+import taichi as ti
+from numpy.typing import NDArray
+
+from tiscene.device.kernel_types import Floats3, Template, vec3
+from tiscene.render.film.upsample import read, similarity
+
+FloatImage = NDArray[np.float32]
+
+NEAR, AROUND = 2, 4  # px to each side: of the window whose mean the denoised change is like, and of a wider one
+DOUBT = 3.0  # variances that a change is drawn by: it takes some three paths that agree to show
+
+
+def steadied(change: FloatImage, samples: FloatImage, normal: FloatImage) -> FloatImage:
+    """Return a denoised change of light without what may be noise, by a positive-part James-Stein estimate.
+
+    Args:
+        change: Change of irradiance, denoised, float32 [h, w, 3].
+        samples: The same, as paths have found it, float32 [h, w, 3].
+        normal: Normals, float32 [h, w, 3]. Means are over surfaces of like orientation.
+
+    Returns:
+        float32 [h, w, 3], a new array.
+    """
+    result = np.empty_like(change)
+    _steady(change, samples, normal, result)
+    return result
+
+
+@ti.kernel
+def _steady(change: Floats3, samples: Floats3, normal: Floats3, result: Floats3):
+    for y, x in ti.ndrange(change.shape[0], change.shape[1]):
+        mean, wide_variance, _wide_share = _around(samples, normal, y, x, AROUND)
+        _near_mean, near_variance, share = _around(samples, normal, y, x, NEAR)
+        # Where no path nearby has found a change, others around may have: no change would be as doubtful.
+        variance = share * ti.max(near_variance, wide_variance)
+        difference = read(change, y, x) - mean
+        shown = mean + ti.max(1.0 - DOUBT * variance / ti.max(difference.norm_sqr(), 1e-12), 0.0) * difference
+        for c in ti.static(range(3)):
+            result[y, x, c] = shown[c]
+
+
+@ti.func
+def _around(samples: Template, normal: Template, y: ti.i32, x: ti.i32, reach: Template):
+    """Return mean and variance of the samples around a pixel, and one over their number, in effect.
+
+    The variance is the sum over red, green and blue.
+    """
+    n = read(normal, y, x)
+    sums, squares, total, total_squares = vec3(0.0), 0.0, 0.0, 0.0
+    for down, right in ti.ndrange((-reach, reach + 1), (-reach, reach + 1)):
+        at_y, at_x = y + down, x + right
+        if at_y >= 0 and at_y < samples.shape[0] and at_x >= 0 and at_x < samples.shape[1]:
+            weight = similarity(n, read(normal, at_y, at_x))
+            sample = read(samples, at_y, at_x)
+            sums += weight * sample
+            squares += weight * sample.norm_sqr()
+            total += weight
+            total_squares += weight * weight
+    mean = sums / total
+    return mean, ti.max(squares / total - mean.norm_sqr(), 0.0), total_squares / total**2
