@@ -15,7 +15,7 @@ from tiscene.render.film.upsample import read, similarity
 FloatImage = NDArray[np.float32]
 
 NEAR, AROUND = 2, 4  # px to each side: of the window whose mean the denoised change is like, and of a wider one
-DOUBT = 3.0  # variances that a change is drawn by: it takes some three paths that agree to show
+DOUBT = 6.0  # variances that a change is drawn by: it takes some six paths that agree to show
 
 
 def steadied(change: FloatImage, samples: FloatImage, normal: FloatImage) -> FloatImage:
