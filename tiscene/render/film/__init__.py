@@ -3,11 +3,11 @@
 
 ::
 
-    adaptive      sample each pixel until its error estimate is small enough
-    denoise       Intel Open Image Denoise
-    postprocess   denoise and upsample radiance images
-    upsample      guided upsampling along label edges
-    smooth_light  light of reduced size: what varies slowly, and what has changed
-    steady_change changes of light without their noise
-    tone_map      exposure, tone curve, sRGB
+    adaptive       sample each pixel until its error estimate is small enough
+    denoise        Intel Open Image Denoise
+    postprocess    denoise and upsample radiance images
+    upsample       guided upsampling along label edges
+    smooth_light   light of reduced size: what varies slowly, and what has changed
+    steady_change  changes of light without their noise
+    tone_map       exposure, tone curve, sRGB
 """
