@@ -356,8 +356,8 @@ class DeviceScene:
             self._parts.entries[row] = 0
             deforming.invalidate()
         colors, links = first_colors - 3 * self._first_vertices[:-1], [mesh.link_class for mesh in meshes]
-        table = entries, self._first_triangles[:-1], flags, deforming_vertices, colors, links
-        self._mesh_table = np.array(table, np.int32).T.reshape(-1, 6)
+        columns = [entries, self._first_triangles[:-1], flags, deforming_vertices, colors, links]
+        self._mesh_table = np.array(columns, np.int32).T.reshape(-1, 6)
         self._mesh_arrays_are_stale = False
 
     def _upload_instances(self, moved: bool = True) -> None:
@@ -383,8 +383,8 @@ class DeviceScene:
         if self._deforming and count:
             for time in (PREVIOUS, NEXT):
                 then = info.copy()
-                for mesh, deforming in self._deforming.items():
-                    then[placement.mesh == mesh, 0] = deforming.blas[time].entry
+                for row, deforming in self._deforming.items():
+                    then[placement.mesh == row, 0] = deforming.blas[time].entry
                 self._info_at[time] = upload(then)
         if not count:
             return

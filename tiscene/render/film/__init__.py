@@ -9,5 +9,6 @@
     upsample       guided upsampling along label edges
     smooth_light   light of reduced size: what varies slowly, and what has changed
     steady_change  changes of light without their noise
+    james_stein    noisy colors, drawn to expected ones
     tone_map       exposure, tone curve, sRGB
 """

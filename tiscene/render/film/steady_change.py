@@ -10,6 +10,7 @@ import taichi as ti
 from numpy.typing import NDArray
 
 from tiscene.device.kernel_types import Floats3, Template, vec3
+from tiscene.render.film.james_stein import james_stein
 from tiscene.render.film.upsample import read, similarity
 
 FloatImage = NDArray[np.float32]
@@ -19,7 +20,7 @@ DOUBT = 6.0  # variances that a change is drawn by: it takes some six paths that
 
 
 def steadied(change: FloatImage, samples: FloatImage, normal: FloatImage) -> FloatImage:
-    """Return a denoised change of light without what may be noise, by a positive-part James-Stein estimate.
+    """Return a denoised change of light, drawn to the mean around as far as that may be noise, see `james_stein`.
 
     Args:
         change: Change of irradiance, denoised, float32 [h, w, 3].
@@ -29,22 +30,22 @@ def steadied(change: FloatImage, samples: FloatImage, normal: FloatImage) -> Flo
     Returns:
         float32 [h, w, 3], a new array.
     """
-    result = np.empty_like(change)
-    _steady(change, samples, normal, result)
-    return result
+    height, width, _ = change.shape
+    means, variances = np.empty_like(change), np.empty((height, width, 1), np.float32)
+    _find_means(samples, normal, means, variances)
+    return james_stein(change, means, np.float32(DOUBT) * variances)
 
 
 @ti.kernel
-def _steady(change: Floats3, samples: Floats3, normal: Floats3, result: Floats3):
-    for y, x in ti.ndrange(change.shape[0], change.shape[1]):
+def _find_means(samples: Floats3, normal: Floats3, means: Floats3, variances: Floats3):
+    """Find the mean of the samples around each pixel, and the variance of a mean of those near it."""
+    for y, x in ti.ndrange(samples.shape[0], samples.shape[1]):
         mean, wide_variance, _wide_share = _around(samples, normal, y, x, AROUND)
         _near_mean, near_variance, share = _around(samples, normal, y, x, NEAR)
         # Where no path nearby has found a change, others around may have: no change would be as doubtful.
-        variance = share * ti.max(near_variance, wide_variance)
-        difference = read(change, y, x) - mean
-        shown = mean + ti.max(1.0 - DOUBT * variance / ti.max(difference.norm_sqr(), 1e-12), 0.0) * difference
+        variances[y, x, 0] = share * ti.max(near_variance, wide_variance)
         for c in ti.static(range(3)):
-            result[y, x, c] = shown[c]
+            means[y, x, c] = mean[c]
 
 
 @ti.func

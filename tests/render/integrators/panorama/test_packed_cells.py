@@ -6,9 +6,10 @@ import pytest
 import taichi as ti
 from numpy.typing import NDArray
 
-from tiscene.device import runtime
 from tiscene.device.kernel_types import Floats1, Ints2
 from tiscene.render.integrators.panorama.packed_cells import UNIT, pack, unpacked, words
+
+pytestmark = pytest.mark.usefixtures("taichi")
 
 LARGEST = 2.0**33 * (1.0 - 2.0**-10)
 
@@ -22,7 +23,6 @@ def _unpack(cells: Ints2, even: Floats1, odd: Floats1):
 
 def kept(values: NDArray[np.float32]) -> NDArray[np.float32]:
     """Return values after packing, which must be the same in the lower and the upper half of a word."""
-    runtime.start()
     even, odd = (np.empty(len(values), np.float32) for _ in range(2))
     _unpack(pack(np.stack([values, values], axis=-1)), even, odd)
     np.testing.assert_array_equal(even, odd)

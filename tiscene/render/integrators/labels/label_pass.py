@@ -165,8 +165,7 @@ class LabelPass:
         self.traced_pixels += count
         rays, pixels = self._rays, frames.pixels
         if static_hits is None:
-            camera = frames.cameras, frames.width, frames.height, rays.rays, frames.stacked
-            kernels.primary_rays(queue, count, *camera)
+            kernels.primary_rays(queue, count, frames.cameras, frames.width, frames.height, rays.rays, frames.stacked)
             first_hits(self.scene, CURRENT, rays, queue, count, rays_per_frame=pixels)
         else:
             rays = static_hits.rays

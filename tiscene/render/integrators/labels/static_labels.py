@@ -20,8 +20,6 @@ from tiscene.scene.camera import Camera
 from tiscene.scene.device_scene import DeviceScene
 from tiscene.scene.placement import CURRENT, NEXT, PREVIOUS, Placement
 
-Region = tuple[slice, slice]  # rows and columns of an image
-
 MAX_VIEWS = 4  # the least recently used one is dropped first
 MAX_PIXELS = 1 << 19  # larger images are not cached: this many take 130 MB with all buffers
 ALL_TIMES = PREVIOUS, CURRENT, NEXT
@@ -153,11 +151,11 @@ def corners_of(boxes: NDArray[np.float64]) -> NDArray[np.float64]:
     return corners
 
 
-def boxes_in_view(view: View, corners: NDArray[np.float64]) -> Iterator[tuple[Region, float]]:
-    """Yield for each box that a perspective view may show at CURRENT the pixels around it, and how near it is, m.
+def boxes_in_view(view: View, corners: NDArray[np.float64]) -> Iterator[tuple[tuple[slice, slice], float]]:
+    """Yield rows and columns of the pixels that each visible box may cover at CURRENT, and its least distance, m.
 
     Args:
-        view: The view.
+        view: The view, in perspective.
         corners: Of the boxes, world, [n, 8, 3], m.
     """
     size = np.array([view.width, view.height])

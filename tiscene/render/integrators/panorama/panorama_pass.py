@@ -98,11 +98,10 @@ class PanoramaImage:
     @property
     def hdr(self) -> FloatImage:
         """Scene-linear radiance, W/m²/sr, float32 [h, w, 3]."""
-        return self.static if self.change is None else self.static + self.upsampled(self.change)
-
-    def upsampled(self, change: FloatImage) -> FloatImage:
-        """Return the change of radiance, [h, w, 3], for a change of irradiance at reduced size; 0 on movers."""
-        return self.static_mask * upsample(change, self.reduced_normal, self.albedo, self.normal, REDUCTION)
+        if self.change is None:
+            return self.static
+        change = upsample(self.change, self.reduced_normal, self.albedo, self.normal, REDUCTION)
+        return self.static + self.static_mask * change
 
 
 class PanoramaPass:

@@ -13,6 +13,7 @@ import taichi as ti
 from numpy.typing import NDArray
 
 from tiscene.device.kernel_types import Floats2, Floats3, Ints1, Ints2, Template, vec3
+from tiscene.render.film.james_stein import james_stein
 from tiscene.render.film.upsample import ALBEDO_OFFSET
 from tiscene.render.integrators.panorama.reprojection_kernels import (
     ALL_KNOWN,
@@ -54,7 +55,7 @@ class Hidden(NamedTuple):
     def estimate(self, expected: FloatImage) -> FloatImage:
         """Return `light`, moved towards what is expected as far as its error does not tell them apart.
 
-        A positive-part James-Stein estimate. The variance is at least that of exponentially distributed samples, with
+        The variance is at least that of exponentially distributed samples, with
         either mean: a few dark samples do not make a black surface, nor does a bright one make a white spot.
 
         Args:
@@ -62,10 +63,7 @@ class Hidden(NamedTuple):
         """
         squared_mean = np.maximum((expected**2).sum(axis=-1), (self.light**2).sum(axis=-1))
         variance = np.maximum(self.variance, self.share * squared_mean)[:, None]
-        difference = self.light - expected
-        distance = np.maximum((difference**2).sum(axis=-1, keepdims=True), np.float32(1e-12))
-        result: FloatImage = expected + np.maximum(1.0 - variance / distance, 0.0) * difference
-        return result
+        return james_stein(self.light, expected, variance)
 
 
 class SubpixelPaths:
