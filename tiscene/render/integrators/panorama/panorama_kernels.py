@@ -3,9 +3,9 @@
 
 import taichi as ti
 
-from tiscene.device.kernel_types import Floats2, Floats3, Floats4, Ints1, Ints2, Ints3, Template
+from tiscene.device.kernel_types import Floats2, Floats3, Floats4, Ints1, Ints2, Ints3, Template, vec3
 from tiscene.render.integrators.panorama.packed_cells import UNIT, unpacked
-from tiscene.render.sampling.cube import cell_of
+from tiscene.render.sampling.cube import cell_of, place_on_cube
 from tiscene.render.view import CENTER, RIGHT, TANGENT, UP, view_vector
 from tiscene.scene.placement import CURRENT
 
@@ -14,6 +14,9 @@ TILE_BITS, BLOCK_BITS = 3, 5
 TILE = 1 << TILE_BITS  # cells along a side of a tile
 BLOCK = 1 << BLOCK_BITS  # cells along a side of a block
 WINDOW = BLOCK + 2 * TILE  # cells along a side of a block and the tiles around it
+COARSE_BITS = BLOCK_BITS - 1
+COARSE = 1 << COARSE_BITS  # coarse cells along a side of a block, each the mean of 2 x 2 cells
+BLOCK_ROWS = BLOCK * BLOCK + COARSE * COARSE  # of cells, and then of coarse cells
 SIDE = 4  # subpixels along a side of a pixel
 
 
@@ -26,6 +29,12 @@ def pixel_directions(view: Template, pixel: ti.i32, width: ti.i32, height: ti.i3
     x = ti.cast(pixel % width, ti.f32) - 0.5 * (width - 1) + first
     y = ti.cast(pixel // width, ti.f32) - 0.5 * (height - 1) + first
     return view_vector(view, CURRENT, CENTER) + x * right + y * down, right / SIDE, down / SIDE
+
+
+@ti.func
+def middle_of(corner: vec3, right: vec3, down: vec3) -> vec3:
+    """Return the direction to a pixel's center; arguments of `pixel_directions`."""
+    return corner + 0.5 * (SIDE - 1) * (right + down)
 
 
 @ti.kernel
@@ -46,6 +55,7 @@ def find_blocks(view: Floats2, width: ti.i32, height: ti.i32, size: ti.i32, need
         for subpixel in range(count):
             cell = cell_of(corner + subpixel % SIDE * right + subpixel // SIDE * down, size)
             needed[cell[0], cell[1] // BLOCK, cell[2] // BLOCK] = 1
+        need_around(middle_of(corner, right, down), size >> 1, COARSE_BITS, needed)
 
 
 @ti.func
@@ -63,7 +73,82 @@ def tile_row(tiles: Ints3, face: ti.i32, row: ti.i32, column: ti.i32) -> ti.i32:
 def block_row(blocks: Ints3, face: ti.i32, row: ti.i32, column: ti.i32) -> ti.i32:
     """Return the row of the cells of blocks that holds a cell, negative if none does."""
     slot = blocks[face, row >> BLOCK_BITS, column >> BLOCK_BITS]
-    return (slot << (2 * BLOCK_BITS)) + ((row & (BLOCK - 1)) << BLOCK_BITS) + (column & (BLOCK - 1))
+    return slot * BLOCK_ROWS + ((row & (BLOCK - 1)) << BLOCK_BITS) + (column & (BLOCK - 1))
+
+
+@ti.func
+def coarse_row(blocks: Ints3, face: ti.i32, row: ti.i32, column: ti.i32) -> ti.i32:
+    """Return the row of the cells of blocks that holds a coarse cell, negative if none does."""
+    slot = blocks[face, row >> COARSE_BITS, column >> COARSE_BITS]
+    first = slot * BLOCK_ROWS + BLOCK * BLOCK
+    return ti.select(slot < 0, -1, first + ((row & (COARSE - 1)) << COARSE_BITS) + (column & (COARSE - 1)))
+
+
+@ti.func
+def cells_around(seen: vec3, size: ti.i32):
+    """Return the cube face that a point is seen through, the first of the four cells around, and the point's place.
+
+    The cells are the first one and the next ones in its row and column. The place is from 0 to 1 between their centers,
+    down and to the right.
+    """
+    place = place_on_cube(seen, size)
+    row, column = ti.floor(place[1] - 0.5, ti.i32), ti.floor(place[2] - 0.5, ti.i32)
+    within = ti.math.vec2(place[1] - 0.5 - row, place[2] - 0.5 - column)
+    return ti.math.ivec3(ti.cast(place[0], ti.i32), row, column), within
+
+
+@ti.func
+def even_cells(seen: vec3, size: ti.i32, blocks: Ints3, cells: Ints2, columns: Template):
+    """Interpolate between the coarse cells around a direction.
+
+    Args:
+        seen: The direction.
+        size: Cells along a side of a face.
+        blocks, cells, columns: As of `resample_even`.
+
+    Returns:
+        The values of the columns, in UNITs.
+        The distance, m; 0 if one of the coarse cells is not even: its cells differ, see `Panorama`.
+        Number of cells that are not there.
+    """
+    first, within = cells_around(seen, size >> 1)
+    values, distance, even, missing = ti.Vector.zero(ti.f32, columns), 0.0, 1, 0
+    rows, weights = ti.Vector.zero(ti.i32, 4), ti.Vector.zero(ti.f32, 4)
+    for down, right in ti.static(ti.ndrange(2, 2)):
+        y, x = ti.math.clamp(first[1] + down, 0, (size >> 1) - 1), ti.math.clamp(first[2] + right, 0, (size >> 1) - 1)
+        row = coarse_row(blocks, first[0], y, x)
+        if row < 0:
+            missing += 1
+            row = 0
+        rows[2 * down + right] = row
+        weights[2 * down + right] = ti.abs(1 - down - within[0]) * ti.abs(1 - right - within[1])
+        measured = unpacked(cells[row, columns // 2], columns)
+        distance += weights[2 * down + right] * measured
+        if not measured > 0.0:
+            even = 0
+    if even == 0:
+        distance = 0.0
+    else:
+        for i in ti.static(range(4)):
+            for c in ti.static(range(columns)):
+                values[c] += weights[i] * unpacked(cells[rows[i], c // 2], c)
+    return values, UNIT * distance, missing
+
+
+@ti.func
+def need_around(seen: vec3, size: ti.i32, block_bits: ti.i32, needed: Ints3):
+    """Set needed[face, row, column] to 1 for the blocks with the four cells around a point.
+
+    Args:
+        seen: The point.
+        size: Cells along a side of a face; half of them for coarse cells.
+        block_bits: BLOCK_BITS or COARSE_BITS.
+        needed: i32 [6, blocks, blocks].
+    """
+    first, _ = cells_around(seen, size)
+    for y, x in ti.static(ti.ndrange(2, 2)):
+        row, column = ti.math.clamp(first[1] + y, 0, size - 1), ti.math.clamp(first[2] + x, 0, size - 1)
+        needed[first[0], row >> block_bits, column >> block_bits] = 1
 
 
 @ti.kernel
@@ -86,7 +171,49 @@ def gather_windows(places: Ints2, tiles: Ints3, traced: Ints2, columns: Template
 
 
 @ti.kernel
+def resample_even(
+    view: Floats2,
+    width: ti.i32,
+    height: ti.i32,
+    size: ti.i32,
+    blocks: Ints3,
+    cells: Ints2,
+    columns: Template,
+    images: Floats4,
+    even: Ints2,
+) -> ti.i32:
+    """Interpolate for each pixel between the coarse cells around its center, if they are even.
+
+    Args:
+        view: The view, of a pinhole camera.
+        size: Cells along a side of a face.
+        blocks: i32 [6, blocks, blocks], place of each block in `cells`, in blocks.
+        cells: i32 [slots * BLOCK_ROWS, words], see `packed_cells`: `columns` values, and the distance, see `Panorama`.
+        columns: Number of columns to interpolate.
+        images: Output, f32 [columns / 3, h, w, 3].
+        even: Output, i32 [h, w], 1 where they are; else 0, and the images are not written.
+
+    Returns:
+        Number of times that a cell was not there; 0: the images are complete.
+    """
+    missing = 0
+    for pixel in range(width * height):
+        y, x = pixel // width, pixel % width
+        corner, right, down = pixel_directions(view, pixel, width, height)
+        values, distance, away = even_cells(middle_of(corner, right, down), size, blocks, cells, columns)
+        if away > 0:
+            missing += away
+        even[y, x] = 0
+        if distance > 0.0:
+            even[y, x] = 1
+            for c in ti.static(range(columns)):
+                images[c // 3, y, x, c % 3] = values[c] * UNIT
+    return missing
+
+
+@ti.kernel
 def resample(
+    pixels: Ints1,
     view: Floats2,
     width: ti.i32,
     height: ti.i32,
@@ -99,18 +226,15 @@ def resample(
     """Average the cells that the subpixels of each pixel show.
 
     Args:
-        view: The view, of a pinhole camera.
-        size: Cells along a side of a face.
-        blocks: i32 [6, blocks, blocks], place of each block in `cells`, in blocks.
-        cells: i32 [slots * BLOCK * BLOCK, words], see `packed_cells`; at least `columns` values.
-        columns: Number of columns to average.
-        images: Output, f32 [columns / 3, h, w, 3].
+        pixels: Pixels, y * width + x.
+        view, size, blocks, cells, columns, images: As of `resample_even`.
 
     Returns:
         Number of times that a cell was not there; 0: the images are complete.
     """
     missing = 0
-    for pixel in range(width * height):
+    for i in range(pixels.shape[0]):
+        pixel = pixels[i]
         sums = ti.Vector.zero(ti.f32, columns)
         corner, right, down = pixel_directions(view, pixel, width, height)
         for y, x in ti.ndrange(SIDE, SIDE):

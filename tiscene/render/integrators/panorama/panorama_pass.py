@@ -38,8 +38,10 @@ from tiscene.render.integrators.panorama.panorama import (
     CELL,
     CONTRAST,
     DIM,
+    DISTANCE_RANGE,
     FIRST_DIVISOR,
     LEAST_SPP,
+    NORMAL_RANGE,
     PAGE,
     Panorama,
     PanoramaSettings,
@@ -301,7 +303,7 @@ class PanoramaPass:
         groups = static.light_groups
         values: dict[str, int | str] = {
             "panorama": repr(settings),
-            "cell": f"{CELL!r} {FORMAT}",
+            "cell": f"{CELL!r} {FORMAT} {NORMAL_RANGE} {DISTANCE_RANGE}",
             "sampling": f"{FIRST_DIVISOR} {LEAST_SPP} {CONTRAST} {DIM}",
             "probe": f"{light_probe.SIZE} {light_probe.PIXELS} {light_probe.SPP}",
             "denoiser": f"{settings.denoiser} {version('pyoidn')}",

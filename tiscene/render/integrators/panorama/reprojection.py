@@ -21,7 +21,7 @@ from tiscene.device.memory import device_array
 from tiscene.render.integrators.labels import label_kernels
 from tiscene.render.integrators.labels.first_hits import first_hits
 from tiscene.render.integrators.panorama import reprojection_kernels as kernels
-from tiscene.render.integrators.panorama.reprojection_kernels import SUBPIXELS
+from tiscene.render.integrators.panorama.reprojection_kernels import NOT_FOUND, SUBPIXELS
 from tiscene.render.intersect.ray_queue import RayArrays, RayWave, tiled_order
 from tiscene.render.intersect.surface_interaction import geometry_of
 from tiscene.render.view import View
@@ -48,6 +48,7 @@ class Reprojection:
         self._subpixels = RayWave()
         self._surfaces: Any = None
         self._points: Any = None
+        self._view: tuple[Any, ...] = ()  # camera and offset from the anchor, and the edges, as kernels take them
 
     def trace(self, view: View, anchor: Vector3) -> None:
         """Find the points that a view shows of what is placed, as seen from an anchor."""
@@ -62,7 +63,8 @@ class Reprojection:
         offset = np.subtract(view.current.position, anchor).tolist()
         size = view.array(), view.width, view.height
         is_edge = np.empty((view.height, view.width), np.int32)
-        kernels.extend_surfaces(self._surfaces, *size, *offset, self._points, is_edge)
+        kernels.find_edges(self._surfaces, is_edge)
+        self._view = view.array(), *offset, is_edge
         order = tiled_order(view.width, view.height)
         edges = order[is_edge.ravel()[order] > 0]
         for first in range(0, len(edges), AT_ONCE):
@@ -75,13 +77,16 @@ class Reprojection:
 
     def find_blocks(self, faces: int, found: NDArray[np.int32]) -> None:
         """Set found[face, row, column] to 1 for each block of a panorama in which points may be seen."""
-        kernels.find_blocks(self._points, faces, found)
+        kernels.find_blocks(self._surfaces, self._points, *self._view, faces, found)
 
     def images(self, *cells: Any) -> NDArray[np.int32] | None:
-        """Write the images of the cells of a panorama; arguments as of `reproject`, which has `points` and `known` too.
+        """Write the images of the cells of a panorama; arguments as of `reproject`, which has the points and `known` too.
 
         Returns:
             int32 [h, w], `known`; None if cells are missing.
         """
         known = np.empty(cells[-1].shape[1:3], np.int32)
-        return None if kernels.reproject(self._points, *cells, known) else known
+        if kernels.reproject_planes(self._surfaces, *self._view, self._points, *cells, known):
+            return None
+        pixels = np.flatnonzero(known == NOT_FOUND).astype(np.int32)
+        return None if kernels.reproject(pixels, self._points, *cells, known) else known

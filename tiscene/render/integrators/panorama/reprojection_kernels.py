@@ -18,10 +18,17 @@ from tiscene.device.kernel_types import (
     vec3,
 )
 from tiscene.render.integrators.panorama.packed_cells import UNIT, unpacked
-from tiscene.render.integrators.panorama.panorama_kernels import BLOCK, BLOCK_BITS, block_row
+from tiscene.render.integrators.panorama.panorama_kernels import (
+    BLOCK,
+    BLOCK_BITS,
+    COARSE_BITS,
+    block_row,
+    cells_around,
+    even_cells,
+    need_around,
+)
 from tiscene.render.intersect.ray_queue import HitIds, Hits, Rays, ray_direction, write_ray
 from tiscene.render.intersect.surface_interaction import Geometry, surface_at
-from tiscene.render.sampling.cube import place_on_cube
 from tiscene.render.view import camera_ray
 from tiscene.scene.material_table import FLAGS, GLASS, MAY_MIRROR
 from tiscene.scene.placement import CURRENT
@@ -30,6 +37,7 @@ SIDE = 2  # subpixels along a side of a pixel
 SUBPIXELS = SIDE * SIDE
 ALL_KNOWN = (1 << SUBPIXELS) - 1  # bits of the subpixels of a pixel
 NONE_KNOWN = -1
+NOT_FOUND = -2  # whether subpixels are known is not yet found out
 # Places of the subpixels' points in a pixel, to the right and down. No two are in the same row or column of a lattice:
 # an edge along a row or a column of pixels crosses them one by one.
 PLACES = ((-0.375, -0.125), (0.125, -0.375), (-0.125, 0.375), (0.375, 0.125))
@@ -77,50 +85,53 @@ def find_surfaces(
 
 
 @ti.kernel
-def extend_surfaces(
-    surfaces: Float8s1,
-    view: Floats2,
-    width: ti.i32,
-    height: ti.i32,
-    offset_x: ti.f32,
-    offset_y: ti.f32,
-    offset_z: ti.f32,
-    points: Float4s1,
-    edges: Ints2,
-):
-    """Find the points of the subpixels of pixels that show one plane each.
+def find_edges(surfaces: Float8s1, edges: Ints2):
+    """Find the pixels that may show something else than their neighbors do.
 
     Args:
         surfaces: Of `find_surfaces`, for the centers of all pixels.
-        view: The view, of a pinhole camera.
-        width, height: Image size, px.
-        offset_x, offset_y, offset_z: From the anchor to the camera, world, m.
-        points: Output, in row SUBPIXELS * (y * width + x) + subpixel the point as seen from the anchor, world, m;
-            and 1 where it looks alike from there, else 0.
-        edges: Output, i32 [h, w], 1 for each pixel that may show something else than its neighbors do, whose points are
-            not written; else 0.
+        edges: Output, i32 [h, w], 1 for each of them, 0 for pixels that show one plane.
     """
+    height, width = edges.shape[0], edges.shape[1]
     for pixel in range(width * height):
         here = surfaces[pixel]
-        point, normal = vec3(here[0], here[1], here[2]), vec3(here[4], here[5], here[6])
+        point, normal = center_of(here), vec3(here[4], here[5], here[6])
         edge = 0
         for row, column in ti.static(((0, 1), (1, 0), (1, 2), (2, 1))):
             y = ti.math.clamp(pixel // width + row - 1, 0, height - 1)
             x = ti.math.clamp(pixel % width + column - 1, 0, width - 1)
             other = surfaces[y * width + x]
-            on_plane = normal.dot(point) / ti.min(normal.dot(vec3(other[0], other[1], other[2])), -1e-6)
+            on_plane = normal.dot(point) / ti.min(normal.dot(center_of(other)), -1e-6)
             if other[3] != here[3] or ti.abs(on_plane - 1.0) > FLATNESS:
                 edge = 1
         edges[pixel // width, pixel % width] = edge
-        if edge == 0:
-            for s in ti.static(range(SUBPIXELS)):
-                right, down = PLACES[s]
-                _, direction = camera_ray(view, CURRENT, pixel % width + right, pixel // width + down, width, height)
-                distance = normal.dot(point) / ti.min(normal.dot(direction), -1e-6)
-                # Almost parallel to the plane, half a pixel may be far along it.
-                distance = ti.math.clamp(distance, EDGE * point.norm(), point.norm() / EDGE)
-                seen = vec3(offset_x, offset_y, offset_z) + distance * direction
-                points[pixel * SUBPIXELS + s] = float4(seen.x, seen.y, seen.z, here[3])
+
+
+@ti.func
+def center_of(surface: Template) -> vec3:
+    """Return the point of a row of `find_surfaces`."""
+    return vec3(surface[0], surface[1], surface[2])
+
+
+@ti.func
+def point_in_plane(
+    surface: Template, view: Floats2, pixel: ti.i32, subpixel: Template, width: ti.i32, height: ti.i32
+) -> vec3:
+    """Return the point that a subpixel shows of the plane at a pixel's center, as seen from the camera, world, m.
+
+    Args:
+        surface: Row of `find_surfaces`.
+        view: The view, of a pinhole camera.
+        pixel: y * width + x.
+        subpixel: Index into PLACES.
+        width, height: Image size, px.
+    """
+    point, normal = center_of(surface), vec3(surface[4], surface[5], surface[6])
+    right, down = PLACES[subpixel]
+    _, direction = camera_ray(view, CURRENT, pixel % width + right, pixel // width + down, width, height)
+    distance = normal.dot(point) / ti.min(normal.dot(direction), -1e-6)
+    # Almost parallel to the plane, half a pixel may be far along it.
+    return ti.math.clamp(distance, EDGE * point.norm(), point.norm() / EDGE) * direction
 
 
 @ti.kernel
@@ -154,16 +165,13 @@ def find_points(
 ):
     """Find where the rays of `subpixel_rays` hit.
 
-    Here mirrors and glass count as if they looked alike from anywhere: what thin chrome or the rim of a glass reflects
-    nearby is better than a few paths.
-
     Args:
         pixels: Pixels, y * width + x.
         rays: Their rays.
         hits: The hits, at distances from the camera.
         hit_ids: The instances and triangles.
         offset_x, offset_y, offset_z: From the anchor to the camera, world, m.
-        points: Output, as of `extend_surfaces`.
+        points: Output, in row SUBPIXELS * (y * width + x) + subpixel the point as seen from the anchor, world, m.
     """
     for i in range(pixels.shape[0] * SUBPIXELS):
         distance = ti.select(hit_ids[i][0] >= 0, hits[i][0], FAR)
@@ -171,37 +179,100 @@ def find_points(
         points[pixels[i // SUBPIXELS] * SUBPIXELS + i % SUBPIXELS] = float4(seen.x, seen.y, seen.z, 1.0)
 
 
-@ti.func
-def cells_around(seen: vec3, size: ti.i32):
-    """Return the cube face that a point is seen through, the first of the four cells around, and the point's place.
+@ti.kernel
+def find_blocks(
+    surfaces: Float8s1,
+    points: Float4s1,
+    view: Floats2,
+    offset_x: ti.f32,
+    offset_y: ti.f32,
+    offset_z: ti.f32,
+    edges: Ints2,
+    size: ti.i32,
+    needed: Ints3,
+):
+    """Set needed[face, row, column] to 1 for each block with a cell around a point, or a coarse cell.
 
-    The cells are the first one and the next ones in its row and column. The place is from 0 to 1 between their centers,
-    down and to the right.
+    Args:
+        surfaces, view, offset_x, offset_y, offset_z, edges, size: As of `reproject_planes`.
+        points: Of `find_points`, where there are edges.
+        needed: Output, i32 [6, blocks, blocks], zeros before.
     """
-    place = place_on_cube(seen, size)
-    row, column = ti.floor(place[1] - 0.5, ti.i32), ti.floor(place[2] - 0.5, ti.i32)
-    within = ti.math.vec2(place[1] - 0.5 - row, place[2] - 0.5 - column)
-    return ti.math.ivec3(ti.cast(place[0], ti.i32), row, column), within
+    height, width = edges.shape[0], edges.shape[1]
+    offset = vec3(offset_x, offset_y, offset_z)
+    for pixel in range(width * height):
+        is_edge = edges[pixel // width, pixel % width] > 0
+        for s in ti.static(range(SUBPIXELS)):
+            seen = points[pixel * SUBPIXELS + s].xyz
+            if not is_edge:
+                seen = offset + point_in_plane(surfaces[pixel], view, pixel, s, width, height)
+            need_around(seen, size, BLOCK_BITS, needed)
+        if not is_edge:
+            need_around(offset + center_of(surfaces[pixel]), size >> 1, COARSE_BITS, needed)
 
 
 @ti.kernel
-def find_blocks(points: Float4s1, size: ti.i32, needed: Ints3):
-    """Set needed[face, row, column] to 1 for each block with a cell around a point.
+def reproject_planes(
+    surfaces: Float8s1,
+    view: Floats2,
+    offset_x: ti.f32,
+    offset_y: ti.f32,
+    offset_z: ti.f32,
+    edges: Ints2,
+    points: Float4s1,
+    size: ti.i32,
+    blocks: Ints3,
+    cells: Ints2,
+    columns: Template,
+    images: Floats4,
+    known: Ints2,
+) -> ti.i32:
+    """Interpolate for each pixel that shows one plane between coarse cells, if they are even and show its center.
 
     Args:
-        points: The points.
+        surfaces: Of `find_surfaces`.
+        view: The view, of a pinhole camera.
+        offset_x, offset_y, offset_z: From the anchor to the camera, world, m.
+        edges: i32 [h, w], of `find_edges`.
+        points: Output where known is NOT_FOUND and there is no edge, as of `find_points`.
         size: Cells along a side of a face.
-        needed: Output, i32 [6, blocks, blocks], zeros before.
+        blocks: i32 [6, blocks, blocks], place of each block in `cells`, in blocks.
+        cells: i32 [slots * BLOCK_ROWS, words], see `packed_cells`: `columns` values, and the distance, see `Panorama`.
+        columns: Number of columns to interpolate.
+        images: Output, f32 [columns / 3, h, w, 3].
+        known: Output, i32 [h, w]: ALL_KNOWN; 0 where the surface looks different from the anchor; else NOT_FOUND.
+
+    Returns:
+        Number of times that a cell was not there; 0: the images are complete.
     """
-    for i in range(points.shape[0]):
-        first, _ = cells_around(points[i].xyz, size)
-        for y, x in ti.static(ti.ndrange(2, 2)):
-            row, column = ti.math.clamp(first[1] + y, 0, size - 1), ti.math.clamp(first[2] + x, 0, size - 1)
-            needed[first[0], row >> BLOCK_BITS, column >> BLOCK_BITS] = 1
+    height, width, missing = known.shape[0], known.shape[1], 0
+    offset = vec3(offset_x, offset_y, offset_z)
+    for pixel in range(width * height):
+        y, x = pixel // width, pixel % width
+        bits = NOT_FOUND
+        if edges[y, x] == 0:
+            seen = offset + center_of(surfaces[pixel])
+            values, distance, away = even_cells(seen, size, blocks, cells, columns)
+            if away > 0:
+                missing += away
+            if surfaces[pixel][3] == 0.0:
+                bits, values = 0, ti.Vector.zero(ti.f32, columns)
+            elif ti.abs(distance - seen.norm()) < DISTANCE_ERROR * seen.norm():
+                bits = ALL_KNOWN
+            if bits == NOT_FOUND:
+                for s in ti.static(range(SUBPIXELS)):
+                    point = offset + point_in_plane(surfaces[pixel], view, pixel, s, width, height)
+                    points[pixel * SUBPIXELS + s] = float4(point.x, point.y, point.z, 0.0)
+            else:
+                for c in ti.static(range(columns)):
+                    images[c // 3, y, x, c % 3] = values[c] * UNIT
+        known[y, x] = bits
+    return missing
 
 
 @ti.kernel
 def reproject(
+    pixels: Ints1,
     points: Float4s1,
     size: ti.i32,
     blocks: Ints3,
@@ -213,11 +284,9 @@ def reproject(
     """Average for each pixel the cells that show its points.
 
     Args:
-        points: In row SUBPIXELS * (y * width + x) + subpixel, see `extend_surfaces`.
-        size: Cells along a side of a face.
-        blocks: i32 [6, blocks, blocks], place of each block in `cells`, in blocks.
-        cells: i32 [slots * BLOCK**2, words], see `packed_cells`: `columns` values, and the distance, see `Panorama`.
-        columns: Number of columns to average.
+        pixels: Pixels, y * width + x.
+        points: Of the subpixels, see `find_points`.
+        size, blocks, cells, columns: As of `reproject_planes`.
         images: Output, f32 [columns / 3, h, w, 3], means over the subpixels that are known.
         known: Output, i32 [h, w], one bit for each subpixel, set if cells show its point.
 
@@ -225,7 +294,8 @@ def reproject(
         Number of times that a cell was not there; 0: the images are complete.
     """
     width, missing = known.shape[1], 0
-    for pixel in range(width * known.shape[0]):
+    for i in range(pixels.shape[0]):
+        pixel = pixels[i]
         sums = ti.Vector.zero(ti.f32, columns)
         bits = 0
         least, most = FAR, 0.0
@@ -235,9 +305,9 @@ def reproject(
         has_edge = least < EDGE * most
         tolerance = DISTANCE_ERROR + ti.min(1.0 - least / most, 1.0 - EDGE)  # surfaces may be slanted
         for s in range(SUBPIXELS):
-            shown = points[pixel * SUBPIXELS + s]
-            distance = shown.xyz.norm()
-            first, within = cells_around(shown.xyz, size)
+            seen = points[pixel * SUBPIXELS + s].xyz
+            distance = seen.norm()
+            first, within = cells_around(seen, size)
             part = ti.Vector.zero(ti.f32, columns)
             total = 0.0
             # Mostly all four are in one block, and the place of that is enough.
@@ -263,7 +333,7 @@ def reproject(
                     total += weight
                     for c in ti.static(range(columns)):
                         part[c] += weight * unpacked(cells[cell, c // 2], c)
-            if total > LEAST_WEIGHT and shown.w > 0.0:
+            if total > LEAST_WEIGHT:
                 bits |= 1 << s
                 sums += part * (UNIT / total)
         y, x = pixel // width, pixel % width
