@@ -7,11 +7,16 @@ are kept: what the image has and its own irradiance of reduced size has not. Whe
 neighbors, or the two irradiances do, the image stays as it is.
 """
 
+from contextlib import nullcontext
+
 import numpy as np
 import taichi as ti
 from numpy.typing import NDArray
 
-from tiscene.device.kernel_types import Bytes2, Floats2, Floats3, vec3
+from tiscene.device import runtime
+from tiscene.device.kernel_types import Bytes2, Float8s1, Floats3, float8, vec3
+from tiscene.device.memory import device_array
+from tiscene.device.vector_mode import vector_mode
 from tiscene.render.film.upsample import modulation, read, similarity, spline
 
 FloatImage = NDArray[np.float32]
@@ -49,39 +54,46 @@ def apply_reduced_light(
         contrast: Of irradiance in 3 x 3 pixels, difference over sum of extremes, up to which light varies slowly; fades
             out to the double.
     """
-    weights = np.empty(own.shape[:2], np.float32)
-    _find_smooth(own, irradiance, normal, contrast, weights)
-    reduced = own, irradiance, change, normal, weights
-    _apply(image, *reduced, *guides, kept.view(np.uint8), mask, 1.0 / downscale, DETAIL * contrast)
+    rows = device_array(float8, 2 * own.shape[0] * own.shape[1])
+    with vector_mode() if runtime.running() != "cuda" else nullcontext():
+        _find_smooth(own, irradiance, change, normal, contrast, rows)
+        _apply(image, rows, *own.shape[:2], *guides, kept.view(np.uint8), mask, 1.0 / downscale, DETAIL * contrast)
 
 
 @ti.kernel
-def _find_smooth(own: Floats3, irradiance: Floats3, normal: Floats3, contrast: ti.f32, weights: Floats2):
+def _find_smooth(own: Floats3, irradiance: Floats3, change: Floats3, normal: Floats3, contrast: ti.f32, rows: Float8s1):
+    """Gather what `_apply` reads of each pixel of reduced size: two rows, so that it reads memory in one place.
+
+    The first is own (3), irradiance (3), how smooth light is, 0..1, and 0; the second is change (3), normal (3), 0, 0.
+    """
     height, width = own.shape[0], own.shape[1]
     for y, x in ti.ndrange(height, width):
         low, high = 1e30, 0.0
-        least, most = vec3(1.0), vec3(-1.0)
+        here, target = read(own, y, x), read(irradiance, y, x)
+        added, facing = read(change, y, x), read(normal, y, x)
+        least, most = facing, facing
         for row, column in ti.ndrange(3, 3):
             at_y = ti.math.clamp(y + row - 1, 0, height - 1)
             at_x = ti.math.clamp(x + column - 1, 0, width - 1)
             light, n = read(own, at_y, at_x).sum() + DARKEST, read(normal, at_y, at_x)
             low, high = ti.min(low, light), ti.max(high, light)
             least, most = ti.min(least, n), ti.max(most, n)
-        here = read(own, y, x)
-        difference = ti.abs(read(irradiance, y, x) - here).sum() / (here.sum() + DARKEST)
+        difference = ti.abs(target[0] - here[0]) + ti.abs(target[1] - here[1]) + ti.abs(target[2] - here[2])
         weight = ti.math.clamp(2.0 - (high - low) / (high + low) / contrast, 0.0, 1.0)
-        weight *= ti.math.clamp(2.0 - difference / DIFFERENCE, 0.0, 1.0)
-        weights[y, x] = ti.select((most - least).max() < NORMAL_RANGE, weight, 0.0)
+        weight *= ti.math.clamp(2.0 - difference / (here.sum() + DARKEST) / DIFFERENCE, 0.0, 1.0)
+        if (most - least).max() >= NORMAL_RANGE:
+            weight = 0.0
+        first = 2 * (y * width + x)
+        rows[first] = float8(here[0], here[1], here[2], target[0], target[1], target[2], weight, 0.0)
+        rows[first + 1] = float8(added[0], added[1], added[2], facing[0], facing[1], facing[2], 0.0, 0.0)
 
 
 @ti.kernel
 def _apply(
     image: Floats3,
-    own: Floats3,
-    irradiance: Floats3,
-    change: Floats3,
-    normal: Floats3,
-    weights: Floats2,
+    rows: Float8s1,
+    height: ti.i32,
+    width: ti.i32,
     full_albedo: Floats3,
     full_normal: Floats3,
     kept: Bytes2,
@@ -90,7 +102,6 @@ def _apply(
     detail: ti.f32,
 ):
     """Blend the image and the upsampled irradiance with the image's details, and add the upsampled change."""
-    height, width = own.shape[0], own.shape[1]
     for y, x in ti.ndrange(image.shape[0], image.shape[1]):
         shown = read(image, y, x)
         if kept[y, x] == 0:
@@ -98,21 +109,23 @@ def _apply(
             n = read(full_normal, y, x)
             center_y, center_x = ti.round(low_y, ti.i32), ti.round(low_x, ti.i32)
             weights_y, weights_x = spline(low_y - center_y), spline(low_x - center_x)
-            before, after, added, total, blend = vec3(0.0), vec3(0.0), vec3(0.0), 0.0, 0.0
+            lights, changes, total, blend = float8(0.0), float8(0.0), 0.0, 0.0
             for row, column in ti.static(ti.ndrange(3, 3)):
                 near_y, near_x = low_y - (center_y + row - 1), low_x - (center_x + column - 1)
                 at_y = ti.math.clamp(center_y + row - 1, 0, height - 1)
                 at_x = ti.math.clamp(center_x + column - 1, 0, width - 1)
-                weight = weights_y[row] * weights_x[column] * similarity(n, read(normal, at_y, at_x))
-                before += weight * read(own, at_y, at_x)
-                after += weight * read(irradiance, at_y, at_x)
-                added += weight * read(change, at_y, at_x)
+                first, second = rows[2 * (at_y * width + at_x)], rows[2 * (at_y * width + at_x) + 1]
+                weight = weights_y[row] * weights_x[column] * similarity(n, vec3(second[3], second[4], second[5]))
+                lights += weight * first
+                changes += weight * second
                 total += weight
-                blend += ti.max(1.0 - ti.abs(near_y), 0.0) * ti.max(1.0 - ti.abs(near_x), 0.0) * weights[at_y, at_x]
+                blend += ti.max(1.0 - ti.abs(near_y), 0.0) * ti.max(1.0 - ti.abs(near_x), 0.0) * first[6]
             light = modulation(n, read(full_albedo, y, x)) / total
-            before, after = before * light, after * light
+            before = vec3(lights[0], lights[1], lights[2]) * light
+            after = vec3(lights[3], lights[4], lights[5]) * light
             excess = shown / ti.max(before, 1e-6) - 1.0
-            smooth = after * (1.0 + ti.math.smoothstep(0.5 * detail, detail, ti.abs(excess).max()) * excess)
-            shown += blend * (smooth - shown) + mask[y, x, 0] * light * added
+            largest = ti.max(ti.abs(excess[0]), ti.abs(excess[1]), ti.abs(excess[2]))
+            smooth = after * (1.0 + ti.math.smoothstep(0.5 * detail, detail, largest) * excess)
+            shown += blend * (smooth - shown) + mask[y, x, 0] * light * vec3(changes[0], changes[1], changes[2])
         for c in ti.static(range(3)):
             image[y, x, c] = ti.max(shown[c], 0.0)

@@ -237,6 +237,7 @@ def test_denoised_light_has_less_noise_also_at_the_edges_of_the_cube(
     monkeypatch: pytest.MonkeyPatch, quality: str, fine_spp: int, ratio: float
 ) -> None:
     monkeypatch.setattr(panorama, "FINE_SPP", fine_spp)
+    monkeypatch.setattr(panorama, "LEAST_SPP", 2)
     scene = SurroundedBalls()
     for degrees in (0.0, 25.0):
         image, truth = scene.image(degrees=degrees, panorama_spp=16), scene.traced(degrees=degrees)

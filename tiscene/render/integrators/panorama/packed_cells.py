@@ -10,7 +10,7 @@ import numpy as np
 import taichi as ti
 from numpy.typing import NDArray
 
-from tiscene.device.kernel_types import Template
+from tiscene.device.kernel_types import Floats2, Ints2, Template
 
 FORMAT = "s1e6m9"  # in the keys of files
 UNIT = 2.0**96  # of the values that `unpacked` returns
@@ -33,13 +33,28 @@ def pack(values: NDArray[np.float32]) -> NDArray[np.int32]:
     Returns:
         int32 [..., words(columns)], the first value in the lower half.
     """
-    bits = (values * np.float32(1.0 / UNIT)).view(np.int32)
-    magnitude = bits & np.int32(0x7FFFFFFF)
-    half = np.int32((1 << _DROPPED - 1) - 1)
-    rounded = (magnitude + half + (magnitude >> _DROPPED & 1)) >> _DROPPED
-    result = np.zeros((*values.shape[:-1], 2 * words(values.shape[-1])), np.uint16)
-    result[..., : values.shape[-1]] = np.minimum(rounded, _LARGEST) | (bits < 0).astype(np.int32) << 15
-    return result.view(np.int32)
+    rows = np.ascontiguousarray(values, np.float32).reshape(-1, values.shape[-1])
+    result = np.empty((len(rows), words(values.shape[-1])), np.int32)
+    _pack(rows, result)
+    return result.reshape(*values.shape[:-1], result.shape[-1])
+
+
+@ti.kernel
+def _pack(values: Floats2, result: Ints2):
+    for row, word in ti.ndrange(result.shape[0], result.shape[1]):
+        bits = packed(values[row, 2 * word])
+        if 2 * word + 1 < values.shape[1]:
+            bits |= packed(values[row, 2 * word + 1]) << 16
+        result[row, word] = bits
+
+
+@ti.func
+def packed(value: ti.f32) -> ti.i32:
+    """Return a value in the lower 16 bits."""
+    bits = ti.bit_cast(value * ti.f32(1.0 / UNIT), ti.i32)
+    magnitude = bits & 0x7FFFFFFF
+    rounded = (magnitude + ((1 << (_DROPPED - 1)) - 1) + (magnitude >> _DROPPED & 1)) >> _DROPPED
+    return ti.min(rounded, _LARGEST) | (bits >> 16 & 0x8000)
 
 
 @ti.func

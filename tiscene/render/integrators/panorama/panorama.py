@@ -32,7 +32,7 @@ from tiscene.render.integrators.panorama import panorama_kernels as kernels
 from tiscene.render.integrators.panorama.cell_files import CellFiles
 from tiscene.render.integrators.panorama.cell_store import CellStore
 from tiscene.render.integrators.panorama.light_probe import FACES, PLANE, SIZE, LightProbe, face_view, trace_probe
-from tiscene.render.integrators.panorama.panorama_kernels import BLOCK, BLOCK_ROWS, COARSE, TILE, WINDOW
+from tiscene.render.integrators.panorama.panorama_kernels import BLOCK, BLOCK_ROWS, TILE, WINDOW
 from tiscene.render.integrators.panorama.reprojection import Reprojection
 from tiscene.render.integrators.panorama.reprojection_kernels import ALL_KNOWN, EDGE, FAR
 from tiscene.render.integrators.path.path_pass import PathPass
@@ -53,7 +53,6 @@ FIRST_DIVISOR, LEAST_SPP = 4, 4  # cells have their samples divided by this firs
 FURTHER_FRAME = -2  # frame number that sets the random numbers of further samples apart
 CONTRAST = 0.25  # of the light in a tile, from which it has further samples
 DIM = 0.3  # of the mean light: the offset of `contrast_of`
-NORMAL_RANGE, DISTANCE_RANGE = 0.1, 1.1  # of even cells: difference of components of normals, ratio of distances
 FINE_SPP = 128  # samples per pixel from which the denoiser's best quality pays
 _BATCH = 64  # blocks whose cells are copied at once
 
@@ -332,22 +331,18 @@ class Panorama:
     def _denoise(self, blocks: NDArray[np.int64]) -> None:
         """Denoise blocks whose windows are traced."""
         tiles, traced = self._tile_store(), self._columns
-        windows = np.empty((len(blocks), WINDOW * WINDOW, tiles.columns), np.float32)
+        windows = np.empty((len(blocks), WINDOW * WINDOW, self._blocks.columns), np.float32)
         kernels.gather_windows(blocks.astype(np.int32), tiles.slots, tiles.cells, tiles.columns, windows)
-        result = np.empty((len(blocks), BLOCK_ROWS, self._blocks.columns), np.float32)
-        inside, quality = slice(TILE, TILE + BLOCK), self.settings.denoiser
-        for window, rows in zip(windows.reshape(-1, WINDOW, WINDOW, tiles.columns), result, strict=True):
-            shown = np.empty((WINDOW, WINDOW, self._blocks.columns), np.float32)
-            shown[..., :traced], shown[..., -1] = window[..., :traced], window[..., -1]
+        for window in windows.reshape(-1, WINDOW, WINDOW, self._blocks.columns):
             albedo, normal = (window[..., first : first + 3] for first in (AUXILIARY, AUXILIARY + 3))
             for group in range(self.groups):
                 column, clean_column = light_column(group), traced + 3 * group
-                shown[..., clean_column : clean_column + 3] = denoise(
-                    window[..., column : column + 3], albedo, normal, quality, clean=False
+                window[..., clean_column : clean_column + 3] = denoise(
+                    window[..., column : column + 3], albedo, normal, self.settings.denoiser, clean=False
                 )
-            rows[: BLOCK * BLOCK] = shown[inside, inside].reshape(BLOCK * BLOCK, -1)
-            rows[BLOCK * BLOCK :] = coarse_cells(shown, traced)
-        self._blocks.add(blocks, result)
+        cells = np.empty((len(blocks), BLOCK_ROWS, self._blocks.columns), np.float32)
+        kernels.fill_blocks(windows, AUXILIARY + 3, cells)
+        self._blocks.add(blocks, cells)
 
     def _tile_store(self) -> CellStore:
         """Return the tiles. Views whose blocks are on disk do not need them: the first other view loads them."""
@@ -392,31 +387,6 @@ def contrast_of(cells: FloatImage, offset: float) -> FloatImage:
     most, least = quarters.max(axis=-1), quarters.min(axis=-1)
     result: FloatImage = (most - least) / np.maximum(most + least, np.float32(1e-30))
     return result
-
-
-def coarse_cells(window: FloatImage, traced: int) -> FloatImage:
-    """Return the coarse cells of a block, the means of 2 x 2 cells.
-
-    Their distance is 0 where they are not even: where normals or distances differ in them and the cells around.
-
-    Args:
-        window: float32 [WINDOW, WINDOW, n], the cells of the block and around: light of the groups, albedo and normal,
-            see `light_column`; denoised light of the groups; distance.
-        traced: Columns before the denoised light.
-
-    Returns:
-        float32 [COARSE * COARSE, n].
-    """
-    inside = slice(TILE, TILE + BLOCK)
-    near = window[TILE - 1 : TILE + BLOCK + 1, TILE - 1 : TILE + BLOCK + 1]
-    near = np.concatenate([near[..., AUXILIARY + 3 : AUXILIARY + 6], near[..., -1:]], axis=-1)
-    squares = sliding_window_view(near, (4, 4), axis=(0, 1))[::2, ::2]
-    least, most = squares.min(axis=(-2, -1)), squares.max(axis=(-2, -1))
-    even = (most[..., :-1] - least[..., :-1] < NORMAL_RANGE).all(axis=-1)
-    even &= (least[..., -1] > 0.0) & (most[..., -1] < DISTANCE_RANGE * least[..., -1])
-    means: FloatImage = window[inside, inside].reshape(COARSE, 2, COARSE, 2, -1).mean(axis=(1, 3))
-    means[..., -1] *= even
-    return means.reshape(COARSE * COARSE, -1)
 
 
 def _squares(corners: NDArray[np.int64], stride: int, side: int = TILE) -> NDArray[np.int32]:

@@ -3,7 +3,7 @@
 
 import taichi as ti
 
-from tiscene.device.kernel_types import Floats2, Floats3, Floats4, Ints1, Ints2, Ints3, Template, vec3
+from tiscene.device.kernel_types import Floats2, Floats3, Floats4, Ints1, Ints2, Ints3, Template, vec3, vec4
 from tiscene.render.integrators.panorama.packed_cells import UNIT, unpacked
 from tiscene.render.sampling.cube import cell_of, place_on_cube
 from tiscene.render.view import CENTER, RIGHT, TANGENT, UP, view_vector
@@ -17,6 +17,7 @@ WINDOW = BLOCK + 2 * TILE  # cells along a side of a block and the tiles around 
 COARSE_BITS = BLOCK_BITS - 1
 COARSE = 1 << COARSE_BITS  # coarse cells along a side of a block, each the mean of 2 x 2 cells
 BLOCK_ROWS = BLOCK * BLOCK + COARSE * COARSE  # of cells, and then of coarse cells
+NORMAL_RANGE, DISTANCE_RANGE = 0.1, 1.1  # of even cells: difference of components of normals, ratio of distances
 SIDE = 4  # subpixels along a side of a pixel
 
 
@@ -160,14 +161,52 @@ def gather_windows(places: Ints2, tiles: Ints3, traced: Ints2, columns: Template
         tiles: i32 [6, tiles + 2, tiles + 2], place of each tile in `traced`, in tiles; the outermost are the margin.
         traced: i32 [slots * TILE * TILE, words], see `packed_cells`.
         columns: Their number of columns.
-        windows: Output, f32 [n, WINDOW * WINDOW, columns].
+        windows: Output, f32 [n, WINDOW * WINDOW, at least as many], the last column at the end, the others in front.
     """
     for window, cell in ti.ndrange(places.shape[0], WINDOW * WINDOW):
         row = places[window, 1] * BLOCK - TILE + cell // WINDOW
         column = places[window, 2] * BLOCK - TILE + cell % WINDOW
         source = tile_row(tiles, places[window, 0], row, column)
-        for c in ti.static(range(columns)):
+        for c in ti.static(range(columns - 1)):
             windows[window, cell, c] = UNIT * unpacked(traced[source, c // 2], c)
+        last = windows.shape[2] - 1
+        windows[window, cell, last] = UNIT * unpacked(traced[source, (columns - 1) // 2], columns - 1)
+
+
+@ti.kernel
+def fill_blocks(windows: Floats3, normal: ti.i32, cells: Floats3):
+    """Copy the cells of blocks from their windows, and average them to coarse cells.
+
+    Args:
+        windows: f32 [n, WINDOW * WINDOW, columns].
+        normal: First column of the normal. The last column is the distance.
+        cells: Output, f32 [n, BLOCK_ROWS, columns]. The distance of a coarse cell is 0 if it is not even: if normals or
+            distances differ much in it and the cells around.
+    """
+    for block, row in ti.ndrange(cells.shape[0], BLOCK_ROWS):
+        columns = cells.shape[2]
+        if row < BLOCK * BLOCK:
+            cell = (TILE + (row >> BLOCK_BITS)) * WINDOW + TILE + (row & (BLOCK - 1))
+            for c in range(columns):
+                cells[block, row, c] = windows[block, cell, c]
+        else:
+            coarse = row - BLOCK * BLOCK
+            cell = (TILE + 2 * (coarse >> COARSE_BITS)) * WINDOW + TILE + 2 * (coarse & (COARSE - 1))
+            for c in range(columns):
+                upper = windows[block, cell, c] + windows[block, cell + 1, c]
+                lower = windows[block, cell + WINDOW, c] + windows[block, cell + WINDOW + 1, c]
+                cells[block, row, c] = 0.25 * (upper + lower)
+            least, most = vec4(ti.math.inf), vec4(-ti.math.inf)  # of the normal and the distance
+            for y, x in ti.ndrange((-1, 3), (-1, 3)):
+                near = cell + y * WINDOW + x
+                value = vec4(0.0)
+                for c in ti.static(range(3)):
+                    value[c] = windows[block, near, normal + c]
+                value[3] = windows[block, near, columns - 1]
+                least, most = ti.min(least, value), ti.max(most, value)
+            range_of_normals = (most.xyz - least.xyz).max()
+            if range_of_normals >= NORMAL_RANGE or least[3] <= 0.0 or most[3] >= DISTANCE_RANGE * least[3]:
+                cells[block, row, columns - 1] = 0.0
 
 
 @ti.kernel

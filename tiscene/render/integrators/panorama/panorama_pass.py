@@ -38,14 +38,13 @@ from tiscene.render.integrators.panorama.panorama import (
     CELL,
     CONTRAST,
     DIM,
-    DISTANCE_RANGE,
     FIRST_DIVISOR,
     LEAST_SPP,
-    NORMAL_RANGE,
     PAGE,
     Panorama,
     PanoramaSettings,
 )
+from tiscene.render.integrators.panorama.panorama_kernels import DISTANCE_RANGE, NORMAL_RANGE
 from tiscene.render.integrators.panorama.reprojection import Reprojection
 from tiscene.render.integrators.panorama.reprojection_kernels import ALL_KNOWN, NONE_KNOWN, SUBPIXELS
 from tiscene.render.integrators.panorama.subpixels import Hidden, SubpixelPaths

@@ -80,7 +80,7 @@ class Reprojection:
         kernels.find_blocks(self._surfaces, self._points, *self._view, faces, found)
 
     def images(self, *cells: Any) -> NDArray[np.int32] | None:
-        """Write the images of the cells of a panorama; arguments as of `reproject`, which has the points and `known` too.
+        """Write the images of the cells of a panorama; arguments as of `reproject_planes`, from `size` to `images`.
 
         Returns:
             int32 [h, w], `known`; None if cells are missing.
