@@ -4,11 +4,21 @@
 import numpy as np
 import pytest
 import taichi as ti
+from numpy.lib.stride_tricks import sliding_window_view
 
 from tests.render.path_scenes import BOX_CAMERA
 from tiscene.device.kernel_types import Floats2, Ints2
 from tiscene.render.integrators.panorama.panorama import CELL, CONTRAST, PAGE, PanoramaSettings, contrast_of
-from tiscene.render.integrators.panorama.panorama_kernels import BLOCK, TILE
+from tiscene.render.integrators.panorama.panorama_kernels import (
+    BLOCK,
+    BLOCK_ROWS,
+    COARSE,
+    DISTANCE_RANGE,
+    NORMAL_RANGE,
+    TILE,
+    WINDOW,
+    fill_blocks,
+)
 from tiscene.render.sampling.cube import cell_of
 from tiscene.render.view import View, camera_ray
 from tiscene.scene.placement import CURRENT
@@ -70,3 +80,27 @@ def test_contrast_is_that_of_light_between_the_quarters_of_a_tile() -> None:
     assert shadowed == pytest.approx((4.0 - 1.0) / (4.0 + 1.0 + 0.02), rel=0.02)
     assert noisy_tile < CONTRAST
     assert dark < 0.1
+
+
+def test_coarse_cells_are_means_and_even_where_normals_and_distances_are_alike() -> None:
+    noise = np.random.default_rng(5)
+    shape = 2, WINDOW, WINDOW
+    light = noise.exponential(1.0, (*shape, 3))
+    # Surfaces with creases, steps, and cells behind edges, whose distance is negative.
+    normal = np.where(noise.random((*shape, 1)) < 0.02, (0.0, 0.6, 0.8), (0.0, 0.0, 1.0))
+    distance = np.where(noise.random(shape) < 0.02, 2.5, 2.0) * np.where(noise.random(shape) < 0.01, -1.0, 1.0)
+    windows = np.concatenate([light, normal, distance[..., None]], axis=-1).astype(np.float32)
+    cells = np.empty((2, BLOCK_ROWS, 7), np.float32)
+    fill_blocks(windows.reshape(2, WINDOW * WINDOW, 7), 3, cells)
+    inside = windows[:, TILE : TILE + BLOCK, TILE : TILE + BLOCK]
+    np.testing.assert_array_equal(cells[:, : BLOCK * BLOCK], inside.reshape(2, BLOCK * BLOCK, 7))
+    coarse = cells[:, BLOCK * BLOCK :].reshape(2, COARSE, COARSE, 7)
+    means = inside.reshape(2, COARSE, 2, COARSE, 2, 7).mean(axis=(2, 4))
+    np.testing.assert_allclose(coarse[..., :6], means[..., :6], rtol=1e-5)
+    around = windows[:, TILE - 1 : TILE + BLOCK + 1, TILE - 1 : TILE + BLOCK + 1, 3:]
+    squares = sliding_window_view(around, (4, 4), axis=(1, 2))[:, ::2, ::2]
+    least, most = squares.min(axis=(-2, -1)), squares.max(axis=(-2, -1))
+    even = ((most - least)[..., :3] < NORMAL_RANGE).all(axis=-1)
+    even &= (least[..., 3] > 0.0) & (most[..., 3] < DISTANCE_RANGE * least[..., 3])
+    assert 0.2 < even.mean() < 0.8
+    np.testing.assert_allclose(coarse[..., 6], np.where(even, means[..., 6], 0.0), rtol=1e-5)

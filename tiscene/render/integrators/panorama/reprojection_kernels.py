@@ -41,7 +41,7 @@ NOT_FOUND = -2  # whether subpixels are known is not yet found out
 # Places of the subpixels' points in a pixel, to the right and down. No two are in the same row or column of a lattice:
 # an edge along a row or a column of pixels crosses them one by one.
 PLACES = ((-0.375, -0.125), (0.125, -0.375), (-0.125, 0.375), (0.375, 0.125))
-FLATNESS = 0.02  # relative difference of the distances of a surface and of a plane in the same direction
+FLATNESS = 0.01  # relative difference of the distances of a surface and of a plane in the same direction
 FAR = 1e5  # distance of the background, m
 DISTANCE_ERROR = 0.01  # relative difference of the distances of a cell and of a point that it shows
 EDGE = 0.95  # of the distance of a point: what is nearer there belongs to another surface
