@@ -22,14 +22,14 @@ import taichi as ti
 
 @contextlib.contextmanager
 def vector_mode() -> Iterator[None]:
-    """Compile kernels that are called for the first time inside the context in vector mode.
+    """Compile kernels that are called for the first time inside the context in vector mode; on CUDA as usual.
 
     Traversal kernels and kernels that shade paths use it. tests/render/intersect/test_intersect.py compares the former
     with the scalar mode.
     """
     config = ti.cfg  # looked up each time, which is slow
     before = config.real_matrix_scalarize
-    config.real_matrix_scalarize = False
+    config.real_matrix_scalarize = config.arch == ti.cuda
     try:
         yield
     finally:

@@ -7,13 +7,10 @@ are kept: what the image has and its own irradiance of reduced size has not. Whe
 neighbors, or the two irradiances do, the image stays as it is.
 """
 
-from contextlib import nullcontext
-
 import numpy as np
 import taichi as ti
 from numpy.typing import NDArray
 
-from tiscene.device import runtime
 from tiscene.device.kernel_types import Bytes2, Float8s1, Floats3, float8, vec3
 from tiscene.device.memory import device_array
 from tiscene.device.vector_mode import vector_mode
@@ -55,7 +52,7 @@ def apply_reduced_light(
             out to the double.
     """
     rows = device_array(float8, 2 * own.shape[0] * own.shape[1])
-    with vector_mode() if runtime.running() != "cuda" else nullcontext():
+    with vector_mode():
         _find_smooth(own, irradiance, change, normal, contrast, rows)
         _apply(image, rows, *own.shape[:2], *guides, kept.view(np.uint8), mask, 1.0 / downscale, DETAIL * contrast)
 

@@ -8,7 +8,8 @@ Only tiles in which light varies then get all of them besides: elsewhere, what i
 denoiser removes.
 
 Blocks of tiles are denoised once, together with the tiles around them. So that blocks at the edges of a face
-have such tiles too, a margin of one tile continues the plane of each face.
+have such tiles too, a margin of one tile continues the plane of each face. A block has coarse cells besides, each the
+mean of 2 x 2 cells: where these and the cells around lie on one surface, a pixel interpolates between four of them.
 """
 
 from __future__ import annotations
@@ -210,7 +211,7 @@ class Panorama:
         """
         blocks, columns = self._blocks, self._shown_columns
         images = np.empty((columns // 3, view.height, view.width, 3), np.float32)
-        cells = self.settings.faces, blocks.slots, blocks.cells, columns, images
+        cells = *kernels.Blocks(self.settings.faces, blocks.slots, blocks.cells), columns, images
         if points is not None:
             known = points.images(*cells)
             return None if known is None else (images, known)

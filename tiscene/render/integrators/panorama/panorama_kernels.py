@@ -1,8 +1,11 @@
 # SPDX-License-Identifier: Apache-2.0
 """Kernels of panoramas: which blocks a view shows, and its image, resampled from cells."""
 
+from typing import NamedTuple
+
 import taichi as ti
 
+from tiscene.device.argument_bundles import bundled
 from tiscene.device.kernel_types import Floats2, Floats3, Floats4, Ints1, Ints2, Ints3, Template, vec3, vec4
 from tiscene.render.integrators.panorama.packed_cells import UNIT, unpacked
 from tiscene.render.sampling.cube import cell_of, place_on_cube
@@ -19,6 +22,21 @@ COARSE = 1 << COARSE_BITS  # coarse cells along a side of a block, each the mean
 BLOCK_ROWS = BLOCK * BLOCK + COARSE * COARSE  # of cells, and then of coarse cells
 NORMAL_RANGE, DISTANCE_RANGE = 0.1, 1.1  # of even cells: difference of components of normals, ratio of distances
 SIDE = 4  # subpixels along a side of a pixel
+
+
+class Blocks(NamedTuple):
+    """The blocks of a panorama; a parameter of kernels, see `argument_bundles`.
+
+    Attributes:
+        size: Cells along a side of a face.
+        slots: i32 [6, blocks, blocks], place of each block in `cells`, in blocks; negative if it is not there.
+        cells: i32 [slots * BLOCK_ROWS, words], see `packed_cells`: the columns that views need, and the distance, see
+            `Panorama`; of coarse cells as of `fill_blocks`.
+    """
+
+    size: ti.i32
+    slots: Ints3
+    cells: Ints2
 
 
 @ti.func
@@ -71,18 +89,18 @@ def tile_row(tiles: Ints3, face: ti.i32, row: ti.i32, column: ti.i32) -> ti.i32:
 
 
 @ti.func
-def block_row(blocks: Ints3, face: ti.i32, row: ti.i32, column: ti.i32) -> ti.i32:
+def block_row(blocks: Template, face: ti.i32, row: ti.i32, column: ti.i32) -> ti.i32:
     """Return the row of the cells of blocks that holds a cell, negative if none does."""
-    slot = blocks[face, row >> BLOCK_BITS, column >> BLOCK_BITS]
+    slot = blocks.slots[face, row >> BLOCK_BITS, column >> BLOCK_BITS]
     return slot * BLOCK_ROWS + ((row & (BLOCK - 1)) << BLOCK_BITS) + (column & (BLOCK - 1))
 
 
 @ti.func
-def coarse_row(blocks: Ints3, face: ti.i32, row: ti.i32, column: ti.i32) -> ti.i32:
+def coarse_row(blocks: Template, face: ti.i32, row: ti.i32, column: ti.i32) -> ti.i32:
     """Return the row of the cells of blocks that holds a coarse cell, negative if none does."""
-    slot = blocks[face, row >> COARSE_BITS, column >> COARSE_BITS]
+    slot = blocks.slots[face, row >> COARSE_BITS, column >> COARSE_BITS]
     first = slot * BLOCK_ROWS + BLOCK * BLOCK
-    return ti.select(slot < 0, -1, first + ((row & (COARSE - 1)) << COARSE_BITS) + (column & (COARSE - 1)))
+    return first + ((row & (COARSE - 1)) << COARSE_BITS) + (column & (COARSE - 1))
 
 
 @ti.func
@@ -99,31 +117,32 @@ def cells_around(seen: vec3, size: ti.i32):
 
 
 @ti.func
-def even_cells(seen: vec3, size: ti.i32, blocks: Ints3, cells: Ints2, columns: Template):
+def even_cells(seen: vec3, blocks: Template, columns: Template):
     """Interpolate between the coarse cells around a direction.
 
     Args:
         seen: The direction.
-        size: Cells along a side of a face.
-        blocks, cells, columns: As of `resample_even`.
+        blocks: Of the panorama, see `Blocks`.
+        columns: Number of columns to interpolate.
 
     Returns:
         The values of the columns, in UNITs.
-        The distance, m; 0 if one of the coarse cells is not even: its cells differ, see `Panorama`.
+        The distance, m; 0 if one of the coarse cells is not even, see `fill_blocks`.
         Number of cells that are not there.
     """
-    first, within = cells_around(seen, size >> 1)
+    size = blocks.size >> 1
+    first, within = cells_around(seen, size)
     values, distance, even, missing = ti.Vector.zero(ti.f32, columns), 0.0, 1, 0
     rows, weights = ti.Vector.zero(ti.i32, 4), ti.Vector.zero(ti.f32, 4)
     for down, right in ti.static(ti.ndrange(2, 2)):
-        y, x = ti.math.clamp(first[1] + down, 0, (size >> 1) - 1), ti.math.clamp(first[2] + right, 0, (size >> 1) - 1)
+        y, x = ti.math.clamp(first[1] + down, 0, size - 1), ti.math.clamp(first[2] + right, 0, size - 1)
         row = coarse_row(blocks, first[0], y, x)
         if row < 0:
             missing += 1
             row = 0
         rows[2 * down + right] = row
         weights[2 * down + right] = ti.abs(1 - down - within[0]) * ti.abs(1 - right - within[1])
-        measured = unpacked(cells[row, columns // 2], columns)
+        measured = unpacked(blocks.cells[row, columns // 2], columns)
         distance += weights[2 * down + right] * measured
         if not measured > 0.0:
             even = 0
@@ -132,7 +151,7 @@ def even_cells(seen: vec3, size: ti.i32, blocks: Ints3, cells: Ints2, columns: T
     else:
         for i in ti.static(range(4)):
             for c in ti.static(range(columns)):
-                values[c] += weights[i] * unpacked(cells[rows[i], c // 2], c)
+                values[c] += weights[i] * unpacked(blocks.cells[rows[i], c // 2], c)
     return values, UNIT * distance, missing
 
 
@@ -210,13 +229,12 @@ def fill_blocks(windows: Floats3, normal: ti.i32, cells: Floats3):
 
 
 @ti.kernel
+@bundled
 def resample_even(
     view: Floats2,
     width: ti.i32,
     height: ti.i32,
-    size: ti.i32,
-    blocks: Ints3,
-    cells: Ints2,
+    blocks: Blocks,
     columns: Template,
     images: Floats4,
     even: Ints2,
@@ -225,9 +243,7 @@ def resample_even(
 
     Args:
         view: The view, of a pinhole camera.
-        size: Cells along a side of a face.
-        blocks: i32 [6, blocks, blocks], place of each block in `cells`, in blocks.
-        cells: i32 [slots * BLOCK_ROWS, words], see `packed_cells`: `columns` values, and the distance, see `Panorama`.
+        blocks: Of the panorama.
         columns: Number of columns to interpolate.
         images: Output, f32 [columns / 3, h, w, 3].
         even: Output, i32 [h, w], 1 where they are; else 0, and the images are not written.
@@ -239,8 +255,8 @@ def resample_even(
     for pixel in range(width * height):
         y, x = pixel // width, pixel % width
         corner, right, down = pixel_directions(view, pixel, width, height)
-        values, distance, away = even_cells(middle_of(corner, right, down), size, blocks, cells, columns)
-        if away > 0:
+        values, distance, away = even_cells(middle_of(corner, right, down), blocks, columns)
+        if away > 0:  # the sum is atomic
             missing += away
         even[y, x] = 0
         if distance > 0.0:
@@ -251,14 +267,13 @@ def resample_even(
 
 
 @ti.kernel
+@bundled
 def resample(
     pixels: Ints1,
     view: Floats2,
     width: ti.i32,
     height: ti.i32,
-    size: ti.i32,
-    blocks: Ints3,
-    cells: Ints2,
+    blocks: Blocks,
     columns: Template,
     images: Floats4,
 ) -> ti.i32:
@@ -266,7 +281,7 @@ def resample(
 
     Args:
         pixels: Pixels, y * width + x.
-        view, size, blocks, cells, columns, images: As of `resample_even`.
+        view, blocks, columns, images: As of `resample_even`.
 
     Returns:
         Number of times that a cell was not there; 0: the images are complete.
@@ -277,13 +292,13 @@ def resample(
         sums = ti.Vector.zero(ti.f32, columns)
         corner, right, down = pixel_directions(view, pixel, width, height)
         for y, x in ti.ndrange(SIDE, SIDE):
-            cell = cell_of(corner + x * right + y * down, size)
+            cell = cell_of(corner + x * right + y * down, blocks.size)
             row = block_row(blocks, cell[0], cell[1], cell[2])
             if row < 0:
                 missing += 1
             else:
                 for c in ti.static(range(columns)):
-                    sums[c] += unpacked(cells[row, c // 2], c)
+                    sums[c] += unpacked(blocks.cells[row, c // 2], c)
         for c in ti.static(range(columns)):
             images[c // 3, pixel // width, pixel % width, c % 3] = sums[c] * (UNIT / (SIDE * SIDE))
     return missing

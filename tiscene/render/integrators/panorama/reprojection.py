@@ -6,7 +6,7 @@ what it shows is as far from the anchor as the point. Where no cell does, the an
 glass look different from there, but for edges: thin chrome, and rims of glass, are too narrow for that to matter.
 
 A ray through each pixel's center finds what it shows. Where neighbors lie in one plane, so do the points of subpixels;
-elsewhere a ray through each subpixel finds them.
+elsewhere a ray through each subpixel finds them. Pixels that show one plane take coarse cells where these are even.
 """
 
 from __future__ import annotations
@@ -48,7 +48,7 @@ class Reprojection:
         self._subpixels = RayWave()
         self._surfaces: Any = None
         self._points: Any = None
-        self._view: tuple[Any, ...] = ()  # camera and offset from the anchor, and the edges, as kernels take them
+        self._pixels: Any = None  # `PixelSurfaces` of the view traced last
 
     def trace(self, view: View, anchor: Vector3) -> None:
         """Find the points that a view shows of what is placed, as seen from an anchor."""
@@ -64,7 +64,7 @@ class Reprojection:
         size = view.array(), view.width, view.height
         is_edge = np.empty((view.height, view.width), np.int32)
         kernels.find_edges(self._surfaces, is_edge)
-        self._view = view.array(), *offset, is_edge
+        self._pixels = kernels.PixelSurfaces(self._surfaces, view.array(), offset[0], offset[1], offset[2], is_edge)
         order = tiled_order(view.width, view.height)
         edges = order[is_edge.ravel()[order] > 0]
         for first in range(0, len(edges), AT_ONCE):
@@ -77,16 +77,16 @@ class Reprojection:
 
     def find_blocks(self, faces: int, found: NDArray[np.int32]) -> None:
         """Set found[face, row, column] to 1 for each block of a panorama in which points may be seen."""
-        kernels.find_blocks(self._surfaces, self._points, *self._view, faces, found)
+        kernels.find_blocks(*self._pixels, self._points, faces, found)
 
     def images(self, *cells: Any) -> NDArray[np.int32] | None:
-        """Write the images of the cells of a panorama; arguments as of `reproject_planes`, from `size` to `images`.
+        """Write the images of the cells of a panorama; arguments as of `reproject_planes`, from `blocks` to `images`.
 
         Returns:
             int32 [h, w], `known`; None if cells are missing.
         """
         known = np.empty(cells[-1].shape[1:3], np.int32)
-        if kernels.reproject_planes(self._surfaces, *self._view, self._points, *cells, known):
+        if kernels.reproject_planes(*self._pixels, self._points, *cells, known):
             return None
         pixels = np.flatnonzero(known == NOT_FOUND).astype(np.int32)
         return None if kernels.reproject(pixels, self._points, *cells, known) else known

@@ -1,6 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Kernels of reprojection: points that subpixels show, and their light in the cells of a panorama."""
 
+from typing import NamedTuple
+
 import taichi as ti
 
 from tiscene.device.argument_bundles import bundled
@@ -22,6 +24,7 @@ from tiscene.render.integrators.panorama.panorama_kernels import (
     BLOCK,
     BLOCK_BITS,
     COARSE_BITS,
+    Blocks,
     block_row,
     cells_around,
     even_cells,
@@ -176,53 +179,62 @@ def find_points(
     for i in range(pixels.shape[0] * SUBPIXELS):
         distance = ti.select(hit_ids[i][0] >= 0, hits[i][0], FAR)
         seen = vec3(offset_x, offset_y, offset_z) + distance * ray_direction(rays, i)
-        points[pixels[i // SUBPIXELS] * SUBPIXELS + i % SUBPIXELS] = float4(seen.x, seen.y, seen.z, 1.0)
+        points[pixels[i // SUBPIXELS] * SUBPIXELS + i % SUBPIXELS] = float4(seen.x, seen.y, seen.z, 0.0)
+
+
+class PixelSurfaces(NamedTuple):
+    """What the pixels of a view show, as seen from an anchor; a parameter of kernels, see `argument_bundles`.
+
+    Attributes:
+        surfaces: Of `find_surfaces`, for the centers of all pixels.
+        view: The view, of a pinhole camera.
+        offset_x, offset_y, offset_z: From the anchor to the camera, world, m.
+        edges: i32 [h, w], of `find_edges`.
+    """
+
+    surfaces: Float8s1
+    view: Floats2
+    offset_x: ti.f32
+    offset_y: ti.f32
+    offset_z: ti.f32
+    edges: Ints2
 
 
 @ti.kernel
+@bundled
 def find_blocks(
-    surfaces: Float8s1,
+    pixels: PixelSurfaces,
     points: Float4s1,
-    view: Floats2,
-    offset_x: ti.f32,
-    offset_y: ti.f32,
-    offset_z: ti.f32,
-    edges: Ints2,
     size: ti.i32,
     needed: Ints3,
 ):
     """Set needed[face, row, column] to 1 for each block with a cell around a point, or a coarse cell.
 
     Args:
-        surfaces, view, offset_x, offset_y, offset_z, edges, size: As of `reproject_planes`.
+        pixels: What pixels show.
         points: Of `find_points`, where there are edges.
+        size: Cells along a side of a face.
         needed: Output, i32 [6, blocks, blocks], zeros before.
     """
-    height, width = edges.shape[0], edges.shape[1]
-    offset = vec3(offset_x, offset_y, offset_z)
+    height, width = pixels.edges.shape[0], pixels.edges.shape[1]
+    offset = vec3(pixels.offset_x, pixels.offset_y, pixels.offset_z)
     for pixel in range(width * height):
-        is_edge = edges[pixel // width, pixel % width] > 0
+        is_edge = pixels.edges[pixel // width, pixel % width] > 0
         for s in ti.static(range(SUBPIXELS)):
             seen = points[pixel * SUBPIXELS + s].xyz
             if not is_edge:
-                seen = offset + point_in_plane(surfaces[pixel], view, pixel, s, width, height)
+                seen = offset + point_in_plane(pixels.surfaces[pixel], pixels.view, pixel, s, width, height)
             need_around(seen, size, BLOCK_BITS, needed)
         if not is_edge:
-            need_around(offset + center_of(surfaces[pixel]), size >> 1, COARSE_BITS, needed)
+            need_around(offset + center_of(pixels.surfaces[pixel]), size >> 1, COARSE_BITS, needed)
 
 
 @ti.kernel
+@bundled
 def reproject_planes(
-    surfaces: Float8s1,
-    view: Floats2,
-    offset_x: ti.f32,
-    offset_y: ti.f32,
-    offset_z: ti.f32,
-    edges: Ints2,
+    pixels: PixelSurfaces,
     points: Float4s1,
-    size: ti.i32,
-    blocks: Ints3,
-    cells: Ints2,
+    blocks: Blocks,
     columns: Template,
     images: Floats4,
     known: Ints2,
@@ -230,14 +242,9 @@ def reproject_planes(
     """Interpolate for each pixel that shows one plane between coarse cells, if they are even and show its center.
 
     Args:
-        surfaces: Of `find_surfaces`.
-        view: The view, of a pinhole camera.
-        offset_x, offset_y, offset_z: From the anchor to the camera, world, m.
-        edges: i32 [h, w], of `find_edges`.
+        pixels: What pixels show.
         points: Output where known is NOT_FOUND and there is no edge, as of `find_points`.
-        size: Cells along a side of a face.
-        blocks: i32 [6, blocks, blocks], place of each block in `cells`, in blocks.
-        cells: i32 [slots * BLOCK_ROWS, words], see `packed_cells`: `columns` values, and the distance, see `Panorama`.
+        blocks: Of the panorama.
         columns: Number of columns to interpolate.
         images: Output, f32 [columns / 3, h, w, 3].
         known: Output, i32 [h, w]: ALL_KNOWN; 0 where the surface looks different from the anchor; else NOT_FOUND.
@@ -246,22 +253,22 @@ def reproject_planes(
         Number of times that a cell was not there; 0: the images are complete.
     """
     height, width, missing = known.shape[0], known.shape[1], 0
-    offset = vec3(offset_x, offset_y, offset_z)
+    offset = vec3(pixels.offset_x, pixels.offset_y, pixels.offset_z)
     for pixel in range(width * height):
         y, x = pixel // width, pixel % width
         bits = NOT_FOUND
-        if edges[y, x] == 0:
-            seen = offset + center_of(surfaces[pixel])
-            values, distance, away = even_cells(seen, size, blocks, cells, columns)
-            if away > 0:
+        if pixels.edges[y, x] == 0:
+            seen = offset + center_of(pixels.surfaces[pixel])
+            values, distance, away = even_cells(seen, blocks, columns)
+            if away > 0:  # the sum is atomic
                 missing += away
-            if surfaces[pixel][3] == 0.0:
+            if pixels.surfaces[pixel][3] == 0.0:
                 bits, values = 0, ti.Vector.zero(ti.f32, columns)
             elif ti.abs(distance - seen.norm()) < DISTANCE_ERROR * seen.norm():
                 bits = ALL_KNOWN
             if bits == NOT_FOUND:
                 for s in ti.static(range(SUBPIXELS)):
-                    point = offset + point_in_plane(surfaces[pixel], view, pixel, s, width, height)
+                    point = offset + point_in_plane(pixels.surfaces[pixel], pixels.view, pixel, s, width, height)
                     points[pixel * SUBPIXELS + s] = float4(point.x, point.y, point.z, 0.0)
             else:
                 for c in ti.static(range(columns)):
@@ -271,12 +278,11 @@ def reproject_planes(
 
 
 @ti.kernel
+@bundled
 def reproject(
     pixels: Ints1,
     points: Float4s1,
-    size: ti.i32,
-    blocks: Ints3,
-    cells: Ints2,
+    blocks: Blocks,
     columns: Template,
     images: Floats4,
     known: Ints2,
@@ -286,7 +292,7 @@ def reproject(
     Args:
         pixels: Pixels, y * width + x.
         points: Of the subpixels, see `find_points`.
-        size, blocks, cells, columns: As of `reproject_planes`.
+        blocks, columns: As of `reproject_planes`.
         images: Output, f32 [columns / 3, h, w, 3], means over the subpixels that are known.
         known: Output, i32 [h, w], one bit for each subpixel, set if cells show its point.
 
@@ -307,7 +313,7 @@ def reproject(
         for s in range(SUBPIXELS):
             seen = points[pixel * SUBPIXELS + s].xyz
             distance = seen.norm()
-            first, within = cells_around(seen, size)
+            first, within = cells_around(seen, blocks.size)
             part = ti.Vector.zero(ti.f32, columns)
             total = 0.0
             # Mostly all four are in one block, and the place of that is enough.
@@ -319,20 +325,20 @@ def reproject(
                 weight = ti.abs(1 - down - within[0]) * ti.abs(1 - right - within[1])
                 cell = corner + (down * BLOCK + right)
                 if not in_block:
-                    row = ti.math.clamp(first[1] + down, 0, size - 1)
-                    column = ti.math.clamp(first[2] + right, 0, size - 1)
+                    row = ti.math.clamp(first[1] + down, 0, blocks.size - 1)
+                    column = ti.math.clamp(first[2] + right, 0, blocks.size - 1)
                     cell = block_row(blocks, first[0], row, column)
                 if cell < 0:
                     missing += 1
                     cell = 0
-                measured = UNIT * unpacked(cells[cell, columns // 2], columns)
+                measured = UNIT * unpacked(blocks.cells[cell, columns // 2], columns)
                 # Cells behind an edge show some of what is in front, which the pixel must show too.
                 if has_edge:
                     measured = ti.abs(measured)
                 if ti.abs(measured - distance) < tolerance * distance:
                     total += weight
                     for c in ti.static(range(columns)):
-                        part[c] += weight * unpacked(cells[cell, c // 2], c)
+                        part[c] += weight * unpacked(blocks.cells[cell, c // 2], c)
             if total > LEAST_WEIGHT:
                 bits |= 1 << s
                 sums += part * (UNIT / total)
