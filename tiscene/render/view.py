@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""View: the cameras of a frame and its neighbors with the image size, as a device array; camera rays.
+"""Views: the cameras of a frame and its neighbors with the image size, as a device array; camera rays.
 
 Pixel coordinates are (x right, y down) with pixel *centers* at integers: an image spans -0.5 .. width - 0.5.
 """
@@ -15,13 +15,16 @@ from tiscene.device.kernel_types import Template
 from tiscene.device.memory import device_array
 from tiscene.device.restart import cached_on_device
 from tiscene.errors import ArgumentError
-from tiscene.scene.camera import Camera
+from tiscene.render.sampling.cube import FACES, direction_to
+from tiscene.render.sampling.sobol import pixel_order
+from tiscene.scene.camera import Camera, Vector3
 from tiscene.scene.placement import CURRENT, NEXT, PREVIOUS
 
-VIEW_COLUMNS = 22
+VIEW_COLUMNS = 23
 POSITION, RIGHT, UP, FORWARD, TANGENT, LENS_RADIUS, FOCUS_DISTANCE, BACKGROUND = 0, 3, 6, 9, 12, 13, 14, 15
-HALF_HEIGHT, CENTER = 18, 19
+HALF_HEIGHT, CENTER, CUBE = 18, 19, 22
 SKY = (-1.0, -1.0, -1.0)  # as View.background: show the lights at infinity
+_ORDERED = 256  # pixels of a CubeView along a side of the squares in which random numbers have the order of an image
 MAX_PIXELS = 1 << 27  # of an image; kernels count the elements of arrays, up to 15 a pixel, in int32
 
 
@@ -74,12 +77,12 @@ class View:
         return self.previous, self.current, self.next
 
     def rows(self) -> NDArray[np.float32]:
-        """Return the cameras as float32 [3, 22], one row per time.
+        """Return the cameras as float32 [3, VIEW_COLUMNS], one row per time.
 
         Columns: position 0-2 (of an orthographic camera the image's center), right 3-5, up 6-8, forward 9-11,
         tan(vertical_fov / 2) 12, lens radius 13, focus distance 14, background 15-17, half of an orthographic camera's
-        view height 18, the image's center 19-21 at a depth of 1, relative to the camera. Either the tangent or the half
-        height is 0: a pixel selects the direction of a ray, or its origin.
+        view height 18, the image's center 19-21 at a depth of 1, relative to the camera, zero 22. Either the tangent or
+        the half height is 0: a pixel selects the direction of a ray, or its origin.
         """
         rows = np.zeros((3, VIEW_COLUMNS), np.float32)
         for time in (PREVIOUS, CURRENT, NEXT):
@@ -99,6 +102,7 @@ class View:
                 *self.background,
                 0.5 * (camera.orthographic_height or 0.0),
                 *(-backward if orthographic else offset - backward),
+                0.0,
             ]
         return rows
 
@@ -107,6 +111,10 @@ class View:
         if "rows" not in self._device:
             self._device["rows"] = _uploaded(self.rows().tobytes())
         return self._device["rows"]
+
+    def places(self, pixels: NDArray[np.int32]) -> NDArray[np.int32]:
+        """Return the places of pixels in the order of random numbers, see `pixel_order`."""
+        return pixel_order(self.width, self.height)[pixels]
 
     def camera_from_world(self) -> NDArray[np.float64]:
         """Return per time the matrix from world to camera coordinates (x right, y down, z forward), [3, 3, 4], m.
@@ -135,6 +143,52 @@ class View:
         return self.current.orthographic_height is not None
 
 
+@dataclass(frozen=True)
+class CubeView:
+    """All that one point sees: the faces of a cube around it, below each other in one image, see `sampling.cube`.
+
+    Attributes:
+        center: The point, world, m.
+        size: Pixels along a side of a face.
+        margin: Width of a margin of each face, which continues its plane, px.
+        background: As of a `View`.
+    """
+
+    center: Vector3
+    size: int
+    margin: int = 0
+    background: tuple[float, float, float] = SKY
+
+    @property
+    def width(self) -> int:
+        """Image width, px."""
+        return self.size + 2 * self.margin
+
+    @property
+    def height(self) -> int:
+        """Image height, px."""
+        return FACES * self.width
+
+    def rows(self) -> NDArray[np.float32]:
+        """Return rows as of a `View`, all equal; 12 has the angle of half the height of all faces, 22 has `size`."""
+        row = np.zeros(VIEW_COLUMNS, np.float32)
+        row[POSITION : POSITION + 3], row[BACKGROUND : BACKGROUND + 3] = self.center, self.background
+        row[TANGENT], row[CUBE] = self.height * 0.25 * np.pi / self.size, self.size
+        return np.tile(row, (3, 1))
+
+    def array(self) -> Any:
+        """Return `rows` as a device array."""
+        return _uploaded(self.rows().tobytes())
+
+    def places(self, pixels: NDArray[np.int32]) -> NDArray[np.int32]:
+        """Return the places of pixels in the order of random numbers: square by square, in each as `pixel_order`."""
+        y, x = np.divmod(pixels, self.width)
+        square = y // _ORDERED * -(-self.width // _ORDERED) + x // _ORDERED
+        within = pixel_order(_ORDERED, _ORDERED)[y % _ORDERED * _ORDERED + x % _ORDERED]
+        places: NDArray[np.int32] = square * _ORDERED**2 + within
+        return places
+
+
 @cached_on_device(maxsize=16)
 def _uploaded(rows: bytes) -> Any:
     """Upload the rows of a view; a static camera has one array for all frames."""
@@ -153,7 +207,8 @@ def view_vector(view: Template, time: ti.i32, column: ti.i32) -> ti.math.vec3:
 def camera_ray(view: Template, time: ti.i32, x: ti.f32, y: ti.f32, width: ti.i32, height: ti.i32):
     """Return origin and unit direction, world, of the ray through the fractional pixel coordinates (x, y).
 
-    The camera is a pinhole or orthographic; rays of the latter start in the camera's plane.
+    The camera is a pinhole or orthographic; rays of the latter start in the camera's plane. A CubeView has rays in all
+    directions.
     """
     scale = 2.0 * (view[time, TANGENT] + view[time, HALF_HEIGHT]) / height
     right = (x - 0.5 * (width - 1)) * scale
@@ -162,6 +217,10 @@ def camera_ray(view: Template, time: ti.i32, x: ti.f32, y: ti.f32, width: ti.i32
     direction = view_vector(view, time, CENTER)
     if view[time, HALF_HEIGHT] > 0.0:
         origin = origin + right * view_vector(view, time, RIGHT) - down * view_vector(view, time, UP)
+    elif view[time, CUBE] > 0.0:
+        size = ti.cast(view[time, CUBE], ti.i32)
+        face, margin = ti.floor((y + 0.5) / width, ti.i32), (width - size) // 2
+        direction = direction_to(face, y + 0.5 - face * width - margin, x + 0.5 - margin, size)
     else:
         direction = direction + right * view_vector(view, time, RIGHT) - down * view_vector(view, time, UP)
     return origin, direction.normalized()

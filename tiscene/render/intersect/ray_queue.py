@@ -63,9 +63,14 @@ def upload_pixels(rows: NDArray[np.int32], width: int, height: int, frames: int 
         frames: The same pixels of so many images below each other.
     """
     first_rows = width * height * np.arange(frames, dtype=np.int32)
-    array = device_array(pixel, len(rows) * frames)
     places = np.tile(pixel_order(width, height)[rows], frames)
-    array.from_numpy(np.column_stack([np.add.outer(first_rows, rows).ravel(), places]))
+    return upload_rows(np.add.outer(first_rows, rows).ravel(), places)
+
+
+def upload_rows(rows: NDArray[np.int32], places: NDArray[np.int32]) -> Any:
+    """Return ROW and PLACE of pixels, int32 [n] each, as a device array."""
+    array = device_array(pixel, len(rows))
+    array.from_numpy(np.column_stack([rows, places]))
     return array
 
 

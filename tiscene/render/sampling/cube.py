@@ -1,12 +1,20 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Directions as places on the faces of a cube, which are divided into square cells.
+"""Directions as places on the faces of a cube, which are divided into cells by equal angles.
 
-Faces 0 and 1 look along -x and x, 2 and 3 along -y and y, 4 and 5 along -z and z.
+Faces 0 and 1 look along -x and x, 2 and 3 along -y and y, 4 and 5 along -z and z. Rows and columns are planes through
+the center with equal angles between them (an equi-angular cube map): squares of equal size would be five times as dense
+in the corners as in the middle of a face, these are at most 1.4 times.
 """
+
+import math
 
 import taichi as ti
 
 from tiscene.device.kernel_types import vec3
+from tiscene.render.sampling.warp import ARCTANGENT, polynomial
+
+FACES = 6
+_FROM_MIDDLE = [4.0 / math.pi * coefficient for coefficient in ARCTANGENT]  # of a tangent -1..1: a place -1..1
 
 
 @ti.func
@@ -26,8 +34,10 @@ def place_on_cube(direction: vec3, size: ti.i32) -> vec3:
     elif magnitude.z > magnitude.x:
         axis = 2
         ahead, across, down = direction.z, direction.x, direction.y
-    half = 0.5 * ti.cast(size, ti.f32)
-    column, row = (across / ahead + 1.0) * half, (down / ti.abs(ahead) + 1.0) * half
+    half, inverse = 0.5 * ti.cast(size, ti.f32), 1.0 / ahead
+    u, v = across * inverse, down * ti.abs(inverse)
+    row = (v * polynomial(_FROM_MIDDLE, v * v) + 1.0) * half
+    column = (u * polynomial(_FROM_MIDDLE, u * u) + 1.0) * half
     return vec3(2 * axis + ti.cast(ahead > 0.0, ti.i32), row, column)
 
 
@@ -36,3 +46,18 @@ def cell_of(direction: vec3, size: ti.i32) -> ti.math.ivec3:
     """Return the cube face that a direction goes through, and the row and column of the cell on it; see above."""
     place = ti.cast(place_on_cube(direction, size), ti.i32)
     return ti.math.ivec3(place[0], ti.math.clamp(place[1], 0, size - 1), ti.math.clamp(place[2], 0, size - 1))
+
+
+@ti.func
+def direction_to(face: ti.i32, row: ti.f32, column: ti.f32, size: ti.i32) -> vec3:
+    """Return a direction through a place of `place_on_cube`, or on the plane of a face beyond its edges."""
+    angle = 0.5 * math.pi / ti.cast(size, ti.f32)
+    ahead = ti.cast(2 * (face % 2) - 1, ti.f32)
+    across = ahead * ti.tan((column - 0.5 * size) * angle)
+    down = ti.tan((row - 0.5 * size) * angle)
+    direction = vec3(ahead, across, down)
+    if face // 2 == 1:
+        direction = vec3(down, ahead, across)
+    elif face // 2 == 2:
+        direction = vec3(across, down, ahead)
+    return direction

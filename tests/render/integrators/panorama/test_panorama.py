@@ -8,7 +8,7 @@ from numpy.lib.stride_tricks import sliding_window_view
 
 from tests.render.path_scenes import BOX_CAMERA
 from tiscene.device.kernel_types import Floats2, Ints2
-from tiscene.render.integrators.panorama.panorama import CELL, CONTRAST, PAGE, PanoramaSettings, contrast_of
+from tiscene.render.integrators.panorama.panorama import CELL, CONTRAST, PanoramaSettings, contrast_of
 from tiscene.render.integrators.panorama.panorama_kernels import (
     BLOCK,
     BLOCK_ROWS,
@@ -20,47 +20,62 @@ from tiscene.render.integrators.panorama.panorama_kernels import (
     fill_blocks,
 )
 from tiscene.render.sampling.cube import cell_of
-from tiscene.render.view import View, camera_ray
+from tiscene.render.view import TANGENT, CubeView, View, camera_ray
 from tiscene.scene.placement import CURRENT
 
 pytestmark = pytest.mark.usefixtures("taichi")
 
 
 @ti.kernel
-def cells_of_pixels(view: Floats2, size: ti.i32, cells: Ints2):
-    for pixel in range(PAGE * PAGE):
-        _, direction = camera_ray(view, CURRENT, pixel % PAGE, pixel // PAGE, PAGE, PAGE)
+def cells_of_pixels(view: Floats2, width: ti.i32, height: ti.i32, size: ti.i32, cells: Ints2):
+    for pixel in range(width * height):
+        _, direction = camera_ray(view, CURRENT, pixel % width, pixel // width, width, height)
         cell = cell_of(2.5 * direction, size)
         for c in ti.static(range(3)):
             cells[pixel, c] = cell[c]
 
 
-@pytest.mark.parametrize("face", range(6))
-def test_pixels_of_pages_are_the_cells_that_their_rays_go_through(face: int) -> None:
-    size = 2 * PAGE + BLOCK
-    settings = PanoramaSettings((0.3, -1.2, 2.0), size, 16, 4, 0)
-    rows, columns = (each.ravel() for each in np.mgrid[:PAGE, :PAGE])
-    for row, column in ((0, 0), (1, 0), (0, 1)):
-        cells = np.empty((PAGE * PAGE, 3), np.int32)
-        cells_of_pixels(settings.page_view(face, row, column).array(), size, cells)
-        places = np.column_stack([row * PAGE + rows, column * PAGE + columns]) - TILE  # pages begin at the margin
-        inside = ((places >= 0) & (places < size)).all(axis=-1)
-        assert inside.mean() > 0.9
-        np.testing.assert_array_equal(cells[inside], np.column_stack([np.full(len(places), face), places])[inside])
+def test_pixels_of_the_view_are_the_cells_that_their_rays_go_through() -> None:
+    settings = PanoramaSettings((0.3, -1.2, 2.0), 5 * BLOCK, 16, 4, 0)
+    view = settings.cells_view()
+    cells = np.empty((view.width * view.height, 3), np.int32)
+    cells_of_pixels(view.array(), view.width, view.height, settings.faces, cells)
+    face, row, column = np.indices((6, view.width, view.width)).reshape(3, -1)
+    places = np.column_stack([face, row - TILE, column - TILE])
+    inside = ((places[:, 1:] >= 0) & (places[:, 1:] < settings.faces)).all(axis=-1)
+    assert inside.mean() > 0.8
+    np.testing.assert_array_equal(cells[inside], places[inside])
+    assert (cells[~inside, 0] != face[~inside]).all()  # a margin continues the plane of its face
+
+
+def test_cells_subtend_about_the_same_angle() -> None:
+    size = 64
+    edges = np.tan((np.arange(size + 1) / size - 0.5) * 0.5 * np.pi)
+    u, v = np.meshgrid(edges, edges)
+    # Solid angle of a rectangle from its corners (Eriksson's formula in the form of an arctangent).
+    corner = np.arctan(u * v / np.sqrt(1.0 + u**2 + v**2))
+    angles = np.diff(np.diff(corner, axis=0), axis=1)
+    assert 6.0 * angles.sum() == pytest.approx(4.0 * np.pi)
+    view = CubeView((0.0, 0.0, 0.0), size)
+    film = 2.0 * view.rows()[0, TANGENT] / view.height  # a pixel's angle
+    assert angles.max() == pytest.approx(film**2, rel=0.01)
+    assert 0.7 < angles.min() / angles.max() < 0.72
+
+
+def test_places_of_pixels_are_distinct_and_near_each_other_in_tiles() -> None:
+    view = CubeView((0.0, 0.0, 0.0), 280, TILE)
+    places = view.places(np.arange(view.width * view.height, dtype=np.int32))
+    assert len(np.unique(places)) == len(places)
+    tiles = places.reshape(-1, TILE, view.width // TILE, TILE).swapaxes(1, 2).reshape(-1, TILE * TILE)
+    assert (np.ptp(tiles, axis=1) == TILE * TILE - 1).mean() > 0.9  # but where faces begin
 
 
 def test_cells_are_a_fraction_of_a_pixel_wide_at_the_center() -> None:
     view = View(BOX_CAMERA, BOX_CAMERA, BOX_CAMERA, 64, 48)
     settings = PanoramaSettings.of(view, BOX_CAMERA.position, spp=64, max_depth=4, seed=1)
     pixel = 2.0 * np.tan(0.5 * BOX_CAMERA.vertical_fov) / 48
-    assert 2.0 / settings.faces == pytest.approx(CELL * pixel, rel=0.1)
+    assert 0.5 * np.pi / settings.faces == pytest.approx(CELL * pixel, rel=0.1)
     assert settings.faces % BLOCK == 0
-
-
-def test_cells_far_from_the_center_of_a_face_have_fewer_samples() -> None:
-    settings = PanoramaSettings((0.0, 0.0, 0.0), 4 * PAGE - 2 * TILE, 256, 4, 0)
-    samples = [settings.samples(settings.page_view(0, row, 1)) for row in range(4)]
-    assert samples[0] == samples[3] < samples[1] == samples[2]
 
 
 def test_contrast_is_that_of_light_between_the_quarters_of_a_tile() -> None:

@@ -9,6 +9,7 @@ import pytest
 from tests.render.integrators.panorama.test_panorama_pass import SurroundedBalls, view_at
 from tiscene.render.integrators.panorama.reprojection_kernels import ALL_KNOWN, NONE_KNOWN, SUBPIXELS
 from tiscene.render.integrators.panorama.subpixels import Hidden, SubpixelPaths
+from tiscene.render.integrators.path.path_pass import PathPass
 
 pytestmark = pytest.mark.usefixtures("taichi")
 
@@ -27,7 +28,7 @@ def filled(scene: SurroundedBalls, known: np.ndarray, value: float, spp: int = 1
     """Fill images of one value."""
     images = [np.full(SHAPE, value, np.float32) for _ in range(4)]
     radiance, denoised, albedo, normal = images
-    paths = SubpixelPaths(scene.device)
+    paths = SubpixelPaths(PathPass(scene.device, VIEW.width, VIEW.height))
     return images, paths.fill(VIEW, known, (radiance, denoised, albedo, normal), spp=spp, key=3, max_depth=4)
 
 

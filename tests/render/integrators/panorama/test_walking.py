@@ -91,11 +91,13 @@ def test_a_fast_camera_has_no_anchor(anchors: Anchors, empty_box: SurroundedBall
     )
 
 
-def test_images_whose_subpixels_are_too_many_have_no_anchor(empty_box: SurroundedBalls) -> None:
-    large = replace(walking((0.2, 0.1, 3.1)), width=1 << 14, height=1 << 12)
-    assert not empty_box.surrounded.prepare(
-        large, empty_box.at(), empty_box.moving, frame_index=0, seed=1, spp=1, panorama_spp=16, max_depth=3
-    )
+def test_images_whose_subpixels_or_cells_are_too_many_have_no_panorama(empty_box: SurroundedBalls) -> None:
+    view = walking((0.2, 0.1, 3.1))
+    distant = replace(view.current, vertical_fov=0.001)
+    for each in (replace(view, width=1 << 14, height=1 << 12), View(distant, distant, distant, *SIZE)):
+        assert not empty_box.surrounded.prepare(
+            each, empty_box.at(), empty_box.moving, frame_index=0, seed=1, spp=1, panorama_spp=16, max_depth=3
+        )
 
 
 @pytest.mark.parametrize(

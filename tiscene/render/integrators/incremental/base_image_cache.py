@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 
 from tiscene.device import runtime
 from tiscene.files import DiskCache
-from tiscene.render.view import View
+from tiscene.render.view import CubeView, View
 from tiscene.scene.device_scene import DeviceScene
 from tiscene.scene.placement import CURRENT
 
@@ -40,7 +40,9 @@ class BaseImageCache:
         self.folder = self._files.folder
         self._digests: dict[int, bytes] = {}
 
-    def key(self, scene: DeviceScene, still: NDArray[np.bool_], view: View, settings: Mapping[str, int | str]) -> str:
+    def key(
+        self, scene: DeviceScene, still: NDArray[np.bool_], view: View | CubeView, settings: Mapping[str, int | str]
+    ) -> str:
         """Return the name of a base image: a digest of everything that it depends on.
 
         Args:

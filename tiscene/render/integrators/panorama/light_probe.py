@@ -7,7 +7,6 @@ that the probe knows end there, see `radiance_cache`.
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable
 
 import numpy as np
@@ -17,26 +16,28 @@ from tiscene.device.kernel_types import float8
 from tiscene.device.memory import device_array, upload_vectors
 from tiscene.render.integrators.incremental.base_image import scene_under_group
 from tiscene.render.integrators.labels.first_hits import first_hits
-from tiscene.render.integrators.labels.label_kernels import primary_rays
+from tiscene.render.integrators.panorama.panorama_kernels import center_rays
 from tiscene.render.integrators.panorama.reprojection_kernels import FAR, find_surfaces
-from tiscene.render.integrators.path.path_image import PathImage
 from tiscene.render.integrators.path.path_pass import PathPass
 from tiscene.render.integrators.path.radiance_cache import ALIGNED, FLATNESS, RadianceCache
-from tiscene.render.intersect.ray_queue import RayArrays
+from tiscene.render.intersect.ray_queue import RayWave
 from tiscene.render.intersect.surface_interaction import geometry_of
-from tiscene.render.view import View
-from tiscene.scene.camera import Camera, Vector3
+from tiscene.render.sampling.cube import FACES
+from tiscene.render.sampling.sobol import frame_key
+from tiscene.render.view import CubeView
+from tiscene.scene.camera import Vector3
 from tiscene.scene.device_scene import DeviceScene
 from tiscene.scene.placement import CURRENT
 
 FloatImage = NDArray[np.float32]
 
 SIZE = 32  # cells along a side of a face
-PIXELS = 6 * SIZE  # along a side of a face
-FACES = 6
+_SIDE = 6  # pixels along a side of a cell
+PIXELS = _SIDE * SIZE  # along a side of a face
 SPP = 1  # paths per pixel of a face
 PLANE = 4  # columns of a cell's plane, before its light
-_FIRST_FRAME = -500  # frame number of the random numbers of the first face; the next ones count down
+_FRAME = -500  # frame number of the random numbers
+_NORMAL = 6  # first column of the normal in the film
 LEAST_SHARE = 0.125  # of a cell's pixels that must show its plane
 
 
@@ -88,37 +89,13 @@ class LightProbe:
         return RadianceCache(upload_vectors(values), SIZE, self.center)
 
 
-def face_view(
-    center: Vector3, face: int, size: int, tangent: float = 1.0, middle: tuple[float, float] = (0.0, 0.0)
-) -> View:
-    """Return a view of a part of a face of the cube around a point.
-
-    Args:
-        center: The point, world, m.
-        face: The face.
-        size: Image width and height, px.
-        tangent: Width of the part, in widths of the face.
-        middle: Of the part, to the right and up, from the center of the face, in halves of its width.
-    """
-    axes = np.eye(3)
-    ahead = axes[face // 2] * (1.0 if face % 2 else -1.0)
-    camera = Camera.look_at(
-        center,
-        (center[0] + ahead[0], center[1] + ahead[1], center[2] + ahead[2]),
-        tuple(-axes[(face // 2 + 2) % 3]),
-        vertical_fov=2.0 * math.atan(tangent),
-        aperture_offset=middle,
-    )
-    return View(camera, camera, camera, size, size)
-
-
 def trace_probe(
     paths: PathPass, place: Callable[[int], None], groups: int, center: Vector3, *, seed: int, max_depth: int
 ) -> FloatImage:
     """Return the cells of a light probe.
 
     Args:
-        paths: Path tracer of square images, SIZE times a whole number wide: PIXELS.
+        paths: Path tracer.
         place: Places the scene under one light group.
         groups: Number of light groups.
         center: The point, world, m.
@@ -126,63 +103,61 @@ def trace_probe(
         max_depth: Largest number of segments of a path.
     """
     place(0)
-    views = [face_view(center, face, paths.width) for face in range(FACES)]
-    surfaces = [_surfaces(paths.scene, view) for view in views]
+    view = CubeView(center, PIXELS)
+    pixels = np.arange(view.width * view.height, dtype=np.int32)
+    surfaces = _surfaces(paths.scene, view, pixels)
     cells = np.zeros((FACES, SIZE * SIZE, PLANE + 3 * groups), np.float32)
     for group in range(groups):
         if group:
             place(group)
         scene, first = scene_under_group(paths, group, None), PLANE + 3 * group
-        for face, view in enumerate(views):
-            image = paths.render(
-                view, frame_index=_FIRST_FRAME - face, seed=seed, spp=SPP, max_depth=max_depth, scene=scene
-            )
-            planes, light = _light_of_planes(surfaces[face], image, paths.width // SIZE)
-            cells[face, :, first : first + 3] = light
-            if group == 0:
-                cells[face, :, :PLANE] = planes
+        film = paths.sums(view, pixels, spp=SPP, key=frame_key(seed, _FRAME), max_depth=max_depth, scene=scene)
+        planes, light = _light_of_planes(surfaces, film / np.float32(SPP))
+        cells[..., first : first + 3] = light.reshape(FACES, SIZE * SIZE, -1)
+        if group == 0:
+            cells[..., :PLANE] = planes.reshape(FACES, SIZE * SIZE, -1)
     return cells
 
 
-def _surfaces(scene: DeviceScene, view: View) -> FloatImage:
+def _surfaces(scene: DeviceScene, view: CubeView, pixels: NDArray[np.int32]) -> FloatImage:
     """Return what the centers of pixels show, see `find_surfaces`, float32 [pixels, 8]."""
-    rays = RayArrays().resized(view.width, view.height)
-    surfaces = device_array(float8, rays.count)
-    primary_rays(rays.queue, rays.count, view.array(), view.width, view.height, rays.rays, False)
-    first_hits(scene, CURRENT, rays, rays.queue, rays.count)
+    wave, surfaces = RayWave().reserved(len(pixels)), device_array(float8, len(pixels))
+    center_rays(pixels, view.array(), view.width, view.height, wave.rays)
+    first_hits(scene, CURRENT, wave, wave.queue, len(pixels))
     info = scene.materials.arrays().info
-    find_surfaces(rays.count, rays.rays, rays.hits, rays.hit_ids, *geometry_of(scene), info, surfaces)
+    find_surfaces(len(pixels), wave.rays, wave.hits, wave.hit_ids, *geometry_of(scene), info, surfaces)
     result: FloatImage = surfaces.to_numpy()
     return result
 
 
-def _light_of_planes(surfaces: FloatImage, image: PathImage, side: int) -> tuple[FloatImage, FloatImage]:
+def _light_of_planes(surfaces: FloatImage, film: FloatImage) -> tuple[FloatImage, FloatImage]:
     """Return the plane that the middle of each cell shows, and the mean light of the pixels that show it.
 
     Args:
         surfaces: Of `find_surfaces`, float32 [pixels, 8].
-        image: Of the same pixels.
-        side: Pixels along a side of a cell.
+        film: Of the same pixels, means, float32 [pixels, FILM_COLUMNS].
 
     Returns:
         Planes, float32 [cells, PLANE], and light, float32 [cells, 3].
     """
-    shown, light, seen = (_by_cell(each, side) for each in (surfaces, image.hdr, image.normal))
-    middle = shown[:, side * side // 2 + side // 2]
+    shown, light, seen = (_by_cell(each) for each in (surfaces, film[:, :3], film[:, _NORMAL : _NORMAL + 3]))
+    middle = shown[:, _SIDE * _SIDE // 2 + _SIDE // 2]
     point, alike, normal = middle[:, :3], middle[:, 3], middle[:, 4:7]
     offset, distance = -(normal * point).sum(axis=-1), np.linalg.norm(point, axis=-1)
     from_plane = np.abs((shown[..., :3] * normal[:, None]).sum(axis=-1) + offset[:, None])
     aligned = (shown[..., 4:7] * normal[:, None]).sum(axis=-1) > ALIGNED
     # A path that ends at a light in front of the surface finds no normal.
-    same = (from_plane < FLATNESS * (2.0 / SIZE) * distance[:, None]) & aligned & ((seen**2).sum(axis=-1) > 0.25)
+    same = (
+        (from_plane < FLATNESS * (0.5 * np.pi / SIZE) * distance[:, None]) & aligned & ((seen**2).sum(axis=-1) > 0.25)
+    )
     number = same.sum(axis=1)
-    known = (number >= LEAST_SHARE * side * side) & (alike > 0.0) & (distance < 0.5 * FAR)
+    known = (number >= LEAST_SHARE * _SIDE * _SIDE) & (alike > 0.0) & (distance < 0.5 * FAR)
     mean = np.where(same[..., None], light, np.float32(0.0)).sum(axis=1) / np.maximum(number, 1)[:, None]
     planes = np.where(known[:, None], np.column_stack([normal, offset]), np.float32(0.0))
     return planes.astype(np.float32), mean.astype(np.float32)
 
 
-def _by_cell(values: FloatImage, side: int) -> FloatImage:
-    """Return the pixels of a square image by cell, [SIZE * SIZE, side * side, columns]."""
-    blocks = values.reshape(SIZE, side, SIZE, side, -1).swapaxes(1, 2)
-    return blocks.reshape(SIZE * SIZE, side * side, -1)
+def _by_cell(values: FloatImage) -> FloatImage:
+    """Return the pixels of all faces by cell, [cells, _SIDE * _SIDE, columns]."""
+    blocks = values.reshape(FACES * SIZE, _SIDE, SIZE, _SIDE, -1).swapaxes(1, 2)
+    return blocks.reshape(FACES * SIZE * SIZE, _SIDE * _SIDE, -1)

@@ -1,11 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """Panorama: radiance that reaches one point from the static scene, for cells of a cube around it.
 
-Each face of the cube is divided into pages, each the image of a pinhole camera with an offset aperture, and these into
-tiles. All cells of a tile are traced when a view first needs one. Cells far from the center of a face subtend less and
-have fewer samples, so that samples are about equally dense in solid angle. A quarter of these samples is traced first.
-Only tiles in which light varies then get all of them besides: elsewhere, what is between neighbors is noise, which the
-denoiser removes.
+Each face of the cube is divided into tiles. All cells of a tile are traced when a view first needs one, a part of their
+samples first. Only tiles in which light varies then get all of them besides: elsewhere, what is between neighbors is
+noise, which the denoiser removes.
 
 Blocks of tiles are denoised once, together with the tiles around them. So that blocks at the edges of a face
 have such tiles too, a margin of one tile continues the plane of each face. A block has coarse cells besides, each the
@@ -15,7 +13,6 @@ mean of 2 x 2 cells: where these and the cells around lie on one surface, a pixe
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from typing import NamedTuple
 
@@ -28,34 +25,35 @@ from tiscene.render.film.upsample import ALBEDO_OFFSET
 from tiscene.render.integrators.incremental.base_image import ProgressCallback, scene_under_group
 from tiscene.render.integrators.incremental.path_recording import AUXILIARY, light_column
 from tiscene.render.integrators.labels.first_hits import first_hits
-from tiscene.render.integrators.labels.label_kernels import primary_rays
 from tiscene.render.integrators.panorama import panorama_kernels as kernels
 from tiscene.render.integrators.panorama.cell_files import CellFiles
 from tiscene.render.integrators.panorama.cell_store import CellStore
-from tiscene.render.integrators.panorama.light_probe import FACES, PLANE, SIZE, LightProbe, face_view, trace_probe
+from tiscene.render.integrators.panorama.light_probe import PLANE, SIZE, LightProbe, trace_probe
 from tiscene.render.integrators.panorama.panorama_kernels import BLOCK, BLOCK_ROWS, TILE, WINDOW
 from tiscene.render.integrators.panorama.reprojection import Reprojection
 from tiscene.render.integrators.panorama.reprojection_kernels import ALL_KNOWN, EDGE, FAR
 from tiscene.render.integrators.path.path_pass import PathPass
 from tiscene.render.integrators.path.path_scene import PathScene
 from tiscene.render.integrators.path.path_state import FEATURE_COLUMNS
-from tiscene.render.intersect.ray_queue import RayArrays
+from tiscene.render.intersect.ray_queue import RayWave
+from tiscene.render.sampling.cube import FACES
 from tiscene.render.sampling.sobol import frame_key
-from tiscene.render.view import View
+from tiscene.render.view import SKY, CubeView, View
 from tiscene.scene.camera import Vector3
 from tiscene.scene.placement import CURRENT, Placement
 
 FloatImage = NDArray[np.float32]
 
-PAGE = 32 * TILE  # cells along a side of a page
-CELL = 0.35  # width of a cell at the center of a face, px at the center of the image
-FIRST_FRAME = -1000  # frame number of the random numbers of the first page; the next ones count down
+CELL = 0.35  # width of a cell, px at the center of the image
+FIRST_FRAME = -1000  # frame number of the random numbers of cells
 FIRST_DIVISOR, LEAST_SPP = 4, 4  # cells have their samples divided by this first, but no fewer than so many
 FURTHER_FRAME = -2  # frame number that sets the random numbers of further samples apart
 CONTRAST = 0.25  # of the light in a tile, from which it has further samples
 DIM = 0.3  # of the mean light: the offset of `contrast_of`
 FINE_SPP = 128  # samples per pixel from which the denoiser's best quality pays
+_MAX_CELLS = (1 << 31) - 1  # whose numbers are int32
 _BATCH = 64  # blocks whose cells are copied at once
+_TILES_AT_ONCE = 1024  # whose paths are traced at once
 
 
 @dataclass(frozen=True)
@@ -85,30 +83,27 @@ class PanoramaSettings:
     def of(cls, view: View, center: Vector3, *, spp: int, max_depth: int, seed: int) -> PanoramaSettings:
         """Return the settings of the panorama around a center that serves a view."""
         pixel = 2.0 * math.tan(0.5 * view.current.vertical_fov) / view.height
-        faces = math.ceil(2.0 / (CELL * pixel) / BLOCK) * BLOCK
+        faces = math.ceil(0.5 * math.pi / (CELL * pixel) / BLOCK) * BLOCK
         return cls(center, faces, spp, max_depth, seed)
 
-    def page_view(self, face: int, row: int, column: int, border: int = 0) -> View:
-        """Return the view of a page, whose pixels are its cells. Pages begin at the margin.
-
-        Args:
-            face: Of the cube.
-            row: Of the page.
-            column: Of the page.
-            border: Width of an additional border, in cells.
-        """
-        size = PAGE + 2 * border
-        middle = ((np.array([column, row]) + 0.5) * PAGE - TILE) * (2.0 / self.faces) - 1.0
-        return face_view(self.center, face, size, size / self.faces, (float(middle[0]), float(-middle[1])))
-
-    def samples(self, page_view: View) -> int:
-        """Return the samples per cell of a page, where light varies.
+    @property
+    def samples(self) -> int:
+        """Samples per cell, where light varies.
 
         Always a power of two: other numbers leave out the same part of the sample space in every cell, so that the
         error does not average out over cells.
         """
-        right, up = page_view.current.aperture_offset
-        return 1 << max(0, round(math.log2(self.spp * CELL**2 * (1.0 + right**2 + up**2) ** -1.5)))
+        return 1 << max(0, round(math.log2(self.spp * CELL**2)))
+
+    @property
+    def possible(self) -> bool:
+        """Whether there can be so many cells: not for views of few degrees in large images."""
+        view = self.cells_view(TILE + 1)
+        return view.width * view.height <= _MAX_CELLS
+
+    def cells_view(self, margin: int = TILE, background: tuple[float, float, float] = SKY) -> CubeView:
+        """Return the view whose pixels are the cells, and those of a margin of each face."""
+        return CubeView(self.center, self.faces, margin, background)
 
 
 class Missing(NamedTuple):
@@ -130,8 +125,7 @@ class Panorama:
     """Cells around a point, as far as they were needed.
 
     Args:
-        paths: Path tracer of pages, of PAGE x PAGE pixels.
-        probe_paths: Path tracer of the light probe, see `trace_probe`.
+        paths: Path tracer.
         static: Placement without the movers, see `base_placement`.
         settings: What the cells depend on besides.
         files: Cells on disk; None: none.
@@ -141,26 +135,24 @@ class Panorama:
     def __init__(
         self,
         paths: PathPass,
-        probe_paths: PathPass,
         static: Placement,
         settings: PanoramaSettings,
         files: CellFiles | None = None,
         key: str = "",
     ) -> None:
         self.settings = settings
-        self._paths, self._probe_paths, self._static = paths, probe_paths, static
+        self._paths, self._static = paths, static
         groups = static.light_groups
         self.groups = 1 if groups is None else len(groups.factors)
         self._columns = light_column(self.groups)  # of light, albedo and normal; then comes the distance
-        self._rays = RayArrays()
+        self._rays = RayWave()
         self._files, self._key = files, key
         self._probe: LightProbe | None = None
         self._tiles: CellStore | None = None
         self._tiles_along, blocks = settings.faces // TILE + 2, settings.faces // BLOCK  # a side of a face
-        self._pages_along = -(-self._tiles_along * TILE // PAGE)
         # Blocks have all that views need: the columns of tiles, with the denoised light before the distance.
         self._shown_columns = self._columns + 3 * self.groups
-        self._blocks = CellStore((6, blocks, blocks), BLOCK_ROWS, self._shown_columns + 1, files, f"{key}-blocks")
+        self._blocks = CellStore((FACES, blocks, blocks), BLOCK_ROWS, self._shown_columns + 1, files, f"{key}-blocks")
 
     @property
     def bytes(self) -> int:
@@ -230,7 +222,7 @@ class Panorama:
             if cells is None or len(cells) < FACES:
                 depth = max(1, settings.max_depth - 1)  # paths that end in the probe have one segment more
                 cells = trace_probe(
-                    self._probe_paths, self._place, self.groups, settings.center, seed=settings.seed, max_depth=depth
+                    self._paths, self._place, self.groups, settings.center, seed=settings.seed, max_depth=depth
                 )
                 self._place(0)
                 if files:
@@ -254,80 +246,71 @@ class Panorama:
         """Trace tiles."""
         cells = np.zeros((len(tiles), TILE * TILE, self._columns + 1), np.float32)
         features = slice(AUXILIARY, AUXILIARY + FEATURE_COLUMNS)
-        pages = list(self._pages(tiles))
+        parts = [slice(first, first + _TILES_AT_ONCE) for first in range(0, len(tiles), _TILES_AT_ONCE)]
         done, total = 0, len(tiles) * self.groups
-        probe = self.probe()
+        probe, shown = self.probe(), self.settings.cells_view(background=view.background)
         for group in range(self.groups):
             self._place(group)
             scene = replace(scene_under_group(self._paths, group, None), cache=probe.cache_of_group(group))
             light, dim = slice(light_column(group), light_column(group) + 3), DIM * probe.mean_light(group)
-            for number, page_view, members in pages:
-                corners = tiles[members, 1:] % (PAGE // TILE) * TILE
-                shown = replace(page_view, background=view.background)
-                means = self._sampled(shown, FIRST_FRAME - number, corners, scene, dim)
-                cells[members, :, light] = means[..., :3]
+            for part in parts:
+                means = self._sampled(shown, tiles[part], scene, dim)
+                cells[part, :, light] = means[..., :3]
                 # Features are merged as those of base images, see `render_base_image`.
-                merged = (
-                    np.maximum(cells[members, :, features], means[..., features]) if group else means[..., features]
-                )
-                cells[members, :, features] = merged
-                done += len(members)
+                merged = np.maximum(cells[part, :, features], means[..., features]) if group else means[..., features]
+                cells[part, :, features] = merged
+                done += len(means)
                 progress("panorama", done / total)
         self._place(0)
-        for number, _, members in pages:
-            cells[members, :, self._columns] = self._distances(number, tiles[members, 1:] % (PAGE // TILE) * TILE)
+        for part in parts:
+            cells[part, :, self._columns] = self._distances(tiles[part])
         self._tile_store().add(tiles, cells)
 
-    def _sampled(self, view: View, frame: int, corners: NDArray[np.int64], scene: PathScene, dim: float) -> FloatImage:
-        """Trace cells and return the means of their samples, float32 [n, TILE * TILE, FILM_COLUMNS].
+    def _sampled(self, view: CubeView, tiles: NDArray[np.int64], scene: PathScene, dim: float) -> FloatImage:
+        """Trace tiles and return the means of their samples, float32 [n, TILE * TILE, FILM_COLUMNS].
 
         Args:
-            view: View of the page.
-            frame: Frame number of its random numbers.
-            corners: [n, 2], row and column on it of the first cell of tiles.
+            view: View of the cells.
+            tiles: Tiles, [n, 3].
             scene: Scene data.
             dim: Offset of `contrast_of`.
         """
-        settings, spp = self.settings, self.settings.samples(view)
+        settings, spp = self.settings, self.settings.samples
         first_spp = max(LEAST_SPP, spp // FIRST_DIVISOR)
 
-        def sums(corners: NDArray[np.int64], spp: int, seed: int) -> FloatImage:
+        def sums(tiles: NDArray[np.int64], spp: int, seed: int) -> FloatImage:
             rows = self._paths.sums(
-                view, _squares(corners[:, 0] * PAGE + corners[:, 1], PAGE),
-                spp=spp, key=frame_key(seed, frame), max_depth=settings.max_depth, scene=scene,
+                view, _pixels_of(tiles, view), spp=spp, key=frame_key(seed, FIRST_FRAME), max_depth=settings.max_depth,
+                scene=scene,
             )  # fmt: skip
-            return rows.reshape(len(corners), TILE * TILE, -1)
+            return rows.reshape(len(tiles), TILE * TILE, -1)
 
-        result = sums(corners, first_spp, settings.seed) / np.float32(first_spp)
+        result = sums(tiles, first_spp, settings.seed) / np.float32(first_spp)
         varied = contrast_of(result, dim) > CONTRAST
         if varied.any():
-            further = sums(corners[varied], spp, frame_key(settings.seed, FURTHER_FRAME))
+            further = sums(tiles[varied], spp, frame_key(settings.seed, FURTHER_FRAME))
             result[varied] = (result[varied] * np.float32(first_spp) + further) / np.float32(first_spp + spp)
         return result
 
-    def _distances(self, page: int, corners: NDArray[np.int64]) -> NDArray[np.float32]:
+    def _distances(self, tiles: NDArray[np.int64]) -> NDArray[np.float32]:
         """Return how far away the centers of cells show surfaces, m; less zero behind the edge of a nearer surface.
 
         Args:
-            page: Number of the page.
-            corners: [n, 2], row and column on it of the first cell of tiles.
+            tiles: Tiles, [n, 3].
 
         Returns:
             float32 [n, TILE * TILE].
         """
-        border = self._page_view(page, border=1)
-        squares = _squares(corners[:, 0] * border.width + corners[:, 1], border.width, TILE + 2)
-        rays = self._rays.resized(border.width, border.height)
-        chosen = np.zeros((border.height, border.width), bool)
-        chosen.ravel()[squares] = True
-        queue, count = rays.queue_of(chosen)
-        primary_rays(queue, count, border.array(), border.width, border.height, rays.rays, False)
-        first_hits(self._paths.scene, CURRENT, rays, queue, count)
-        found = np.minimum(rays.hits.to_numpy()[squares, 0], FAR).reshape(-1, TILE + 2, TILE + 2)
+        view = self.settings.cells_view(TILE + 1)  # tiles have a border of a cell
+        pixels = _pixels_of(tiles, view, TILE + 2)
+        wave = self._rays.reserved(len(pixels))
+        kernels.center_rays(pixels, view.array(), view.width, view.height, wave.rays)
+        first_hits(self._paths.scene, CURRENT, wave, wave.queue, len(pixels))
+        found = np.minimum(wave.hits.to_numpy()[: len(pixels), 0], FAR).reshape(-1, TILE + 2, TILE + 2)
         nearest = sliding_window_view(found, (3, 3), axis=(1, 2)).min(axis=(-2, -1))
         distances = found[:, 1:-1, 1:-1]
         signed: FloatImage = np.where(nearest < EDGE * distances, -distances, distances)
-        return signed.reshape(len(corners), -1)
+        return signed.reshape(len(tiles), -1)
 
     def _denoise(self, blocks: NDArray[np.int64]) -> None:
         """Denoise blocks whose windows are traced."""
@@ -348,7 +331,7 @@ class Panorama:
     def _tile_store(self) -> CellStore:
         """Return the tiles. Views whose blocks are on disk do not need them: the first other view loads them."""
         if self._tiles is None:
-            shape = 6, self._tiles_along, self._tiles_along
+            shape = FACES, self._tiles_along, self._tiles_along
             self._tiles = CellStore(shape, TILE * TILE, self._columns + 1, self._files, f"{self._key}-tiles")
         return self._tiles
 
@@ -358,18 +341,6 @@ class Panorama:
         self._paths.scene.place(
             self._static if groups is None else replace(self._static, lights=groups.only_group(group))
         )
-
-    def _pages(self, tiles: NDArray[np.int64]) -> Iterator[tuple[int, View, NDArray[np.int64]]]:
-        """Yield for each page with some of the tiles: its number, its view, and which tiles are its."""
-        corner = tiles[:, 1:] // (PAGE // TILE)
-        numbers = (tiles[:, 0] * self._pages_along + corner[:, 0]) * self._pages_along + corner[:, 1]
-        for number in np.unique(numbers).tolist():
-            yield number, self._page_view(number), np.flatnonzero(numbers == number)
-
-    def _page_view(self, number: int, border: int = 0) -> View:
-        """Return the view of a page; see `PanoramaSettings.page_view`."""
-        face, row, column = np.unravel_index(number, (6, self._pages_along, self._pages_along))
-        return self.settings.page_view(int(face), int(row), int(column), border)
 
 
 def contrast_of(cells: FloatImage, offset: float) -> FloatImage:
@@ -390,8 +361,15 @@ def contrast_of(cells: FloatImage, offset: float) -> FloatImage:
     return result
 
 
-def _squares(corners: NDArray[np.int64], stride: int, side: int = TILE) -> NDArray[np.int32]:
-    """Return for each corner the rows of a square of side x side cells in an array of `stride` cells per row."""
-    within = np.arange(side)[:, None] * stride + np.arange(side)
-    rows: NDArray[np.int32] = (corners[:, None] + within.ravel()).ravel().astype(np.int32)
-    return rows
+def _pixels_of(tiles: NDArray[np.int64], view: CubeView, side: int = TILE) -> NDArray[np.int32]:
+    """Return the pixels of tiles, tile by tile, int32 [n * side * side].
+
+    Args:
+        tiles: Tiles, [n, 3].
+        view: View of the cells. If it has a larger margin than TILE, the first tile begins at its border.
+        side: Pixels along a side of a tile, with its border.
+    """
+    corners = (tiles[:, 0] * view.width + tiles[:, 1] * TILE) * view.width + tiles[:, 2] * TILE
+    within = np.arange(side)[:, None] * view.width + np.arange(side)
+    pixels: NDArray[np.int32] = (corners[:, None] + within.ravel()).ravel().astype(np.int32)
+    return pixels

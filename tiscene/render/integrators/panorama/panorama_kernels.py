@@ -8,8 +8,9 @@ import taichi as ti
 from tiscene.device.argument_bundles import bundled
 from tiscene.device.kernel_types import Floats2, Floats3, Floats4, Ints1, Ints2, Ints3, Template, vec3, vec4
 from tiscene.render.integrators.panorama.packed_cells import UNIT, unpacked
+from tiscene.render.intersect.ray_queue import Rays, write_ray
 from tiscene.render.sampling.cube import cell_of, place_on_cube
-from tiscene.render.view import CENTER, RIGHT, TANGENT, UP, view_vector
+from tiscene.render.view import CENTER, RIGHT, TANGENT, UP, camera_ray, view_vector
 from tiscene.scene.placement import CURRENT
 
 # Powers of two: kernels shift and mask, since Taichi's integer division rounds down at some cost.
@@ -63,7 +64,7 @@ def find_blocks(view: Floats2, width: ti.i32, height: ti.i32, size: ti.i32, need
     Args:
         view: The view, of a pinhole camera.
         size: Cells along a side of a face.
-        needed: Output, i32 [6, blocks, blocks], zeros before.
+        needed: Output, i32 [FACES, blocks, blocks], zeros before.
     """
     for pixel in range(width * height):
         corner, right, down = pixel_directions(view, pixel, width, height)
@@ -75,6 +76,22 @@ def find_blocks(view: Floats2, width: ti.i32, height: ti.i32, size: ti.i32, need
             cell = cell_of(corner + subpixel % SIDE * right + subpixel // SIDE * down, size)
             needed[cell[0], cell[1] // BLOCK, cell[2] // BLOCK] = 1
         need_around(middle_of(corner, right, down), size >> 1, COARSE_BITS, needed)
+
+
+@ti.kernel
+def center_rays(pixels: Ints1, view: Floats2, width: ti.i32, height: ti.i32, rays: Rays):
+    """Generate the rays through the centers of some pixels.
+
+    Args:
+        pixels: Pixels, y * width + x.
+        view: The view.
+        width, height: Image size, px.
+        rays: Output, one for each of the pixels.
+    """
+    for i in range(pixels.shape[0]):
+        x, y = pixels[i] % width, pixels[i] // width
+        origin, direction = camera_ray(view, CURRENT, ti.cast(x, ti.f32), ti.cast(y, ti.f32), width, height)
+        write_ray(rays, i, origin, direction, ti.math.inf)
 
 
 @ti.func

@@ -40,7 +40,6 @@ from tiscene.render.integrators.panorama.panorama import (
     DIM,
     FIRST_DIVISOR,
     LEAST_SPP,
-    PAGE,
     Panorama,
     PanoramaSettings,
 )
@@ -128,9 +127,9 @@ class PanoramaPass:
         self._memory_limit = memory_limit
         self._progress = progress
         self._panoramas: dict[tuple[Any, ...], Panorama] = {}  # least recently used first
-        self._panorama_paths: tuple[PathPass, PathPass] | None = None  # of pages and of light probes
         self._changes: LightChanges | None = None
-        self._subpixels = SubpixelPaths(paths.scene)
+        self._cell_paths = PathPass(paths.scene, paths.width, paths.height)  # of cells and subpixels
+        self._subpixels = SubpixelPaths(self._cell_paths)
         self.static_hits: StaticHits | None = None
         self._anchors, self._points = Anchors(paths.scene), Reprojection(paths.scene)
 
@@ -174,12 +173,14 @@ class PanoramaPass:
         anchor = self._anchors.nearest(view)
         if anchor is None:
             return False
+        settings = PanoramaSettings.of(view, anchor, spp=panorama_spp, max_depth=max_depth, seed=seed)
+        if not settings.possible:
+            return False
         points = None if anchor == view.current.position else self._points
         self.static_hits = None
         if points is not None:
             points.trace(view, anchor)
             self.static_hits = StaticHits(points.centers, moving)
-        settings = PanoramaSettings.of(view, anchor, spp=panorama_spp, max_depth=max_depth, seed=seed)
         self._view, self._max_depth, self._panorama_spp = view, max_depth, panorama_spp
         self._shown, self._known = self._static_images(view, static, settings, points)
         self._movers_key = frame_key(frame_key(seed, MOVERS_FRAME), frame_index)
@@ -272,13 +273,8 @@ class PanoramaPass:
         )
         panorama = self._panoramas.pop(key, None)
         if panorama is None:
-            if self._panorama_paths is None:
-                self._panorama_paths = (
-                    PathPass(self.scene, PAGE, PAGE),
-                    PathPass(self.scene, light_probe.PIXELS, light_probe.PIXELS),
-                )
             key_of_files = self._file_key(view, static, settings)
-            panorama = Panorama(*self._panorama_paths, static, settings, self._files, key_of_files)
+            panorama = Panorama(self._cell_paths, static, settings, self._files, key_of_files)
         images = panorama.images(view, points)
         if images is None:
             missing = panorama.missing(view, points)
@@ -311,7 +307,7 @@ class PanoramaPass:
             "emission": int(self.scene.materials.any_emission),
             "groups": "" if groups is None else digest_of([groups.lights, groups.group]).hex(),
         }
-        return self._images.key(self.scene, static.present[CURRENT], settings.page_view(0, 0, 0), values)
+        return self._images.key(self.scene, static.present[CURRENT], settings.cells_view(), values)
 
     def _bytes(self) -> int:
         return sum(panorama.bytes for panorama in self._panoramas.values())

@@ -25,7 +25,6 @@ from tiscene.render.integrators.panorama.reprojection_kernels import (
 from tiscene.render.integrators.path.path_pass import PathPass
 from tiscene.render.integrators.path.path_scene import PathScene
 from tiscene.render.view import View
-from tiscene.scene.device_scene import DeviceScene
 
 FloatImage = NDArray[np.float32]
 
@@ -70,12 +69,11 @@ class SubpixelPaths:
     """Traces paths through subpixels.
 
     Args:
-        scene: The scene.
+        paths: Path tracer.
     """
 
-    def __init__(self, scene: DeviceScene) -> None:
-        self._scene = scene
-        self._paths: PathPass | None = None
+    def __init__(self, paths: PathPass) -> None:
+        self._paths = paths
 
     def fill(
         self,
@@ -113,8 +111,6 @@ class SubpixelPaths:
         lengths = (3, 3, 3, 1, 1)
         parts = [np.zeros((len(pixels), length), np.float32) for length in lengths]
         if len(pixels):
-            if self._paths is None:
-                self._paths = PathPass(self._scene, enlarged.width, enlarged.height)
             sums = self._paths.sums(enlarged, subpixels, spp=spp, key=key, max_depth=max_depth, scene=scene)
             samples = sums / np.float32(spp)
             rows = np.full((enlarged.height, enlarged.width), -1, np.int32)

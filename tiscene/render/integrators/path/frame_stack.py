@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from tiscene.device.kernel_types import Ints1, Template
 from tiscene.device.memory import device_array, upload
-from tiscene.render.view import View
+from tiscene.render.view import CubeView, View
 
 
 class FrameStack(NamedTuple):
@@ -52,7 +52,7 @@ class FrameStack(NamedTuple):
         write_trees(roots, paths, trees)
         return cls(paths, upload(np.array([paths, max(instances, 1), *keys], np.int32)), upload(cameras), trees)
 
-    def cameras_of(self, view: View) -> Any:
+    def cameras_of(self, view: View | CubeView) -> Any:
         """Return the cameras as a device array: those of the view, if there is one frame only."""
         return self.cameras if self.paths else view.array()
 

@@ -30,12 +30,12 @@ from tiscene.render.integrators.path.path_state import CHUNK, FILM_COLUMNS, Path
 from tiscene.render.integrators.path.radiance_cache import end_in_cache, last_depth
 from tiscene.render.integrators.path.shading import shade
 from tiscene.render.integrators.path.shadow_rays import continue_shadow_rays
-from tiscene.render.intersect.ray_queue import tiled_order, tiled_ranks, upload_pixels
+from tiscene.render.intersect.ray_queue import tiled_order, tiled_ranks, upload_pixels, upload_rows
 from tiscene.render.intersect.surface_interaction import geometry_of
 from tiscene.render.intersect.trace import closest, occluded
 from tiscene.render.sampling.pixel_filter import pixel_filter as pixel_filter_named
 from tiscene.render.sampling.sobol import frame_key, index_bits
-from tiscene.render.view import SKY, View, check_image_size
+from tiscene.render.view import SKY, CubeView, View, check_image_size
 from tiscene.scene.device_scene import DeviceScene
 from tiscene.scene.lights.light_table import LightArrays
 from tiscene.scene.placement import CURRENT
@@ -147,7 +147,7 @@ class PathPass:
 
     def sums(
         self,
-        view: View,
+        view: View | CubeView,
         pixels: NDArray[np.int32],
         *,
         spp: int,
@@ -158,16 +158,17 @@ class PathPass:
         """Trace `spp` paths through each of some pixels and return their film rows, float32 [n, FILM_COLUMNS].
 
         Args:
-            view: Camera and image size.
+            view: Camera and image size, which may be another than that of the pass.
             pixels: i32 [n], pixel numbers y * width + x; traced in an order that balances threads.
             spp: Samples per pixel.
             key: Key of the random numbers, see `frame_key`.
             max_depth: See `render`.
             scene: Scene data; None: `scene_arrays()`.
         """
-        self._check(view, spp, max_depth)
-        order = np.argsort(tiled_ranks(pixels, self.width, self.height)).astype(np.int32)
-        with self.restricted_to(upload_pixels(pixels[order], self.width, self.height)):
+        _check_numbers(len(pixels), spp, max_depth)
+        order = np.argsort(tiled_ranks(pixels, view.width, view.height)).astype(np.int32)
+        ordered = pixels[order]
+        with self.restricted_to(upload_rows(ordered, view.places(ordered))):
             self._trace(view, len(pixels), PathSamples(spp, index_bits(spp), key), max_depth, scene=scene)
         rows = np.empty((len(pixels), FILM_COLUMNS), np.float32)
         kernels.read_film(self.film, order, rows)
@@ -198,12 +199,12 @@ class PathPass:
         finally:
             self._pixels = all_pixels
 
-    def start(self, view: View, state: PathState, first: int, count: int, samples: PathSamples) -> None:
+    def start(self, view: View | CubeView, state: PathState, first: int, count: int, samples: PathSamples) -> None:
         """Generate the camera rays of paths first .. first + count - 1 and queue them."""
         spp, bits, key = samples
         with self.vector_mode():
             kernels.start_paths(
-                self._stack.cameras_of(view), self.pixel_filter, self.pixels, self.width, self.height, first, count,
+                self._stack.cameras_of(view), self.pixel_filter, self.pixels, view.width, view.height, first, count,
                 spp, bits, key, state.rays, state.state, state.status, state.queue, state.first_sample,
                 *self._stack.arguments,
             )  # fmt: skip
@@ -322,20 +323,15 @@ class PathPass:
         return PathScene.of(arrays, materials, scene.lights)
 
     def _check(self, view: View, spp: int, max_depth: int) -> None:
-        if spp < 1 or max_depth < 1:
-            raise ArgumentError(f"spp={spp}, max_depth={max_depth}: both must be at least 1")
+        _check_numbers(self.width * self.height, spp, max_depth)
         if (view.width, view.height) != (self.width, self.height):
             raise ArgumentError(
                 f"view of {view.width}x{view.height} pixels: must have the image size, {self.width}x{self.height}"
             )
-        if self.width * self.height * spp >= 1 << 31:
-            raise ArgumentError(
-                f"{self.width}x{self.height} pixels at spp={spp}: more than 2^31 paths per frame; reduce spp"
-            )
 
     def _trace(
         self,
-        view: View,
+        view: View | CubeView,
         pixel_count: int,
         samples: PathSamples,
         max_depth: int,
@@ -367,7 +363,7 @@ class PathPass:
     def _trace_batch(
         self,
         scene: PathScene,
-        view: View,
+        view: View | CubeView,
         state: PathState,
         first: int,
         count: int,
@@ -398,3 +394,11 @@ class PathPass:
         kernels.develop(self.film, self.pixels, spp, hdr, albedo, normal, dropped)
         self.nonfinite = int(dropped.sum())
         return PathImage(hdr, albedo, normal)
+
+
+def _check_numbers(pixels: int, spp: int, max_depth: int) -> None:
+    """Raise an ArgumentError unless so many paths can be traced."""
+    if spp < 1 or max_depth < 1:
+        raise ArgumentError(f"spp={spp}, max_depth={max_depth}: both must be at least 1")
+    if pixels * spp >= 1 << 31:
+        raise ArgumentError(f"{pixels} pixels at spp={spp}: more than 2^31 paths per frame; reduce spp")

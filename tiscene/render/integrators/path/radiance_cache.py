@@ -15,6 +15,7 @@ only while they have several left, since what is beyond those brings hardly any 
 Where the first surface is a mirror, albedo and normal are those of the next surface, and the path goes on there.
 """
 
+import math
 from typing import Any, NamedTuple
 
 import taichi as ti
@@ -135,7 +136,7 @@ def _end_in_cache(
             seen = origin + distance * direction - vec3(center_x, center_y, center_z)
             place = cell_of(seen, size)
             cell = cells[(place[0] * size + place[1]) * size + place[2]]
-            normal, width = vec3(cell[4], cell[5], cell[6]), seen.norm() * 2.0 / size
+            normal, width = vec3(cell[4], cell[5], cell[6]), seen.norm() * (0.5 * math.pi) / size
             looks_alike = (flags & (COVERAGE | EMITS | GLASS | MAY_MIRROR | UNSEEN)) == 0
             is_wide = distance * state[i][SPREAD] > width
             if looks_alike and is_wide and ti.abs(normal.dot(seen) + cell[3]) < FLATNESS * width:
