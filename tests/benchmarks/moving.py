@@ -6,7 +6,9 @@ both; "rests" is the same room with the camera at rest. Frames have SAILenv's fi
 
 PSNR: of `denoised`, times 2, clipped and encoded as sRGB, at the frames COMPARED, against path tracing at depth 8.
 Two references with independent noise are used, because the mean product of the errors against both does not depend on
-their noise. They are kept in the cache folder. "once": the first frame. "frame" and "CPU": medians of wall and CPU
+their noise. Displayed noise is darker than the displayed mean, which would count as an error of the picture: so each
+reference has two parts, from which a jackknife removes that (Quenouille, Notes on bias in estimation, 1956). The parts
+are kept in the cache folder. "once": the first frame. "frame" and "CPU": medians of wall and CPU
 time, "mean": of wall time, with what new anchors cost; "again": median of wall time where the same views were rendered
 before. "flicker": mean difference, in 8-bit levels, between `rgb` and the same points of static surfaces in the next
 frame, found by `forward_flow`.
@@ -38,9 +40,10 @@ BUFFERS = ("rgb", "semantic", "instance", "forward_flow", "depth", "denoised")
 SIZE = 256, 192
 FRAMES, COMPARED = 24, (10, 20)  # COMPARED: frame indices
 TURN, STEP = math.radians(1.0), 0.03  # a frame, rad and m
-REFERENCE_SPP, REFERENCE_DEPTH = 96, 8  # of each half
+REFERENCE_SPP, REFERENCE_DEPTH = 64, 8  # of each part of a reference
 
 Image = NDArray[np.float32]
+Displayed = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
@@ -103,7 +106,7 @@ def main(large: bool = False) -> None:
                 line(shot, preset, truth)
 
 
-def line(shot: Shot, preset: str, truth: dict[int, tuple[Image, Image]]) -> None:
+def line(shot: Shot, preset: str, truth: dict[int, tuple[Displayed, Displayed]]) -> None:
     """Measure and print one preset."""
     with shot.stream(quality=preset, buffers=BUFFERS) as stream:
         began = time.perf_counter()
@@ -122,7 +125,7 @@ def line(shot: Shot, preset: str, truth: dict[int, tuple[Image, Image]]) -> None
             wall = time.perf_counter()
             shot.render(stream, index)
             again.append(time.perf_counter() - wall)
-    errors = [product_of_errors(frames[k].denoised, *truth[k]) for k in COMPARED]
+    errors = [product_of_errors(display(frames[k].denoised), *truth[k]) for k in COMPARED]
     wall, cpu, mean = 1e3 * np.median(walls), 1e3 * np.median(cpus), 1e3 * np.mean(walls)
     flicker = np.mean([difference(frames[k], frames[k + 1]) for k in COMPARED])
     print(
@@ -133,44 +136,48 @@ def line(shot: Shot, preset: str, truth: dict[int, tuple[Image, Image]]) -> None
     )
 
 
-def references(shot: Shot) -> dict[int, tuple[Image, Image]]:
-    """Return two path-traced images with independent noise per compared frame and per frame after one."""
-    result: dict[int, list[Image]] = {}
-    for half in (1, 2):
-        stream = functools.cache(lambda half=half: shot.stream(
-            quality="standard", spp=REFERENCE_SPP, max_depth=REFERENCE_DEPTH, seed=1000 + half, denoise=False,
+def references(shot: Shot) -> dict[int, tuple[Displayed, Displayed]]:
+    """Return two estimates of the displayed path-traced image, with independent noise, per compared frame."""
+    parts: dict[int, list[Image]] = {}
+    for part in range(4):
+        stream = functools.cache(lambda part=part: shot.stream(
+            quality="standard", spp=REFERENCE_SPP, max_depth=REFERENCE_DEPTH, seed=1000 + part, denoise=False,
             incremental=False, buffers=("hdr",),
         ))  # fmt: skip
         for index in COMPARED:
-            result.setdefault(index, []).append(_kept(shot, half, index, stream))
-    return {index: (a, b) for index, (a, b) in result.items()}
+            parts.setdefault(index, []).append(_kept(shot, part, index, stream))
+    return {index: (_displayed(*images[:2]), _displayed(*images[2:])) for index, images in parts.items()}
 
 
-def _kept(shot: Shot, half: int, index: int, stream: Callable[[], ts.Stream]) -> Image:
+def _displayed(one: Image, other: Image) -> Displayed:
+    """Return what `display` makes of the mean of noisy images, less its bias as the two of them tell: a jackknife."""
+    return 2.0 * display(0.5 * (one + other)) - 0.5 * (display(one) + display(other))
+
+
+def _kept(shot: Shot, part: int, index: int, stream: Callable[[], ts.Stream]) -> Image:
     """Return a reference image from the cache folder, or render and keep it."""
-    identity = f"{shot} {_scenario(shot.room).to_json()} {half} {index} {REFERENCE_SPP} {REFERENCE_DEPTH}"
+    identity = f"{shot} {_scenario(shot.room).to_json()} {part} {index} {REFERENCE_SPP} {REFERENCE_DEPTH}"
     folder = cache_folder() / "benchmark-references"
     file = folder / f"{hashlib.sha256(identity.encode()).hexdigest()[:24]}.npy"
     if not file.exists():
         folder.mkdir(parents=True, exist_ok=True)
         image = shot.render(stream(), index).hdr
-        part = file.with_suffix(".part.npy")
-        np.save(part, image)
-        part.replace(file)
+        unfinished = file.with_suffix(".part.npy")
+        np.save(unfinished, image)
+        unfinished.replace(file)
     image: Image = np.load(file)
     return image
 
 
-def display(radiance: Image) -> NDArray[np.float64]:
+def display(radiance: Image) -> Displayed:
     """Return radiance times 2, clipped and encoded as sRGB, 0..1."""
     x = np.clip(2.0 * radiance.astype(np.float64), 0.0, 1.0)
     return np.where(x <= 0.0031308, 12.92 * x, 1.055 * x ** (1.0 / 2.4) - 0.055)
 
 
-def product_of_errors(image: Image, one: Image, other: Image) -> float:
+def product_of_errors(shown: Displayed, one: Displayed, other: Displayed) -> float:
     """Return the mean product of an image's errors against two references: its mean squared error without theirs."""
-    shown = display(image)
-    return max(float(np.mean((shown - display(one)) * (shown - display(other)))), 1e-9)
+    return max(float(np.mean((shown - one) * (shown - other))), 1e-9)
 
 
 def difference(frame: ts.Frame, after: ts.Frame) -> float:
