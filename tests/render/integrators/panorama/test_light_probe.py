@@ -5,9 +5,11 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+import taichi as ti
 from numpy.typing import NDArray
 
 from tests.render.integrators.panorama.test_panorama_pass import DEPTH, SurroundedBalls, view_at
+from tiscene.device.kernel_types import Floats2, Ints2
 from tiscene.render.integrators.incremental.base_image import base_placement
 from tiscene.render.integrators.panorama.light_probe import PLANE, SIZE, LightProbe, trace_probe
 from tiscene.render.integrators.path import path_pass
@@ -23,9 +25,11 @@ from tiscene.render.integrators.path.path_state import (
 )
 from tiscene.render.integrators.path.radiance_cache import end_in_cache
 from tiscene.render.intersect.ray_queue import upload_rows
-from tiscene.render.sampling.cube import FACES
+from tiscene.render.sampling.cube import FACES, cell_of
 from tiscene.render.sampling.sobol import frame_key
 from tiscene.render.view import CubeView
+from tiscene.scene.camera import Vector3
+from tiscene.scene.description import Material
 from tiscene.scene.placement import CURRENT
 
 pytestmark = pytest.mark.usefixtures("taichi")
@@ -37,9 +41,9 @@ ONE_GROUP = np.ones((1, 3), np.float32)
 class Probed:
     """The surrounded balls without movers, and the probe at a point for paths of at most so many segments."""
 
-    def __init__(self, depth: int) -> None:
-        self.balls = SurroundedBalls(lights="sky and bulb")
-        self.center = (0.05, 0.1, 0.3)  # in the box
+    def __init__(self, depth: int, wall: Material | None = None, center: Vector3 = (0.05, 0.1, 0.3)) -> None:
+        self.balls = SurroundedBalls(wall=wall, lights="sky and bulb")
+        self.center = center
         self.device = self.balls.device
         self.place(0)
         self.paths = PathPass(self.device, SIZE, SIZE)
@@ -75,6 +79,35 @@ def test_cells_have_the_light_of_their_surfaces(probed: Probed) -> None:
         cells = probed.probe.cells[face, known[face], PLANE:].mean(axis=-1)
         # The median, since beside edges the whole cell shows more than the surface in its middle.
         assert np.median(cells / truth) == pytest.approx(1.0, abs=0.03), face
+
+
+@ti.kernel
+def cells_towards(directions: Floats2, size: ti.i32, cells: Ints2):
+    for i in range(directions.shape[0]):
+        cell = cell_of(ti.math.vec3(directions[i, 0], directions[i, 1], directions[i, 2]), size)
+        for c in ti.static(range(3)):
+            cells[i, c] = cell[c]
+
+
+def test_light_of_shiny_surfaces_is_that_of_all_directions() -> None:
+    """Two centers see different reflections in the wall, but their cells have the same light."""
+    metal = Material("metal", diffuse_color=(0.7, 0.7, 0.7), metallic=1.0, roughness=0.4)
+    u, v = np.mgrid[0.05:0.95:24j, 0.05:0.95:24j].reshape(2, -1, 1)
+    points = (-0.9, -0.9, 0.6) + u * np.array([0.7, 0.0, 0.0]) + v * np.array([0.0, 1.5, -0.3])
+    shown, light = [], []
+    for center in ((-0.1, -0.6, 0.9), (-0.7, 0.4, 0.9)):
+        probed = Probed(DEPTH, metal, center)
+        cells = np.empty((len(points), 3), np.int32)
+        cells_towards((points - center).astype(np.float32), SIZE, cells)
+        face, row, column = cells.T
+        pixels = (face * SIZE + row) * SIZE + column
+        film = probed.paths.sums(CubeView(center, SIZE), pixels, spp=64, key=9, max_depth=DEPTH - 1) / 64
+        shown.append(film[:, :3])
+        light.append(probed.probe.cells[face, row * SIZE + column, PLANE:])
+    of_centers, of_cells = (np.abs(one - other).mean() / one.mean() for one, other in (shown, light))
+    assert of_centers > 0.5
+    assert of_cells < 0.4 * of_centers
+    assert light[0].mean() == pytest.approx(light[1].mean(), rel=0.05)
 
 
 def test_planes_face_the_center_at_the_distance_of_their_surfaces(probed: Probed) -> None:

@@ -2,12 +2,15 @@
 """Light probes: the light of the surfaces that the center of a panorama sees, coarse but all around.
 
 The cells of panoramas, movers and hidden parts are lit by surfaces outside the view as well. Paths that reach a surface
-that the probe knows end there, see `radiance_cache`.
+that the probe knows end there, see `radiance_cache`. They come from anywhere, so a cell has the mean light that its
+surface sends in all directions, its radiosity over pi. What the center itself sees of a wooden floor is the window's
+reflection.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,14 +19,16 @@ from tiscene.device.kernel_types import float8
 from tiscene.device.memory import device_array, upload_vectors
 from tiscene.render.integrators.incremental.base_image import scene_under_group
 from tiscene.render.integrators.labels.first_hits import first_hits
+from tiscene.render.integrators.panorama.light_probe_kernels import look_from_random_directions
 from tiscene.render.integrators.panorama.panorama_kernels import center_rays
 from tiscene.render.integrators.panorama.reprojection_kernels import FAR, find_surfaces
 from tiscene.render.integrators.path.path_pass import PathPass
+from tiscene.render.integrators.path.path_state import PathSamples, PathState
 from tiscene.render.integrators.path.radiance_cache import ALIGNED, FLATNESS, RadianceCache
 from tiscene.render.intersect.ray_queue import RayWave
 from tiscene.render.intersect.surface_interaction import geometry_of
 from tiscene.render.sampling.cube import FACES
-from tiscene.render.sampling.sobol import frame_key
+from tiscene.render.sampling.sobol import frame_key, index_bits
 from tiscene.render.view import CubeView
 from tiscene.scene.camera import Vector3
 from tiscene.scene.device_scene import DeviceScene
@@ -47,7 +52,8 @@ class LightProbe:
     Args:
         center: The point, world, m.
         cells: float32 [6, SIZE * SIZE, PLANE + 3 * groups], by face, row and column: normal, zero if the cell is not
-            known; distance of the center from the surface's plane, m; and the radiance of each light group, W/m²/sr.
+            known; distance of the center from the surface's plane, m; and the radiosity over pi of each light group,
+            W/m²/sr.
     """
 
     def __init__(self, center: Vector3, cells: FloatImage) -> None:
@@ -105,29 +111,33 @@ def trace_probe(
     place(0)
     view = CubeView(center, PIXELS)
     pixels = np.arange(view.width * view.height, dtype=np.int32)
-    surfaces = _surfaces(paths.scene, view, pixels)
+    surfaces, samples = _surfaces(paths.scene, view, pixels), PathSamples(SPP, index_bits(SPP), frame_key(seed, _FRAME))
+    shown: FloatImage = surfaces.to_numpy()
+
+    def look(state: PathState, first: int, count: int) -> None:
+        look_from_random_directions(surfaces, *center, paths.pixels, first, count, *samples, state.rays)
+
     cells = np.zeros((FACES, SIZE * SIZE, PLANE + 3 * groups), np.float32)
     for group in range(groups):
         if group:
             place(group)
         scene, first = scene_under_group(paths, group, None), PLANE + 3 * group
-        film = paths.sums(view, pixels, spp=SPP, key=frame_key(seed, _FRAME), max_depth=max_depth, scene=scene)
-        planes, light = _light_of_planes(surfaces, film / np.float32(SPP))
+        film = paths.sums(view, pixels, spp=SPP, key=samples.key, max_depth=max_depth, scene=scene, on_start=look)
+        planes, light = _light_of_planes(shown, film / np.float32(SPP))
         cells[..., first : first + 3] = light.reshape(FACES, SIZE * SIZE, -1)
         if group == 0:
             cells[..., :PLANE] = planes.reshape(FACES, SIZE * SIZE, -1)
     return cells
 
 
-def _surfaces(scene: DeviceScene, view: CubeView, pixels: NDArray[np.int32]) -> FloatImage:
-    """Return what the centers of pixels show, see `find_surfaces`, float32 [pixels, 8]."""
+def _surfaces(scene: DeviceScene, view: CubeView, pixels: NDArray[np.int32]) -> Any:
+    """Return what the centers of pixels show, see `find_surfaces`, on the device."""
     wave, surfaces = RayWave().reserved(len(pixels)), device_array(float8, len(pixels))
     center_rays(pixels, view.array(), view.width, view.height, wave.rays)
     first_hits(scene, CURRENT, wave, wave.queue, len(pixels))
     info = scene.materials.arrays().info
     find_surfaces(len(pixels), wave.rays, wave.hits, wave.hit_ids, *geometry_of(scene), info, surfaces)
-    result: FloatImage = surfaces.to_numpy()
-    return result
+    return surfaces
 
 
 def _light_of_planes(surfaces: FloatImage, film: FloatImage) -> tuple[FloatImage, FloatImage]:
@@ -146,7 +156,7 @@ def _light_of_planes(surfaces: FloatImage, film: FloatImage) -> tuple[FloatImage
     offset, distance = -(normal * point).sum(axis=-1), np.linalg.norm(point, axis=-1)
     from_plane = np.abs((shown[..., :3] * normal[:, None]).sum(axis=-1) + offset[:, None])
     aligned = (shown[..., 4:7] * normal[:, None]).sum(axis=-1) > ALIGNED
-    # A path that ends at a light in front of the surface finds no normal.
+    # A path that meets a light first finds no normal.
     same = (
         (from_plane < FLATNESS * (0.5 * np.pi / SIZE) * distance[:, None]) & aligned & ((seen**2).sum(axis=-1) > 0.25)
     )

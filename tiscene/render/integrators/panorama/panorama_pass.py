@@ -300,7 +300,7 @@ class PanoramaPass:
             "panorama": repr(settings),
             "cell": f"{CELL!r} {FORMAT} {NORMAL_RANGE} {DISTANCE_RANGE}",
             "sampling": f"{FIRST_DIVISOR} {LEAST_SPP} {CONTRAST} {DIM}",
-            "probe": f"{light_probe.SIZE} {light_probe.PIXELS} {light_probe.SPP}",
+            "probe": f"radiosity {light_probe.SIZE} {light_probe.PIXELS} {light_probe.SPP}",
             "denoiser": f"{settings.denoiser} {version('pyoidn')}",
             "background": repr(view.background),
             "coverage": int(self.scene.materials.any_coverage),

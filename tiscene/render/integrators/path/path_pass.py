@@ -44,6 +44,8 @@ from tiscene.scene.placement import CURRENT
 # measured to take a third longer.
 BATCH_SIZE = 1 << 20
 
+StartCallback = Callable[[PathState, int, int], None]  # see `PathPass.sums`
+
 
 class PathPass:
     """Path tracer for a DeviceScene as placed at CURRENT.
@@ -154,6 +156,7 @@ class PathPass:
         key: int,
         max_depth: int,
         scene: PathScene | None = None,
+        on_start: StartCallback | None = None,
     ) -> NDArray[np.float32]:
         """Trace `spp` paths through each of some pixels and return their film rows, float32 [n, FILM_COLUMNS].
 
@@ -164,12 +167,16 @@ class PathPass:
             key: Key of the random numbers, see `frame_key`.
             max_depth: See `render`.
             scene: Scene data; None: `scene_arrays()`.
+            on_start: Called when the camera rays of a batch of paths are generated, with the paths, the number of the
+                first and their count. It may replace the rays.
         """
         _check_numbers(len(pixels), spp, max_depth)
         order = np.argsort(tiled_ranks(pixels, view.width, view.height)).astype(np.int32)
         ordered = pixels[order]
         with self.restricted_to(upload_rows(ordered, view.places(ordered))):
-            self._trace(view, len(pixels), PathSamples(spp, index_bits(spp), key), max_depth, scene=scene)
+            self._trace(
+                view, len(pixels), PathSamples(spp, index_bits(spp), key), max_depth, scene=scene, on_start=on_start
+            )
         rows = np.empty((len(pixels), FILM_COLUMNS), np.float32)
         kernels.read_film(self.film, order, rows)
         return rows
@@ -340,6 +347,7 @@ class PathPass:
         progress: Callable[[float], None] | None = None,
         first_sample: int = 0,
         scene: PathScene | None = None,
+        on_start: StartCallback | None = None,
     ) -> None:
         """Trace paths through the first `pixel_count` of `self.pixels`, in batches, and add them to the film."""
         self._make_film(pixel_count)
@@ -351,7 +359,8 @@ class PathPass:
         self.background = view.background
         scene = scene or self.scene_arrays()
         for first in range(0, total, size):
-            self._trace_batch(scene, view, self._state, first, min(size, total - first), samples, max_depth, int(mis))
+            count = min(size, total - first)
+            self._trace_batch(scene, view, self._state, first, count, samples, max_depth, int(mis), on_start)
             if progress:
                 progress(min(1.0, (first + size) / total))
 
@@ -370,10 +379,13 @@ class PathPass:
         samples: PathSamples,
         max_depth: int,
         mis: int,
+        on_start: StartCallback | None = None,
     ) -> None:
         """Trace the paths first .. first + count - 1 to their ends and add them to the film."""
         spp, bits, key = samples
         self.start(view, state, first, count, samples)
+        if on_start:
+            on_start(state, first, count)
         live = count
         for step in range(scene.steps(max_depth)):
             live, shadows = self.advance(scene, state, live, first, step, samples, max_depth, mis)
