@@ -25,20 +25,57 @@ def place_on_cube(direction: vec3, size: ti.i32) -> vec3:
         direction: Need not have unit length.
         size: Cells along a side of a face.
     """
-    magnitude = ti.abs(direction)
-    axis = 0
-    ahead, across, down = direction.x, direction.y, direction.z
-    if magnitude.y > magnitude.x and magnitude.y >= magnitude.z:
-        axis = 1
-        ahead, across, down = direction.y, direction.z, direction.x
-    elif magnitude.z > magnitude.x:
-        axis = 2
-        ahead, across, down = direction.z, direction.x, direction.y
+    axis = nearest_axis(direction)
+    ahead, across, down = along_axes(direction, axis)
     half, inverse = 0.5 * ti.cast(size, ti.f32), 1.0 / ahead
     u, v = across * inverse, down * ti.abs(inverse)
     row = (v * polynomial(_FROM_MIDDLE, v * v) + 1.0) * half
     column = (u * polynomial(_FROM_MIDDLE, u * u) + 1.0) * half
     return vec3(2 * axis + ti.cast(ahead > 0.0, ti.i32), row, column)
+
+
+@ti.func
+def nearest_axis(direction: vec3) -> ti.i32:
+    """Return the axis that a direction is nearest to: 0, 1 or 2."""
+    magnitude = ti.abs(direction)
+    axis = 0
+    if magnitude.y > magnitude.x and magnitude.y >= magnitude.z:
+        axis = 1
+    elif magnitude.z > magnitude.x:
+        axis = 2
+    return axis
+
+
+@ti.func
+def along_axes(vector: vec3, axis: ti.i32):
+    """Return the components of a vector along an axis, along the columns of its faces, and along their rows."""
+    result = vector
+    if axis == 1:
+        result = vector.yzx
+    elif axis == 2:
+        result = vector.zxy
+    return result.x, result.y, result.z
+
+
+@ti.func
+def extent_on_cube(direction: vec3, right: vec3, down: vec3, size: ti.i32) -> ti.math.vec2:
+    """Return the rows and columns that a pixel extends over, in cells: those of a rectangle with its second moments.
+
+    Args:
+        direction: To its center, as of `place_on_cube`.
+        right, down: The steps to the directions to the next pixels.
+        size: Cells along a side of a face.
+    """
+    axis = nearest_axis(direction)
+    ahead, across, below = along_axes(direction, axis)
+    u, v = across / ahead, below / ti.abs(ahead)
+    extent = ti.math.vec2(0.0)
+    for step in ti.static((right, down)):
+        ahead_change, across_change, below_change = along_axes(step, axis)
+        u_change = (across_change - u * ahead_change) / ahead
+        v_change = (below_change - v * ahead_change * ti.math.sign(ahead)) / ahead
+        extent += ti.math.vec2(v_change, u_change) ** 2
+    return size * (2.0 / math.pi) * ti.sqrt(extent) / (1.0 + ti.math.vec2(v, u) ** 2)
 
 
 @ti.func

@@ -9,7 +9,7 @@ from tiscene.device.argument_bundles import bundled
 from tiscene.device.kernel_types import Floats2, Floats3, Floats4, Ints1, Ints2, Ints3, Template, vec3, vec4
 from tiscene.render.integrators.panorama.packed_cells import UNIT, unpacked
 from tiscene.render.intersect.ray_queue import Rays, write_ray
-from tiscene.render.sampling.cube import cell_of, place_on_cube
+from tiscene.render.sampling.cube import extent_on_cube, place_on_cube
 from tiscene.render.view import CENTER, RIGHT, TANGENT, UP, camera_ray, view_vector
 from tiscene.scene.placement import CURRENT
 
@@ -22,7 +22,7 @@ COARSE_BITS = BLOCK_BITS - 1
 COARSE = 1 << COARSE_BITS  # coarse cells along a side of a block, each the mean of 2 x 2 cells
 BLOCK_ROWS = BLOCK * BLOCK + COARSE * COARSE  # of cells, and then of coarse cells
 NORMAL_RANGE, DISTANCE_RANGE = 0.1, 1.1  # of even cells: difference of components of normals, ratio of distances
-SIDE = 4  # subpixels along a side of a pixel
+_CLEARANCE = 0.01  # cells that footprints are enlarged by to find blocks, since rounding may differ between kernels
 
 
 class Blocks(NamedTuple):
@@ -42,19 +42,30 @@ class Blocks(NamedTuple):
 
 @ti.func
 def pixel_directions(view: Template, pixel: ti.i32, width: ti.i32, height: ti.i32):
-    """Return the directions to the center of a pixel's first subpixel, and the steps to the next column and row."""
+    """Return the direction to a pixel's center, and the steps to the next pixel to the right and down."""
     scale = 2.0 * view[CURRENT, TANGENT] / height
     right, down = scale * view_vector(view, CURRENT, RIGHT), -scale * view_vector(view, CURRENT, UP)
-    first = 0.5 / SIDE - 0.5
-    x = ti.cast(pixel % width, ti.f32) - 0.5 * (width - 1) + first
-    y = ti.cast(pixel // width, ti.f32) - 0.5 * (height - 1) + first
-    return view_vector(view, CURRENT, CENTER) + x * right + y * down, right / SIDE, down / SIDE
+    x = ti.cast(pixel % width, ti.f32) - 0.5 * (width - 1)
+    y = ti.cast(pixel // width, ti.f32) - 0.5 * (height - 1)
+    return view_vector(view, CURRENT, CENTER) + x * right + y * down, right, down
 
 
 @ti.func
-def middle_of(corner: vec3, right: vec3, down: vec3) -> vec3:
-    """Return the direction to a pixel's center; arguments of `pixel_directions`."""
-    return corner + 0.5 * (SIDE - 1) * (right + down)
+def footprint(direction: vec3, right: vec3, down: vec3, size: ti.i32, enlarged: ti.f32):
+    """Return the cube face at a pixel's center, and the cells that the pixel covers there.
+
+    Args:
+        direction, right, down: Of `pixel_directions`.
+        size: Cells along a side of a face.
+        enlarged: Cells that are added on each side.
+
+    Returns:
+        Face, and a box in cells, with fractions: its first and last row and column.
+    """
+    place, half = place_on_cube(direction, size), 0.5 * extent_on_cube(direction, right, down, size) + enlarged
+    first = ti.math.clamp(place.yz - half, 0.0, size - 1e-3)
+    last = ti.math.clamp(place.yz + half, first + 1e-3, ti.cast(size, ti.f32))
+    return ti.cast(place[0], ti.i32), first, last
 
 
 @ti.kernel
@@ -67,15 +78,13 @@ def find_blocks(view: Floats2, width: ti.i32, height: ti.i32, size: ti.i32, need
         needed: Output, i32 [FACES, blocks, blocks], zeros before.
     """
     for pixel in range(width * height):
-        corner, right, down = pixel_directions(view, pixel, width, height)
-        # Blocks are wider than two pixels, so that any block shows at a border or contains a pixel's first subpixel.
-        x, y = pixel % width, pixel // width
-        is_inside = ti.min(x, width - 1 - x, y, height - 1 - y) > 0
-        count = 1 if is_inside else SIDE * SIDE
-        for subpixel in range(count):
-            cell = cell_of(corner + subpixel % SIDE * right + subpixel // SIDE * down, size)
-            needed[cell[0], cell[1] // BLOCK, cell[2] // BLOCK] = 1
-        need_around(middle_of(corner, right, down), size >> 1, COARSE_BITS, needed)
+        direction, right, down = pixel_directions(view, pixel, width, height)
+        face, first, last = footprint(direction, right, down, size, _CLEARANCE)
+        first_block, last_block = ti.cast(first, ti.i32) >> BLOCK_BITS, ti.cast(ti.ceil(last) - 1.0, ti.i32) >> BLOCK_BITS
+        for row in range(first_block[0], last_block[0] + 1):
+            for column in range(first_block[1], last_block[1] + 1):
+                needed[face, row, column] = 1
+        need_around(direction, size >> 1, COARSE_BITS, needed)
 
 
 @ti.kernel
@@ -271,8 +280,8 @@ def resample_even(
     missing = 0
     for pixel in range(width * height):
         y, x = pixel // width, pixel % width
-        corner, right, down = pixel_directions(view, pixel, width, height)
-        values, distance, away = even_cells(middle_of(corner, right, down), blocks, columns)
+        direction, _, _ = pixel_directions(view, pixel, width, height)
+        values, distance, away = even_cells(direction, blocks, columns)
         if away > 0:  # the sum is atomic
             missing += away
         even[y, x] = 0
@@ -294,7 +303,7 @@ def resample(
     columns: Template,
     images: Floats4,
 ) -> ti.i32:
-    """Average the cells that the subpixels of each pixel show.
+    """Average the cells that each pixel covers, by area.
 
     Args:
         pixels: Pixels, y * width + x.
@@ -307,17 +316,21 @@ def resample(
     for i in range(pixels.shape[0]):
         pixel = pixels[i]
         sums = ti.Vector.zero(ti.f32, columns)
-        corner, right, down = pixel_directions(view, pixel, width, height)
-        for y, x in ti.ndrange(SIDE, SIDE):
-            cell = cell_of(corner + x * right + y * down, blocks.size)
-            row = block_row(blocks, cell[0], cell[1], cell[2])
-            if row < 0:
-                missing += 1
-            else:
-                for c in ti.static(range(columns)):
-                    sums[c] += unpacked(blocks.cells[row, c // 2], c)
+        direction, right, down = pixel_directions(view, pixel, width, height)
+        face, first, last = footprint(direction, right, down, blocks.size, 0.0)
+        for row in range(ti.cast(first[0], ti.i32), ti.cast(ti.ceil(last[0]), ti.i32)):
+            height_here = ti.min(last[0], row + 1.0) - ti.max(first[0], row)
+            for column in range(ti.cast(first[1], ti.i32), ti.cast(ti.ceil(last[1]), ti.i32)):
+                area = height_here * (ti.min(last[1], column + 1.0) - ti.max(first[1], column))
+                cell = block_row(blocks, face, row, column)
+                if cell < 0:
+                    missing += 1
+                else:
+                    for c in ti.static(range(columns)):
+                        sums[c] += area * unpacked(blocks.cells[cell, c // 2], c)
+        scale = UNIT / ((last[0] - first[0]) * (last[1] - first[1]))
         for c in ti.static(range(columns)):
-            images[c // 3, pixel // width, pixel % width, c % 3] = sums[c] * (UNIT / (SIDE * SIDE))
+            images[c // 3, pixel // width, pixel % width, c % 3] = sums[c] * scale
     return missing
 
 
