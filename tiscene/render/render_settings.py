@@ -29,7 +29,7 @@ class RenderSettings:
         base_spp: samples per pixel of the base image of the static scene, in incremental rendering.
         near_spp: samples per pixel added to `spp` where movers are visible, in incremental rendering.
         panorama_spp: samples per pixel of the panoramas that frames of a camera that turns or walks show, about,
-            where light varies, and a quarter elsewhere, in incremental rendering; 0: such frames are path traced.
+            where light varies, and half as many elsewhere, in incremental rendering; 0: such frames are path traced.
         downscale: light is traced in an image smaller by this factor along each axis, and upsampled along the surfaces
             that the labels show. Incremental rendering denoises at full size where much changes only.
         relative_error: sample each pixel until the standard error of its luminance is estimated to be at most this
@@ -95,7 +95,7 @@ PRESETS = {
     "fast": RenderSettings(
         spp=1, max_depth=8, denoiser="fast", incremental=True, base_spp=64, near_spp=4, panorama_spp=64, downscale=2
     ),
-    "preview": RenderSettings(spp=4, max_depth=8, denoiser="fast", incremental=True, base_spp=64, panorama_spp=512),
+    "preview": RenderSettings(spp=4, max_depth=8, denoiser="fast", incremental=True, base_spp=64, panorama_spp=128),
     "standard": RenderSettings(spp=16, max_depth=8),
     "photo": RenderSettings(spp=256, max_depth=12, denoiser="high", base_spp=1024),
 }

@@ -8,7 +8,13 @@ from numpy.lib.stride_tricks import sliding_window_view
 
 from tests.render.path_scenes import BOX_CAMERA
 from tiscene.device.kernel_types import Floats2, Ints2
-from tiscene.render.integrators.panorama.panorama import CELL, CONTRAST, PanoramaSettings, contrast_of
+from tiscene.render.integrators.panorama.panorama import (
+    CELL_OF_ANCHOR,
+    CELL_OF_CENTER,
+    CONTRAST,
+    PanoramaSettings,
+    contrast_of,
+)
 from tiscene.render.integrators.panorama.panorama_kernels import (
     BLOCK,
     BLOCK_ROWS,
@@ -36,7 +42,7 @@ def cells_of_pixels(view: Floats2, width: ti.i32, height: ti.i32, size: ti.i32, 
 
 
 def test_pixels_of_the_view_are_the_cells_that_their_rays_go_through() -> None:
-    settings = PanoramaSettings((0.3, -1.2, 2.0), 5 * BLOCK, 16, 4, 0)
+    settings = PanoramaSettings((0.3, -1.2, 2.0), 0.35, 5 * BLOCK, 16, 4, 0)
     view = settings.cells_view()
     cells = np.empty((view.width * view.height, 3), np.int32)
     cells_of_pixels(view.array(), view.width, view.height, settings.faces, cells)
@@ -72,10 +78,11 @@ def test_places_of_pixels_are_distinct_and_near_each_other_in_tiles() -> None:
 
 def test_cells_are_a_fraction_of_a_pixel_wide_at_the_center() -> None:
     view = View(BOX_CAMERA, BOX_CAMERA, BOX_CAMERA, 64, 48)
-    settings = PanoramaSettings.of(view, BOX_CAMERA.position, spp=64, max_depth=4, seed=1)
     pixel = 2.0 * np.tan(0.5 * BOX_CAMERA.vertical_fov) / 48
-    assert 0.5 * np.pi / settings.faces == pytest.approx(CELL * pixel, rel=0.1)
-    assert settings.faces % BLOCK == 0
+    for center, cell in ((BOX_CAMERA.position, CELL_OF_CENTER), ((0.0, 0.0, 2.9), CELL_OF_ANCHOR)):
+        settings = PanoramaSettings.of(view, center, spp=64, max_depth=4, seed=1)
+        assert 0.5 * np.pi / settings.faces == pytest.approx(cell * pixel, rel=0.15)
+        assert settings.faces % BLOCK == 0
 
 
 def test_contrast_is_that_of_light_between_the_quarters_of_a_tile() -> None:

@@ -44,9 +44,11 @@ from tiscene.scene.placement import CURRENT, Placement
 
 FloatImage = NDArray[np.float32]
 
-CELL = 0.35  # width of a cell, px at the center of the image
+# Width of a cell, px at the center of the image. Where a camera turns, pixels are means of cells by area. Seen from an
+# anchor, they have four points that interpolate between cells, where coarse ones blur more.
+CELL_OF_CENTER, CELL_OF_ANCHOR = 0.42, 0.35
 FIRST_FRAME = -1000  # frame number of the random numbers of cells
-FIRST_DIVISOR, LEAST_SPP = 4, 4  # cells have their samples divided by this first, but no fewer than so many
+FIRST_DIVISOR, LEAST_SPP = 2, 4  # cells have their samples divided by this first, but no fewer than so many
 FURTHER_FRAME = -2  # frame number that sets the random numbers of further samples apart
 CONTRAST = 0.25  # of the light in a tile, from which it has further samples
 DIM = 0.3  # of the mean light: the offset of `contrast_of`
@@ -62,6 +64,7 @@ class PanoramaSettings:
 
     Attributes:
         center: The point, world, m.
+        cell: Width of a cell, px at the center of the image.
         faces: Cells along a side of a face.
         spp: Samples per solid angle of a pixel at the center of the image, where light varies.
         max_depth: Largest number of segments of a path.
@@ -69,6 +72,7 @@ class PanoramaSettings:
     """
 
     center: Vector3
+    cell: float
     faces: int
     spp: int
     max_depth: int
@@ -83,8 +87,9 @@ class PanoramaSettings:
     def of(cls, view: View, center: Vector3, *, spp: int, max_depth: int, seed: int) -> PanoramaSettings:
         """Return the settings of the panorama around a center that serves a view."""
         pixel = 2.0 * math.tan(0.5 * view.current.vertical_fov) / view.height
-        faces = math.ceil(0.5 * math.pi / (CELL * pixel) / BLOCK) * BLOCK
-        return cls(center, faces, spp, max_depth, seed)
+        cell = CELL_OF_CENTER if center == view.current.position else CELL_OF_ANCHOR
+        faces = math.ceil(0.5 * math.pi / (cell * pixel) / BLOCK) * BLOCK
+        return cls(center, cell, faces, spp, max_depth, seed)
 
     @property
     def samples(self) -> int:
@@ -93,7 +98,7 @@ class PanoramaSettings:
         Always a power of two: other numbers leave out the same part of the sample space in every cell, so that the
         error does not average out over cells.
         """
-        return 1 << max(0, round(math.log2(self.spp * CELL**2)))
+        return 1 << max(0, round(math.log2(self.spp * self.cell**2)))
 
     @property
     def possible(self) -> bool:
@@ -207,12 +212,11 @@ class Panorama:
         if points is not None:
             known = points.images(*cells)
             return None if known is None else (images, known)
-        size, even = (view.array(), view.width, view.height), np.empty((view.height, view.width), np.int32)
-        if kernels.resample_even(*size, *cells, even):
-            return None
-        if kernels.resample(np.flatnonzero(even == 0).astype(np.int32), *size, *cells):
-            return None
-        return images, np.full((view.height, view.width), ALL_KNOWN, np.int32)
+        size, missing = (view.array(), view.width, view.height), np.zeros(1, np.int32)
+        even = np.zeros((view.height, view.width), np.int32)
+        kernels.resample_even(*size, *cells, even, missing)
+        kernels.resample(np.flatnonzero(even == 0).astype(np.int32), *size, *cells, missing)
+        return None if missing.any() else (images, np.full((view.height, view.width), ALL_KNOWN, np.int32))
 
     def probe(self) -> LightProbe:
         """Return the light all around, from disk if it is there. Tracing it changes what the scene has placed."""

@@ -52,7 +52,7 @@ def pixel_directions(view: Template, pixel: ti.i32, width: ti.i32, height: ti.i3
 
 @ti.func
 def footprint(direction: vec3, right: vec3, down: vec3, size: ti.i32, enlarged: ti.f32):
-    """Return the cube face at a pixel's center, and the cells that the pixel covers there.
+    """Return the cube face at a pixel's center, and the box of cells that the pixel covers there.
 
     Args:
         direction, right, down: Of `pixel_directions`.
@@ -60,7 +60,7 @@ def footprint(direction: vec3, right: vec3, down: vec3, size: ti.i32, enlarged: 
         enlarged: Cells that are added on each side.
 
     Returns:
-        Face, and a box in cells, with fractions: its first and last row and column.
+        The face; the first and last row and column of the box, with fractions, as far as it is on the face.
     """
     place, half = place_on_cube(direction, size), 0.5 * extent_on_cube(direction, right, down, size) + enlarged
     first = ti.math.clamp(place.yz - half, 0.0, size - 1e-3)
@@ -80,7 +80,10 @@ def find_blocks(view: Floats2, width: ti.i32, height: ti.i32, size: ti.i32, need
     for pixel in range(width * height):
         direction, right, down = pixel_directions(view, pixel, width, height)
         face, first, last = footprint(direction, right, down, size, _CLEARANCE)
-        first_block, last_block = ti.cast(first, ti.i32) >> BLOCK_BITS, ti.cast(ti.ceil(last) - 1.0, ti.i32) >> BLOCK_BITS
+        first_block, last_block = (
+            ti.cast(first, ti.i32) >> BLOCK_BITS,
+            ti.cast(ti.ceil(last) - 1.0, ti.i32) >> BLOCK_BITS,
+        )
         for row in range(first_block[0], last_block[0] + 1):
             for column in range(first_block[1], last_block[1] + 1):
                 needed[face, row, column] = 1
@@ -264,7 +267,8 @@ def resample_even(
     columns: Template,
     images: Floats4,
     even: Ints2,
-) -> ti.i32:
+    missing: Ints1,
+):
     """Interpolate for each pixel between the coarse cells around its center, if they are even.
 
     Args:
@@ -273,23 +277,20 @@ def resample_even(
         columns: Number of columns to interpolate.
         images: Output, f32 [columns / 3, h, w, 3].
         even: Output, i32 [h, w], 1 where they are; else 0, and the images are not written.
-
-    Returns:
-        Number of times that a cell was not there; 0: the images are complete.
+        missing: Output, i32 [1], zero before: 1 if a cell is not there. Most pixels are left out then.
     """
-    missing = 0
     for pixel in range(width * height):
-        y, x = pixel // width, pixel % width
-        direction, _, _ = pixel_directions(view, pixel, width, height)
-        values, distance, away = even_cells(direction, blocks, columns)
-        if away > 0:  # the sum is atomic
-            missing += away
-        even[y, x] = 0
-        if distance > 0.0:
-            even[y, x] = 1
-            for c in ti.static(range(columns)):
-                images[c // 3, y, x, c % 3] = values[c] * UNIT
-    return missing
+        if missing[0] == 0:
+            y, x = pixel // width, pixel % width
+            direction, _, _ = pixel_directions(view, pixel, width, height)
+            values, distance, away = even_cells(direction, blocks, columns)
+            if away > 0:
+                missing[0] = 1
+            even[y, x] = 0
+            if distance > 0.0:
+                even[y, x] = 1
+                for c in ti.static(range(columns)):
+                    images[c // 3, y, x, c % 3] = values[c] * UNIT
 
 
 @ti.kernel
@@ -302,36 +303,33 @@ def resample(
     blocks: Blocks,
     columns: Template,
     images: Floats4,
-) -> ti.i32:
+    missing: Ints1,
+):
     """Average the cells that each pixel covers, by area.
 
     Args:
         pixels: Pixels, y * width + x.
-        view, blocks, columns, images: As of `resample_even`.
-
-    Returns:
-        Number of times that a cell was not there; 0: the images are complete.
+        view, blocks, columns, images, missing: As of `resample_even`.
     """
-    missing = 0
     for i in range(pixels.shape[0]):
-        pixel = pixels[i]
-        sums = ti.Vector.zero(ti.f32, columns)
-        direction, right, down = pixel_directions(view, pixel, width, height)
-        face, first, last = footprint(direction, right, down, blocks.size, 0.0)
-        for row in range(ti.cast(first[0], ti.i32), ti.cast(ti.ceil(last[0]), ti.i32)):
-            height_here = ti.min(last[0], row + 1.0) - ti.max(first[0], row)
-            for column in range(ti.cast(first[1], ti.i32), ti.cast(ti.ceil(last[1]), ti.i32)):
-                area = height_here * (ti.min(last[1], column + 1.0) - ti.max(first[1], column))
-                cell = block_row(blocks, face, row, column)
-                if cell < 0:
-                    missing += 1
-                else:
-                    for c in ti.static(range(columns)):
-                        sums[c] += area * unpacked(blocks.cells[cell, c // 2], c)
-        scale = UNIT / ((last[0] - first[0]) * (last[1] - first[1]))
-        for c in ti.static(range(columns)):
-            images[c // 3, pixel // width, pixel % width, c % 3] = sums[c] * scale
-    return missing
+        if missing[0] == 0:
+            pixel = pixels[i]
+            sums = ti.Vector.zero(ti.f32, columns)
+            direction, right, down = pixel_directions(view, pixel, width, height)
+            face, first, last = footprint(direction, right, down, blocks.size, 0.0)
+            for row in range(ti.cast(first[0], ti.i32), ti.cast(ti.ceil(last[0]), ti.i32)):
+                height_here = ti.min(last[0], row + 1.0) - ti.max(first[0], row)
+                for column in range(ti.cast(first[1], ti.i32), ti.cast(ti.ceil(last[1]), ti.i32)):
+                    area = height_here * (ti.min(last[1], column + 1.0) - ti.max(first[1], column))
+                    cell = block_row(blocks, face, row, column)
+                    if cell < 0:
+                        missing[0] = 1
+                    else:
+                        for c in ti.static(range(columns)):
+                            sums[c] += area * unpacked(blocks.cells[cell, c // 2], c)
+            scale = UNIT / ((last[0] - first[0]) * (last[1] - first[1]))
+            for c in ti.static(range(columns)):
+                images[c // 3, pixel // width, pixel % width, c % 3] = sums[c] * scale
 
 
 @ti.kernel

@@ -35,7 +35,6 @@ from tiscene.render.integrators.panorama.cell_files import CellFiles
 from tiscene.render.integrators.panorama.light_changes import REDUCTION, LightChanges
 from tiscene.render.integrators.panorama.packed_cells import FORMAT
 from tiscene.render.integrators.panorama.panorama import (
-    CELL,
     CONTRAST,
     DIM,
     FIRST_DIVISOR,
@@ -298,7 +297,7 @@ class PanoramaPass:
         groups = static.light_groups
         values: dict[str, int | str] = {
             "panorama": repr(settings),
-            "cell": f"{CELL!r} {FORMAT} {NORMAL_RANGE} {DISTANCE_RANGE}",
+            "cell": f"{FORMAT} {NORMAL_RANGE} {DISTANCE_RANGE}",
             "sampling": f"{FIRST_DIVISOR} {LEAST_SPP} {CONTRAST} {DIM}",
             "probe": f"radiosity {light_probe.SIZE} {light_probe.PIXELS} {light_probe.SPP}",
             "denoiser": f"{settings.denoiser} {version('pyoidn')}",

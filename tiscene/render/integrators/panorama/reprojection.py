@@ -85,8 +85,8 @@ class Reprojection:
         Returns:
             int32 [h, w], `known`; None if cells are missing.
         """
-        known = np.empty(cells[-1].shape[1:3], np.int32)
-        if kernels.reproject_planes(*self._pixels, self._points, *cells, known):
-            return None
+        known, missing = np.empty(cells[-1].shape[1:3], np.int32), np.zeros(1, np.int32)
+        kernels.reproject_planes(*self._pixels, self._points, *cells, known, missing)
         pixels = np.flatnonzero(known == NOT_FOUND).astype(np.int32)
-        return None if kernels.reproject(pixels, self._points, *cells, known) else known
+        kernels.reproject(pixels, self._points, *cells, known, missing)
+        return None if missing.any() else known

@@ -238,7 +238,8 @@ def reproject_planes(
     columns: Template,
     images: Floats4,
     known: Ints2,
-) -> ti.i32:
+    missing: Ints1,
+):
     """Interpolate for each pixel that shows one plane between coarse cells, if they are even and show its center.
 
     Args:
@@ -248,33 +249,31 @@ def reproject_planes(
         columns: Number of columns to interpolate.
         images: Output, f32 [columns / 3, h, w, 3].
         known: Output, i32 [h, w]: ALL_KNOWN; 0 where the surface looks different from the anchor; else NOT_FOUND.
-
-    Returns:
-        Number of times that a cell was not there; 0: the images are complete.
+        missing: As of `resample_even`.
     """
-    height, width, missing = known.shape[0], known.shape[1], 0
+    height, width = known.shape[0], known.shape[1]
     offset = vec3(pixels.offset_x, pixels.offset_y, pixels.offset_z)
     for pixel in range(width * height):
-        y, x = pixel // width, pixel % width
-        bits = NOT_FOUND
-        if pixels.edges[y, x] == 0:
-            seen = offset + center_of(pixels.surfaces[pixel])
-            values, distance, away = even_cells(seen, blocks, columns)
-            if away > 0:  # the sum is atomic
-                missing += away
-            if pixels.surfaces[pixel][3] == 0.0:
-                bits, values = 0, ti.Vector.zero(ti.f32, columns)
-            elif ti.abs(distance - seen.norm()) < DISTANCE_ERROR * seen.norm():
-                bits = ALL_KNOWN
-            if bits == NOT_FOUND:
-                for s in ti.static(range(SUBPIXELS)):
-                    point = offset + point_in_plane(pixels.surfaces[pixel], pixels.view, pixel, s, width, height)
-                    points[pixel * SUBPIXELS + s] = float4(point.x, point.y, point.z, 0.0)
-            else:
-                for c in ti.static(range(columns)):
-                    images[c // 3, y, x, c % 3] = values[c] * UNIT
-        known[y, x] = bits
-    return missing
+        if missing[0] == 0:
+            y, x = pixel // width, pixel % width
+            bits = NOT_FOUND
+            if pixels.edges[y, x] == 0:
+                seen = offset + center_of(pixels.surfaces[pixel])
+                values, distance, away = even_cells(seen, blocks, columns)
+                if away > 0:
+                    missing[0] = 1
+                if pixels.surfaces[pixel][3] == 0.0:
+                    bits, values = 0, ti.Vector.zero(ti.f32, columns)
+                elif ti.abs(distance - seen.norm()) < DISTANCE_ERROR * seen.norm():
+                    bits = ALL_KNOWN
+                if bits == NOT_FOUND:
+                    for s in ti.static(range(SUBPIXELS)):
+                        point = offset + point_in_plane(pixels.surfaces[pixel], pixels.view, pixel, s, width, height)
+                        points[pixel * SUBPIXELS + s] = float4(point.x, point.y, point.z, 0.0)
+                else:
+                    for c in ti.static(range(columns)):
+                        images[c // 3, y, x, c % 3] = values[c] * UNIT
+            known[y, x] = bits
 
 
 @ti.kernel
@@ -286,7 +285,8 @@ def reproject(
     columns: Template,
     images: Floats4,
     known: Ints2,
-) -> ti.i32:
+    missing: Ints1,
+):
     """Average for each pixel the cells that show its points.
 
     Args:
@@ -295,59 +295,57 @@ def reproject(
         blocks, columns: As of `reproject_planes`.
         images: Output, f32 [columns / 3, h, w, 3], means over the subpixels that are known.
         known: Output, i32 [h, w], one bit for each subpixel, set if cells show its point.
-
-    Returns:
-        Number of times that a cell was not there; 0: the images are complete.
+        missing: As of `resample_even`.
     """
-    width, missing = known.shape[1], 0
+    width = known.shape[1]
     for i in range(pixels.shape[0]):
-        pixel = pixels[i]
-        sums = ti.Vector.zero(ti.f32, columns)
-        bits = 0
-        least, most = FAR, 0.0
-        for s in range(SUBPIXELS):
-            distance = points[pixel * SUBPIXELS + s].xyz.norm()
-            least, most = ti.min(least, distance), ti.max(most, distance)
-        has_edge = least < EDGE * most
-        tolerance = DISTANCE_ERROR + ti.min(1.0 - least / most, 1.0 - EDGE)  # surfaces may be slanted
-        for s in range(SUBPIXELS):
-            seen = points[pixel * SUBPIXELS + s].xyz
-            distance = seen.norm()
-            first, within = cells_around(seen, blocks.size)
-            part = ti.Vector.zero(ti.f32, columns)
-            total = 0.0
-            # Mostly all four are in one block, and the place of that is enough.
-            in_block = ti.max(first[1] & (BLOCK - 1), first[2] & (BLOCK - 1)) < BLOCK - 1
-            corner = 0
-            if in_block:
-                corner = block_row(blocks, first[0], first[1], first[2])
-            for down, right in ti.static(ti.ndrange(2, 2)):
-                weight = ti.abs(1 - down - within[0]) * ti.abs(1 - right - within[1])
-                cell = corner + (down * BLOCK + right)
-                if not in_block:
-                    row = ti.math.clamp(first[1] + down, 0, blocks.size - 1)
-                    column = ti.math.clamp(first[2] + right, 0, blocks.size - 1)
-                    cell = block_row(blocks, first[0], row, column)
-                if cell < 0:
-                    missing += 1
-                    cell = 0
-                measured = UNIT * unpacked(blocks.cells[cell, columns // 2], columns)
-                # Cells behind an edge show some of what is in front, which the pixel must show too.
-                if has_edge:
-                    measured = ti.abs(measured)
-                if ti.abs(measured - distance) < tolerance * distance:
-                    total += weight
-                    for c in ti.static(range(columns)):
-                        part[c] += weight * unpacked(blocks.cells[cell, c // 2], c)
-            if total > LEAST_WEIGHT:
-                bits |= 1 << s
-                sums += part * (UNIT / total)
-        y, x = pixel // width, pixel % width
-        known[y, x] = bits
-        number = known_subpixels(bits)
-        for c in ti.static(range(columns)):
-            images[c // 3, y, x, c % 3] = sums[c] / ti.max(number, 1)
-    return missing
+        if missing[0] == 0:
+            pixel = pixels[i]
+            sums = ti.Vector.zero(ti.f32, columns)
+            bits = 0
+            least, most = FAR, 0.0
+            for s in range(SUBPIXELS):
+                distance = points[pixel * SUBPIXELS + s].xyz.norm()
+                least, most = ti.min(least, distance), ti.max(most, distance)
+            has_edge = least < EDGE * most
+            tolerance = DISTANCE_ERROR + ti.min(1.0 - least / most, 1.0 - EDGE)  # surfaces may be slanted
+            for s in range(SUBPIXELS):
+                seen = points[pixel * SUBPIXELS + s].xyz
+                distance = seen.norm()
+                first, within = cells_around(seen, blocks.size)
+                part = ti.Vector.zero(ti.f32, columns)
+                total = 0.0
+                # Mostly all four are in one block, and the place of that is enough.
+                in_block = ti.max(first[1] & (BLOCK - 1), first[2] & (BLOCK - 1)) < BLOCK - 1
+                corner = 0
+                if in_block:
+                    corner = block_row(blocks, first[0], first[1], first[2])
+                for down, right in ti.static(ti.ndrange(2, 2)):
+                    weight = ti.abs(1 - down - within[0]) * ti.abs(1 - right - within[1])
+                    cell = corner + (down * BLOCK + right)
+                    if not in_block:
+                        row = ti.math.clamp(first[1] + down, 0, blocks.size - 1)
+                        column = ti.math.clamp(first[2] + right, 0, blocks.size - 1)
+                        cell = block_row(blocks, first[0], row, column)
+                    if cell < 0:
+                        missing[0] = 1
+                        cell = 0
+                    measured = UNIT * unpacked(blocks.cells[cell, columns // 2], columns)
+                    # Cells behind an edge show some of what is in front, which the pixel must show too.
+                    if has_edge:
+                        measured = ti.abs(measured)
+                    if ti.abs(measured - distance) < tolerance * distance:
+                        total += weight
+                        for c in ti.static(range(columns)):
+                            part[c] += weight * unpacked(blocks.cells[cell, c // 2], c)
+                if total > LEAST_WEIGHT:
+                    bits |= 1 << s
+                    sums += part * (UNIT / total)
+            y, x = pixel // width, pixel % width
+            known[y, x] = bits
+            number = known_subpixels(bits)
+            for c in ti.static(range(columns)):
+                images[c // 3, y, x, c % 3] = sums[c] / ti.max(number, 1)
 
 
 @ti.func
