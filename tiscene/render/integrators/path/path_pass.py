@@ -26,7 +26,7 @@ from tiscene.render.integrators.path.frame_stack import FrameStack
 from tiscene.render.integrators.path.last_segment import finish_at_lights
 from tiscene.render.integrators.path.path_image import PathImage
 from tiscene.render.integrators.path.path_scene import PathScene, SceneArrays
-from tiscene.render.integrators.path.path_state import CHUNK, FILM_COLUMNS, PathSamples, PathState
+from tiscene.render.integrators.path.path_state import CHUNK, FILM_COLUMNS, PathSamples, PathState, check_numbers
 from tiscene.render.integrators.path.radiance_cache import end_in_cache, last_depth
 from tiscene.render.integrators.path.shading import shade
 from tiscene.render.integrators.path.shadow_rays import continue_shadow_rays
@@ -135,16 +135,11 @@ class PathPass:
         """
         self._check(view, spp, max_depth)
         samples = PathSamples(sample_range[1] if sample_range else spp, index_bits(spp), frame_key(seed, frame_index))
+        first_sample = sample_range[0] if sample_range else 0
         self._trace(
-            view,
-            self.width * self.height,
-            samples,
-            max_depth,
-            mis=mis,
-            progress=progress,
-            first_sample=sample_range[0] if sample_range else 0,
+            view, self.width * self.height, samples, max_depth, mis=mis, progress=progress, first_sample=first_sample,
             scene=scene,
-        )
+        )  # fmt: skip
         return self.developed(sum(sample_range) if sample_range else spp)
 
     def sums(
@@ -170,7 +165,7 @@ class PathPass:
             on_start: Called when the camera rays of a batch of paths are generated, with the paths, the number of the
                 first and their count. It may replace the rays.
         """
-        _check_numbers(len(pixels), spp, max_depth)
+        check_numbers(len(pixels), spp, max_depth)
         order = np.argsort(tiled_ranks(pixels, view.width, view.height)).astype(np.int32)
         ordered = pixels[order]
         with self.restricted_to(upload_rows(ordered, view.places(ordered))):
@@ -320,17 +315,14 @@ class PathPass:
         if key != self._energy_key:
             self._energy = upload(energy_tables(materials.glass_iors, extended=materials.any_extended))
             self._energy_key = key
+        lit = lights or scene.lights.arrays(scene.textures)
         arrays = SceneArrays(
-            *geometry_of(scene),
-            *scene.materials.arrays(),
-            *scene.textures.arrays(),
-            *(lights or scene.lights.arrays(scene.textures)),
-            self._energy,
+            *geometry_of(scene), *scene.materials.arrays(), *scene.textures.arrays(), *lit, self._energy
         )
         return PathScene.of(arrays, materials, scene.lights)
 
     def _check(self, view: View, spp: int, max_depth: int) -> None:
-        _check_numbers(self.width * self.height, spp, max_depth)
+        check_numbers(self.width * self.height, spp, max_depth)
         if (view.width, view.height) != (self.width, self.height):
             raise ArgumentError(
                 f"view of {view.width}x{view.height} pixels: must have the image size, {self.width}x{self.height}"
@@ -406,11 +398,3 @@ class PathPass:
         kernels.develop(self.film, self.pixels, spp, hdr, albedo, normal, dropped)
         self.nonfinite = int(dropped.sum())
         return PathImage(hdr, albedo, normal)
-
-
-def _check_numbers(pixels: int, spp: int, max_depth: int) -> None:
-    """Raise an ArgumentError unless so many paths can be traced."""
-    if spp < 1 or max_depth < 1:
-        raise ArgumentError(f"spp={spp}, max_depth={max_depth}: both must be at least 1")
-    if pixels * spp >= 1 << 31:
-        raise ArgumentError(f"{pixels} pixels at spp={spp}: more than 2^31 paths per frame; reduce spp")

@@ -11,6 +11,7 @@ import taichi as ti
 
 from tiscene.device.kernel_types import Template
 from tiscene.device.memory import device_array
+from tiscene.errors import ArgumentError
 from tiscene.render.intersect.ray_queue import hit, hit_id, ray
 
 # Columns of `PathState.state`; vectors take three columns.
@@ -62,6 +63,14 @@ def set3(states: Template, row: ti.i32, column: ti.i32, v: ti.math.vec3):
     """Write three columns of a path's state."""
     for c in ti.static(range(3)):
         states[row][column + c] = v[c]
+
+
+def check_numbers(pixels: int, spp: int, max_depth: int) -> None:
+    """Raise an ArgumentError unless so many paths can be traced."""
+    if spp < 1 or max_depth < 1:
+        raise ArgumentError(f"spp={spp}, max_depth={max_depth}: both must be at least 1")
+    if pixels * spp >= 1 << 31:
+        raise ArgumentError(f"{pixels} pixels at spp={spp}: more than 2^31 paths per frame; reduce spp")
 
 
 class PathSamples(NamedTuple):
