@@ -8,10 +8,10 @@ PSNR: of `denoised`, times 2, clipped and encoded as sRGB, at the frames COMPARE
 Two references with independent noise are used, because the mean product of the errors against both does not depend on
 their noise. Displayed noise is darker than the displayed mean, which would count as an error of the picture: so each
 reference has two parts, from which a jackknife removes that (Quenouille, Notes on bias in estimation, 1956). The parts
-are kept in the cache folder. "once": the first frame. "frame" and "CPU": medians of wall and CPU
-time, "mean": of wall time, with what new anchors cost; "again": median of wall time where the same views were rendered
-before. "flicker": mean difference, in 8-bit levels, between `rgb` and the same points of static surfaces in the next
-frame, found by `forward_flow`.
+are kept in the cache folder. "once": the first frame. "frame" and "CPU": medians of wall and CPU time, "mean": of wall
+time, with what new anchors cost; "again": median of wall time where the same views were rendered before. "flicker":
+mean difference, in 8-bit levels, between `rgb` and the same points of static surfaces in the next frame, found by
+`forward_flow`.
 """
 
 from __future__ import annotations

@@ -15,7 +15,7 @@ from tiscene.device.kernel_types import Template
 from tiscene.device.memory import device_array
 from tiscene.device.restart import cached_on_device
 from tiscene.errors import ArgumentError
-from tiscene.render.sampling.cube import FACES, direction_to
+from tiscene.render.sampling.cube import FACE_ANGLE, FACES, direction_to
 from tiscene.render.sampling.sobol import pixel_order
 from tiscene.scene.camera import Camera, Vector3
 from tiscene.scene.placement import CURRENT, NEXT, PREVIOUS
@@ -173,7 +173,7 @@ class CubeView:
         """Return rows as of a `View`, all equal; 12 has the angle of half the height of all faces, 22 has `size`."""
         row = np.zeros(VIEW_COLUMNS, np.float32)
         row[POSITION : POSITION + 3], row[BACKGROUND : BACKGROUND + 3] = self.center, self.background
-        row[TANGENT], row[CUBE] = self.height * 0.25 * np.pi / self.size, self.size
+        row[TANGENT], row[CUBE] = 0.5 * self.height * FACE_ANGLE / self.size, self.size
         return np.tile(row, (3, 1))
 
     def array(self) -> Any:

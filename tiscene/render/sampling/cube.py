@@ -14,6 +14,7 @@ from tiscene.device.kernel_types import vec3
 from tiscene.render.sampling.warp import ARCTANGENT, polynomial
 
 FACES = 6
+FACE_ANGLE = 0.5 * math.pi  # that a face spans along a middle line, rad
 _FROM_MIDDLE = [4.0 / math.pi * coefficient for coefficient in ARCTANGENT]  # of a tangent -1..1: a place -1..1
 
 
@@ -75,7 +76,7 @@ def extent_on_cube(direction: vec3, right: vec3, down: vec3, size: ti.i32) -> ti
         u_change = (across_change - u * ahead_change) / ahead
         v_change = (below_change - v * ahead_change * ti.math.sign(ahead)) / ahead
         extent += ti.math.vec2(v_change, u_change) ** 2
-    return size * (2.0 / math.pi) * ti.sqrt(extent) / (1.0 + ti.math.vec2(v, u) ** 2)
+    return size * (1.0 / FACE_ANGLE) * ti.sqrt(extent) / (1.0 + ti.math.vec2(v, u) ** 2)
 
 
 @ti.func
@@ -88,7 +89,7 @@ def cell_of(direction: vec3, size: ti.i32) -> ti.math.ivec3:
 @ti.func
 def direction_to(face: ti.i32, row: ti.f32, column: ti.f32, size: ti.i32) -> vec3:
     """Return a direction through a place of `place_on_cube`, or on the plane of a face beyond its edges."""
-    angle = 0.5 * math.pi / ti.cast(size, ti.f32)
+    angle = FACE_ANGLE / ti.cast(size, ti.f32)
     ahead = ti.cast(2 * (face % 2) - 1, ti.f32)
     across = ahead * ti.tan((column - 0.5 * size) * angle)
     down = ti.tan((row - 0.5 * size) * angle)

@@ -81,8 +81,8 @@ def test_cells_are_a_fraction_of_a_pixel_wide_at_the_center() -> None:
     pixel = 2.0 * np.tan(0.5 * BOX_CAMERA.vertical_fov) / 48
     for center, cell in ((BOX_CAMERA.position, CELL_OF_CENTER), ((0.0, 0.0, 2.9), CELL_OF_ANCHOR)):
         settings = PanoramaSettings.of(view, center, spp=64, max_depth=4, seed=1)
-        assert 0.5 * np.pi / settings.faces == pytest.approx(cell * pixel, rel=0.15)
         assert settings.faces % BLOCK == 0
+        assert 0.5 * np.pi / settings.faces <= cell * pixel < 0.5 * np.pi / (settings.faces - BLOCK)
 
 
 def test_contrast_is_that_of_light_between_the_quarters_of_a_tile() -> None:

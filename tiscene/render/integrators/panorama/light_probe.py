@@ -18,16 +18,17 @@ from numpy.typing import NDArray
 from tiscene.device.kernel_types import float8
 from tiscene.device.memory import device_array, upload_vectors
 from tiscene.render.integrators.incremental.base_image import scene_under_group
+from tiscene.render.integrators.incremental.path_recording import AUXILIARY
 from tiscene.render.integrators.labels.first_hits import first_hits
+from tiscene.render.integrators.labels.label_kernels import primary_rays
 from tiscene.render.integrators.panorama.light_probe_kernels import look_from_random_directions
-from tiscene.render.integrators.panorama.panorama_kernels import center_rays
 from tiscene.render.integrators.panorama.reprojection_kernels import FAR, find_surfaces
 from tiscene.render.integrators.path.path_pass import PathPass
 from tiscene.render.integrators.path.path_state import PathSamples, PathState
 from tiscene.render.integrators.path.radiance_cache import ALIGNED, FLATNESS, RadianceCache
-from tiscene.render.intersect.ray_queue import RayWave
+from tiscene.render.intersect.ray_queue import RayArrays
 from tiscene.render.intersect.surface_interaction import geometry_of
-from tiscene.render.sampling.cube import FACES
+from tiscene.render.sampling.cube import FACE_ANGLE, FACES
 from tiscene.render.sampling.sobol import frame_key, index_bits
 from tiscene.render.view import CubeView
 from tiscene.scene.camera import Vector3
@@ -42,7 +43,6 @@ PIXELS = _SIDE * SIZE  # along a side of a face
 SPP = 1  # paths per pixel of a face
 PLANE = 4  # columns of a cell's plane, before its light
 _FRAME = -500  # frame number of the random numbers
-_NORMAL = 6  # first column of the normal in the film
 LEAST_SHARE = 0.125  # of a cell's pixels that must show its plane
 
 
@@ -111,10 +111,10 @@ def trace_probe(
     place(0)
     view = CubeView(center, PIXELS)
     pixels = np.arange(view.width * view.height, dtype=np.int32)
-    surfaces, samples = _surfaces(paths.scene, view, pixels), PathSamples(SPP, index_bits(SPP), frame_key(seed, _FRAME))
+    surfaces, samples = _surfaces(paths.scene, view), PathSamples(SPP, index_bits(SPP), frame_key(seed, _FRAME))
     shown: FloatImage = surfaces.to_numpy()
 
-    def look(state: PathState, first: int, count: int) -> None:
+    def replace_rays(state: PathState, first: int, count: int) -> None:
         look_from_random_directions(surfaces, *center, paths.pixels, first, count, *samples, state.rays)
 
     cells = np.zeros((FACES, SIZE * SIZE, PLANE + 3 * groups), np.float32)
@@ -122,7 +122,9 @@ def trace_probe(
         if group:
             place(group)
         scene, first = scene_under_group(paths, group, None), PLANE + 3 * group
-        film = paths.sums(view, pixels, spp=SPP, key=samples.key, max_depth=max_depth, scene=scene, on_start=look)
+        film = paths.sums(
+            view, pixels, spp=SPP, key=samples.key, max_depth=max_depth, scene=scene, on_start=replace_rays
+        )
         planes, light = _light_of_planes(shown, film / np.float32(SPP))
         cells[..., first : first + 3] = light.reshape(FACES, SIZE * SIZE, -1)
         if group == 0:
@@ -130,13 +132,14 @@ def trace_probe(
     return cells
 
 
-def _surfaces(scene: DeviceScene, view: CubeView, pixels: NDArray[np.int32]) -> Any:
+def _surfaces(scene: DeviceScene, view: CubeView) -> Any:
     """Return what the centers of pixels show, see `find_surfaces`, on the device."""
-    wave, surfaces = RayWave().reserved(len(pixels)), device_array(float8, len(pixels))
-    center_rays(pixels, view.array(), view.width, view.height, wave.rays)
-    first_hits(scene, CURRENT, wave, wave.queue, len(pixels))
+    rays = RayArrays().resized(view.width, view.height)
+    surfaces = device_array(float8, rays.count)
+    primary_rays(rays.queue, rays.count, view.array(), view.width, view.height, rays.rays, False)
+    first_hits(scene, CURRENT, rays, rays.queue, rays.count)
     info = scene.materials.arrays().info
-    find_surfaces(len(pixels), wave.rays, wave.hits, wave.hit_ids, *geometry_of(scene), info, surfaces)
+    find_surfaces(rays.count, rays.rays, rays.hits, rays.hit_ids, *geometry_of(scene), info, surfaces)
     return surfaces
 
 
@@ -150,16 +153,16 @@ def _light_of_planes(surfaces: FloatImage, film: FloatImage) -> tuple[FloatImage
     Returns:
         Planes, float32 [cells, PLANE], and light, float32 [cells, 3].
     """
-    shown, light, seen = (_by_cell(each) for each in (surfaces, film[:, :3], film[:, _NORMAL : _NORMAL + 3]))
+    seen_normal = film[:, AUXILIARY + 3 : AUXILIARY + 6]
+    shown, light, seen = (_by_cell(each) for each in (surfaces, film[:, :3], seen_normal))
     middle = shown[:, _SIDE * _SIDE // 2 + _SIDE // 2]
     point, alike, normal = middle[:, :3], middle[:, 3], middle[:, 4:7]
     offset, distance = -(normal * point).sum(axis=-1), np.linalg.norm(point, axis=-1)
     from_plane = np.abs((shown[..., :3] * normal[:, None]).sum(axis=-1) + offset[:, None])
     aligned = (shown[..., 4:7] * normal[:, None]).sum(axis=-1) > ALIGNED
     # A path that meets a light first finds no normal.
-    same = (
-        (from_plane < FLATNESS * (0.5 * np.pi / SIZE) * distance[:, None]) & aligned & ((seen**2).sum(axis=-1) > 0.25)
-    )
+    width = (FACE_ANGLE / SIZE) * distance[:, None]
+    same = (from_plane < FLATNESS * width) & aligned & ((seen**2).sum(axis=-1) > 0.25)
     number = same.sum(axis=1)
     known = (number >= LEAST_SHARE * _SIDE * _SIDE) & (alike > 0.0) & (distance < 0.5 * FAR)
     mean = np.where(same[..., None], light, np.float32(0.0)).sum(axis=1) / np.maximum(number, 1)[:, None]

@@ -10,7 +10,7 @@ from tiscene.render.intersect.ray_queue import ROW, Pixels, Rays, write_ray
 from tiscene.render.sampling import warp
 from tiscene.render.sampling.sobol import draw, reverse_bits, set_keys
 
-CLEARANCE = 1e-3  # from where paths look at their surfaces, as a share of the distance from the center
+CLEARANCE = 1e-3  # how far from its point a ray begins, relative to the point's distance from the center
 
 
 @ti.kernel
@@ -27,7 +27,7 @@ def look_from_random_directions(
     frame_key: ti.i32,
     rays: Rays,
 ):
-    """Let camera rays reach the surfaces of their pixels from near them, from directions with a cosine distribution.
+    """Replace camera rays by rays that reach the same points from random directions, with a cosine distribution.
 
     Args:
         surfaces: Of `find_surfaces`, one of each pixel of the image.

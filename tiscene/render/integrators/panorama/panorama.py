@@ -36,7 +36,7 @@ from tiscene.render.integrators.path.path_pass import PathPass
 from tiscene.render.integrators.path.path_scene import PathScene
 from tiscene.render.integrators.path.path_state import FEATURE_COLUMNS
 from tiscene.render.intersect.ray_queue import RayWave
-from tiscene.render.sampling.cube import FACES
+from tiscene.render.sampling.cube import FACE_ANGLE, FACES
 from tiscene.render.sampling.sobol import frame_key
 from tiscene.render.view import SKY, CubeView, View
 from tiscene.scene.camera import Vector3
@@ -88,7 +88,7 @@ class PanoramaSettings:
         """Return the settings of the panorama around a center that serves a view."""
         pixel = 2.0 * math.tan(0.5 * view.current.vertical_fov) / view.height
         cell = CELL_OF_CENTER if center == view.current.position else CELL_OF_ANCHOR
-        faces = math.ceil(0.5 * math.pi / (cell * pixel) / BLOCK) * BLOCK
+        faces = math.ceil(FACE_ANGLE / (cell * pixel) / BLOCK) * BLOCK
         return cls(center, cell, faces, spp, max_depth, seed)
 
     @property

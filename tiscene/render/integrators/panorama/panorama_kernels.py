@@ -80,10 +80,8 @@ def find_blocks(view: Floats2, width: ti.i32, height: ti.i32, size: ti.i32, need
     for pixel in range(width * height):
         direction, right, down = pixel_directions(view, pixel, width, height)
         face, first, last = footprint(direction, right, down, size, _CLEARANCE)
-        first_block, last_block = (
-            ti.cast(first, ti.i32) >> BLOCK_BITS,
-            ti.cast(ti.ceil(last) - 1.0, ti.i32) >> BLOCK_BITS,
-        )
+        first_block = ti.cast(first, ti.i32) >> BLOCK_BITS
+        last_block = ti.cast(ti.ceil(last) - 1.0, ti.i32) >> BLOCK_BITS
         for row in range(first_block[0], last_block[0] + 1):
             for column in range(first_block[1], last_block[1] + 1):
                 needed[face, row, column] = 1

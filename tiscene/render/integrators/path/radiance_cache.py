@@ -15,7 +15,6 @@ only while they have several left, since what is beyond those brings hardly any 
 Where the first surface is a mirror, albedo and normal are those of the next surface, and the path goes on there.
 """
 
-import math
 from typing import Any, NamedTuple
 
 import taichi as ti
@@ -41,7 +40,7 @@ from tiscene.render.intersect.ray_queue import HitIds, Hits, Rays, ray_direction
 from tiscene.render.intersect.surface_interaction import Geometry, surface_at
 from tiscene.render.lights.intersect import nearest_light
 from tiscene.render.lights.light_sample import LightTables
-from tiscene.render.sampling.cube import cell_of
+from tiscene.render.sampling.cube import FACE_ANGLE, cell_of
 from tiscene.scene.material_table import COVERAGE, EMITS, FLAGS, GLASS, MAY_MIRROR, UNSEEN
 from tiscene.scene.placement import CURRENT
 
@@ -136,7 +135,7 @@ def _end_in_cache(
             seen = origin + distance * direction - vec3(center_x, center_y, center_z)
             place = cell_of(seen, size)
             cell = cells[(place[0] * size + place[1]) * size + place[2]]
-            normal, width = vec3(cell[4], cell[5], cell[6]), seen.norm() * (0.5 * math.pi) / size
+            normal, width = vec3(cell[4], cell[5], cell[6]), seen.norm() * FACE_ANGLE / size
             looks_alike = (flags & (COVERAGE | EMITS | GLASS | MAY_MIRROR | UNSEEN)) == 0
             is_wide = distance * state[i][SPREAD] > width
             if looks_alike and is_wide and ti.abs(normal.dot(seen) + cell[3]) < FLATNESS * width:
