@@ -38,11 +38,11 @@ def place_on_cube(direction: vec3, size: ti.i32) -> vec3:
 @ti.func
 def nearest_axis(direction: vec3) -> ti.i32:
     """Return the axis that a direction is nearest to: 0, 1 or 2."""
-    magnitude = ti.abs(direction)
+    x, y, z = ti.abs(direction.x), ti.abs(direction.y), ti.abs(direction.z)  # of the vector: not in vector mode
     axis = 0
-    if magnitude.y > magnitude.x and magnitude.y >= magnitude.z:
+    if y > x and y >= z:
         axis = 1
-    elif magnitude.z > magnitude.x:
+    elif z > x:
         axis = 2
     return axis
 
@@ -82,8 +82,9 @@ def extent_on_cube(direction: vec3, right: vec3, down: vec3, size: ti.i32) -> ti
 @ti.func
 def cell_of(direction: vec3, size: ti.i32) -> ti.math.ivec3:
     """Return the cube face that a direction goes through, and the row and column of the cell on it; see above."""
-    place = ti.cast(place_on_cube(direction, size), ti.i32)
-    return ti.math.ivec3(place[0], ti.math.clamp(place[1], 0, size - 1), ti.math.clamp(place[2], 0, size - 1))
+    place = place_on_cube(direction, size)
+    face, row, column = ti.cast(place[0], ti.i32), ti.cast(place[1], ti.i32), ti.cast(place[2], ti.i32)
+    return ti.math.ivec3(face, ti.math.clamp(row, 0, size - 1), ti.math.clamp(column, 0, size - 1))
 
 
 @ti.func

@@ -92,7 +92,7 @@ class LightProbe:
         light = (cells[:, PLANE:].reshape(len(cells), -1, 3) * factors).sum(axis=1)
         unused = np.zeros((len(cells), 1), np.float32)
         values = np.hstack([light, cells[:, 3:PLANE], cells[:, :3], unused])
-        return RadianceCache(upload_vectors(values), SIZE, self.center)
+        return RadianceCache(upload_vectors(values), SIZE, *self.center)
 
 
 def trace_probe(

@@ -27,7 +27,6 @@ from tiscene.render.integrators.path.last_segment import finish_at_lights
 from tiscene.render.integrators.path.path_image import PathImage
 from tiscene.render.integrators.path.path_scene import PathScene, SceneArrays
 from tiscene.render.integrators.path.path_state import CHUNK, FILM_COLUMNS, PathSamples, PathState, check_numbers
-from tiscene.render.integrators.path.radiance_cache import end_in_cache, last_depth
 from tiscene.render.integrators.path.shading import shade
 from tiscene.render.integrators.path.shadow_rays import continue_shadow_rays
 from tiscene.render.intersect.ray_queue import tiled_order, tiled_ranks, upload_pixels, upload_rows
@@ -248,14 +247,12 @@ class PathPass:
         else:
             rays = state.rays, state.queue
             closest(self.scene, scene.tree, *rays, live, state.hits, state.hit_ids, step == 0, self._stack.paths)
-            if scene.cache and 1 <= step <= last_depth(max_depth):
-                live = end_in_cache(scene.arrays, scene.cache, state, live, max_depth, scene.any_links)
             with self.vector_mode():
                 shade(
-                    *scene.arrays, self.pixels, first, spp, bits, key, step, max_depth, mis, *self.background,
-                    state.queue, live, state.rays, state.hits, state.hit_ids, state.shadow_rays, state.occluded,
-                    state.state, state.features, state.status, state.first_sample, scene.any_emission,
-                    scene.any_extended, scene.any_links, *self._stack.arguments,
+                    *scene.arrays, *scene.cache_arguments(max_depth), self.pixels, first, spp, bits, key, step,
+                    max_depth, mis, *self.background, state.queue, live, state.rays, state.hits, state.hit_ids,
+                    state.shadow_rays, state.occluded, state.state, state.features, state.status, state.first_sample,
+                    scene.any_emission, scene.any_extended, scene.any_links, *self._stack.arguments,
                 )  # fmt: skip
         counts = kernels.compact(state.status, state.queue, live, state.next_queue, state.shadow_queue, state.chunks)
         state.swap_queues()

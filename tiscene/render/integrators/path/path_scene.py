@@ -4,7 +4,7 @@
 from dataclasses import dataclass
 from typing import Any, NamedTuple, Self
 
-from tiscene.render.integrators.path.radiance_cache import RadianceCache
+from tiscene.render.integrators.path.radiance_cache import RadianceCache, last_depth
 from tiscene.scene.lights.light_table import LightTable
 from tiscene.scene.material_table import MaterialTable
 from tiscene.scene.placement import CURRENT
@@ -96,3 +96,9 @@ class PathScene:
     def steps(self, max_depth: int) -> int:
         """Return how many times paths may be advanced."""
         return max_depth + (MAX_ALPHA_LAYERS if self.any_coverage else 0)
+
+    def cache_arguments(self, max_depth: int) -> tuple[Any, ...]:
+        """Return the cache as arguments of `shade`, and after how many surfaces paths may end in it."""
+        if self.cache:
+            return *self.cache, last_depth(max_depth)
+        return self.arrays.light_nodes, 1, 0.0, 0.0, 0.0, 0  # an array of that type, which is not read

@@ -37,6 +37,7 @@ from tiscene.render.integrators.path.path_state import (
     get3,
     set3,
 )
+from tiscene.render.integrators.path.radiance_cache import RadianceCache, cached_radiance
 from tiscene.render.integrators.path.wavefront_kernels import FIRST_STEP_SET, path_index
 from tiscene.render.intersect.ray_queue import LINKS, HitIds, Hits, Pixels, Rays, ray_direction, ray_origin, write_ray
 from tiscene.render.intersect.surface_interaction import INFO_LINK_CLASS, Geometry, offset_origin, surface_at
@@ -89,6 +90,8 @@ def shade(
     light_nodes: Float8s1,
     light_distribution: Floats1,
     energy: Floats1,
+    cache: RadianceCache,
+    cache_depth: ti.i32,
     pixels: Pixels,
     first: ti.i32,
     spp: ti.i32,
@@ -122,6 +125,8 @@ def shade(
     The first 18 arguments are the scene, see `path_scene.SceneArrays`.
 
     Args:
+        cache: Light in which paths may end.
+        cache_depth: After how many surfaces they still may; 0: the cache is not read.
         pixels: See `upload_pixels`; path first + i belongs to pixels[(first + i) // spp].
         first: Number of the path in row 0.
         spp: Samples per pixel.
@@ -156,12 +161,19 @@ def shade(
         # Next-event estimation of the previous vertex: its shadow ray has been traced.
         if (status_bits & LIGHT_PENDING) != 0 and occluded[i] == 0:
             radiance += get3(state, i, DIRECT)
-        depth = status_bits & DEPTH_MASK
+        depth, instance = status_bits & DEPTH_MASK, hit_ids[i][0]
+        if depth >= 1 and depth <= cache_depth and instance >= 0:
+            known, cached = cached_radiance(
+                cache, geometry, materials.info, lights, i, rays, hits, hit_ids, state, status_bits
+            )
+            if known != 0:
+                set3(state, i, RADIANCE, radiance + throughput * cached)
+                status[i] = 0
+                continue
         continues, sampled = False, 0
         link_class = status_bits >> LINK_CLASS_SHIFT
         last_link_class = link_class
 
-        instance = hit_ids[i][0]
         light, distance = nearest_light(lights, depth, origin, direction, hits[i][0])
         # At the last vertex of a path only emission counts: a surface that cannot emit need not be evaluated.
         skip_surface = False
