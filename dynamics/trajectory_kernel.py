@@ -46,15 +46,16 @@ def unit(q, otherwise):
 
 @ti.func
 def slerp(a, b, t):
-    """Interpolate from `a` to `b` along the arc between them, without choosing a hemisphere."""
+    """Interpolate from `a` to `b` along the arc between them, without choosing a hemisphere.
+
+    Between equal rotations the result is the same number at every `t`: what pauses must not tremble by rounding.
+    """
     angle = 2.0 * ti.atan2((a - b).norm(), (a + b).norm())
     sine = ti.sin(angle)
-    first = 1.0 - t
-    second = t
+    result = a + t * (b - a)
     if sine > 1e-8:
-        first = ti.sin((1.0 - t) * angle) / sine
-        second = ti.sin(t * angle) / sine
-    return unit(first * a + second * b, a)
+        result = ti.sin((1.0 - t) * angle) / sine * a + ti.sin(t * angle) / sine * b
+    return unit(result, a)
 
 
 @ti.func

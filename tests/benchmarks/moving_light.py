@@ -3,9 +3,9 @@
 
 Frames of `moving` over panoramas, against path tracing of two parts of REFERENCE_SPP samples per pixel. "mean": mean
 radiance of `denoised` over that of the raw reference. "similarity": structural similarity (Wang et al. 2004, Gaussian
-of 1.5 px) of light, that is radiance over the image's own albedo, displayed as in `moving`. The reference is denoised
-too, and what remains of its noise counts as dissimilar, in proportion to one over its samples: "converged" is twice the
-similarity to both parts together, less the mean similarity to each. "128 spp" is path tracing denoised alike.
+of 1.5 px) of the luminance of light, that is radiance over the image's own albedo, encoded as sRGB. The reference is
+denoised too, and what remains of its noise counts as dissimilar, in proportion to one over its samples: "converged" is
+twice the similarity to both parts together, less the mean similarity to each. "128 spp" is path tracing denoised alike.
 """
 
 from __future__ import annotations
@@ -28,6 +28,7 @@ from tiscene.render.film.upsample import ALBEDO_OFFSET
 REFERENCE_SPP = 256  # of each of the two parts
 CAMERAS, PRESETS = ("turns", "walks"), ("fast", "preview")
 _SIGMA, _K1, _K2 = 1.5, 0.01, 0.03  # of structural similarity
+_LUMINANCE = np.array([0.2126, 0.7152, 0.0722])
 
 
 def main(large: bool = False) -> None:
@@ -101,7 +102,8 @@ def _light_of(radiance: Image, albedo: Image, normal: Image) -> Displayed:
 
 
 def _light(radiance: Image, albedo: Image) -> Displayed:
-    return moving.display(radiance / (albedo + ALBEDO_OFFSET))
+    light = radiance / (albedo + ALBEDO_OFFSET)
+    return moving.display(0.5 * light) @ _LUMINANCE  # which doubles radiance; light is about twice as bright already
 
 
 def _mean_similarity(lights: list[Displayed], others: list[Displayed]) -> float:
@@ -109,10 +111,10 @@ def _mean_similarity(lights: list[Displayed], others: list[Displayed]) -> float:
 
 
 def similarity(one: Displayed, other: Displayed) -> float:
-    """Return the structural similarity of two images, float64 [h, w, 3], 0..1."""
+    """Return the structural similarity of two images, float64 [h, w], 0..1."""
 
     def blurred(image: Displayed) -> Displayed:
-        result: Displayed = gaussian_filter(image, (_SIGMA, _SIGMA, 0.0))
+        result: Displayed = gaussian_filter(image, _SIGMA)
         return result
 
     mean, other_mean = blurred(one), blurred(other)

@@ -9,7 +9,7 @@ import pytest
 from scipy.interpolate import CubicHermiteSpline
 from scipy.spatial.transform import Rotation, Slerp
 
-from dynamics import AllTogether, Body, CatmullWaypoints, LinearWaypoints, Simulation, Waypoint
+from dynamics import AllTogether, Body, CatmullWaypoints, Keyframes, LinearWaypoints, Simulation, Waypoint
 from tests.reference import motion
 
 POINTS = np.array([(0.0, 1.0, 0.0), (2.0, 1.0, 0.5), (1.0, 2.0, 2.0), (-0.5, 0.2, 1.0), (-1.0, 1.5, -2.0)])
@@ -68,6 +68,12 @@ def test_linear_waypoints_match_scipy_interp_and_slerp():
     np.testing.assert_allclose(found[:, :3], expected, atol=1e-14)
     keys = Rotation.from_quat([motion.quaternion_of_euler(a)[[1, 2, 3, 0]] for a in (*ANGLES, ANGLES[0])])
     assert (rotations(found) * Slerp(range(6), keys)(clocks).inv()).magnitude().max() < 1e-7
+
+
+def test_what_pauses_has_the_same_numbers_at_all_times():
+    pause = Waypoint((0.3, 1.2, -0.7), (-10.0, 20.0, 5.0))
+    found = poses(Keyframes((0.0, 0.2, 1.0), [Waypoint((0.0, 1.0, 0.0)), pause, pause]), np.linspace(0.21, 0.99, 40))
+    assert (found == found[0]).all()
 
 
 def test_catmull_waypoints_match_hermite_spline_with_central_differences():

@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 import tiscene as ts
+from tiscene.render.integrators.incremental.incremental_pass import IncrementalPass
 from tiscene.render.view import View
 from tiscene.stream.incremental import pinhole_moves
 
@@ -67,3 +68,26 @@ def test_pinhole_cameras_that_turn_or_walk_are_rendered_over_panoramas() -> None
     flat = replace(turned, orthographic_height=1.0)
     found = [pinhole_moves(View(camera, each, camera, 32, 24)) for each in (camera, turned, moved, thick, flat)]
     assert found == [False, True, True, False, False]
+    assert pinhole_moves(View(camera, camera, camera, 32, 24, roams=True))
+
+
+def test_a_camera_that_stops_needs_no_base_image_and_its_noise_stands_still(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(IncrementalPass, "prepare", lambda *_, **__: pytest.fail("a base image was rendered"))
+    cube, pause = ts.Object("cube", "Cube", (0.2, 1.0, -0.6)), ts.Waypoint(HERE, (-10.0, 20.0, 0.0))
+    stops = ts.Keyframes((0.0, 0.2, 1.0), [ts.Waypoint(HERE, (-10.0, 0.0, 0.0)), pause, pause])
+    scenario = ts.Scenario("solid_benchmark", [cube], camera=ts.Camera(HERE, dynamic=stops))
+    with ts.Stream(scenario, **FAST) as stream:
+        stream.world.move("cube", (0.3, 1.0, -0.6))  # a mover from now on
+        turning, *still = (stream[index] for index in (2, 10, 11))
+    assert (turning.hdr != still[0].hdr).any()
+    np.testing.assert_array_equal(still[0].hdr, still[1].hdr)
+
+
+def test_cameras_roam_that_have_a_trajectory_or_were_placed() -> None:
+    fixed, path = ts.Camera(HERE), ts.Keyframes((0.0, 1.0), [ts.Waypoint(HERE), ts.Waypoint(HERE, (0.0, 10.0, 0.0))])
+    scenario = ts.Scenario("solid_benchmark", camera=(fixed, ts.Camera(HERE, name="panning", dynamic=path)))
+    with ts.Stream(scenario, buffers=("depth",), **SIZE) as stream:
+        assert [stream.world.camera_roams(5, row) for row in range(2)] == [False, True]
+        stream.world.turn_camera(10.0)
+        placed = stream.world.next_frame
+        assert [stream.world.camera_roams(frame, 0) for frame in (placed, placed + 5)] == [True, True]

@@ -114,7 +114,7 @@ class Renderer:
         seed: int,
         exposure: float,
         moving: NDArray[np.bool_] | None = None,
-        camera_moves: bool = False,
+        over_panorama: bool = False,
         shutter_samples: Iterable[ShutterSample] = (),
         light: PathImage | None = None,
     ) -> dict[str, NDArray[Any]]:
@@ -129,7 +129,7 @@ class Renderer:
             exposure: Exposure of `rgb`, stops.
             moving: bool [n], the movers, if lights are static: color is rendered incrementally if that is estimated to
                 be cheaper. None: color is path traced.
-            camera_moves: Whether the camera moves; then a panorama takes the place of the base image.
+            over_panorama: Whether a panorama takes the place of the base image, for cameras that move.
             shutter_samples: Color is the mean over these times, path traced at full size; empty: the frame's time.
             light: What `trace_frames` has found for the frame; None: light is to be traced.
 
@@ -143,7 +143,7 @@ class Renderer:
         sampling: dict[str, int] = {"seed": seed, "max_depth": settings.max_depth}
         shared = None
         if colored and moving is not None:
-            shared = self._prepare_shared(view, placement, moving, frame_index, camera_moves, sampling)
+            shared = self._prepare_shared(view, placement, moving, frame_index, over_panorama, sampling)
         if shared is self._panorama and "instance" not in labels:
             labels.append("instance")
         if colored and shared is None and settings.downscale > 1:
@@ -201,19 +201,18 @@ class Renderer:
         placement: Placement,
         moving: NDArray[np.bool_],
         frame_index: int,
-        camera_moves: bool,
+        over_panorama: bool,
         sampling: dict[str, int],
     ) -> IncrementalPass | PanoramaPass | None:
         """Return the pass that shares light with other frames, prepared; None: the frame is path traced by itself."""
         settings = self.settings
-        if camera_moves:
-            # One path per pixel of reduced size leaves stains of color.
-            served = self._panorama.prepare(
-                view, placement, moving,
-                frame_index=frame_index, spp=max(2, settings.spp), panorama_spp=settings.panorama_spp, **sampling,
-            )  # fmt: skip
-            return self._panorama if served else None
-        if not self._incremental.is_cheaper(view, placement, moving, **sampling):
+        # One path per pixel of reduced size leaves stains of color.
+        if over_panorama and self._panorama.prepare(
+            view, placement, moving,
+            frame_index=frame_index, spp=max(2, settings.spp), panorama_spp=settings.panorama_spp, **sampling,
+        ):  # fmt: skip
+            return self._panorama
+        if not (view.rests and self._incremental.is_cheaper(view, placement, moving, **sampling)):
             return None
         self._incremental.prepare(
             view, placement, moving,

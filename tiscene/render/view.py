@@ -52,6 +52,7 @@ class View:
         ambient: Radiance of a white surface that `rgb` adds to the rendered one: ambient light without a source.
         background: Radiance shown where camera rays hit nothing, in place of lights at infinity, which still
             illuminate the scene; SKY shows them.
+        roams: Whether the camera moves at other times, even if it stands still around this frame.
 
     Raises:
         ArgumentError: If the image is empty or too large.
@@ -64,6 +65,7 @@ class View:
     height: int
     ambient: tuple[float, float, float] = (0.0, 0.0, 0.0)
     background: tuple[float, float, float] = SKY
+    roams: bool = False
     _device: dict[str, Any] = field(default_factory=dict, init=False, repr=False, compare=False)
 
     def __post_init__(self) -> None:
@@ -75,6 +77,11 @@ class View:
     def cameras(self) -> tuple[Camera, Camera, Camera]:
         """The cameras, indexed by PREVIOUS, CURRENT, NEXT."""
         return self.previous, self.current, self.next
+
+    @property
+    def rests(self) -> bool:
+        """Whether the camera stands still around the frame."""
+        return self.previous == self.current == self.next
 
     def rows(self) -> NDArray[np.float32]:
         """Return the cameras as float32 [3, VIEW_COLUMNS], one row per time.

@@ -66,6 +66,7 @@ class AgentRenderer:
             agent.height,
             self._ambient_radiance(stream.exposure) if any(self._ambient) else (0.0, 0.0, 0.0),
             behind,
+            roams=True,
         )
         needed = {buffer for name in views for buffer in frame_views.VIEWS[name].buffers}
         if background is not None and "main" in views:

@@ -14,15 +14,14 @@ from tiscene.render.view import View
 from tiscene.world.world_state import WorldState
 
 
-def is_static_view(view: View) -> bool:
-    """Return whether the camera stands still around a frame."""
-    return view.previous == view.current == view.next
-
-
 def pinhole_moves(view: View) -> bool:
-    """Return whether the camera is a pinhole and moves around a frame."""
+    """Return whether the camera is a pinhole and moves, around a frame or at other times.
+
+    A camera that stops is seen as it was while it moved: nothing else has to be traced first, and the picture does not
+    change when it stops.
+    """
     is_pinhole = view.current.lens_radius == 0.0 and view.current.orthographic_height is None
-    return is_pinhole and not is_static_view(view)
+    return is_pinhole and (view.roams or not view.rests)
 
 
 def movers(state: WorldState) -> NDArray[np.bool_] | None:

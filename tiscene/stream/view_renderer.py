@@ -23,7 +23,7 @@ from tiscene.render.view import View
 from tiscene.scene.bvh.obstacle_tree import MeshTrees
 from tiscene.scene.device_scene import DeviceScene
 from tiscene.scene.placement import CURRENT, Placement
-from tiscene.stream.incremental import is_static_view, movers, pinhole_moves
+from tiscene.stream.incremental import movers, pinhole_moves
 from tiscene.stream.shutter import shutter_samples
 from tiscene.world.world import World
 from tiscene.world.world_state import CameraStep, WorldState
@@ -227,7 +227,7 @@ class ViewRenderer:
             seed=self._seed,
             exposure=exposure,
             moving=moving,
-            camera_moves=pinhole_moves(view),
+            over_panorama=self._over_panorama(view),
             shutter_samples=samples or (),
             light=prepared.light,
         )
@@ -273,7 +273,7 @@ class ViewRenderer:
         placements = [state.placement for state in states]
         found: list[list[Prepared]] = [[] for _ in states]
         for row in range(len(states[0].cameras)):
-            views = [View(*state.cameras[row], width=width, height=height) for state in states]
+            views = [self.view(state, row, width, height) for state in states]
             renderer = self._renderer(views[0])
             labels = renderer.render_labels(views, placements, names) or [{} for _ in states]
             light: Sequence[PathImage | None] = [None] * len(states)
@@ -284,6 +284,18 @@ class ViewRenderer:
             for each, drawn, image in zip(found, labels, light, strict=True):
                 each.append(Prepared(drawn, image))
         return list(zip(states, found, strict=True))
+
+    def view(self, state: WorldState, row: int, width: int, height: int) -> View:
+        """Return the view of one of the world's cameras.
+
+        Args:
+            state: of the world, at the frame to render.
+            row: the camera.
+            width: image width, px.
+            height: image height, px.
+        """
+        roams = self.world.camera_roams(state.frame, row)
+        return View(*state.cameras[row], width=width, height=height, roams=roams)
 
     def _shared_light(
         self, state: WorldState, view: View, camera_row: int | None, incremental: bool | None = None
@@ -298,10 +310,12 @@ class ViewRenderer:
             self.world, state, view, self._shutter, spp=self.settings.spp, seed=self._seed, camera_row=camera_row
         )
         incremental = self.settings.incremental if incremental is None else incremental
-        over_panorama = self.settings.panorama_spp > 0 and pinhole_moves(view)
-        if incremental and samples is None and (over_panorama or is_static_view(view)):
+        if incremental and samples is None and (view.rests or self._over_panorama(view)):
             return None, movers(state)
         return samples, None
+
+    def _over_panorama(self, view: View) -> bool:
+        return self.settings.panorama_spp > 0 and pinhole_moves(view)
 
     def _upload_descriptions(self) -> None:
         """Add the world's stage and templates to the device scene, as far as they are not there."""
@@ -343,13 +357,13 @@ def render_all_cameras(
     first, *others = [
         renderer.render(
             state,
-            View(*step, width=width, height=height),
+            renderer.view(state, row, width, height),
             buffers,
             main_size=(width, height),
             camera_row=row,
             pixels=None if pixels is None else pixels[row],
             prepared=None if prepared is None else prepared[row],
         )
-        for row, step in enumerate(state.cameras)
+        for row in range(len(state.cameras))
     ]
     return replace(first, _other_views=tuple(others)) if others else first

@@ -62,6 +62,11 @@ class WorldCameras:
         x, y, z, *rotation = self.trajectories.camera_poses(time)[row].tolist()
         return camera.with_pose((x, y, z), tuple(rotation))
 
+    def roams(self, frame: int, row: int) -> bool:
+        """Return whether a camera has a trajectory, or an edit has placed it by a frame: then others may follow."""
+        camera = self.cameras[row]
+        return camera.dynamic is not None or self.log.camera(camera.name, frame) is not None
+
     def step(self, frame: int, row: int) -> CameraStep:
         """Return a camera at frames k - 1, k and k + 1; the last one as planned at k."""
         return CameraStep(*(self.at(frame + step, row, frame) for step in (-1, 0, 1)))

@@ -147,7 +147,7 @@ class LookAround(gymnasium.Env):  # type: ignore[misc]  # gymnasium is not read
         return replace(camera, rotation=quaternion_from_matrix(axes))
 
     def _render_frame(self, before: Camera) -> None:
-        view = View(before, self._camera, self._camera, self.stream.width, self.stream.height)
+        view = View(before, self._camera, self._camera, self.stream.width, self.stream.height, roams=True)
         self._frame = self.stream.render_view(self._index, view, BUFFERS)
 
     def _observation(self) -> dict[str, Any]:

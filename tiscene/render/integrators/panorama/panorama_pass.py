@@ -155,7 +155,7 @@ class PanoramaPass:
             view: Camera and image size.
             placement: Placement of the frame.
             moving: bool [n], the instances that are not in the panorama.
-            frame_index: Frame number; with `seed` it selects the random numbers.
+            frame_index: Frame number; with `seed` it selects the random numbers, unless the camera stands still.
             seed: Seed of the random numbers.
             spp: Paths per pixel of reduced size that find the movers' changes of light.
             panorama_spp: Samples per pixel of the panorama.
@@ -182,6 +182,8 @@ class PanoramaPass:
             self.static_hits = StaticHits(points.centers, moving)
         self._view, self._max_depth, self._panorama_spp = view, max_depth, panorama_spp
         self._shown, self._known = self._static_images(view, static, settings, points)
+        if view.rests:
+            frame_index = 0  # noise stands still where the camera does, as in incremental rendering
         self._movers_key = frame_key(frame_key(seed, MOVERS_FRAME), frame_index)
         if (moving & placement.present[CURRENT]).any():
             if self._changes is None:
