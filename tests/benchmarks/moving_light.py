@@ -21,6 +21,7 @@ import tiscene as ts
 from tests.benchmarks import moving
 from tests.benchmarks.moving import COMPARED, ROOMS, Displayed, Image, Shot
 from tests.benchmarks.reference_pictures import note
+from tiscene.frame.difficulty import LUMINANCE
 from tiscene.render.film.denoise import denoise
 from tiscene.render.film.postprocess import Postprocessor
 from tiscene.render.film.upsample import ALBEDO_OFFSET
@@ -28,7 +29,6 @@ from tiscene.render.film.upsample import ALBEDO_OFFSET
 REFERENCE_SPP = 256  # of each of the two parts
 CAMERAS, PRESETS = ("turns", "walks"), ("fast", "preview")
 _SIGMA, _K1, _K2 = 1.5, 0.01, 0.03  # of structural similarity
-_LUMINANCE = np.array([0.2126, 0.7152, 0.0722])
 
 
 def main(large: bool = False) -> None:
@@ -62,16 +62,16 @@ def compare(shot: Shot) -> None:
 
 def _frames(shot: Shot, preset: str) -> list[tuple[Image, Image]]:
     """Return `denoised` and albedo of the frames compared."""
-    with _albedos("process_panorama") as albedos, shot.stream(quality=preset, buffers=("denoised",)) as stream:
+    with _guides("process_panorama") as guides, shot.stream(quality=preset, buffers=("denoised",)) as stream:
         frames = [shot.render(stream, index).denoised for index in COMPARED]
-    return list(zip(frames, [albedo for albedo, _ in albedos], strict=True))
+    return list(zip(frames, [albedo for albedo, _ in guides], strict=True))
 
 
 def _path_traced(shot: Shot, seed: int, spp: int) -> list[tuple[Image, Image, Image]]:
     """Return radiance, albedo and normal of the frames compared."""
     settings: dict[str, object] = {"quality": "standard", "max_depth": moving.REFERENCE_DEPTH, "incremental": False}
     with (
-        _albedos("process") as guides,
+        _guides("process") as guides,
         shot.stream(spp=spp, seed=seed, denoise=False, buffers=("hdr",), **settings) as stream,
     ):
         frames = [shot.render(stream, index).hdr for index in COMPARED]
@@ -79,7 +79,7 @@ def _path_traced(shot: Shot, seed: int, spp: int) -> list[tuple[Image, Image, Im
 
 
 @contextmanager
-def _albedos(method: str) -> Iterator[list[tuple[Image, Image]]]:
+def _guides(method: str) -> Iterator[list[tuple[Image, Image]]]:
     """Collect albedo and normal of the images that a `Postprocessor` is given, pixel means: no buffer has them."""
     result: list[tuple[Image, Image]] = []
     original = getattr(Postprocessor, method)
@@ -103,7 +103,7 @@ def _light_of(radiance: Image, albedo: Image, normal: Image) -> Displayed:
 
 def _light(radiance: Image, albedo: Image) -> Displayed:
     light = radiance / (albedo + ALBEDO_OFFSET)
-    return moving.display(0.5 * light) @ _LUMINANCE  # which doubles radiance; light is about twice as bright already
+    return moving.display(0.5 * light) @ LUMINANCE  # which doubles radiance; light is about twice as bright already
 
 
 def _mean_similarity(lights: list[Displayed], others: list[Displayed]) -> float:

@@ -204,8 +204,8 @@ def _serve(commands: Commands) -> None:
     serve.add_argument(
         "--incremental",
         action=argparse.BooleanOptionalAction,
-        help="frames of a camera that stands still do not flicker; their first one waits for a base image "
-        "(default: by --quality)",
+        help="frames of a camera that stands still do not flicker; their first one waits for a base image or a "
+        "panorama (default: by --quality)",
     )
     add_seed(serve)
     serve.add_argument(

@@ -206,7 +206,7 @@ class Renderer:
     ) -> IncrementalPass | PanoramaPass | None:
         """Return the pass that shares light with other frames, prepared; None: the frame is path traced by itself."""
         settings = self.settings
-        # One path per pixel of reduced size leaves stains of color.
+        # At least two paths per pixel of reduced size: one leaves stains of color.
         if over_panorama and self._panorama.prepare(
             view, placement, moving,
             frame_index=frame_index, spp=max(2, settings.spp), panorama_spp=settings.panorama_spp, **sampling,

@@ -47,8 +47,8 @@ def _parser() -> argparse.ArgumentParser:
     parser.add_argument(
         "--incremental",
         action=argparse.BooleanOptionalAction,
-        help="frames of a camera that stands still do not flicker; their first one waits for a base image "
-        "(default: by --quality)",
+        help="frames of a camera that stands still do not flicker; their first one waits for a base image or a "
+        "panorama (default: by --quality)",
     )
     parser.add_argument("--seed", type=int, help="seed of the rendering (default: 0)")
     parser.add_argument("--physics", action="store_true", default=None, help="objects fall and are pushed")

@@ -77,7 +77,7 @@ class Environment(EnvironmentEdits):
             max_depth: Maximum path depth in segments.
             denoise: Whether color is denoised.
             incremental: Whether views of a camera that stands still are rendered incrementally, without flicker and
-                after waiting for a base image; None: as the preset says ("fast", "preview": yes).
+                after waiting for a base image or a panorama; None: as the preset says ("fast", "preview": yes).
             seed: Seed of the rendering.
             consecutive_flow: Whether flow is always measured from the frame before. False: from the agent's last frame.
             query_budget: How many pixels each agent may ask about (see `ask_pixel`); None for any number.

@@ -43,7 +43,7 @@ class CameraEdits(ABC):
         return self._cameras.at(frame, self._cameras.row(camera), frame)
 
     def camera_roams(self, frame: int, row: int) -> bool:
-        """Return whether a camera, given by its row, moves at other times than around a frame; see `View.roams`."""
+        """Return whether a camera, given by its row, moves at any time, as known at a frame; see `View.roams`."""
         return self._cameras.roams(frame, row)
 
     def move_camera(

@@ -63,7 +63,7 @@ class WorldCameras:
         return camera.with_pose((x, y, z), tuple(rotation))
 
     def roams(self, frame: int, row: int) -> bool:
-        """Return whether a camera has a trajectory, or an edit has placed it by a frame: then others may follow."""
+        """Return whether a camera has a trajectory, or was placed by an edit up to a frame and so may be again."""
         camera = self.cameras[row]
         return camera.dynamic is not None or self.log.camera(camera.name, frame) is not None
 
