@@ -25,7 +25,7 @@ from tiscene.render.integrators.path.path_image import PathImage
 from tiscene.render.integrators.path.path_pass import PathPass
 from tiscene.render.integrators.path.path_state import LIGHT_PENDING, LIVE, chunks_for
 from tiscene.render.integrators.path.prefix_sums import scans_in_blocks
-from tiscene.render.integrators.path.wavefront_kernels import compact
+from tiscene.render.integrators.path.wavefront_kernels import compact_queue
 from tiscene.render.intersect.ray_queue import upload_rays
 from tiscene.scene.placement import CURRENT, NEXT, PREVIOUS, Placement
 
@@ -105,9 +105,10 @@ def serial(scenes: list[BakedScene], scale: float) -> Iterator[Check]:
     status = random.choice([0, LIVE, LIGHT_PENDING, LIVE | LIGHT_PENDING], count)
     arrays = [upload(each) for each in (status, np.arange(count), np.zeros(count, int), np.zeros(count, int))]
     chunks = upload(np.zeros((chunks_for(count), 2), np.int32))
-    sizes = compact(arrays[0], arrays[1], count, arrays[2], arrays[3], chunks)
+    compacted = arrays[0], arrays[1], count, arrays[2], arrays[3], chunks, scans_in_blocks()
+    sizes = compact_queue(*compacted)
     right = (sizes & 0xFFFFFFFF, sizes >> 32) == tuple(int((status & flag > 0).sum()) for flag in (LIVE, LIGHT_PENDING))
-    milliseconds = 1e3 * median(lambda: compact(arrays[0], arrays[1], count, arrays[2], arrays[3], chunks), 10)
+    milliseconds = 1e3 * median(lambda: compact_queue(*compacted), 10)
     yield Check("queue of 2^20 paths compacted", f"{milliseconds:.2f} ms", right and milliseconds < limit)
     boxes = device_array(float8, 6)
     boxes.from_numpy(np.repeat([[-1.0], [-1.0], [-1.0], [1.0], [1.0], [1.0]], 8, axis=1).astype(np.float32))

@@ -52,6 +52,7 @@ class DeviceScene:
         emissive: The meshes that emit light.
         descriptions: The descriptions that were added, each with the row of its first mesh.
         placement: The latest placement.
+        instance_boxes: float64 [3, i, 6], world boxes by time, m, of absent instances as well.
         bounds: float64 [2, 3], lowest and highest corner of the instances at CURRENT, m; zeros if there are none.
 
         vertex_position: f32 [n, 3], object space, m. A deforming mesh has three consecutive blocks: its vertices at
@@ -99,7 +100,7 @@ class DeviceScene:
         self.placement = NO_INSTANCES
         self.bounds: NDArray[np.float64] = np.zeros((2, 3))
         self._hittable = np.zeros((3, 0), bool)
-        self._instance_boxes = np.zeros((3, 0, 6))
+        self.instance_boxes = np.zeros((3, 0, 6))
         self.instance_info: Any = None
         self._frame_roots: dict[int, Any] = {}
         self._pending: list[NDArray[Any]] | None = None  # values of the arrays of instances, not on the device yet
@@ -242,7 +243,7 @@ class DeviceScene:
             names = self._split_instances(time, np.flatnonzero(hittable[time]).astype(np.int32))
             self._bvh.place(time, *names, capacity=count + PARTS * MAX_SPLIT)
         self._write_instances()
-        here = self._instance_boxes[CURRENT, hittable[CURRENT]]
+        here = self.instance_boxes[CURRENT, hittable[CURRENT]]
         self.bounds = np.array((here[:, :3].min(axis=0), here[:, 3:].max(axis=0)) if len(here) else np.zeros((2, 3)))
 
     def place_frames(self, placements: Sequence[Placement], times: Iterable[int] = (CURRENT,)) -> None:
@@ -287,7 +288,7 @@ class DeviceScene:
         self.placement = placement
         self._upload_instances(moved)
         self._hittable = placement.present & (self._determinant != 0.0) & ~self._mesh_is_empty[placement.mesh]
-        self._instance_boxes = transformed_boxes(self._boxes[:, placement.mesh], matrices)
+        self.instance_boxes = transformed_boxes(self._boxes[:, placement.mesh], matrices)
         self._bvh.clear_instances()
 
     def _write_instances(self) -> None:
@@ -302,7 +303,7 @@ class DeviceScene:
 
     def _split_instances(self, time: int, rows: NDArray[np.int32]) -> tuple[NDArray[np.float64], NDArray[np.int32]]:
         """Return world boxes and names for the TLAS: of the instances, and of the parts of large ones instead."""
-        boxes = self._instance_boxes[time, rows]
+        boxes = self.instance_boxes[time, rows]
         if not len(rows):
             return boxes, rows
         large = instances_to_split(boxes)
@@ -326,7 +327,7 @@ class DeviceScene:
     def place_movers(self, moving: NDArray[np.bool_]) -> NDArray[np.float64]:
         """Build the TLAS MOVERS over some of the instances at CURRENT; return their world boxes [n, 6], m."""
         rows: NDArray[np.int32] = np.flatnonzero(self._hittable[CURRENT] & moving).astype(np.int32)
-        boxes: NDArray[np.float64] = self._instance_boxes[CURRENT, rows]
+        boxes: NDArray[np.float64] = self.instance_boxes[CURRENT, rows]
         self._bvh.place(MOVERS, boxes, rows, capacity=self.instance_count)
         return boxes
 

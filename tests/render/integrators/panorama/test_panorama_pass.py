@@ -25,11 +25,13 @@ from tests.render.incremental_scenes import (
     Position,
 )
 from tests.render.path_scenes import BOX_CAMERA
+from tiscene.render.integrators.incremental.base_image import base_placement
 from tiscene.render.integrators.incremental.base_image_cache import BaseImageCache
 from tiscene.render.integrators.incremental.mover_coverage import dilated
+from tiscene.render.integrators.incremental.retrace_kernels import MOVER_HITS
 from tiscene.render.integrators.labels.label_pass import LabelPass
 from tiscene.render.integrators.panorama import panorama
-from tiscene.render.integrators.panorama.light_changes import REDUCTION, reduced_view
+from tiscene.render.integrators.panorama.light_changes import REDUCTION, LightChanges, reduced_view
 from tiscene.render.integrators.panorama.panorama_pass import PanoramaImage, PanoramaPass
 from tiscene.render.integrators.path.path_pass import PathPass
 from tiscene.render.view import CubeView, View
@@ -47,6 +49,9 @@ def view_at(degrees: float) -> View:
     rotation = multiply(np.array([np.cos(half), 0.0, np.sin(half), 0.0]), np.array(BOX_CAMERA.rotation))
     camera = replace(BOX_CAMERA, rotation=tuple(rotation.tolist()))
     return View(camera, camera, camera, *SIZE)
+
+
+TURNING = View(view_at(-1.0).current, view_at(0.0).current, view_at(1.0).current, *SIZE)
 
 
 class SurroundedBalls(MovingBalls):
@@ -108,11 +113,13 @@ def test_mean_light_equals_that_of_path_tracing(wall: Material | None, lights: s
         assert image[counts].mean() == pytest.approx(truth[counts].mean(), rel=tolerance), (degrees, positions)
 
 
-@pytest.mark.parametrize("mover", [RED, GLASS, GLOSSY], ids=lambda each: each.name)
-def test_movers_and_their_shadows_are_those_of_path_tracing(mover: Material) -> None:
+@pytest.mark.parametrize(
+    ("mover", "view"), [(RED, TURNING), (GLASS, TURNING), (GLOSSY, view_at(0.0))], ids=["red", "glass", "glossy"]
+)
+def test_movers_and_their_shadows_are_those_of_path_tracing(mover: Material, view: View) -> None:
     """Where a mover changes the light, the change has the right size; without it the error would be 100 %."""
     scene = SurroundedBalls(mover, lights="sky and bulb")
-    image, empty = scene.image(*ONE, spp=64).hdr, scene.image(spp=64).hdr
+    image, empty = scene.image_of(view, *ONE, spp=64).hdr, scene.image_of(view, spp=64).hdr
     truth, truth_empty = scene.traced(*ONE), scene.traced()
     changed = np.abs(truth - truth_empty).mean(axis=-1) > 0.1 * truth_empty.mean(axis=-1)
     assert 0.02 < changed.mean() < 0.5
@@ -131,6 +138,44 @@ def test_frames_do_not_depend_on_frames_rendered_before(wall: Material) -> None:
         for name in ("hdr", "static", "denoised", "albedo", "normal", "after"):
             first = getattr(forth[degrees], name)
             np.testing.assert_array_equal(getattr(again, name), first, err_msg=f"{degrees} degrees: {name}")
+
+
+def test_frames_of_a_resting_view_share_their_static_paths_and_are_those_of_new_passes(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    recorded = []
+    record = LightChanges.record
+    monkeypatch.setattr(LightChanges, "record", lambda *args, **kwargs: recorded.append(record(*args, **kwargs)))
+    scene = SurroundedBalls(lights="sky and bulb")
+    moved = tuple(np.add(ONE[0], (0.1, 0.0, 0.05)).tolist())
+    images = [scene.image(*positions, frame=index).hdr for index, positions in enumerate([(), ONE, [moved], ONE])]
+    assert len(recorded) == 1
+    np.testing.assert_array_equal(images[3], images[1])
+    scene.surrounded = scene.new_pass()
+    np.testing.assert_array_equal(scene.image(moved, frame=9).hdr, images[2])
+    assert np.abs(images[2] - images[1]).max() > 0.1
+    scene.image(moved, spp=8)
+    assert len(recorded) == 3
+
+
+def test_paths_far_from_movers_are_not_traced_on_and_change_nothing() -> None:
+    """Paths of two segments lose nothing: the first that leaves a surface is the last."""
+    scene, changes, rows = SurroundedBalls(lights="sky and bulb"), [], []
+    placement = scene.at(*ONE)
+    for view in (view_at(0.0), TURNING):
+        scene.image_of(view)
+        found = LightChanges(scene.device, view)
+        scene.device.place(base_placement(placement, scene.moving))
+        probe = scene.surrounded.panoramas[0].probe()
+        found.record(view, placement, scene.moving, probe, (1, 2), spp=16, max_depth=2)
+        scene.device.place(placement)
+        changes.append(found.find(scene.moving, np.ones((1, 3), np.float32)))
+        rows.append(found._cache.max_rows)
+    both = (changes[0][..., MOVER_HITS] == 0.0) & (changes[1][..., MOVER_HITS] == 0.0)
+    np.testing.assert_allclose(changes[1][both, :3], changes[0][both, :3], atol=1e-6)
+    assert np.abs(changes[0][both, :3]).max() > 0.01
+    paths = 16 * changes[0].shape[0] * changes[0].shape[1]
+    assert 0 < rows[1] - paths < 0.2 * (rows[0] - paths)  # besides the rays from the camera
 
 
 def test_cells_that_do_not_fit_are_traced_again_with_the_same_light() -> None:

@@ -18,9 +18,11 @@ from numpy.typing import NDArray
 
 from tiscene.device.memory import device_array, upload
 from tiscene.render.integrators.incremental import path_recording as record
+from tiscene.render.integrators.incremental.mover_culling import drop_far
 from tiscene.render.integrators.path.path_pass import PathPass
 from tiscene.render.integrators.path.path_scene import PathScene
 from tiscene.render.integrators.path.path_state import CHUNK, FEATURE_COLUMNS, PathSamples, PathState
+from tiscene.render.integrators.path.wavefront_kernels import compact
 from tiscene.render.intersect.ray_queue import ray, tiled_order, upload_pixels
 from tiscene.render.view import View
 
@@ -88,6 +90,8 @@ class PathCache:
         samples: Paths per pixel and their random numbers.
         mover_key: Key of the random numbers by which shadow rays pass partially opaque movers.
         max_depth: Largest number of segments of a path.
+        boxes: Boxes of the movers, see `cull_rays`: of the rays that leave the first surface of a path, only those near
+            them are recorded. Paths that movers change only beyond their second surface are left out. None: all rays.
 
     Attributes:
         order: i32 [pixels], pixel numbers y * width + x in the order of the paths.
@@ -107,6 +111,7 @@ class PathCache:
         samples: PathSamples,
         mover_key: int,
         max_depth: int,
+        boxes: Any = None,
     ) -> None:
         self.samples = samples
         self.mover_key = mover_key
@@ -115,7 +120,7 @@ class PathCache:
         self.size = view.width, view.height
         self.order = tiled_order(*self.size)
         self.pixels = upload_pixels(self.order, *self.size)
-        self._paths, self._scenes, self._view = paths, scenes, view
+        self._paths, self._scenes, self._view, self._boxes = paths, scenes, view, boxes
         pixel_count = view.width * view.height
         self.mean = device_array(ti.f32, (pixel_count, record.light_column(len(scenes))))
         self._block_size = block_size(samples.spp)
@@ -180,6 +185,8 @@ class PathCache:
             # The last segments become shadow rays, which alone can bring light.
             is_finishing = scene.ends_at_lights and step == self.max_depth - 1 > 0
             live, shadow_count = self._paths.advance(scene, state, live, first, step, self.samples, self.max_depth, 1)
+            if step == 0 and self._boxes is not None:
+                live, shadow_count = self._drop_far(count)
             if not is_finishing:
                 record.record_segment_light(
                     *scene.arrays.lighting[-3:], last_depth, group,
@@ -200,6 +207,14 @@ class PathCache:
                 recorded[step].append(shadows)
             if not live:
                 break
+
+    def _drop_far(self, count: int) -> tuple[int, int]:
+        """Keep those of the first `count` paths that come near a mover, and of their shadow rays, in the queues."""
+        state = self.state
+        state.swap_queues()  # back to the paths before the step
+        with self._paths.vector_mode():
+            drop_far(state.queue, count, state.rays, state.shadow_rays, self._boxes, state.status)
+        return compact(state, count)
 
     def _sort(
         self, number: int, count: int, segments: Any, shadows: Any, recorded: list[_StepRecords], features: Any

@@ -39,10 +39,11 @@ class CellStore:
         self._size, self._used, self._words = size, 0, words(columns)
         self.cells = device_array(ti.i32, (_FIRST_CELLS // size * size, self._words))
         self._files, self._key = files, key
-        self._saved = np.empty(0, np.int32)  # numbers of the groups on disk
+        self._saved = np.zeros(self.slots.size, bool)  # whether each group is on disk
         if files:
-            self._saved, values = files.load(key, size, self._words, np.int32)
-            self._keep(self._saved, values)
+            numbers, values = files.load(key, size, self._words, np.int32)
+            self._saved[numbers] = True
+            self._keep(numbers, values)
 
     def bytes_with(self, groups: int) -> int:
         """Return the memory of the cells with room for further groups."""
@@ -64,9 +65,9 @@ class CellStore:
         cells = pack(values)
         self._keep(numbers, cells)
         if self._files:
-            unsaved = ~np.isin(numbers, self._saved)
+            unsaved = ~self._saved[numbers]
             self._files.append(self._key, numbers[unsaved], cells[unsaved])
-            self._saved = np.append(self._saved, numbers[unsaved])
+            self._saved[numbers] = True
 
     def _keep(self, numbers: NDArray[np.int32], cells: NDArray[np.int32]) -> None:
         room = self._room(self._used + len(numbers)) * self._size

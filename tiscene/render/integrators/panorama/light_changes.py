@@ -15,9 +15,11 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
+from tiscene.device.memory import upload_vectors
 from tiscene.render.integrators.incremental.base_image import scene_under_group
 from tiscene.render.integrators.incremental.base_lights import BaseLights
 from tiscene.render.integrators.incremental.frame_scratch import FrameScratch
+from tiscene.render.integrators.incremental.mover_bounds import cluster_boxes
 from tiscene.render.integrators.incremental.outlier_filter import filter_outliers
 from tiscene.render.integrators.incremental.path_cache import PathCache, state_size
 from tiscene.render.integrators.incremental.path_retracer import PathRetracer
@@ -27,7 +29,7 @@ from tiscene.render.integrators.path.path_state import PathSamples, PathState
 from tiscene.render.sampling.sobol import index_bits
 from tiscene.render.view import View
 from tiscene.scene.device_scene import DeviceScene
-from tiscene.scene.placement import Placement
+from tiscene.scene.placement import CURRENT, Placement
 
 FloatImage = NDArray[np.float32]
 
@@ -50,13 +52,22 @@ class LightChanges:
         self._scratch: FrameScratch | None = None
 
     def record(
-        self, view: View, placement: Placement, probe: LightProbe, keys: Iterable[int], *, spp: int, max_depth: int
+        self,
+        view: View,
+        placement: Placement,
+        moving: NDArray[np.bool_],
+        probe: LightProbe,
+        keys: Iterable[int],
+        *,
+        spp: int,
+        max_depth: int,
     ) -> None:
         """Trace paths through the static scene, which is placed.
 
         Args:
             view: Camera and image size.
             placement: Placement of the frame.
+            moving: bool [n], the movers.
             probe: Light of the static scene.
             keys: Keys of the random numbers of paths, and of those by which shadow rays pass partially opaque movers.
             spp: Paths per pixel of reduced size.
@@ -73,12 +84,20 @@ class LightChanges:
             for group in range(self._lights.groups)
         ]
         key, mover_key = keys
+        # Where the view rests, the paths serve for other frames, in which movers are elsewhere.
+        boxes = None if view.rests else upload_vectors(self._boxes(placement, moving))
         samples = PathSamples(spp, index_bits(spp), key)
         self._cache = PathCache(
-            self._paths, scenes, reduced, self._state, samples=samples, mover_key=mover_key, max_depth=max_depth
-        )
+            self._paths, scenes, reduced, self._state,
+            samples=samples, mover_key=mover_key, max_depth=max_depth, boxes=boxes,
+        )  # fmt: skip
         if self._scratch is None or not self._scratch.fits(self._cache, 0):
             self._scratch = FrameScratch(self._cache)
+
+    def _boxes(self, placement: Placement, moving: NDArray[np.bool_]) -> NDArray[np.float32]:
+        """Return boxes around the movers, float32 [6, BOXES], which are not part of the scene that is placed."""
+        boxes = self._paths.scene.instance_boxes[CURRENT, moving & placement.present[CURRENT]]
+        return cluster_boxes(boxes[np.isfinite(boxes).all(axis=1)]).T
 
     def find(self, moving: NDArray[np.bool_], factors: FloatImage) -> FloatImage:
         """Return the corrections of the recorded paths, float32 [h', w', CORRECTION_COLUMNS].

@@ -113,7 +113,7 @@ class PanoramaPass:
         images: Disk cache of base images, in whose folder cells are kept too; None: none.
 
     Attributes:
-        static_hits: What the view prepared last shows of static instances; None: it was not traced.
+        static_hits: What the view prepared last shows of static instances; None: it was not traced for this frame.
     """
 
     def __init__(
@@ -131,6 +131,9 @@ class PanoramaPass:
         self._subpixels = SubpixelPaths(self._cell_paths)
         self.static_hits: StaticHits | None = None
         self._anchors, self._points = Anchors(paths.scene), Reprojection(paths.scene)
+        # What the static image and then the paths of `_changes` were made for: they serve again where a view rests.
+        self._shown_for: tuple[Any, ...] | None = None
+        self._recorded_for: tuple[Any, ...] | None = None
 
     @property
     def panoramas(self) -> list[Panorama]:
@@ -175,22 +178,28 @@ class PanoramaPass:
         settings = PanoramaSettings.of(view, anchor, spp=panorama_spp, max_depth=max_depth, seed=seed)
         if not settings.possible:
             return False
-        points = None if anchor == view.current.position else self._points
-        self.static_hits = None
-        if points is not None:
-            points.trace(view, anchor)
-            self.static_hits = StaticHits(points.centers, moving)
-        self._view, self._max_depth, self._panorama_spp = view, max_depth, panorama_spp
-        self._shown, self._known = self._static_images(view, static, settings, points)
         if view.rests:
             frame_index = 0  # noise stands still where the camera does, as in incremental rendering
+        self._view, self._max_depth, self._panorama_spp = view, max_depth, panorama_spp
         self._movers_key = frame_key(frame_key(seed, MOVERS_FRAME), frame_index)
-        if (moving & placement.present[CURRENT]).any():
+        key = self._key(view, static, settings)
+        self.static_hits = None
+        if (view, key) != self._shown_for:
+            self._shown_for, self._recorded_for = None, None
+            points = None if anchor == view.current.position else self._points
+            if points is not None:
+                points.trace(view, anchor)
+                self.static_hits = StaticHits(points.centers, moving)
+            self._shown, self._known = self._static_images(view, static, settings, points, key)
+            self._shown_for = (view, key) if view.rests else None
+        if (moving & placement.present[CURRENT]).any() and (spp, frame_index) != self._recorded_for:
             if self._changes is None:
                 self._changes = LightChanges(self.scene, view)
             self.scene.place(static)
             keys = (frame_key(frame_key(seed, frame), frame_index) for frame in (CHANGES_FRAME, OPACITY_FRAME))
-            self._changes.record(view, placement, self._probe, keys, spp=spp, max_depth=min(max_depth, CHANGES_DEPTH))
+            depth = min(max_depth, CHANGES_DEPTH)
+            self._changes.record(view, placement, moving, self._probe, keys, spp=spp, max_depth=depth)
+            self._recorded_for = spp, frame_index
         return True
 
     def render(self, moving: NDArray[np.bool_], instance: NDArray[np.int32], *, spp: int) -> PanoramaImage:
@@ -203,7 +212,7 @@ class PanoramaPass:
         """
         groups = self.scene.placement.light_groups
         factors = np.ones((1, 3), np.float32) if groups is None else groups.factors
-        images = self._shown
+        images = self._shown.copy() if self._view.rests else self._shown  # what follows changes them
         radiance, *others = (images[light_column(group) // 3] for group in range(len(factors)))
         denoised, *others_denoised = images[-len(factors) :]
         for light, clean, factor in zip(others, others_denoised, factors[1:], strict=True):
@@ -255,14 +264,12 @@ class PanoramaPass:
             panorama_spp=self._panorama_spp,
         )
 
-    def _static_images(
-        self, view: View, static: Placement, settings: PanoramaSettings, points: Reprojection | None
-    ) -> tuple[FloatImage, NDArray[np.int32]]:
-        """Return `Panorama.images` of a view, and complete the panorama if needed; `points` as there."""
+    def _key(self, view: View, static: Placement, settings: PanoramaSettings) -> tuple[Any, ...]:
+        """Return what distinguishes the panorama of a view from the others here."""
         groups = static.light_groups
         lights = self.scene.lights.lights if static.lights is None else static.lights
         still = static.present[CURRENT]
-        key = (
+        return (
             settings,
             view.background,
             np.flatnonzero(still).tobytes(),
@@ -272,6 +279,16 @@ class PanoramaPass:
             self.scene.materials.any_coverage,
             self.scene.materials.any_emission,
         )
+
+    def _static_images(
+        self,
+        view: View,
+        static: Placement,
+        settings: PanoramaSettings,
+        points: Reprojection | None,
+        key: tuple[Any, ...],
+    ) -> tuple[FloatImage, NDArray[np.int32]]:
+        """Return `Panorama.images` of a view, and complete the panorama of a key if needed; `points` as there."""
         panorama = self._panoramas.pop(key, None)
         if panorama is None:
             key_of_files = self._file_key(view, static, settings)

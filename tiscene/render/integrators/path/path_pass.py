@@ -254,9 +254,7 @@ class PathPass:
                     state.shadow_rays, state.occluded, state.state, state.features, state.status, state.first_sample,
                     scene.any_emission, scene.any_extended, scene.any_links, *self._stack.arguments,
                 )  # fmt: skip
-        counts = kernels.compact(state.status, state.queue, live, state.next_queue, state.shadow_queue, state.chunks)
-        state.swap_queues()
-        return counts & 0xFFFFFFFF, counts >> 32
+        return kernels.compact(state, live)
 
     def cast_shadows(
         self,

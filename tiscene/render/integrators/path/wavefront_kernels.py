@@ -5,11 +5,8 @@ Each thread owns the rows, chunks or pixels that it writes, and sums are evaluat
 same bytes for any number of threads and any batch size.
 """
 
-from typing import Any
-
 import taichi as ti
 
-from tiscene.device import runtime
 from tiscene.device.kernel_types import Floats1, Floats2, Floats3, Ints1, Ints2, Template, uint3, vec3
 from tiscene.render.integrators.path.frame_stack import frame_of, key_of
 from tiscene.render.integrators.path.path_state import (
@@ -25,11 +22,13 @@ from tiscene.render.integrators.path.path_state import (
     SCAN_BLOCKS,
     SPREAD,
     THROUGHPUT,
+    PathState,
     States,
     chunk_size,
     get3,
     set3,
 )
+from tiscene.render.integrators.path.prefix_sums import scans_in_blocks
 from tiscene.render.intersect.ray_queue import PLACE, ROW, Pixels, Rays, write_ray
 from tiscene.render.sampling import warp
 from tiscene.render.sampling.pixel_filter import offset_weight, sample_offset
@@ -146,10 +145,12 @@ def start_paths(
             queue[i] = i
 
 
-def compact(status: Any, queue: Any, count: int, live: Any, shadows: Any, chunks: Any) -> int:
-    """Call `compact_queue` with the scan for the device."""
-    result: int = compact_queue(status, queue, count, live, shadows, chunks, runtime.running() == "cuda")
-    return result
+def compact(state: PathState, count: int) -> tuple[int, int]:
+    """Compact the first `count` paths of the queue, see `PathPass.advance` for what is returned."""
+    queues = state.queue, count, state.next_queue, state.shadow_queue
+    counts = compact_queue(state.status, *queues, state.chunks, scans_in_blocks())
+    state.swap_queues()
+    return counts & 0xFFFFFFFF, counts >> 32
 
 
 @ti.kernel
