@@ -42,7 +42,7 @@ def closest(
             of vertices 1 and 2, and 0.
         hit_ids: [n] of 2; receives instance row and global triangle, -1 for a miss.
         coherent: Faster, with the same result, if most runs of sixteen rays in the queue start at one point and go
-            through one pixel.
+            through one pixel or through neighbors.
         rays_per_frame: Rows of rays of each frame that `DeviceScene.place_frames` has placed; 0: one frame is placed.
 
     Raises:

@@ -166,7 +166,7 @@ class LabelPass:
         rays, pixels = self._rays, frames.pixels
         if static_hits is None:
             kernels.primary_rays(queue, count, frames.cameras, frames.width, frames.height, rays.rays, frames.stacked)
-            first_hits(self.scene, CURRENT, rays, queue, count, rays_per_frame=pixels)
+            first_hits(self.scene, CURRENT, rays, queue, count, coherent=True, rays_per_frame=pixels)
         else:
             rays = static_hits.rays
             self._find_movers(frames, static_hits)
