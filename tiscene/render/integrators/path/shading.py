@@ -132,7 +132,7 @@ def shade(
         spp: Samples per pixel.
         bits: Bits that number all samples of a pixel.
         frame_key: Key of the random numbers.
-        step: Number of times the paths were advanced previous_depth; it selects their random numbers.
+        step: Number of times the paths were advanced before; it selects their random numbers.
         max_depth: Largest number of segments of a path.
         mis: 0 samples lights only, without multiple importance sampling (for tests).
         background_red, background_green, background_blue: Radiance of camera rays that hit nothing; negative red shows
