@@ -95,9 +95,9 @@ class LightChanges:
             self._scratch = FrameScratch(self._cache)
 
     def _boxes(self, placement: Placement, moving: NDArray[np.bool_]) -> NDArray[np.float32]:
-        """Return boxes around the movers, float32 [6, BOXES], which are not part of the scene that is placed."""
+        """Return `cluster_boxes` of the movers, float32 [6, BOXES]: they are not part of the scene that is placed."""
         boxes = self._paths.scene.instance_boxes[CURRENT, moving & placement.present[CURRENT]]
-        return cluster_boxes(boxes[np.isfinite(boxes).all(axis=1)]).T
+        return cluster_boxes(boxes[(boxes[:, :3] <= boxes[:, 3:]).all(axis=1)]).T  # without empty and unusable ones
 
     def find(self, moving: NDArray[np.bool_], factors: FloatImage) -> FloatImage:
         """Return the corrections of the recorded paths, float32 [h', w', CORRECTION_COLUMNS].

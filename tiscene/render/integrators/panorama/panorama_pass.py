@@ -131,9 +131,9 @@ class PanoramaPass:
         self._subpixels = SubpixelPaths(self._cell_paths)
         self.static_hits: StaticHits | None = None
         self._anchors, self._points = Anchors(paths.scene), Reprojection(paths.scene)
-        # What the static image and then the paths of `_changes` were made for: they serve again where a view rests.
-        self._shown_for: tuple[Any, ...] | None = None
-        self._recorded_for: tuple[Any, ...] | None = None
+        # What the static image was made for, and paths per pixel of `_changes`: they serve again where a view rests.
+        self._shown_for: tuple[View, tuple[Any, ...]] | None = None
+        self._recorded_spp = 0
 
     @property
     def panoramas(self) -> list[Panorama]:
@@ -185,21 +185,21 @@ class PanoramaPass:
         key = self._key(view, static, settings)
         self.static_hits = None
         if (view, key) != self._shown_for:
-            self._shown_for, self._recorded_for = None, None
+            self._shown_for, self._recorded_spp = None, 0
             points = None if anchor == view.current.position else self._points
             if points is not None:
                 points.trace(view, anchor)
                 self.static_hits = StaticHits(points.centers, moving)
             self._shown, self._known = self._static_images(view, static, settings, points, key)
             self._shown_for = (view, key) if view.rests else None
-        if (moving & placement.present[CURRENT]).any() and (spp, frame_index) != self._recorded_for:
+        if (moving & placement.present[CURRENT]).any() and spp != self._recorded_spp:
             if self._changes is None:
                 self._changes = LightChanges(self.scene, view)
             self.scene.place(static)
             keys = (frame_key(frame_key(seed, frame), frame_index) for frame in (CHANGES_FRAME, OPACITY_FRAME))
             depth = min(max_depth, CHANGES_DEPTH)
             self._changes.record(view, placement, moving, self._probe, keys, spp=spp, max_depth=depth)
-            self._recorded_for = spp, frame_index
+            self._recorded_spp = spp
         return True
 
     def render(self, moving: NDArray[np.bool_], instance: NDArray[np.int32], *, spp: int) -> PanoramaImage:
