@@ -213,6 +213,18 @@ def test_questions_are_paid_and_first_answers_rewarded(environment):
     assert not ended
 
 
+def test_a_step_forward_is_remembered_until_the_episode_ends(environment):
+    inner = environment.unwrapped
+    environment.reset()
+    environment.step(2)
+    assert not inner._walks
+    environment.step(1)
+    assert inner._walks <= {0, 2}
+    assert inner._walks
+    environment.reset()
+    assert not inner._walks
+
+
 def test_environment_needs_a_scenario():
     pytest.importorskip("gymnasium")
     from tiscene.learning.adapters.look_around import LookAround

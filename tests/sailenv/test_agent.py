@@ -325,6 +325,20 @@ def test_agents_of_one_world_share_objects_and_the_frame_clock(make_agent):
     assert one.get_position() == Vector3(*HOME)
 
 
+def test_agents_remember_along_which_axes_they_have_walked_in_their_scene(make_agent):
+    agent = make_agent(main_frame_active=False)
+    camera = agent._camera
+    agent.get_frame()
+    walks = []
+    for place in ((0, 1, 0), (0.2, 1, 0), (0.2, 1, 3), (0.2, 1, 3.1)):  # 3 m are a jump
+        agent.set_position(place)
+        agent.get_frame()
+        walks.append(camera.walks)
+    assert walks[1:] == [walks[0] | {0}, walks[0] | {0}, walks[0] | {0, 2}]
+    agent.change_scene(SCENE)
+    assert not camera.walks
+
+
 def test_errors_are_printed_or_raised_if_strict(make_agent, capsys):
     agent = make_agent()
     agent.change_scene(SCENE)

@@ -71,6 +71,26 @@ def test_pinhole_cameras_that_turn_or_walk_are_rendered_over_panoramas() -> None
     assert pinhole_moves(View(camera, camera, camera, 32, 24, roams=True))
 
 
+def test_a_camera_that_walks_by_edits_and_stops_stays_with_its_anchor(capfd: pytest.CaptureFixture[str]) -> None:
+    reported: list[str] = []
+    with ts.Stream(ts.Scenario("solid_benchmark", camera=ts.Camera(HERE)), **FAST) as stream:
+        stream._renderer._progress = lambda stage, done: reported.append(stage)
+        frames = iter(stream)
+        next(frames)
+        for _ in range(2):
+            stream.world.move_camera((0.02, 0.0, -0.02), relative=True)
+            walked = next(frames)
+        reported.clear()
+        stopped = [next(frames) for _ in range(2)]
+        assert not reported
+        edited = stream.scenario
+    np.testing.assert_allclose(stopped[0].hdr.mean(), walked.hdr.mean(), rtol=0.02)
+    np.testing.assert_array_equal(stopped[0].hdr, stopped[1].hdr)
+    with ts.Stream(edited, **FAST) as replayed:
+        for frame in (*stopped, walked):
+            np.testing.assert_array_equal(replayed[frame.index].hdr, frame.hdr)
+
+
 def test_a_camera_that_stops_needs_no_base_image_and_its_noise_stands_still(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(IncrementalPass, "prepare", lambda *_, **__: pytest.fail("a base image was rendered"))
     cube, pause = ts.Object("cube", "Cube", (0.2, 1.0, -0.6)), ts.Waypoint(HERE, (-10.0, 20.0, 0.0))

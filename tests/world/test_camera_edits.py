@@ -93,6 +93,31 @@ def test_one_of_several_cameras_is_placed_by_name():
     assert made.planned_camera(0).current == START
 
 
+def test_cameras_walk_along_the_axes_of_their_small_steps_from_the_first_one_on():
+    made = world()
+    for frame, place in ((3, None), (5, (0.3, 1, 4)), (8, (0.3, 1, 9)), (9, (0.3, 1, 8.7)), (12, (0.3, 1.2, 8.7))):
+        made.next_frame = frame
+        if place is None:
+            made.turn_camera(20)
+        else:
+            made.move_camera(place)
+    walks = {0: set(), 4: set(), 5: {0}, 8: {0}, 9: {0, 2}, 11: {0, 2}, 12: {0, 1, 2}, 900: {0, 1, 2}}
+    assert {frame: made.camera_walks(frame, 0) for frame in walks} == walks
+    again = World(made.scenario, EMPTY, load, 10.0)
+    assert {frame: again.camera_walks(frame, 0) for frame in walks} == walks
+    made.next_frame = 2  # after a seek
+    made.move_camera((0, 1, 4.1))
+    assert [made.camera_walks(frame, 0) for frame in (1, 2, 5)] == [set(), {2}, {0, 2}]
+
+
+def test_cameras_walk_along_the_axes_along_which_their_trajectory_moves_them():
+    pauses = ts.Keyframes((0.0, 1.0, 9.0), [ts.Waypoint((0, 1, 0)), ts.Waypoint((0, 1, 2)), ts.Waypoint((0, 1, 2))])
+    pans = ts.Keyframes((0.0, 1.0), [ts.Waypoint((0, 1, 0)), ts.Waypoint((0, 1, 0), (0, 40, 0))])
+    motions = {"circles": Orbit((0, 0, 0), period=4.0), "pauses": pauses, "pans": pans, "stands": None}
+    made = world([replace(START, name=name, dynamic=motion) for name, motion in motions.items()])
+    assert [made.camera_walks(40, row) for row in range(4)] == [{0, 2}, {2}, set(), set()]
+
+
 def test_walls_of_the_frustum_stay_and_are_placed_anew():
     made = world(frustum=ts.Frustum(5.0))
     walls = made.trajectories.walls(Fraction(1))

@@ -19,6 +19,7 @@ from tiscene.render.sampling.cube import FACE_ANGLE, FACES, direction_to
 from tiscene.render.sampling.sobol import pixel_order
 from tiscene.scene.camera import Camera, Vector3
 from tiscene.scene.placement import CURRENT, NEXT, PREVIOUS
+from tiscene.scene.walking import Axes
 
 VIEW_COLUMNS = 23
 POSITION, RIGHT, UP, FORWARD, TANGENT, LENS_RADIUS, FOCUS_DISTANCE, BACKGROUND = 0, 3, 6, 9, 12, 13, 14, 15
@@ -53,6 +54,7 @@ class View:
         background: Radiance shown where camera rays hit nothing, in place of lights at infinity, which still
             illuminate the scene; SKY shows them.
         roams: Whether the camera moves at other times, even if it stands still around this frame.
+        walks: World axes (0, 1, 2) along which it is known to walk at other times.
 
     Raises:
         ArgumentError: If the image is empty or too large.
@@ -66,6 +68,7 @@ class View:
     ambient: tuple[float, float, float] = (0.0, 0.0, 0.0)
     background: tuple[float, float, float] = SKY
     roams: bool = False
+    walks: Axes = Axes()  # noqa: RUF009  # immutable
     _device: dict[str, Any] = field(default_factory=dict, init=False, repr=False, compare=False)
 
     def __post_init__(self) -> None:

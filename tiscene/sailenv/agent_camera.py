@@ -11,6 +11,7 @@ from tiscene.sailenv.light_controls import Color8
 from tiscene.sailenv.scene_profile import SceneProfile
 from tiscene.sailenv.unity_coordinates import euler_of, mirrored, quaternion_of
 from tiscene.scene.camera import Camera, Vector3
+from tiscene.scene.walking import Axes, walked_axes
 
 MAX_SIDE, MAX_PIXELS = 8192, 3840 * 2160
 
@@ -49,6 +50,7 @@ class AgentCamera:
         last_camera: The camera of its last frame; None before the first.
         frame_camera: Its camera when the current frame began; None if it was not there.
         camera_before: Its camera in the frame before, received or not; None if it was not there.
+        walks: World axes along which it has walked in this scene.
         queries: The number of its questions about pixels that were answered.
 
     Raises:
@@ -69,6 +71,7 @@ class AgentCamera:
     last_camera: Camera | None = None
     frame_camera: Camera | None = None
     camera_before: Camera | None = None
+    walks: Axes = Axes()  # noqa: RUF009  # immutable
     queries: int = 0
 
     def __post_init__(self) -> None:
@@ -86,12 +89,15 @@ class AgentCamera:
         """Forget all frames, for a new scene; an agent on the camera track starts it again."""
         self.last_frame, self.has_edited = -1, False
         self.last_camera = self.frame_camera = self.camera_before = None
+        self.walks = Axes()
         self.track_start = None if self.track_start is None else 0
 
     def begin_frame(self, profile: SceneProfile, frame: int) -> None:
         """Record the cameras at a new frame and at the one before it, whether the agent receives them or not."""
         self.camera_before = self.last_camera if self.last_frame == frame - 1 else self.frame_camera
-        self.frame_camera = self.camera(profile, frame)
+        before, self.frame_camera = self.frame_camera, self.camera(profile, frame)
+        if before is not None:
+            self.walks |= walked_axes(before.position, self.frame_camera.position)
 
     def flow_step(self, profile: SceneProfile, clock: int, consecutive: bool) -> FlowStep:
         """Return the cameras between which flow in frame `clock` is measured.

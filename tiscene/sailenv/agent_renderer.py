@@ -1,8 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """Render the views of agents in the current frame of an environment.
 
-Agents with equal cameras, sizes and backgrounds share buffers. A view depends on the world and on the agent's camera in
-this frame and in its last one, not on how long the agent has been there: an agent that joins late gets the same bytes.
+Agents with equal cameras, sizes and backgrounds share buffers. A view depends on the world, on the agent's camera in
+this frame and in its last one, and on whether it has walked; not on how long the agent has been there: an agent that
+joins late gets the same bytes as one that has stood still.
 """
 
 from __future__ import annotations
@@ -67,11 +68,12 @@ class AgentRenderer:
             self._ambient_radiance(stream.exposure) if any(self._ambient) else (0.0, 0.0, 0.0),
             behind,
             roams=True,
+            walks=agent.walks,
         )
         needed = {buffer for name in views for buffer in frame_views.VIEWS[name].buffers}
         if background is not None and "main" in views:
             needed.add("instance")
-        key = (step, view.width, view.height, background)
+        key = (step, view.width, view.height, background, agent.walks)
         buffers = self._buffers.setdefault(key, {})
         missing = sorted(needed - set(buffers))
         if missing:

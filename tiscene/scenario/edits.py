@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import bisect
+import itertools
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import Any
@@ -13,6 +14,7 @@ from tiscene.errors import ScenarioError, scenario_errors
 from tiscene.scenario.lifespan_index import LifespanIndex
 from tiscene.scenario.objects import Frustum, Object
 from tiscene.scene.camera import Camera, Quaternion, Vector3
+from tiscene.scene.walking import Axes, walked_axes
 
 
 @dataclass(frozen=True, slots=True)
@@ -220,6 +222,36 @@ class StageObjectHistory:
         return self.moves[done - 1] if done else None
 
 
+@dataclass(eq=False)
+class CameraHistory:
+    """The placements of a camera. An EditLog extends it in place.
+
+    Attributes:
+        placements: its placements, by frame.
+        first_steps: the first frame at which one of them is a step from another along an axis, by axis.
+    """
+
+    placements: list[PlaceCamera] = field(default_factory=list)
+    first_steps: dict[int, int] = field(default_factory=dict)
+
+    def at(self, frame: int) -> PlaceCamera | None:
+        """Return the last placement up to a frame; None: there is none."""
+        done = bisect.bisect_right(self.placements, frame, key=lambda placement: placement.frame)
+        return self.placements[done - 1] if done else None
+
+    def walks(self, frame: int) -> Axes:
+        """Return along which axes placements up to a frame are steps from others."""
+        return Axes(axis for axis, first in self.first_steps.items() if first <= frame)
+
+    def add(self, placement: PlaceCamera) -> None:
+        """Add a placement; of two at one frame the later one wins."""
+        bisect.insort(self.placements, placement, key=lambda each: each.frame)
+        after = bisect.bisect_right(self.placements, placement.frame, key=lambda each: each.frame)
+        for one, next in itertools.pairwise(self.placements[max(after - 2, 0) : after + 1]):
+            for axis in walked_axes(one.position, next.position):
+                self.first_steps[axis] = min(next.frame, self.first_steps.get(axis, next.frame))
+
+
 class EditLog:
     """The edits of a scenario and the histories that result; grows by one edit at a time.
 
@@ -235,7 +267,7 @@ class EditLog:
         lives: histories of all objects, spawned ones last.
         stage: histories of edited objects of the stage, by prim path.
         enclosures: effective replacements of the walls, by frame.
-        cameras: placements of cameras by name, by frame.
+        cameras: histories of placed cameras, by name.
 
     Raises:
         ScenarioError: an edit is impossible.
@@ -246,7 +278,7 @@ class EditLog:
         self.lives = [ObjectHistory(each) for each in objects]
         self.stage: dict[str, StageObjectHistory] = {}
         self.enclosures: list[SetFrustumWalls] = []
-        self.cameras: dict[str, list[PlaceCamera]] = {}
+        self.cameras: dict[str, CameraHistory] = {}
         self._rows = {each.id: row for row, each in enumerate(objects)}
         self._unspawned = range(len(objects))
         self._spawned = LifespanIndex()
@@ -267,9 +299,8 @@ class EditLog:
 
     def camera(self, name: str, frame: int) -> PlaceCamera | None:
         """Return the last placement of a camera up to a frame; None: there is none."""
-        placements = self.cameras.get(name, [])
-        done = bisect.bisect_right(placements, frame, key=lambda placement: placement.frame)
-        return placements[done - 1] if done else None
+        history = self.cameras.get(name)
+        return None if history is None else history.at(frame)
 
     def add(self, edit: Edit) -> None:
         """Add an edit.
@@ -284,7 +315,7 @@ class EditLog:
                 self.enclosures.pop()
             self.enclosures.append(edit)
         elif isinstance(edit, PlaceCamera):
-            bisect.insort(self.cameras.setdefault(edit.camera, []), edit, key=lambda placement: placement.frame)
+            self.cameras.setdefault(edit.camera, CameraHistory()).add(edit)
         elif isinstance(edit, Spawn):
             if edit.object.id in self._rows:
                 raise ScenarioError(f"{where}: the id {edit.object.id!r} is taken; ids are not reused")

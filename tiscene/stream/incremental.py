@@ -21,7 +21,7 @@ def pinhole_moves(view: View) -> bool:
     change when it stops.
     """
     is_pinhole = view.current.lens_radius == 0.0 and view.current.orthographic_height is None
-    return is_pinhole and (view.roams or not view.rests)
+    return is_pinhole and (view.roams or bool(view.walks) or not view.rests)
 
 
 def movers(state: WorldState) -> NDArray[np.bool_] | None:

@@ -294,8 +294,8 @@ class ViewRenderer:
             width: image width, px.
             height: image height, px.
         """
-        roams = self.world.camera_roams(state.frame, row)
-        return View(*state.cameras[row], width=width, height=height, roams=roams)
+        roams, walks = self.world.camera_roams(state.frame, row), self.world.camera_walks(state.frame, row)
+        return View(*state.cameras[row], width=width, height=height, roams=roams, walks=walks)
 
     def _shared_light(
         self, state: WorldState, view: View, camera_row: int | None, incremental: bool | None = None

@@ -11,6 +11,7 @@ from tiscene.errors import scenario_errors
 from tiscene.scenario.edits import Edit
 from tiscene.scene.camera import Camera
 from tiscene.scene.description import SceneDescription
+from tiscene.scene.walking import Axes
 from tiscene.world.world_cameras import WorldCameras
 
 
@@ -45,6 +46,10 @@ class CameraEdits(ABC):
     def camera_roams(self, frame: int, row: int) -> bool:
         """Return whether a camera, given by its row, moves at any time, as known at a frame; see `View.roams`."""
         return self._cameras.roams(frame, row)
+
+    def camera_walks(self, frame: int, row: int) -> Axes:
+        """Return along which axes a camera, given by its row, walks, as known at a frame; see `View.walks`."""
+        return self._cameras.walks(frame, row)
 
     def move_camera(
         self,

@@ -8,6 +8,7 @@ objects on paths have the poses of the closed form, to the bit, as long as nothi
 from __future__ import annotations
 
 import bisect
+import functools
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -19,6 +20,7 @@ from numpy.typing import NDArray
 
 from dynamics import Body, CollisionState, Dynamic, Simulation, SteppedSimulation, Still
 from dynamics.clocks import exact
+from dynamics.dynamic import ClosedForm, Pose
 from dynamics.obstacles import Obstacles
 from dynamics.timings import AssignedWindows
 from tiscene.errors import ScenarioError
@@ -28,6 +30,7 @@ from tiscene.scenario.scenario import Scenario
 from tiscene.scene.bvh.obstacle_tree import MeshTrees, ObstacleTree
 from tiscene.scene.camera import Camera
 from tiscene.scene.description import Instance, SceneDescription
+from tiscene.scene.walking import STILL, Axes
 from tiscene.world.collision_onset import CollisionOnset
 from tiscene.world.object_movers import ObjectMovers
 
@@ -35,6 +38,8 @@ Array = NDArray[np.float64]
 WALLS = ("left", "right", "bottom", "top", "near", "far")
 # A state needs the poses of three frames, two of which the next state needs again.
 KEPT_FRAMES = 8
+CAMERA_SAMPLES = 256  # of a camera's trajectory, to see along which axes it moves
+STEPPED = 10.0  # s of a trajectory that is written in Python and has no end
 KEPT_OBSTACLES = 8  # states of the stage as an obstacle, of which a frame needs two
 
 
@@ -200,6 +205,17 @@ class Trajectories:
         first = self._unspawned
         return self._scenario_poses(Fraction(frame))[first : first + len(self._setting.cameras)]
 
+    @functools.cached_property
+    def camera_axes(self) -> list[Axes]:
+        """For each camera along which axes its trajectory moves it."""
+        ends = [_duration(camera.dynamic) for camera in self._setting.cameras]
+        result = []
+        for row, end in enumerate(ends, self._unspawned):
+            times = [exact(end) * Fraction(i, CAMERA_SAMPLES) for i in range(CAMERA_SAMPLES + 1)]
+            extent = np.ptp(self.closed_form.poses_at(times)[:, row, :3], axis=0)
+            result.append(Axes(np.flatnonzero(extent > STILL).tolist()))
+        return result
+
     def light_poses(self, frame: Fraction | int) -> Array:
         """Return the poses of all lights with motions at a frame, or at a time between two frames."""
         return self._scenario_poses(Fraction(frame))[self._unspawned + len(self._setting.cameras) :]
@@ -327,6 +343,15 @@ class Trajectories:
             x, y, z, a, b, c, d = self.closed_form.poses(time)[self._unspawned].tolist()
             camera = camera.with_pose((x, y, z), (a, b, c, d))
         return camera.frustum_planes(aspect, None if frustum.far == -1.0 else frustum.far)
+
+
+def _duration(dynamic: Dynamic | None) -> float:
+    """Return the time after which a camera has been wherever its trajectory takes it, s."""
+    if dynamic is None:
+        return 0.0
+    if not isinstance(dynamic, ClosedForm):
+        return STEPPED
+    return max(track.duration or 0.0 for track in dynamic.tracks(Pose()))
 
 
 def between_poses(before: Array, after: Array, part: float) -> Array:

@@ -17,6 +17,7 @@ from dynamics.rotation import multiply, quaternion
 from tiscene.errors import CameraNotFound
 from tiscene.scenario.edits import EditLog, PlaceCamera
 from tiscene.scene.camera import Camera, Vector3
+from tiscene.scene.walking import Axes, walked_axes
 from tiscene.world.trajectories import Trajectories
 from tiscene.world.world_state import CameraStep
 
@@ -66,6 +67,17 @@ class WorldCameras:
         """Return whether a camera has a trajectory, or was placed by an edit up to a frame and so may be again."""
         camera = self.cameras[row]
         return camera.dynamic is not None or self.log.camera(camera.name, frame) is not None
+
+    def walks(self, frame: int, row: int) -> Axes:
+        """Return along which axes a camera walks, on its trajectory or by edits up to a frame."""
+        camera = self.cameras[row]
+        axes = Axes() if camera.dynamic is None else self.trajectories.camera_axes[row]
+        history = self.log.cameras.get(camera.name)
+        if history is None or history.placements[0].frame > frame:
+            return axes
+        first = history.placements[0]
+        start = self.at(first.frame - 1, row, AS_PLANNED)
+        return axes | walked_axes(start.position, first.position) | history.walks(frame)
 
     def step(self, frame: int, row: int) -> CameraStep:
         """Return a camera at frames k - 1, k and k + 1; the last one as planned at k."""

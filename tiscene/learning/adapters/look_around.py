@@ -22,6 +22,7 @@ from tiscene.errors import ArgumentError, requires_extra
 from tiscene.render.view import View
 from tiscene.scenario.scenario import Scenario
 from tiscene.scene.camera import Camera, matrix_from_quaternion, quaternion_from_matrix
+from tiscene.scene.walking import Axes, walked_axes
 from tiscene.stream.stream import Stream
 
 with requires_extra("gymnasium"):
@@ -97,7 +98,7 @@ class LookAround(gymnasium.Env):  # type: ignore[misc]  # gymnasium is not read
         super().reset(seed=seed)
         self._index, self._label, self._asked = 0, 0, 0
         self._known: set[int] = set()
-        self._camera = self._start
+        self._camera, self._walks = self._start, Axes()
         self._render_frame(self._camera)
         return self._observation(), self._info()
 
@@ -147,7 +148,9 @@ class LookAround(gymnasium.Env):  # type: ignore[misc]  # gymnasium is not read
         return replace(camera, rotation=quaternion_from_matrix(axes))
 
     def _render_frame(self, before: Camera) -> None:
-        view = View(before, self._camera, self._camera, self.stream.width, self.stream.height, roams=True)
+        self._walks |= walked_axes(before.position, self._camera.position)
+        size = self.stream.width, self.stream.height
+        view = View(before, self._camera, self._camera, *size, roams=True, walks=self._walks)
         self._frame = self.stream.render_view(self._index, view, BUFFERS)
 
     def _observation(self) -> dict[str, Any]:

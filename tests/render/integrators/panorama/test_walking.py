@@ -82,6 +82,46 @@ def test_anchors_behind_walls_do_not_serve(anchors: Anchors) -> None:
         assert abs(anchor[0]) < 1.0
 
 
+def standing(position: Vector3, axes: frozenset[int] = frozenset({0, 2})) -> View:
+    """Return the view of a camera that rests where others walk, and walks along some axes at other times."""
+    return replace(walking(position, (0.0, 0.0, 0.0)), walks=axes)
+
+
+def test_a_camera_that_walks_at_other_times_keeps_its_anchor_where_it_stands(anchors: Anchors) -> None:
+    position = (0.2, 0.1, 3.1)
+    assert anchors.nearest(standing(position)) == anchors.nearest(walking(position)) == (0.0, 0.1015625, 3.0)
+    along_x = anchors.nearest(standing(position, frozenset({0})))
+    assert along_x == anchors.nearest(walking(position, (0.01, 0.0, 0.0))) != anchors.nearest(standing(position))
+
+
+def test_a_camera_that_stands_where_it_sees_no_anchor_is_its_own(
+    anchors: Anchors, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(anchors, "_sees", lambda eye, points: np.zeros(len(points), np.bool_))
+    position = (0.2, 0.1, 3.1)
+    assert anchors.nearest(walking(position)) is None
+    assert anchors.nearest(standing(position)) == position
+
+
+def test_a_camera_that_stops_needs_no_further_panorama_and_its_frames_are_those_of_a_new_pass() -> None:
+    scene, view = SurroundedBalls(wall=GLOSSY), standing((0.2, 0.1, 3.1))
+    scene.image_of(walking((0.2, 0.1, 3.1)), *BALLS)
+    stopped = [scene.image_of(view, *positions, frame=k) for k, positions in enumerate((BALLS, ONE, BALLS))]
+    assert len(scene.surrounded.panoramas) == 1
+    for k, positions in enumerate((BALLS, ONE, BALLS)):
+        scene.surrounded = scene.new_pass()
+        alone = scene.image_of(view, *positions, frame=k)
+        for name in ("hdr", "static", "denoised", "albedo", "normal", "after", "traced", "static_mask"):
+            np.testing.assert_array_equal(getattr(alone, name), getattr(stopped[k], name), err_msg=f"{k}: {name}")
+
+
+def test_a_long_step_that_does_not_go_on_has_an_anchor(anchors: Anchors) -> None:
+    view = walking((0.2, 0.1, 3.1), (0.2, 0.0, -0.2))
+    assert anchors.nearest(replace(view, next=view.current)) == (0.0, 0.1015625, 3.0)
+    far = walking((0.2, 0.1, 3.1), (0.4, 0.0, -0.4))
+    assert anchors.nearest(replace(far, next=far.current)) is None
+
+
 def test_a_fast_camera_has_no_anchor(anchors: Anchors, empty_box: SurroundedBalls) -> None:
     fast = walking((0.2, 0.1, 3.1), (0.2, 0.0, 0.0))
     assert anchors.nearest(fast) is None
@@ -184,14 +224,15 @@ def test_rays_go_through_the_subpixels_of_edges_only(
 @pytest.mark.parametrize("positions", [BALLS, ONE, ()], ids=len)
 @pytest.mark.parametrize("wall", [LACE, MIRROR], ids=lambda each: each.name)
 def test_labels_over_static_hits_are_those_of_all_rays(wall: Material, positions: tuple[Position, ...]) -> None:
-    scene, view = SurroundedBalls(wall=wall), walking((0.2, 0.1, 3.1))
-    scene.image_of(view, *positions)
-    assert scene.surrounded.static_hits is not None
-    scene.device.place(scene.at(*positions), ALL_TIMES)
-    expected = scene.labels.render(view, list(LABELS))
-    labels = scene.labels.render(view, list(LABELS), scene.surrounded.static_hits)
-    for name in LABELS:
-        np.testing.assert_array_equal(labels[name], expected[name], err_msg=name)
+    scene, there = SurroundedBalls(wall=wall), (0.2, 0.1, 3.1)
+    for view in (walking(there), standing(there), standing(there)):
+        scene.image_of(view, *positions)
+        assert scene.surrounded.static_hits is not None
+        scene.device.place(scene.at(*positions), ALL_TIMES)
+        expected = scene.labels.render(view, list(LABELS))
+        labels = scene.labels.render(view, list(LABELS), scene.surrounded.static_hits)
+        for name in LABELS:
+            np.testing.assert_array_equal(labels[name], expected[name], err_msg=name)
 
 
 def test_walking_on_shows_little_that_is_new() -> None:

@@ -24,10 +24,15 @@ from tiscene.scene.placement import CURRENT
 
 DISTANCE_PER_SPACING = 4.0  # least median distance of surfaces, in spacings of the lattice
 MAX_SPACING = 0.5  # m
-STEPS_PER_SPACING = 4.0  # a camera that moves farther in a frame sees too few frames from an anchor
+STEPS_PER_SPACING = 4.0  # a camera that goes on farther in a frame sees too few frames from an anchor
 _GRID = (16, 12)  # rays that measure distances: along a row and a column of the image
 _REST = 1.0 / 1024.0  # speed along an axis, in spacings per frame, up to which the camera rests along it
 _FINE = 1.0 / 64.0  # spacing of anchors along such an axis, in spacings
+
+
+def walks(view: View) -> bool:
+    """Return whether the camera walks, around the frame or at other times, so that an anchor serves it."""
+    return bool(view.walks) or len({camera.position for camera in view.cameras}) > 1
 
 
 class Anchors:
@@ -44,22 +49,24 @@ class Anchors:
     def nearest(self, view: View) -> Vector3 | None:
         """Return the anchor that serves a view, in the scene that is placed.
 
-        A camera that turns about its center has its anchor there. Any other has the nearest of those lattice points
-        around it that it sees. Along an axis along which it rests, anchors are where it is, but for rounding.
+        A camera that never walks has its anchor at its center. Any other has the nearest of those lattice points around
+        it that it sees, while it stands as well. Along an axis along which it does not walk, anchors are where it is,
+        but for rounding.
 
         Returns:
-            The anchor, world, m; None if the camera moves too fast, or sees no anchor.
+            The anchor, world, m; None if the camera moves too fast, or sees no anchor while it walks.
         """
-        before, here, after = (np.array(camera.position) for camera in view.cameras)
-        if (before == here).all() and (here == after).all():
+        if not walks(view):
             return view.current.position
+        before, here, after = (np.array(camera.position) for camera in view.cameras)
         spacing = self._spacing(view)
-        steps = np.maximum(np.abs(here - before), np.abs(after - here))
-        if np.linalg.norm(steps) > spacing / STEPS_PER_SPACING:
+        past, planned = np.abs(here - before), np.abs(after - here)
+        if np.linalg.norm(past) > spacing or np.linalg.norm(planned) > spacing / STEPS_PER_SPACING:
             return None
+        steps = np.maximum(past, planned)
         places: list[tuple[float, ...]] = []
-        for at, step in zip(here.tolist(), steps.tolist(), strict=True):
-            if step <= _REST * spacing:
+        for axis, (at, step) in enumerate(zip(here.tolist(), steps.tolist(), strict=True)):
+            if axis not in view.walks and step <= _REST * spacing:
                 fine = _FINE * spacing
                 places.append((round(at / fine) * fine,))
             else:
@@ -68,7 +75,8 @@ class Anchors:
             set(itertools.product(places[0], places[1], places[2])), key=lambda place: (math.dist(place, here), place)
         )
         seen = self._sees(here, np.array(around))
-        return next(itertools.compress(around, seen), None)
+        rests = view.current.position if not steps.any() else None
+        return next(itertools.compress(around, seen), rests)
 
     def _spacing(self, view: View) -> float:
         """Return the spacing of the lattice, m: a power of two."""

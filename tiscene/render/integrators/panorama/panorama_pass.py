@@ -30,7 +30,7 @@ from tiscene.render.integrators.incremental.path_recording import AUXILIARY, lig
 from tiscene.render.integrators.incremental.retrace_kernels import MOVER_HITS
 from tiscene.render.integrators.labels.first_hits import StaticHits
 from tiscene.render.integrators.panorama import light_probe
-from tiscene.render.integrators.panorama.anchors import Anchors
+from tiscene.render.integrators.panorama.anchors import Anchors, walks
 from tiscene.render.integrators.panorama.cell_files import CellFiles
 from tiscene.render.integrators.panorama.light_changes import REDUCTION, LightChanges
 from tiscene.render.integrators.panorama.packed_cells import FORMAT
@@ -131,8 +131,9 @@ class PanoramaPass:
         self._subpixels = SubpixelPaths(self._cell_paths)
         self.static_hits: StaticHits | None = None
         self._anchors, self._points = Anchors(paths.scene), Reprojection(paths.scene)
+        self._anchored = False  # whether the static image is that of an anchor, at `_points`
         # What the static image was made for, and paths per pixel of `_changes`: they serve again where a view rests.
-        self._shown_for: tuple[View, tuple[Any, ...]] | None = None
+        self._shown_for: tuple[Any, ...] | None = None
         self._recorded_spp = 0
 
     @property
@@ -170,28 +171,27 @@ class PanoramaPass:
         if SUBPIXELS * view.width * view.height > MAX_PIXELS:
             return False
         static = base_placement(placement, moving)
-        if len({camera.position for camera in view.cameras}) > 1:
-            self.scene.place(static)  # for what follows to trace
-        anchor = self._anchors.nearest(view)
-        if anchor is None:
-            return False
-        settings = PanoramaSettings.of(view, anchor, spp=panorama_spp, max_depth=max_depth, seed=seed)
-        if not settings.possible:
-            return False
+        shown = (view, panorama_spp, max_depth, seed, *self._contents(view, static))
+        if shown != self._shown_for:
+            self._shown_for, self._recorded_spp = None, 0
+            if walks(view):
+                self.scene.place(static)  # for what follows to trace
+            anchor = self._anchors.nearest(view)
+            if anchor is None:
+                return False
+            settings = PanoramaSettings.of(view, anchor, spp=panorama_spp, max_depth=max_depth, seed=seed)
+            if not settings.possible:
+                return False
+            self._anchored = anchor != view.current.position
+            if self._anchored:
+                self._points.trace(view, anchor)
+            self._shown, self._known = self._static_images(view, static, settings)
+            self._shown_for = shown if view.rests else None
+        self.static_hits = StaticHits(self._points.centers, moving) if self._anchored else None
         if view.rests:
             frame_index = 0  # noise stands still where the camera does, as in incremental rendering
         self._view, self._max_depth, self._panorama_spp = view, max_depth, panorama_spp
         self._movers_key = frame_key(frame_key(seed, MOVERS_FRAME), frame_index)
-        key = self._key(view, static, settings)
-        self.static_hits = None
-        if (view, key) != self._shown_for:
-            self._shown_for, self._recorded_spp = None, 0
-            points = None if anchor == view.current.position else self._points
-            if points is not None:
-                points.trace(view, anchor)
-                self.static_hits = StaticHits(points.centers, moving)
-            self._shown, self._known = self._static_images(view, static, settings, points, key)
-            self._shown_for = (view, key) if view.rests else None
         if (moving & placement.present[CURRENT]).any() and spp != self._recorded_spp:
             if self._changes is None:
                 self._changes = LightChanges(self.scene, view)
@@ -264,13 +264,12 @@ class PanoramaPass:
             panorama_spp=self._panorama_spp,
         )
 
-    def _key(self, view: View, static: Placement, settings: PanoramaSettings) -> tuple[Any, ...]:
-        """Return what distinguishes the panorama of a view from the others here."""
+    def _contents(self, view: View, static: Placement) -> tuple[Any, ...]:
+        """Return what distinguishes the scene that the panorama of a view shows from others."""
         groups = static.light_groups
         lights = self.scene.lights.lights if static.lights is None else static.lights
         still = static.present[CURRENT]
         return (
-            settings,
             view.background,
             np.flatnonzero(still).tobytes(),
             static.mesh[still].tobytes(),
@@ -285,10 +284,10 @@ class PanoramaPass:
         view: View,
         static: Placement,
         settings: PanoramaSettings,
-        points: Reprojection | None,
-        key: tuple[Any, ...],
     ) -> tuple[FloatImage, NDArray[np.int32]]:
-        """Return `Panorama.images` of a view, and complete the panorama of a key if needed; `points` as there."""
+        """Return `Panorama.images` of a view, and complete its panorama if needed."""
+        points = self._points if self._anchored else None
+        key = settings, *self._contents(view, static)
         panorama = self._panoramas.pop(key, None)
         if panorama is None:
             key_of_files = self._file_key(view, static, settings)
