@@ -43,14 +43,10 @@ class Probed:
         self.balls = SurroundedBalls(wall=wall, lights="sky and bulb")
         self.center = center
         self.device = self.balls.device
-        self.place(0)
+        self.static = base_placement(self.balls.at(), self.balls.moving)
         self.paths = PathPass(self.device, SIZE, SIZE)
-        cells = trace_probe(self.paths, self.place, 1, self.center, seed=3, max_depth=depth - 1)
+        cells = trace_probe(self.paths, [self.static], self.center, seed=3, max_depth=depth - 1)
         self.probe = LightProbe(self.center, cells)
-
-    def place(self, group: int) -> None:
-        assert group == 0
-        self.device.place(base_placement(self.balls.at(), self.balls.moving))
 
 
 @pytest.fixture(scope="module")
@@ -122,7 +118,7 @@ def test_paths_that_end_in_the_probe_have_the_same_mean_and_fewer_segments(
     probed = Probed(depth)
     view = view_at(25.0)
     paths = PathPass(probed.device, view.width, view.height)
-    probed.place(0)
+    probed.device.place(probed.static)
     pixels = np.arange(view.width * view.height, dtype=np.int32)
     segments: list[int] = []
     closest = path_pass.closest
@@ -161,7 +157,7 @@ def test_paths_end_at_the_surfaces_that_the_probe_knows(
     probed: Probed, status: int, max_depth: int, spread: float, ior2: float, ends: bool
 ) -> None:
     face, count = 4, SIZE * SIZE  # the back wall
-    probed.place(0)
+    probed.device.place(probed.static)
     state, pixels, samples = PathState(count), pixels_of(face), PathSamples(1, 0, 7)
     scene = replace(probed.paths.scene_arrays(), cache=probed.probe.cache(ONE_GROUP))
     with probed.paths.restricted_to(upload_rows(pixels, pixels)):

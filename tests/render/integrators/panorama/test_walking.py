@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -14,11 +15,13 @@ from tests.render.incremental_scenes import BALLS, GLASS, GLOSSY, LACE, MIRROR, 
 from tests.render.integrators.panorama.test_panorama_pass import ONE, SurroundedBalls
 from tests.render.path_scenes import BOX_CAMERA
 from tiscene.frame.buffers import LABELS
+from tiscene.render.integrators.incremental.base_image_cache import BaseImageCache
 from tiscene.render.integrators.incremental.mover_coverage import dilated
 from tiscene.render.integrators.labels.static_labels import ALL_TIMES
-from tiscene.render.integrators.panorama import reprojection
+from tiscene.render.integrators.panorama import light_probes, reprojection
 from tiscene.render.integrators.panorama import reprojection_kernels as kernels
 from tiscene.render.integrators.panorama.anchors import MAX_SPACING, Anchors
+from tiscene.render.integrators.panorama.light_probe import trace_probe
 from tiscene.render.view import View
 from tiscene.scene.camera import Vector3
 from tiscene.scene.description import Material
@@ -113,6 +116,35 @@ def test_a_camera_that_stops_needs_no_further_panorama_and_its_frames_are_those_
         alone = scene.image_of(view, *positions, frame=k)
         for name in ("hdr", "static", "denoised", "albedo", "normal", "after", "traced", "static_mask"):
             np.testing.assert_array_equal(getattr(alone, name), getattr(stopped[k], name), err_msg=f"{k}: {name}")
+
+
+def test_anchors_near_each_other_share_a_light_probe_that_they_see(anchors: Anchors) -> None:
+    centers = {anchors.center_of_probe((x, 0.1, z)) for x in (-0.3, 0.0, 0.4) for z in (2.6, 3.0, 3.4)}
+    assert centers == {(0.0, 0.0, 3.0)}
+    # The box's walls are at -1 and 1: the lattice's points there do not serve.
+    assert anchors.center_of_probe((0.9, 0.9, 0.0)) == (0.0, 0.0, 0.0)
+
+
+def test_a_walk_traces_its_light_probes_once_and_they_are_on_disk(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    traced: list[Vector3] = []
+
+    def recorded(paths: Any, statics: Any, center: Vector3, **others: Any) -> Any:
+        traced.append(center)
+        return trace_probe(paths, statics, center, **others)
+
+    monkeypatch.setattr(light_probes, "trace_probe", recorded)
+    scene = SurroundedBalls()
+    for _ in range(2):
+        scene.surrounded = scene.new_pass(images=BaseImageCache(tmp_path))
+        for z in (2.9, 3.4):
+            scene.image_of(walking((0.1, 0.0, z)))
+        assert len(scene.surrounded.panoramas) == 2
+        assert traced == [(0.0, 0.0, 3.0)]
+    turning = replace(BOX_CAMERA, position=(0.1, 0.05, 2.9))
+    scene.image_of(View(turning, turning, turning, *SIZE))
+    assert traced[1:] == [turning.position]
 
 
 def test_a_long_step_that_does_not_go_on_has_an_anchor(anchors: Anchors) -> None:

@@ -108,6 +108,14 @@ def base_placement(placement: Placement, moving: NDArray[np.bool_]) -> Placement
     return replace(placement, present=placement.present & ~moving, lights=lights)
 
 
+def under_each_group(static: Placement) -> list[Placement]:
+    """Return the placement of a base with the lights of each light group alone."""
+    groups = static.light_groups
+    if groups is None:
+        return [static]
+    return [replace(static, lights=groups.only_group(group)) for group in range(len(groups.factors))]
+
+
 def scene_under_group(paths: PathPass, group: int, lights: BaseLights | None) -> PathScene:
     """Return the scene data under one light group. Emissive surfaces belong to group 0.
 
@@ -151,11 +159,11 @@ def render_base_image(
     Returns:
         float32 [h, w, 6 + 3 * groups], columns: see `light_column`.
     """
-    groups = static.light_groups
-    count = 1 if groups is None else len(groups.factors)
+    placements = under_each_group(static)
+    count = len(placements)
     base = np.empty((paths.height, paths.width, light_column(count)), np.float32)
-    for group in range(count):
-        paths.scene.place(static if groups is None else replace(static, lights=groups.only_group(group)))
+    for group, placement in enumerate(placements):
+        paths.scene.place(placement)
         scene = scene_under_group(paths, group, None)
         settings: dict[str, int | str] = {
             "seed": seed,

@@ -16,7 +16,8 @@ one that walks a panorama around a point of a lattice nearby.
     light_changes         what movers change on static surfaces
     panorama              cells around one point, traced tile by tile and denoised block by block
     panorama_kernels      kernels that find and resample cells
-    light_probe           coarse light all around the point, in which paths end
+    light_probe           coarse light all around a point, in which paths end
+    light_probes          the probes of a scene, which panoramas nearby share
     light_probe_kernels   its kernel
     packed_cells          their values in 16 bits
     cell_store            cells in memory

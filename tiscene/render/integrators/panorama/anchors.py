@@ -24,6 +24,8 @@ from tiscene.scene.placement import CURRENT
 
 DISTANCE_PER_SPACING = 4.0  # least median distance of surfaces, in spacings of the lattice
 MAX_SPACING = 0.5  # m
+CLEARANCE = 0.02  # m between a point of a lattice and what is behind it: points on walls do not serve
+PROBE_SPACING = 1.0  # m, of the light probes of anchors
 STEPS_PER_SPACING = 4.0  # a camera that goes on farther in a frame sees too few frames from an anchor
 _GRID = (16, 12)  # rays that measure distances: along a row and a column of the image
 _REST = 1.0 / 1024.0  # speed along an axis, in spacings per frame, up to which the camera rests along it
@@ -70,13 +72,21 @@ class Anchors:
                 fine = _FINE * spacing
                 places.append((round(at / fine) * fine,))
             else:
-                places.append((math.floor(at / spacing) * spacing, math.ceil(at / spacing) * spacing))
-        around = sorted(
-            set(itertools.product(places[0], places[1], places[2])), key=lambda place: (math.dist(place, here), place)
-        )
-        seen = self._sees(here, np.array(around))
+                places.append(_around(at, spacing))
         rests = view.current.position if not steps.any() else None
-        return next(itertools.compress(around, seen), rests)
+        return self._nearest_seen(view.current.position, places) or rests
+
+    def center_of_probe(self, anchor: Vector3) -> Vector3:
+        """Return where the light probe of an anchor's panorama is, in the scene that is placed.
+
+        It is the nearest of the points of a coarse lattice that the anchor sees, so that anchors share probes.
+        """
+        return self._nearest_seen(anchor, [_around(at, PROBE_SPACING) for at in anchor]) or anchor
+
+    def _nearest_seen(self, here: Vector3, along: list[tuple[float, ...]]) -> Vector3 | None:
+        """Return the nearest point that is seen from here, of those with some coordinates along each axis."""
+        points = sorted(set(itertools.product(along[0], along[1], along[2])), key=lambda at: (math.dist(at, here), at))
+        return next(itertools.compress(points, self._sees(np.array(here), np.array(points))), None)
 
     def _spacing(self, view: View) -> float:
         """Return the spacing of the lattice, m: a power of two."""
@@ -90,13 +100,19 @@ class Anchors:
         return 2.0 ** math.floor(math.log2(largest))
 
     def _sees(self, eye: NDArray[np.float64], points: NDArray[np.float64]) -> NDArray[np.bool_]:
-        """Return for each point whether nothing is between it and the eye, bool [n]."""
+        """Return for each point whether nothing is between it and the eye, nor close behind it, bool [n]."""
         rays = self._sight.reserved(len(points))
         values = np.zeros((*rays.rays.shape, 8), np.float32)
         values[: len(points), :3] = eye
-        values[: len(points), 4:7] = points - eye
-        values[:, 7] = 1.0
+        values[: len(points), 4:7] = ways = points - eye
+        lengths = np.linalg.norm(ways, axis=1)
+        values[: len(points), 7] = 1.0 + CLEARANCE / np.maximum(lengths, CLEARANCE)
         rays.rays.from_numpy(values)
         first_hits(self._scene, CURRENT, rays, rays.queue, len(points))
-        hit_ids: NDArray[np.int32] = rays.hit_ids.to_numpy()[: len(points), 0]
-        return hit_ids < 0
+        seen: NDArray[np.bool_] = (rays.hit_ids.to_numpy()[: len(points), 0] < 0) | (lengths == 0.0)
+        return seen
+
+
+def _around(at: float, spacing: float) -> tuple[float, float]:
+    """Return the multiples of a spacing below and above a number."""
+    return math.floor(at / spacing) * spacing, math.ceil(at / spacing) * spacing

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Light probes: the light of the surfaces that the center of a panorama sees, coarse but all around.
+"""Light probes: the light of the surfaces that the center of a panorama, or a point nearby, sees: coarse, all around.
 
 The cells of panoramas, movers and hidden parts are lit by surfaces outside the view as well. Paths that reach a surface
 that the probe knows end there, see `radiance_cache`. They come from anywhere, so a cell has the mean light that its
@@ -9,7 +9,7 @@ reflection.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -33,7 +33,7 @@ from tiscene.render.sampling.sobol import frame_key, index_bits
 from tiscene.render.view import CubeView
 from tiscene.scene.camera import Vector3
 from tiscene.scene.device_scene import DeviceScene
-from tiscene.scene.placement import CURRENT
+from tiscene.scene.placement import CURRENT, Placement
 
 FloatImage = NDArray[np.float32]
 
@@ -96,19 +96,18 @@ class LightProbe:
 
 
 def trace_probe(
-    paths: PathPass, place: Callable[[int], None], groups: int, center: Vector3, *, seed: int, max_depth: int
+    paths: PathPass, statics: Sequence[Placement], center: Vector3, *, seed: int, max_depth: int
 ) -> FloatImage:
-    """Return the cells of a light probe.
+    """Return the cells of a light probe. Changes what the scene has placed.
 
     Args:
         paths: Path tracer.
-        place: Places the scene under one light group.
-        groups: Number of light groups.
+        statics: The static scene under each light group.
         center: The point, world, m.
         seed: Seed of the random numbers.
         max_depth: Largest number of segments of a path.
     """
-    place(0)
+    paths.scene.place(statics[0])
     view = CubeView(center, PIXELS)
     pixels = np.arange(view.width * view.height, dtype=np.int32)
     surfaces, samples = _surfaces(paths.scene, view), PathSamples(SPP, index_bits(SPP), frame_key(seed, _FRAME))
@@ -117,10 +116,9 @@ def trace_probe(
     def replace_rays(state: PathState, first: int, count: int) -> None:
         look_from_random_directions(surfaces, *center, paths.pixels, first, count, *samples, state.rays)
 
-    cells = np.zeros((FACES, SIZE * SIZE, PLANE + 3 * groups), np.float32)
-    for group in range(groups):
-        if group:
-            place(group)
+    cells = np.zeros((FACES, SIZE * SIZE, PLANE + 3 * len(statics)), np.float32)
+    for group, static in enumerate(statics):
+        paths.scene.place(static)
         scene, first = scene_under_group(paths, group, None), PLANE + 3 * group
         film = paths.sums(
             view, pixels, spp=SPP, key=samples.key, max_depth=max_depth, scene=scene, on_start=replace_rays

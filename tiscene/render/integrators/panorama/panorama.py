@@ -22,13 +22,13 @@ from numpy.typing import NDArray
 
 from tiscene.render.film.denoise import denoise
 from tiscene.render.film.upsample import ALBEDO_OFFSET
-from tiscene.render.integrators.incremental.base_image import ProgressCallback, scene_under_group
+from tiscene.render.integrators.incremental.base_image import ProgressCallback, scene_under_group, under_each_group
 from tiscene.render.integrators.incremental.path_recording import AUXILIARY, light_column
 from tiscene.render.integrators.labels.first_hits import first_hits
 from tiscene.render.integrators.panorama import panorama_kernels as kernels
 from tiscene.render.integrators.panorama.cell_files import CellFiles
 from tiscene.render.integrators.panorama.cell_store import CellStore
-from tiscene.render.integrators.panorama.light_probe import PLANE, SIZE, LightProbe, trace_probe
+from tiscene.render.integrators.panorama.light_probe import LightProbe
 from tiscene.render.integrators.panorama.panorama_kernels import BLOCK, BLOCK_ROWS, TILE, WINDOW
 from tiscene.render.integrators.panorama.reprojection import Reprojection
 from tiscene.render.integrators.panorama.reprojection_kernels import ALL_KNOWN, EDGE, FAR
@@ -129,10 +129,16 @@ _NOTHING = Missing(np.zeros((0, 3), np.int64), np.zeros((0, 3), np.int64))
 class Panorama:
     """Cells around a point, as far as they were needed.
 
+    Attributes:
+        settings: As given.
+        probe: As given.
+        groups: Number of light groups.
+
     Args:
         paths: Path tracer.
         static: Placement without the movers, see `base_placement`.
         settings: What the cells depend on besides.
+        probe: The light all around, in which paths end.
         files: Cells on disk; None: none.
         key: Digest of everything that the cells depend on, which names the files.
     """
@@ -142,17 +148,16 @@ class Panorama:
         paths: PathPass,
         static: Placement,
         settings: PanoramaSettings,
+        probe: LightProbe,
         files: CellFiles | None = None,
         key: str = "",
     ) -> None:
-        self.settings = settings
-        self._paths, self._static = paths, static
-        groups = static.light_groups
-        self.groups = 1 if groups is None else len(groups.factors)
+        self.settings, self.probe = settings, probe
+        self._paths, self._statics = paths, under_each_group(static)
+        self.groups = len(self._statics)
         self._columns = light_column(self.groups)  # of light, albedo and normal; then comes the distance
         self._rays = RayWave()
         self._files, self._key = files, key
-        self._probe: LightProbe | None = None
         self._tiles: CellStore | None = None
         self._tiles_along, blocks = settings.faces // TILE + 2, settings.faces // BLOCK  # a side of a face
         # Blocks have all that views need: the columns of tiles, with the denoised light before the distance.
@@ -161,14 +166,14 @@ class Panorama:
 
     @property
     def bytes(self) -> int:
-        """Memory of the cells and of the light probe."""
+        """Memory of the cells."""
         return self.bytes_with(_NOTHING)
 
     def bytes_with(self, missing: Missing) -> int:
         """Return the memory with room for cells that are missing."""
         tiles = self._tiles.bytes_with(len(missing.tiles)) if self._tiles else 0
         blocks = self._blocks.bytes_with(len(missing.blocks))
-        return tiles + blocks + (self._probe.bytes if self._probe else 0)
+        return tiles + blocks
 
     def clear(self) -> None:
         """Forget all cells."""
@@ -218,22 +223,6 @@ class Panorama:
         kernels.resample(np.flatnonzero(even == 0).astype(np.int32), *size, *cells, missing)
         return None if missing.any() else (images, np.full((view.height, view.width), ALL_KNOWN, np.int32))
 
-    def probe(self) -> LightProbe:
-        """Return the light all around, from disk if it is there. Tracing it changes what the scene has placed."""
-        if self._probe is None:
-            columns, settings, files = PLANE + 3 * self.groups, self.settings, self._files
-            cells = files.load(f"{self._key}-probe", SIZE * SIZE, columns, np.float32)[1] if files else None
-            if cells is None or len(cells) < FACES:
-                depth = max(1, settings.max_depth - 1)  # paths that end in the probe have one segment more
-                cells = trace_probe(
-                    self._paths, self._place, self.groups, settings.center, seed=settings.seed, max_depth=depth
-                )
-                self._place(0)
-                if files:
-                    files.append(f"{self._key}-probe", np.arange(FACES, dtype=np.int32), cells)
-            self._probe = LightProbe(settings.center, cells)
-        return self._probe
-
     def complete(self, missing: Missing, view: View, progress: ProgressCallback) -> None:
         """Trace and denoise what is missing. Changes what the scene has placed.
 
@@ -252,9 +241,9 @@ class Panorama:
         features = slice(AUXILIARY, AUXILIARY + FEATURE_COLUMNS)
         parts = [slice(first, first + _TILES_AT_ONCE) for first in range(0, len(tiles), _TILES_AT_ONCE)]
         done, total = 0, len(tiles) * self.groups
-        probe, shown = self.probe(), self.settings.cells_view(background=view.background)
-        for group in range(self.groups):
-            self._place(group)
+        probe, shown = self.probe, self.settings.cells_view(background=view.background)
+        for group, static in enumerate(self._statics):
+            self._paths.scene.place(static)
             scene = replace(scene_under_group(self._paths, group, None), cache=probe.cache_of_group(group))
             light, dim = slice(light_column(group), light_column(group) + 3), DIM * probe.mean_light(group)
             for part in parts:
@@ -265,7 +254,7 @@ class Panorama:
                 cells[part, :, features] = merged
                 done += len(means)
                 progress("panorama", done / total)
-        self._place(0)
+        self._paths.scene.place(self._statics[0])
         for part in parts:
             cells[part, :, self._columns] = self._distances(tiles[part])
         self._tile_store().add(tiles, cells)
@@ -338,13 +327,6 @@ class Panorama:
             shape = FACES, self._tiles_along, self._tiles_along
             self._tiles = CellStore(shape, TILE * TILE, self._columns + 1, self._files, f"{self._key}-tiles")
         return self._tiles
-
-    def _place(self, group: int) -> None:
-        """Place the static scene with the lights of one group."""
-        groups = self._static.light_groups
-        self._paths.scene.place(
-            self._static if groups is None else replace(self._static, lights=groups.only_group(group))
-        )
 
 
 def contrast_of(cells: FloatImage, offset: float) -> FloatImage:

@@ -23,7 +23,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tiscene.render.film.upsample import ALBEDO_OFFSET, block_means, demodulate, upsample
-from tiscene.render.integrators.incremental.base_image import ProgressCallback, base_placement
+from tiscene.render.integrators.incremental.base_image import ProgressCallback, base_placement, under_each_group
 from tiscene.render.integrators.incremental.base_image_cache import BaseImageCache, digest_of
 from tiscene.render.integrators.incremental.mover_coverage import dilated
 from tiscene.render.integrators.incremental.path_recording import AUXILIARY, light_column
@@ -33,6 +33,7 @@ from tiscene.render.integrators.panorama import light_probe
 from tiscene.render.integrators.panorama.anchors import Anchors, walks
 from tiscene.render.integrators.panorama.cell_files import CellFiles
 from tiscene.render.integrators.panorama.light_changes import REDUCTION, LightChanges
+from tiscene.render.integrators.panorama.light_probes import LightProbes
 from tiscene.render.integrators.panorama.packed_cells import FORMAT
 from tiscene.render.integrators.panorama.panorama import (
     CONTRAST,
@@ -48,7 +49,7 @@ from tiscene.render.integrators.panorama.reprojection_kernels import ALL_KNOWN, 
 from tiscene.render.integrators.panorama.subpixels import Hidden, SubpixelPaths
 from tiscene.render.integrators.path.path_pass import PathPass
 from tiscene.render.sampling.sobol import frame_key
-from tiscene.render.view import MAX_PIXELS, View
+from tiscene.render.view import MAX_PIXELS, CubeView, View
 from tiscene.scene.placement import CURRENT, Placement
 
 FloatImage = NDArray[np.float32]
@@ -130,6 +131,7 @@ class PanoramaPass:
         self._cell_paths = PathPass(paths.scene, paths.width, paths.height)  # of cells and subpixels
         self._subpixels = SubpixelPaths(self._cell_paths)
         self.static_hits: StaticHits | None = None
+        self._probes = LightProbes(self._cell_paths, self._files)
         self._anchors, self._points = Anchors(paths.scene), Reprojection(paths.scene)
         self._anchored = False  # whether the static image is that of an anchor, at `_points`
         # What the static image was made for, and paths per pixel of `_changes`: they serve again where a view rests.
@@ -287,11 +289,11 @@ class PanoramaPass:
     ) -> tuple[FloatImage, NDArray[np.int32]]:
         """Return `Panorama.images` of a view, and complete its panorama if needed."""
         points = self._points if self._anchored else None
-        key = settings, *self._contents(view, static)
+        contents = self._contents(view, static)
+        key = settings, *contents
         panorama = self._panoramas.pop(key, None)
         if panorama is None:
-            key_of_files = self._file_key(view, static, settings)
-            panorama = Panorama(self._cell_paths, static, settings, self._files, key_of_files)
+            panorama = self._new_panorama(view, static, settings, contents)
         images = panorama.images(view, points)
         if images is None:
             missing = panorama.missing(view, points)
@@ -304,27 +306,45 @@ class PanoramaPass:
             images = panorama.images(view, points)
             assert images is not None, "complete() adds all that is missing"
         self._panoramas[key] = panorama
-        self._probe = panorama.probe()
+        self._probe = panorama.probe
         return images
 
-    def _file_key(self, view: View, static: Placement, settings: PanoramaSettings) -> str:
-        """Return the name of a panorama's files. Changes what the scene has placed."""
+    def _new_panorama(
+        self, view: View, static: Placement, settings: PanoramaSettings, contents: tuple[Any, ...]
+    ) -> Panorama:
+        """Return a panorama, with what is on disk of it, and the light probe. Changes what the scene has placed."""
+        self.scene.place(static)
+        center = self._anchors.center_of_probe(settings.center) if self._anchored else settings.center
+        depth = max(1, settings.max_depth - 1)  # paths that end in the probe have one segment more
+        sampling = f"radiosity {light_probe.SIZE} {light_probe.PIXELS} {light_probe.SPP} {settings.seed} {depth}"
+        probe = self._probes.at(
+            center, under_each_group(static), seed=settings.seed, max_depth=depth, contents=contents,
+            file_key=lambda: self._file_key(view, static, CubeView(center, light_probe.PIXELS), {"probe": sampling}),
+        )  # fmt: skip
+        values = {
+            "panorama": repr(settings),
+            "cell": f"{FORMAT} {NORMAL_RANGE} {DISTANCE_RANGE}",
+            "sampling": f"{FIRST_DIVISOR} {LEAST_SPP} {CONTRAST} {DIM}",
+            "probe": f"{sampling} {center}",
+            "denoiser": f"{settings.denoiser} {version('pyoidn')}",
+        }
+        key = self._file_key(view, static, settings.cells_view(), values)
+        return Panorama(self._cell_paths, static, settings, probe, self._files, key)
+
+    def _file_key(self, view: View, static: Placement, cells: CubeView, values: dict[str, str]) -> str:
+        """Return the name of the files of cells around a point. Changes what the scene has placed."""
         if self._images is None:
             return ""
         self.scene.place(static)
         groups = static.light_groups
-        values: dict[str, int | str] = {
-            "panorama": repr(settings),
-            "cell": f"{FORMAT} {NORMAL_RANGE} {DISTANCE_RANGE}",
-            "sampling": f"{FIRST_DIVISOR} {LEAST_SPP} {CONTRAST} {DIM}",
-            "probe": f"radiosity {light_probe.SIZE} {light_probe.PIXELS} {light_probe.SPP}",
-            "denoiser": f"{settings.denoiser} {version('pyoidn')}",
+        settings: dict[str, int | str] = {
+            **values,
             "background": repr(view.background),
             "coverage": int(self.scene.materials.any_coverage),
             "emission": int(self.scene.materials.any_emission),
             "groups": "" if groups is None else digest_of([groups.lights, groups.group]).hex(),
         }
-        return self._images.key(self.scene, static.present[CURRENT], settings.cells_view(), values)
+        return self._images.key(self.scene, static.present[CURRENT], cells, settings)
 
     def _bytes(self) -> int:
         return sum(panorama.bytes for panorama in self._panoramas.values())
