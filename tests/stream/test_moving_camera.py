@@ -12,7 +12,6 @@ import pytest
 import tiscene as ts
 from tiscene.render.integrators.incremental.incremental_pass import IncrementalPass
 from tiscene.render.view import View
-from tiscene.stream.incremental import pinhole_moves
 
 SIZE = {"width": 32, "height": 24}
 LABELS = ("depth", "instance", "forward_flow")
@@ -66,9 +65,9 @@ def test_pinhole_cameras_that_turn_or_walk_are_rendered_over_panoramas() -> None
     turned, moved = replace(camera, rotation=(0.9, 0.0, 0.1, 0.0)), replace(camera, position=(0.0, 1.2, 0.51))
     thick = replace(turned, lens_radius=0.01)
     flat = replace(turned, orthographic_height=1.0)
-    found = [pinhole_moves(View(camera, each, camera, 32, 24)) for each in (camera, turned, moved, thick, flat)]
+    found = [View(camera, each, camera, 32, 24).pinhole_moves for each in (camera, turned, moved, thick, flat)]
     assert found == [False, True, True, False, False]
-    assert pinhole_moves(View(camera, camera, camera, 32, 24, roams=True))
+    assert View(camera, camera, camera, 32, 24, roams=True).pinhole_moves
 
 
 def test_a_camera_that_walks_by_edits_and_stops_stays_with_its_anchor(capfd: pytest.CaptureFixture[str]) -> None:

@@ -114,7 +114,6 @@ class Renderer:
         seed: int,
         exposure: float,
         moving: NDArray[np.bool_] | None = None,
-        over_panorama: bool = False,
         shutter_samples: Iterable[ShutterSample] = (),
         light: PathImage | None = None,
     ) -> dict[str, NDArray[Any]]:
@@ -129,7 +128,6 @@ class Renderer:
             exposure: Exposure of `rgb`, stops.
             moving: bool [n], the movers, if lights are static: color is rendered incrementally if that is estimated to
                 be cheaper. None: color is path traced.
-            over_panorama: Whether a panorama takes the place of the base image, for cameras that move.
             shutter_samples: Color is the mean over these times, path traced at full size; empty: the frame's time.
             light: What `trace_frames` has found for the frame; None: light is to be traced.
 
@@ -143,7 +141,7 @@ class Renderer:
         sampling: dict[str, int] = {"seed": seed, "max_depth": settings.max_depth}
         shared = None
         if colored and moving is not None:
-            shared = self._prepare_shared(view, placement, moving, frame_index, over_panorama, sampling)
+            shared = self._prepare_shared(view, placement, moving, frame_index, sampling)
         if shared is self._panorama and "instance" not in labels:
             labels.append("instance")
         if colored and shared is None and settings.downscale > 1:
@@ -157,6 +155,10 @@ class Renderer:
             blurred = self._trace_shutter(shutter_samples, frame_index, seed)
             result |= self._color(view, frame_index, seed, exposure, buffers, moving, shared, result, blurred, light)
         return {name: result[name] for name in buffers}
+
+    def shares_light(self, view: View) -> bool:
+        """Return whether frames of a view can share light: its camera stands still, or a panorama serves it."""
+        return view.rests or self._over_panorama(view)
 
     def render_labels(
         self, views: Sequence[View], placements: Sequence[Placement], buffers: Sequence[str]
@@ -195,19 +197,21 @@ class Renderer:
         )
         return float(np.round(auto_exposure(image.hdr), 3))
 
+    def _over_panorama(self, view: View) -> bool:
+        return self.settings.panorama_spp > 0 and view.pinhole_moves
+
     def _prepare_shared(
         self,
         view: View,
         placement: Placement,
         moving: NDArray[np.bool_],
         frame_index: int,
-        over_panorama: bool,
         sampling: dict[str, int],
     ) -> IncrementalPass | PanoramaPass | None:
         """Return the pass that shares light with other frames, prepared; None: the frame is path traced by itself."""
         settings = self.settings
         # At least two paths per pixel of reduced size: one leaves stains of color.
-        if over_panorama and self._panorama.prepare(
+        if self._over_panorama(view) and self._panorama.prepare(
             view, placement, moving,
             frame_index=frame_index, spp=max(2, settings.spp), panorama_spp=settings.panorama_spp, **sampling,
         ):  # fmt: skip

@@ -86,6 +86,16 @@ class View:
         """Whether the camera stands still around the frame."""
         return self.previous == self.current == self.next
 
+    @property
+    def pinhole_moves(self) -> bool:
+        """Whether the camera is a pinhole that moves, around the frame or at other times.
+
+        A camera that stops is seen as it was while it moved: nothing else has to be traced first, and the picture does
+        not change when it stops.
+        """
+        is_pinhole = self.current.lens_radius == 0.0 and not self.orthographic
+        return is_pinhole and (self.roams or bool(self.walks) or not self.rests)
+
     def rows(self) -> NDArray[np.float32]:
         """Return the cameras as float32 [3, VIEW_COLUMNS], one row per time.
 

@@ -7,7 +7,6 @@
     frame_slice     the frames of `stream[a:b]`
     frame_batches   several frames rendered at once
     view_renderer   render views of a world; owns the device arrays
-    incremental     decide which frames are rendered incrementally
     shutter         sample times while the shutter is open (motion blur)
     fixed_settings  settings that cannot be changed
     stage_cache     stages that were read last

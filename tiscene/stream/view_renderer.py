@@ -23,7 +23,6 @@ from tiscene.render.view import View
 from tiscene.scene.bvh.obstacle_tree import MeshTrees
 from tiscene.scene.device_scene import DeviceScene
 from tiscene.scene.placement import CURRENT, Placement
-from tiscene.stream.incremental import movers, pinhole_moves
 from tiscene.stream.shutter import shutter_samples
 from tiscene.world.world import World
 from tiscene.world.world_state import CameraStep, WorldState
@@ -227,7 +226,6 @@ class ViewRenderer:
             seed=self._seed,
             exposure=exposure,
             moving=moving,
-            over_panorama=self._over_panorama(view),
             shutter_samples=samples or (),
             light=prepared.light,
         )
@@ -310,12 +308,10 @@ class ViewRenderer:
             self.world, state, view, self._shutter, spp=self.settings.spp, seed=self._seed, camera_row=camera_row
         )
         incremental = self.settings.incremental if incremental is None else incremental
-        if incremental and samples is None and (view.rests or self._over_panorama(view)):
-            return None, movers(state)
+        # Frames share light if theirs is that of the stream's start. This depends on the frame alone.
+        if incremental and samples is None and state.starting_lights and self._renderer(view).shares_light(view):
+            return None, state.movers
         return samples, None
-
-    def _over_panorama(self, view: View) -> bool:
-        return self.settings.panorama_spp > 0 and pinhole_moves(view)
 
     def _upload_descriptions(self) -> None:
         """Add the world's stage and templates to the device scene, as far as they are not there."""
