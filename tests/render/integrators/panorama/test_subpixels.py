@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from tests.render.integrators.panorama.test_panorama_pass import SurroundedBalls, view_at
+from tiscene.render.integrators.panorama import subpixels
 from tiscene.render.integrators.panorama.reprojection_kernels import ALL_KNOWN, NONE_KNOWN, SUBPIXELS
 from tiscene.render.integrators.panorama.subpixels import Hidden, SubpixelPaths
 from tiscene.render.integrators.path.path_pass import PathPass
@@ -64,15 +65,33 @@ def test_known_and_traced_subpixels_add_up(scene: SurroundedBalls) -> None:
     noise, raw = ((each.reshape(SHAPE)[8:16, 8:16] - images[0].mean()) ** 2 for each in (hidden.light, images[0]))
     assert noise.mean() < raw.mean()  # a wall, where the average is over many alike
     surface = whole[3].any(axis=-1).ravel()
-    assert 0.0 < hidden.share[surface].min() < hidden.share[surface].mean() < 0.2
+    relative = hidden.relative_variance[surface]
+    assert 0.0 < relative.min() < relative.mean() < 0.2
     assert not hidden.variance[~surface].any()  # the background has no noise
 
 
-def test_share_is_one_over_the_number_of_paths(scene: SurroundedBalls) -> None:
-    one, four = (filled(scene, np.full(SHAPE[:2], 1, np.int32), 0.0, spp=spp)[1].share for spp in (1, 4))
+def test_variance_falls_with_the_number_of_paths(scene: SurroundedBalls) -> None:
+    found = (filled(scene, np.full(SHAPE[:2], 1, np.int32), 0.0, spp=spp)[1] for spp in (1, 4))
+    one, four = (hidden.relative_variance for hidden in found)
     surface = (one > 0.0) & (four > 0.0)
     assert surface.mean() > 0.5
     assert one[surface].mean() / four[surface].mean() == pytest.approx(4.0, rel=0.1)
+
+
+def test_where_few_paths_find_the_light_the_others_are_as_uncertain() -> None:
+    """Three of a hundred pixels have found light, and not those of the last columns, which have less noise."""
+    width, rng = 60, np.random.default_rng(0)
+    pixels = np.arange(20 * width, dtype=np.int32)
+    light = np.where(rng.random(pixels.size) < 0.03, 30.0, 0.1).astype(np.float32)
+    light[pixels % width >= 40] = 1.0
+    exponential, variance = 0.1 * light**2, 0.1 * light**2
+    variance[light == 30.0] *= 8.0
+    spread = subpixels._spread(pixels, width, variance, exponential)
+    np.testing.assert_allclose(spread[pixels % width >= 49], 1.0)
+    dark = (light < 0.5) & (pixels % width < 30)
+    assert (spread[dark] > 10.0).all()
+    np.testing.assert_allclose(spread, subpixels._spread(pixels, width, 1e-12 * variance, 1e-12 * exponential))
+    assert not len(subpixels._spread(pixels[:0], width, variance[:0], exponential[:0]))
 
 
 def test_light_of_few_samples_is_that_which_is_expected() -> None:

@@ -29,6 +29,7 @@ from tiscene.render.view import View
 FloatImage = NDArray[np.float32]
 
 REACH = 3  # subpixels to each side over which path-traced light is averaged
+AROUND = 8  # px to each side over which the variance of light is averaged
 _DOWN, _RIGHT = np.divmod(np.arange(SUBPIXELS), SIDE)  # places of the subpixels of a pixel
 
 
@@ -41,7 +42,7 @@ class Hidden(NamedTuple):
         albedo: Mean albedo of the parts, float32 [n, 3].
         normal: Their mean normal, float32 [n, 3].
         variance: Of `light`, the sum over red, green and blue, as the samples' own variance suggests, float32 [n].
-        share: One over the number of paths that were averaged, float32 [n].
+        relative_variance: The same relative to squared light, as the samples of the parts around suggest, float32 [n].
     """
 
     pixels: NDArray[np.int32]
@@ -49,19 +50,19 @@ class Hidden(NamedTuple):
     albedo: FloatImage
     normal: FloatImage
     variance: FloatImage
-    share: FloatImage
+    relative_variance: FloatImage
 
     def estimate(self, expected: FloatImage) -> FloatImage:
         """Return `light`, moved towards what is expected as far as its error does not tell them apart.
 
-        The variance is at least that of exponentially distributed samples, with
-        either mean: a few dark samples do not make a black surface, nor does a bright one make a white spot.
+        The variance is at least the relative one, with either mean: a few dark samples do not make a black surface, nor
+        does a bright one make a white spot.
 
         Args:
             expected: Light from other sources, float32 [n, 3].
         """
         squared_mean = np.maximum((expected**2).sum(axis=-1), (self.light**2).sum(axis=-1))
-        variance = np.maximum(self.variance, self.share * squared_mean)[:, None]
+        variance = np.maximum(self.variance, self.relative_variance * squared_mean)[:, None]
         return james_stein(self.light, expected, variance)
 
 
@@ -118,7 +119,40 @@ class SubpixelPaths:
             _fill(pixels, rows, samples, known, *images, *parts)
         is_hidden = bits != NONE_KNOWN
         light, albedo, normal, variance, share = (part[is_hidden] for part in parts)
-        return Hidden(pixels[is_hidden], light, albedo, normal, variance[:, 0], share[:, 0] / np.float32(spp))
+        hidden, share = pixels[is_hidden], share[:, 0] / np.float32(spp)
+        spread = _spread(hidden, view.width, variance[:, 0], share * (light**2).sum(axis=-1))
+        return Hidden(hidden, light, albedo, normal, variance[:, 0], spread * share)
+
+
+def _spread(pixels: NDArray[np.int32], width: int, variance: FloatImage, exponential: FloatImage) -> FloatImage:
+    """Return how much samples vary around some pixels, compared with exponentially distributed ones, at least 1.
+
+    In a dark room, most paths find nothing and few the light. Where none has found it, the samples' own variance is
+    small. What exceeds 1 counts twice, since it is uncertain too.
+
+    Args:
+        pixels: int32 [n], y * width + x.
+        width: Image width, px.
+        variance: Of the means of samples at these pixels, float32 [n].
+        exponential: What it would be if samples were exponentially distributed, float32 [n].
+
+    Returns:
+        float32 [n].
+    """
+    if not len(pixels):
+        return variance
+    sums = []
+    for values in (variance, exponential):
+        image = np.zeros((int(pixels.max()) // width + 1, width))
+        image.reshape(-1)[pixels] = values
+        corners = np.pad(image, ((AROUND + 1, AROUND), (AROUND + 1, AROUND))).cumsum(axis=0).cumsum(axis=1)
+        side = 2 * AROUND + 1
+        boxes = corners[side:, side:] - corners[:-side, side:] - corners[side:, :-side] + corners[:-side, :-side]
+        sums.append(boxes.reshape(-1)[pixels])
+    # Box sums are differences of running sums, so that zero is not exact.
+    ratio = sums[0] / np.maximum(sums[1], 1e-12 * float(exponential.sum()) + 1e-30)
+    spread: FloatImage = np.maximum(2.0 * ratio - 1.0, 1.0).astype(np.float32)
+    return spread
 
 
 @ti.kernel
