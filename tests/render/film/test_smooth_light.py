@@ -25,7 +25,13 @@ def flat(values: object) -> Image:
 
 
 def replaced(
-    image: Image, light: Image, normal: Image = NORMAL, *, change: Image | None = None, kept: bool = False
+    image: Image,
+    light: Image,
+    normal: Image = NORMAL,
+    *,
+    noise: float = 0.0,
+    change: Image | None = None,
+    kept: bool = False,
 ) -> Image:
     """Replace the image's smooth light by another image's, and add a change of radiance in the left half."""
     own, _, reduced = demodulate(image, ALBEDO, normal, 2)
@@ -34,7 +40,11 @@ def replaced(
     mask = np.zeros((*SIZE, 1), np.float32)
     mask[:, : SIZE[1] // 2] = 1.0
     result, guides = image.copy(), (ALBEDO, normal)
-    apply_reduced_light(result, own, irradiance, added, reduced, guides, np.full(SIZE, kept), mask, 2, contrast=0.15)
+    noisy = irradiance * (1.0 + np.random.default_rng(2).choice([-noise, noise], (*own.shape[:2], 1)))
+    apply_reduced_light(
+        result, own, irradiance, noisy.astype(np.float32), added, reduced, guides, np.full(SIZE, kept), mask, 2,
+        contrast=0.15,
+    )  # fmt: skip
     return result
 
 
@@ -42,6 +52,13 @@ def test_steps_between_blocks_of_a_plain_wall_vanish() -> None:
     blocks = 1.0 + 0.04 * (np.add.outer(np.arange(SIZE[0]) // 8, np.arange(SIZE[1]) // 8) % 2)
     wall = flat(np.full(SIZE, 1.02))
     np.testing.assert_allclose(replaced(flat(blocks), wall), wall, rtol=1e-4)
+
+
+def test_larger_steps_vanish_where_light_is_noisy_and_only_there() -> None:
+    blocks = 1.0 + 0.15 * (np.add.outer(np.arange(SIZE[0]) // 8, np.arange(SIZE[1]) // 8) % 2)
+    image, wall = flat(blocks), flat(np.full(SIZE, 1.07))
+    steps = [np.abs(replaced(image, wall, noise=noise) / wall - 1.0).max() for noise in (0.0, 0.2)]
+    assert steps[1] < 1e-4 < 0.04 < steps[0]
 
 
 def test_edges_of_light_and_of_surfaces_stay() -> None:

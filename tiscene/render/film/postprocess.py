@@ -93,8 +93,8 @@ class Postprocessor:
             change = self._denoised(image.after, image.white, image.reduced_normal, False) - before
             change = steadied(change, image.after - image.before, image.reduced_normal)
         apply_reduced_light(
-            shown, own, before, change, image.reduced_normal, guides, image.traced, image.static_mask, REDUCTION,
-            contrast=BLOCK_NOISE / math.sqrt(image.panorama_spp),
+            shown, own, before, image.before, change, image.reduced_normal, guides, image.traced, image.static_mask,
+            REDUCTION, contrast=BLOCK_NOISE / math.sqrt(image.panorama_spp),
         )  # fmt: skip
         return shown
 
