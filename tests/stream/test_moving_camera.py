@@ -70,7 +70,7 @@ def test_pinhole_cameras_that_turn_or_walk_are_rendered_over_panoramas() -> None
     assert View(camera, camera, camera, 32, 24, roams=True).pinhole_moves
 
 
-def test_a_camera_that_walks_by_edits_and_stops_stays_with_its_anchor(capfd: pytest.CaptureFixture[str]) -> None:
+def test_a_camera_that_walks_by_edits_and_stops_stays_with_its_anchor() -> None:
     reported: list[str] = []
     with ts.Stream(ts.Scenario("solid_benchmark", camera=ts.Camera(HERE)), **FAST) as stream:
         stream._renderer._progress = lambda stage, done: reported.append(stage)

@@ -35,7 +35,7 @@ class AgentRenderer:
             ambient: The color of the ambient light in the new frame, 8-bit sRGB.
         """
         self._ambient = ambient
-        self._buffers: dict[Any, dict[str, NDArray[Any]]] = {}  # by view
+        self._buffers: dict[tuple[View, int | None], dict[str, NDArray[Any]]] = {}  # by view and start of the flow
 
     def render(
         self,
@@ -73,8 +73,7 @@ class AgentRenderer:
         needed = {buffer for name in views for buffer in frame_views.VIEWS[name].buffers}
         if background is not None and "main" in views:
             needed.add("instance")
-        key = (step, view.width, view.height, background, agent.walks)
-        buffers = self._buffers.setdefault(key, {})
+        buffers = self._buffers.setdefault((view, step.since), {})
         missing = sorted(needed - set(buffers))
         if missing:
             buffers.update(stream.render_view(frame, view, missing, since=step.since).buffers)

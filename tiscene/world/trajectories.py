@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 
 from dynamics import Body, CollisionState, Dynamic, Simulation, SteppedSimulation, Still
 from dynamics.clocks import exact
-from dynamics.dynamic import ClosedForm, Pose
+from dynamics.dynamic import ClosedForm
 from dynamics.obstacles import Obstacles
 from dynamics.timings import AssignedWindows
 from tiscene.errors import ScenarioError
@@ -38,9 +38,9 @@ Array = NDArray[np.float64]
 WALLS = ("left", "right", "bottom", "top", "near", "far")
 # A state needs the poses of three frames, two of which the next state needs again.
 KEPT_FRAMES = 8
-CAMERA_SAMPLES = 256  # of a camera's trajectory, to see along which axes it moves
-STEPPED = 10.0  # s of a trajectory that is written in Python and has no end
 KEPT_OBSTACLES = 8  # states of the stage as an obstacle, of which a frame needs two
+CAMERA_SAMPLES = 256  # of a camera's trajectory, to see along which axes it moves
+OPEN_ENDED = 10.0  # s that are looked at of a trajectory written in Python, which has no known end
 
 
 @dataclass(frozen=True)
@@ -208,13 +208,8 @@ class Trajectories:
     @functools.cached_property
     def camera_axes(self) -> list[Axes]:
         """For each camera along which axes its trajectory moves it."""
-        ends = [_duration(camera.dynamic) for camera in self._setting.cameras]
-        result = []
-        for row, end in enumerate(ends, self._unspawned):
-            times = [exact(end) * Fraction(i, CAMERA_SAMPLES) for i in range(CAMERA_SAMPLES + 1)]
-            extent = np.ptp(self.closed_form.poses_at(times)[:, row, :3], axis=0)
-            result.append(Axes(np.flatnonzero(extent > STILL).tolist()))
-        return result
+        first = self._unspawned
+        return [_axes_of(body) for body in self.closed_form.bodies[first : first + len(self._setting.cameras)]]
 
     def light_poses(self, frame: Fraction | int) -> Array:
         """Return the poses of all lights with motions at a frame, or at a time between two frames."""
@@ -345,13 +340,15 @@ class Trajectories:
         return camera.frustum_planes(aspect, None if frustum.far == -1.0 else frustum.far)
 
 
-def _duration(dynamic: Dynamic | None) -> float:
-    """Return the time after which a camera has been wherever its trajectory takes it, s."""
-    if dynamic is None:
-        return 0.0
-    if not isinstance(dynamic, ClosedForm):
-        return STEPPED
-    return max(track.duration or 0.0 for track in dynamic.tracks(Pose()))
+def _axes_of(body: Body) -> Axes:
+    """Return along which axes a body moves, in the time after which it has been wherever its trajectory takes it."""
+    if isinstance(body.dynamic, Still):
+        return Axes()
+    is_closed = isinstance(body.dynamic, ClosedForm)
+    end = exact(max(track.duration or 0.0 for track in body.tracks) if is_closed else OPEN_ENDED)
+    times = [end * Fraction(i, CAMERA_SAMPLES) for i in range(CAMERA_SAMPLES + 1)]
+    extent = np.ptp(Simulation([body]).poses_at(times)[:, 0, :3], axis=0)
+    return Axes(np.flatnonzero(extent > STILL).tolist())
 
 
 def between_poses(before: Array, after: Array, part: float) -> Array:

@@ -93,7 +93,7 @@ def _find_smooth(
             at_y = ti.math.clamp(y + row, 0, height - 1)
             at_x = ti.math.clamp(x + column, 0, width - 1)
             clean = read(irradiance, at_y, at_x).sum()
-            noise += ti.max(read(noisy, at_y, at_x).sum(), clean) - ti.min(read(noisy, at_y, at_x).sum(), clean)
+            noise += ti.abs(read(noisy, at_y, at_x).sum() - clean)
             total += clean + DARKEST
         limit = ti.max(contrast, NOISE * noise / total)
         difference = ti.abs(target[0] - here[0]) + ti.abs(target[1] - here[1]) + ti.abs(target[2] - here[2])

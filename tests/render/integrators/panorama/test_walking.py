@@ -22,6 +22,7 @@ from tiscene.render.integrators.panorama import light_probes, reprojection
 from tiscene.render.integrators.panorama import reprojection_kernels as kernels
 from tiscene.render.integrators.panorama.anchors import MAX_SPACING, Anchors
 from tiscene.render.integrators.panorama.light_probe import trace_probe
+from tiscene.render.integrators.panorama.panorama_pass import PanoramaImage
 from tiscene.render.view import View
 from tiscene.scene.camera import Vector3
 from tiscene.scene.description import Material
@@ -36,6 +37,18 @@ def walking(position: Vector3, step: Vector3 = SLOW) -> View:
     here = np.array(position)
     cameras = (replace(BOX_CAMERA, position=tuple((here + k * np.array(step)).tolist())) for k in (-1, 0, 1))
     return View(*cameras, *SIZE)
+
+
+def standing(position: Vector3, axes: frozenset[int] = frozenset({0, 2})) -> View:
+    """Return the view of a camera that rests where others walk, and walks along some axes at other times."""
+    return replace(walking(position, (0.0, 0.0, 0.0)), walks=axes)
+
+
+def assert_same_image(image: PanoramaImage, expected: PanoramaImage, frame: int) -> None:
+    for name in ("hdr", "static", "denoised", "albedo", "normal", "after", "traced", "static_mask"):
+        np.testing.assert_array_equal(getattr(image, name), getattr(expected, name), err_msg=f"{frame}: {name}")
+    for one, other in zip(image.hidden, expected.hidden, strict=True):
+        np.testing.assert_array_equal(one, other)
 
 
 @pytest.fixture(scope="module")
@@ -85,11 +98,6 @@ def test_anchors_behind_walls_do_not_serve(anchors: Anchors) -> None:
         assert abs(anchor[0]) < 1.0
 
 
-def standing(position: Vector3, axes: frozenset[int] = frozenset({0, 2})) -> View:
-    """Return the view of a camera that rests where others walk, and walks along some axes at other times."""
-    return replace(walking(position, (0.0, 0.0, 0.0)), walks=axes)
-
-
 def test_a_camera_that_walks_at_other_times_keeps_its_anchor_where_it_stands(anchors: Anchors) -> None:
     position = (0.2, 0.1, 3.1)
     assert anchors.nearest(standing(position)) == anchors.nearest(walking(position)) == (0.0, 0.1015625, 3.0)
@@ -114,8 +122,7 @@ def test_a_camera_that_stops_needs_no_further_panorama_and_its_frames_are_those_
     for k, positions in enumerate((BALLS, ONE, BALLS)):
         scene.surrounded = scene.new_pass()
         alone = scene.image_of(view, *positions, frame=k)
-        for name in ("hdr", "static", "denoised", "albedo", "normal", "after", "traced", "static_mask"):
-            np.testing.assert_array_equal(getattr(alone, name), getattr(stopped[k], name), err_msg=f"{k}: {name}")
+        assert_same_image(alone, stopped[k], k)
 
 
 def test_anchors_near_each_other_share_a_light_probe_that_they_see(anchors: Anchors) -> None:
@@ -219,10 +226,7 @@ def test_frames_do_not_depend_on_frames_rendered_before() -> None:
     scene.surrounded = scene.new_pass()
     for k in (2, 0, 3, 1):
         again = scene.image_of(walking(places[k]), *BALLS, frame=k)
-        for name in ("hdr", "static", "denoised", "albedo", "normal", "after", "traced", "static_mask"):
-            np.testing.assert_array_equal(getattr(again, name), getattr(forth[k], name), err_msg=f"{k}: {name}")
-        for one, other in zip(again.hidden, forth[k].hidden, strict=True):
-            np.testing.assert_array_equal(one, other)
+        assert_same_image(again, forth[k], k)
 
 
 def test_edges_are_traced_in_parts_with_the_same_result(monkeypatch: pytest.MonkeyPatch) -> None:

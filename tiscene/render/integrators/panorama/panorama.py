@@ -129,11 +129,6 @@ _NOTHING = Missing(np.zeros((0, 3), np.int64), np.zeros((0, 3), np.int64))
 class Panorama:
     """Cells around a point, as far as they were needed.
 
-    Attributes:
-        settings: As given.
-        probe: As given.
-        groups: Number of light groups.
-
     Args:
         paths: Path tracer.
         static: Placement without the movers, see `base_placement`.
@@ -141,6 +136,11 @@ class Panorama:
         probe: The light all around, in which paths end.
         files: Cells on disk; None: none.
         key: Digest of everything that the cells depend on, which names the files.
+
+    Attributes:
+        settings: What the cells depend on besides.
+        probe: The light all around.
+        groups: Number of light groups.
     """
 
     def __init__(
@@ -166,14 +166,14 @@ class Panorama:
 
     @property
     def bytes(self) -> int:
-        """Memory of the cells."""
+        """Memory of the cells and of the light probe."""
         return self.bytes_with(_NOTHING)
 
     def bytes_with(self, missing: Missing) -> int:
         """Return the memory with room for cells that are missing."""
         tiles = self._tiles.bytes_with(len(missing.tiles)) if self._tiles else 0
         blocks = self._blocks.bytes_with(len(missing.blocks))
-        return tiles + blocks
+        return tiles + blocks + self.probe.bytes
 
     def clear(self) -> None:
         """Forget all cells."""

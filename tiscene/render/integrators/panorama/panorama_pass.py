@@ -173,7 +173,8 @@ class PanoramaPass:
         if SUBPIXELS * view.width * view.height > MAX_PIXELS:
             return False
         static = base_placement(placement, moving)
-        shown = (view, panorama_spp, max_depth, seed, *self._contents(view, static))
+        contents = self._contents(view, static)
+        shown = (view, panorama_spp, max_depth, seed, *contents)
         if shown != self._shown_for:
             self._shown_for, self._recorded_spp = None, 0
             if walks(view):
@@ -187,7 +188,7 @@ class PanoramaPass:
             self._anchored = anchor != view.current.position
             if self._anchored:
                 self._points.trace(view, anchor)
-            self._shown, self._known = self._static_images(view, static, settings)
+            self._shown, self._known = self._static_images(view, static, settings, contents)
             self._shown_for = shown if view.rests else None
         self.static_hits = StaticHits(self._points.centers, moving) if self._anchored else None
         if view.rests:
@@ -286,10 +287,10 @@ class PanoramaPass:
         view: View,
         static: Placement,
         settings: PanoramaSettings,
+        contents: tuple[Any, ...],
     ) -> tuple[FloatImage, NDArray[np.int32]]:
-        """Return `Panorama.images` of a view, and complete its panorama if needed."""
+        """Return `Panorama.images` of a view, and complete its panorama if needed; `contents` of `_contents`."""
         points = self._points if self._anchored else None
-        contents = self._contents(view, static)
         key = settings, *contents
         panorama = self._panoramas.pop(key, None)
         if panorama is None:
