@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from tests.render.integrators.panorama.test_panorama_pass import DEPTH, SurroundedBalls, view_at
 from tiscene.device.kernel_types import Floats2, Ints2
 from tiscene.render.integrators.incremental.base_image import base_placement
-from tiscene.render.integrators.panorama.light_probe import PLANE, SIZE, LightProbe, trace_probe
+from tiscene.render.integrators.panorama.light_probe import PLANE, SIZE, LightProbe, ProbeSampling, trace_probe
 from tiscene.render.integrators.path import path_pass
 from tiscene.render.integrators.path.path_pass import PathPass
 from tiscene.render.integrators.path.path_state import (
@@ -45,7 +45,7 @@ class Probed:
         self.device = self.balls.device
         self.static = base_placement(self.balls.at(), self.balls.moving)
         self.paths = PathPass(self.device, SIZE, SIZE)
-        cells = trace_probe(self.paths, [self.static], self.center, seed=3, max_depth=depth - 1)
+        cells = trace_probe(self.paths, [self.static], self.center, ProbeSampling(1, 3, depth - 1))
         self.probe = LightProbe(self.center, cells)
 
 

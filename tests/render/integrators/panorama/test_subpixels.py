@@ -86,12 +86,14 @@ def test_where_few_paths_find_the_light_the_others_are_as_uncertain() -> None:
     light[pixels % width >= 40] = 1.0
     exponential, variance = 0.1 * light**2, 0.1 * light**2
     variance[light == 30.0] *= 8.0
-    spread = subpixels._spread(pixels, width, variance, exponential)
+    spread = subpixels._spread(pixels, width, variance, exponential, 1)
     np.testing.assert_allclose(spread[pixels % width >= 49], 1.0)
     dark = (light < 0.5) & (pixels % width < 30)
     assert (spread[dark] > 10.0).all()
-    np.testing.assert_allclose(spread, subpixels._spread(pixels, width, 1e-12 * variance, 1e-12 * exponential))
-    assert not len(subpixels._spread(pixels[:0], width, variance[:0], exponential[:0]))
+    surer = subpixels._spread(pixels, width, variance, exponential, 4)
+    np.testing.assert_allclose(surer[dark] - 1.0, 0.625 * (spread[dark] - 1.0), rtol=1e-5)
+    np.testing.assert_allclose(spread, subpixels._spread(pixels, width, 1e-12 * variance, 1e-12 * exponential, 1))
+    assert not len(subpixels._spread(pixels[:0], width, variance[:0], exponential[:0], 1))
 
 
 def test_light_of_few_samples_is_that_which_is_expected() -> None:

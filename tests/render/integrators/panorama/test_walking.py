@@ -21,7 +21,7 @@ from tiscene.render.integrators.labels.static_labels import ALL_TIMES
 from tiscene.render.integrators.panorama import light_probes, reprojection
 from tiscene.render.integrators.panorama import reprojection_kernels as kernels
 from tiscene.render.integrators.panorama.anchors import MAX_SPACING, Anchors
-from tiscene.render.integrators.panorama.light_probe import trace_probe
+from tiscene.render.integrators.panorama.light_probe import ProbeSampling, trace_probe
 from tiscene.render.integrators.panorama.panorama_pass import PanoramaImage
 from tiscene.render.view import View
 from tiscene.scene.camera import Vector3
@@ -137,9 +137,9 @@ def test_a_walk_traces_its_light_probes_once_and_they_are_on_disk(
 ) -> None:
     traced: list[Vector3] = []
 
-    def recorded(paths: Any, statics: Any, center: Vector3, **others: Any) -> Any:
+    def recorded(paths: Any, statics: Any, center: Vector3, sampling: ProbeSampling) -> Any:
         traced.append(center)
-        return trace_probe(paths, statics, center, **others)
+        return trace_probe(paths, statics, center, sampling)
 
     monkeypatch.setattr(light_probes, "trace_probe", recorded)
     scene = SurroundedBalls()

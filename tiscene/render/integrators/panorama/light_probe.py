@@ -10,7 +10,7 @@ reflection.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -40,10 +40,23 @@ FloatImage = NDArray[np.float32]
 SIZE = 32  # cells along a side of a face
 _SIDE = 6  # pixels along a side of a cell
 PIXELS = _SIDE * SIZE  # along a side of a face
-SPP = 1  # paths per pixel of a face
 PLANE = 4  # columns of a cell's plane, before its light
 _FRAME = -500  # frame number of the random numbers
 LEAST_SHARE = 0.125  # of a cell's pixels that must show its plane
+
+
+class ProbeSampling(NamedTuple):
+    """How a light probe is traced.
+
+    Attributes:
+        spp: Paths per pixel of a face.
+        seed: Seed of the random numbers.
+        max_depth: Largest number of segments of a path.
+    """
+
+    spp: int
+    seed: int
+    max_depth: int
 
 
 class LightProbe:
@@ -95,22 +108,20 @@ class LightProbe:
         return RadianceCache(upload_vectors(values), SIZE, *self.center)
 
 
-def trace_probe(
-    paths: PathPass, statics: Sequence[Placement], center: Vector3, *, seed: int, max_depth: int
-) -> FloatImage:
+def trace_probe(paths: PathPass, statics: Sequence[Placement], center: Vector3, sampling: ProbeSampling) -> FloatImage:
     """Return the cells of a light probe. Changes what the scene has placed.
 
     Args:
         paths: Path tracer.
         statics: The static scene under each light group.
         center: The point, world, m.
-        seed: Seed of the random numbers.
-        max_depth: Largest number of segments of a path.
+        sampling: How to trace it.
     """
+    spp, seed, max_depth = sampling
     paths.scene.place(statics[0])
     view = CubeView(center, PIXELS)
     pixels = np.arange(view.width * view.height, dtype=np.int32)
-    surfaces, samples = _surfaces(paths.scene, view), PathSamples(SPP, index_bits(SPP), frame_key(seed, _FRAME))
+    surfaces, samples = _surfaces(paths.scene, view), PathSamples(spp, index_bits(spp), frame_key(seed, _FRAME))
     shown: FloatImage = surfaces.to_numpy()
 
     def replace_rays(state: PathState, first: int, count: int) -> None:
@@ -121,9 +132,9 @@ def trace_probe(
         paths.scene.place(static)
         scene, first = scene_under_group(paths, group, None), PLANE + 3 * group
         film = paths.sums(
-            view, pixels, spp=SPP, key=samples.key, max_depth=max_depth, scene=scene, on_start=replace_rays
+            view, pixels, spp=spp, key=samples.key, max_depth=max_depth, scene=scene, on_start=replace_rays
         )
-        planes, light = _light_of_planes(shown, film / np.float32(SPP))
+        planes, light = _light_of_planes(shown, film / np.float32(spp))
         cells[..., first : first + 3] = light.reshape(FACES, SIZE * SIZE, -1)
         if group == 0:
             cells[..., :PLANE] = planes.reshape(FACES, SIZE * SIZE, -1)

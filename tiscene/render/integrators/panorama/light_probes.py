@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from tiscene.render.integrators.panorama.cell_files import CellFiles
-from tiscene.render.integrators.panorama.light_probe import PLANE, SIZE, LightProbe, trace_probe
+from tiscene.render.integrators.panorama.light_probe import PLANE, SIZE, LightProbe, ProbeSampling, trace_probe
 from tiscene.render.integrators.path.path_pass import PathPass
 from tiscene.render.sampling.cube import FACES
 from tiscene.scene.camera import Vector3
@@ -34,9 +34,8 @@ class LightProbes:
         self,
         center: Vector3,
         statics: Sequence[Placement],
+        sampling: ProbeSampling,
         *,
-        seed: int,
-        max_depth: int,
         contents: tuple[Any, ...],
         file_key: Callable[[], str],
     ) -> LightProbe:
@@ -45,28 +44,27 @@ class LightProbes:
         Args:
             center: The point, world, m.
             statics: The static scene under each light group.
-            seed: Seed of the random numbers.
-            max_depth: Largest number of segments of a path.
+            sampling: How to trace it.
             contents: What distinguishes the static scene from others here.
             file_key: Returns the digest of everything that the cells depend on.
         """
-        key = center, seed, max_depth, *contents
+        key = center, sampling, *contents
         probe = self._probes.pop(key, None)
         if probe is None:
-            probe = LightProbe(center, self._cells(center, statics, seed, max_depth, file_key))
+            probe = LightProbe(center, self._cells(center, statics, sampling, file_key))
         self._probes[key] = probe
         if len(self._probes) > _KEPT:
             del self._probes[next(iter(self._probes))]
         return probe
 
     def _cells(
-        self, center: Vector3, statics: Sequence[Placement], seed: int, max_depth: int, file_key: Callable[[], str]
+        self, center: Vector3, statics: Sequence[Placement], sampling: ProbeSampling, file_key: Callable[[], str]
     ) -> Any:
         files, columns = self._files, PLANE + 3 * len(statics)
         key = f"{file_key()}-probe" if files else ""
         cells = files.load(key, SIZE * SIZE, columns, np.float32)[1] if files else None
         if cells is None or len(cells) < FACES:
-            cells = trace_probe(self._paths, statics, center, seed=seed, max_depth=max_depth)
+            cells = trace_probe(self._paths, statics, center, sampling)
             if files:
                 files.append(key, np.arange(FACES, dtype=np.int32), cells)
         return cells

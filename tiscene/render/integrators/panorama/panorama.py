@@ -28,7 +28,7 @@ from tiscene.render.integrators.labels.first_hits import first_hits
 from tiscene.render.integrators.panorama import panorama_kernels as kernels
 from tiscene.render.integrators.panorama.cell_files import CellFiles
 from tiscene.render.integrators.panorama.cell_store import CellStore
-from tiscene.render.integrators.panorama.light_probe import LightProbe
+from tiscene.render.integrators.panorama.light_probe import LightProbe, ProbeSampling
 from tiscene.render.integrators.panorama.panorama_kernels import BLOCK, BLOCK_ROWS, TILE, WINDOW
 from tiscene.render.integrators.panorama.reprojection import Reprojection
 from tiscene.render.integrators.panorama.reprojection_kernels import ALL_KNOWN, EDGE, FAR
@@ -49,6 +49,7 @@ FloatImage = NDArray[np.float32]
 CELL_OF_CENTER, CELL_OF_ANCHOR = 0.42, 0.35
 FIRST_FRAME = -1000  # frame number of the random numbers of cells
 FIRST_DIVISOR, LEAST_SPP = 2, 4  # cells have their samples divided by this first, but no fewer than so many
+PROBE_DIVISOR = 64  # of the samples per pixel: so, a light probe has a few percent of all paths
 FURTHER_FRAME = -2  # frame number that sets the random numbers of further samples apart
 CONTRAST = 0.25  # of the light in a tile, from which it has further samples
 DIM = 0.3  # of the mean light: the offset of `contrast_of`
@@ -99,6 +100,11 @@ class PanoramaSettings:
         error does not average out over cells.
         """
         return 1 << max(0, round(math.log2(self.spp * self.cell**2)))
+
+    @property
+    def probe_sampling(self) -> ProbeSampling:
+        """How to trace the light probe. Paths that end in it have one segment more."""
+        return ProbeSampling(max(1, self.spp // PROBE_DIVISOR), self.seed, max(1, self.max_depth - 1))
 
     @property
     def possible(self) -> bool:

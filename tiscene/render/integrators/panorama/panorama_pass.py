@@ -316,17 +316,16 @@ class PanoramaPass:
         """Return a panorama, with what is on disk of it, and the light probe. Changes what the scene has placed."""
         self.scene.place(static)
         center = self._anchors.center_of_probe(settings.center) if self._anchored else settings.center
-        depth = max(1, settings.max_depth - 1)  # paths that end in the probe have one segment more
-        sampling = f"radiosity {light_probe.SIZE} {light_probe.PIXELS} {light_probe.SPP} {settings.seed} {depth}"
+        described = f"radiosity {light_probe.SIZE} {light_probe.PIXELS} {settings.probe_sampling}"
         probe = self._probes.at(
-            center, under_each_group(static), seed=settings.seed, max_depth=depth, contents=contents,
-            file_key=lambda: self._file_key(view, static, CubeView(center, light_probe.PIXELS), {"probe": sampling}),
+            center, under_each_group(static), settings.probe_sampling, contents=contents,
+            file_key=lambda: self._file_key(view, static, CubeView(center, light_probe.PIXELS), {"probe": described}),
         )  # fmt: skip
         values = {
             "panorama": repr(settings),
             "cell": f"{FORMAT} {NORMAL_RANGE} {DISTANCE_RANGE}",
             "sampling": f"{FIRST_DIVISOR} {LEAST_SPP} {CONTRAST} {DIM}",
-            "probe": f"{sampling} {center}",
+            "probe": f"{described} {center}",
             "denoiser": f"{settings.denoiser} {version('pyoidn')}",
         }
         key = self._file_key(view, static, settings.cells_view(), values)

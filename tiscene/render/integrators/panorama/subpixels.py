@@ -120,21 +120,24 @@ class SubpixelPaths:
         is_hidden = bits != NONE_KNOWN
         light, albedo, normal, variance, share = (part[is_hidden] for part in parts)
         hidden, share = pixels[is_hidden], share[:, 0] / np.float32(spp)
-        spread = _spread(hidden, view.width, variance[:, 0], share * (light**2).sum(axis=-1))
+        spread = _spread(hidden, view.width, variance[:, 0], share * (light**2).sum(axis=-1), spp)
         return Hidden(hidden, light, albedo, normal, variance[:, 0], spread * share)
 
 
-def _spread(pixels: NDArray[np.int32], width: int, variance: FloatImage, exponential: FloatImage) -> FloatImage:
+def _spread(
+    pixels: NDArray[np.int32], width: int, variance: FloatImage, exponential: FloatImage, spp: int
+) -> FloatImage:
     """Return how much samples vary around some pixels, compared with exponentially distributed ones, at least 1.
 
     In a dark room, most paths find nothing and few the light. Where none has found it, the samples' own variance is
-    small. What exceeds 1 counts twice, since it is uncertain too.
+    small. What exceeds 1 is uncertain too, the more so the fewer the paths: with one a subpixel it counts twice.
 
     Args:
         pixels: int32 [n], y * width + x.
         width: Image width, px.
         variance: Of the means of samples at these pixels, float32 [n].
         exponential: What it would be if samples were exponentially distributed, float32 [n].
+        spp: Paths per subpixel.
 
     Returns:
         float32 [n].
@@ -151,7 +154,7 @@ def _spread(pixels: NDArray[np.int32], width: int, variance: FloatImage, exponen
         sums.append(boxes.reshape(-1)[pixels])
     # Box sums are differences of running sums, so that zero is not exact.
     ratio = sums[0] / np.maximum(sums[1], 1e-12 * float(exponential.sum()) + 1e-30)
-    spread: FloatImage = np.maximum(2.0 * ratio - 1.0, 1.0).astype(np.float32)
+    spread: FloatImage = np.maximum(ratio + (ratio - 1.0) / spp, 1.0).astype(np.float32)
     return spread
 
 
