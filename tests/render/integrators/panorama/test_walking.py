@@ -88,6 +88,17 @@ def test_close_to_surfaces_anchors_are_denser(anchors: Anchors) -> None:
     assert 0.0 < np.abs(np.subtract(anchor, position)).max() < 0.5 * 0.0625
 
 
+def test_close_to_surfaces_a_camera_sees_each_anchor_in_four_frames_at_least(anchors: Anchors) -> None:
+    position, step = (0.2, 0.1, -0.8), 0.03
+    found = [anchors.nearest(walking((x, *position[1:]), (step, 0.0, 0.0))) for x in np.arange(0.2, 0.5, step)]
+    assert {anchor[0] for anchor in found if anchor} == {0.25, 0.375, 0.5}  # 0.125 m apart
+    assert None not in found
+    long = walking(position, (0.2, 0.0, 0.0))
+    anchor = anchors.nearest(replace(long, next=long.current))  # an agent's step
+    assert anchor is not None
+    assert anchor[0] == 0.25
+
+
 def test_anchors_behind_walls_do_not_serve(anchors: Anchors) -> None:
     # The box's walls are at -1 and 1; the nearest lattice point in the first case is on the other side.
     sideways = replace(BOX_CAMERA, position=(0.97, 0.1, 0.0))

@@ -26,7 +26,7 @@ DISTANCE_PER_SPACING = 4.0  # least median distance of surfaces, in spacings of 
 MAX_SPACING = 0.5  # m
 CLEARANCE = 0.02  # m between a point of a lattice and what is behind it: points on walls do not serve
 PROBE_SPACING = 1.0  # m, of the light probes of anchors
-STEPS_PER_SPACING = 4.0  # a camera that goes on farther in a frame sees too few frames from an anchor
+STEPS_PER_SPACING = 4.0  # of a camera that goes on: so many frames at least see the same anchor
 _GRID = (16, 12)  # rays that measure distances: along a row and a column of the image
 _REST = 1.0 / 1024.0  # speed along an axis, in spacings per frame, up to which the camera rests along it
 _FINE = 1.0 / 64.0  # spacing of anchors along such an axis, in spacings
@@ -56,15 +56,17 @@ class Anchors:
         but for rounding.
 
         Returns:
-            The anchor, world, m; None if the camera moves too fast, or sees no anchor while it walks.
+            The anchor, world, m; None if the camera moves too fast, or sees no anchor while it walks. Where it walks
+            close to surfaces, anchors are farther apart than they should be, rather than too many.
         """
         if not walks(view):
             return view.current.position
         before, here, after = (np.array(camera.position) for camera in view.cameras)
-        spacing = self._spacing(view)
         past, planned = np.abs(here - before), np.abs(after - here)
-        if np.linalg.norm(past) > spacing or np.linalg.norm(planned) > spacing / STEPS_PER_SPACING:
+        least = float(max(np.linalg.norm(past), STEPS_PER_SPACING * np.linalg.norm(planned)))
+        if least > MAX_SPACING:
             return None
+        spacing = self._spacing(view, least)
         steps = np.maximum(past, planned)
         places: list[tuple[float, ...]] = []
         for axis, (at, step) in enumerate(zip(here.tolist(), steps.tolist(), strict=True)):
@@ -88,8 +90,8 @@ class Anchors:
         points = sorted(set(itertools.product(along[0], along[1], along[2])), key=lambda at: (math.dist(at, here), at))
         return next(itertools.compress(points, self._sees(np.array(here), np.array(points))), None)
 
-    def _spacing(self, view: View) -> float:
-        """Return the spacing of the lattice, m: a power of two."""
+    def _spacing(self, view: View, least: float) -> float:
+        """Return the spacing of the lattice, m: a power of two, and at least so much."""
         width, height = _GRID
         rays = self._grid.resized(width, height)
         coarse = replace(view, width=width, height=height)
@@ -97,7 +99,7 @@ class Anchors:
         first_hits(self._scene, CURRENT, rays, rays.queue, rays.count)
         distance = float(np.median(rays.hits.to_numpy()[:, 0]))
         largest = min(max(distance, 1e-3) / DISTANCE_PER_SPACING, MAX_SPACING)
-        return 2.0 ** math.floor(math.log2(largest))
+        return 2.0 ** max(math.floor(math.log2(largest)), math.ceil(math.log2(max(least, 1e-6))))
 
     def _sees(self, eye: NDArray[np.float64], points: NDArray[np.float64]) -> NDArray[np.bool_]:
         """Return for each point whether nothing is between it and the eye, nor close behind it, bool [n]."""
