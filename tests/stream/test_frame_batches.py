@@ -99,6 +99,15 @@ def test_layout_of_gpus_renders_the_same_bytes(monkeypatch: pytest.MonkeyPatch, 
     assert rendered == [4]
 
 
+def test_another_stream_does_not_take_frames_that_this_one_has_rendered() -> None:
+    options = {**SIZE, "buffers": ("instance",), "frames": 4, "batch": 4}
+    with ts.Stream(orbiting(), **options) as one, ts.Stream(orbiting(), **options) as expected:
+        assert_equal(next(one), next(expected))
+        with one.another(moving_scenario()) as other:
+            next(other)
+            assert_equal(next(one), next(expected))
+
+
 COLORED = {**SIZE, "buffers": ("rgb", "hdr", "depth", "instance"), "spp": 2, "max_depth": 3, "frames": 5}
 
 

@@ -10,7 +10,7 @@ from taichi.lang._ndarray import Ndarray
 
 import tiscene as ts
 from tests.stream.test_stream import same
-from tiscene.errors import SceneNotFound
+from tiscene.errors import ArgumentError, SceneNotFound
 
 
 def test_restart_with_another_scene_loads_that_scene():
@@ -31,6 +31,15 @@ def test_restart_with_a_missing_scene_changes_nothing():
     first = stream[0]
     with pytest.raises(SceneNotFound):
         stream.restart(ts.Scenario("nowhere"))
+    assert same(stream[0], first)
+
+
+@pytest.mark.parametrize("size", [{"width": 0}, {"height": -6}, {"width": 2.5}, {"height": 10**6}])
+def test_restart_with_an_impossible_size_changes_nothing(size):
+    stream = ts.Stream("object_view", width=8, height=6, buffers=("instance",))
+    first = stream[0]
+    with pytest.raises(ArgumentError, match=next(iter(size))):
+        stream.restart(stream.scenario, **size)
     assert same(stream[0], first)
 
 

@@ -9,6 +9,7 @@ from typing import Any, Protocol
 from tiscene.device import runtime
 from tiscene.errors import ArgumentError
 from tiscene.scenario.scenario import Scenario
+from tiscene.stream.frame_batches import FrameBatches
 from tiscene.stream.progress import ProgressBar
 from tiscene.stream.render_ahead import RenderAhead
 from tiscene.stream.stage_cache import file_digests
@@ -52,6 +53,7 @@ class SavedState:
         other = object.__new__(type(self))
         vars(other).update({name: value for name, value in vars(self).items() if name not in ("world", "_renderer")})
         vars(other)["_ahead"] = RenderAhead(vars(self)["_ahead"].count)
+        vars(other)["_batches"] = FrameBatches(vars(self)["_batches"].size)
         other.restart(scenario)
         return other
 

@@ -146,16 +146,17 @@ def digest(digests: dict[str, str]) -> str:
     return hashlib.sha256(text.encode()).hexdigest()
 
 
-def image_size(width: int | None, height: int | None, resolution: tuple[int, int] | None) -> tuple[int, int]:
+def image_size(width: int | None, height: int | None, resolution: tuple[int, int] | None = None) -> tuple[int, int]:
     """Return the size of the images: what the caller gave, completed from the stage's resolution, else 256 x 192.
 
     Raises:
-        ArgumentError: The size is too large to be rendered.
+        ArgumentError: The size is no number of pixels, or too large to be rendered.
     """
     if resolution is not None and width is None:
         width = resolution[0] if height is None else max(1, round(height * resolution[0] / resolution[1]))
     if resolution is not None and height is None and width is not None:
         height = max(1, round(width * resolution[1] / resolution[0]))
-    size = integer(width or 256, "width", 1, MAX_SIZE), integer(height or 192, "height", 1, MAX_SIZE)
+    width, height = 256 if width is None else width, 192 if height is None else height
+    size = integer(width, "width", 1, MAX_SIZE), integer(height, "height", 1, MAX_SIZE)
     check_image_size(*size)
     return size

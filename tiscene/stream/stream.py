@@ -210,8 +210,8 @@ class Stream(FixedSettings, BatchedFrames, LoaderMethods, StreamOutput, SavedSta
         Raises:
             TisceneError: the scenario, its stage or a template is invalid; nothing has changed then.
         """
-        width, height, stage = width or self.width, height or self.height, self.stages.stage(scenario)
-        settings, cache_bytes = self.render_settings, self._cache_bytes
+        width, height = image_size(self.width if width is None else width, self.height if height is None else height)
+        stage, settings, cache_bytes = self.stages.stage(scenario), self.render_settings, self._cache_bytes
         renderer = ViewRenderer(
             settings, seed=self.seed, shutter=self.shutter, cache_bytes=cache_bytes, progress=self._progress
         )
