@@ -269,6 +269,22 @@ def test_what_moves_by_itself_may_stand_beside_things_without_a_mesh():
     assert rows == {"Cup": (0.0, 0.0, 0.0), "Floor": (5.0, 5.0, 5.0), "Lift": (0.5, 1.0, 1.5)}
 
 
+def test_moved_thing_with_an_animation_goes_on_from_its_new_place():
+    moved = np.tile(np.eye(4)[:3], (2, 1, 1, 1))
+    moved[1, 0, :, 3] = (1, 2, 3)
+    track = InstanceTrack(np.array([0], np.int32), np.array([0.0, 1.0]), moved, np.ones((2, 1), bool))
+    instances, objects = (Instance(0, 0, np.eye(4)),), (SceneObject("Lift", "/Lift"),)
+    stage = SceneDescription("room", (UNIT_CUBE,), instances=instances, objects=objects, tracks=(track,))
+    made = world(stage=stage)
+    made.next_frame = 5
+    made.move("/Lift", (0, 0, 0), (0, 90, 0))
+    for frame, position in ((4, (0.4, 0.8, 1.2)), (5, (0, 0, 0)), (6, (0.3, 0.2, -0.1)), (10, (1.5, 1, -0.5))):
+        state = made.state(frame)
+        np.testing.assert_allclose(state.objects[0].position, position, atol=1e-12)
+        np.testing.assert_allclose(state.placement.world_from_object[1, 0, :, 3], position, atol=1e-12)
+    np.testing.assert_allclose(made.state(5).objects[0].velocity, (3, 2, -1), atol=1e-12)
+
+
 def test_which_camera():
     assert world(camera="Window").camera is STAGE.cameras[1]
     blind = SceneDescription("room", (UNIT_CUBE,), instances=(Instance(0, 0, np.eye(4)),), objects=STAGE.objects[:1])

@@ -68,7 +68,8 @@ class Move:
 
     Attributes:
         frame: the first frame at the new pose.
-        id: id in the scenario, or prim path on the stage, where the object stays from then on.
+        id: id in the scenario, or prim path on the stage. An object of the stage stays from then on, or goes on with
+            its animation from there.
         position: m.
         rotation: Euler angles in degrees, or a quaternion.
 

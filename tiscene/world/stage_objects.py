@@ -12,8 +12,9 @@ from numpy.typing import NDArray
 
 from dynamics.rotation import matrix_from_quaternion, quaternion
 from tiscene.errors import ScenarioError
-from tiscene.scenario.edits import StageObjectHistory
+from tiscene.scenario.edits import Move, StageObjectHistory
 from tiscene.scene.animation import polar, quaternions
+from tiscene.scene.camera import quaternion_from_matrix
 from tiscene.scene.description import Instance, SceneDescription
 from tiscene.world.object_registry import WorldObject
 from tiscene.world.stage_animation import AnimatedInstances
@@ -78,12 +79,23 @@ class StageObjects:
         """Return whether an object, by its row, is alive at a frame."""
         return number not in self.lives or self.lives[number].alive(frame, as_of=frame)
 
-    def moved_by(self, number: int, frame: int, known: int) -> Array | None:
-        """Return the 4x4 matrix from an object's authored pose to its pose at a frame; None if no edit moved it."""
+    def moved_by(self, number: int, frame: int, known: int, *, at_rest: bool = False) -> Array | None:
+        """Return the 4x4 matrix by which edits moved an object, by its row; None if none did.
+
+        A move takes the object from where its animation has it at that frame. The animation goes on from there.
+
+        Args:
+            number: the object.
+            frame: the frame.
+            known: the frame up to which edits are known.
+            at_rest: take it from its authored pose instead, for users that know no animation.
+        """
         move = self.lives[number].move(frame, known) if number in self.lives else None
         if move is None:
             return None
         row = self._rows[number]
+        if not at_rest and number in self._tracked:
+            row = self._posed(move.frame)[number] or row
         start = matrix(np.array([*row.position, *row.rotation]))
         now = matrix(np.array([*move.position, *quaternion(move.rotation)]))
         result: Array = np.einsum("ij,jk->ik", now, np.linalg.inv(start))
@@ -131,9 +143,22 @@ class StageObjects:
             if not life.alive(frame, as_of=frame):
                 rows[number] = None
             elif row is not None and move is not None:
-                w, x, y, z = quaternion(move.rotation).tolist()
-                rows[number] = replace(row, position=move.position, rotation=(w, x, y, z))
+                rows[number] = self._moved(number, row, move, frame)
         return [row for row in rows if row is not None]
+
+    def _moved(self, number: int, row: WorldObject, move: Move, frame: int) -> WorldObject:
+        """Return an object that an edit has moved, given where it is without edits."""
+        by = self.moved_by(number, frame, frame)
+        if by is None or number not in self._tracked:
+            w, x, y, z = quaternion(move.rotation).tolist()
+            return replace(row, position=move.position, rotation=(w, x, y, z))
+        pose = by @ matrix(np.array([*row.position, *row.rotation]))
+        return replace(
+            row,
+            position=tuple(pose[:3, 3].tolist()),
+            rotation=quaternion_from_matrix(pose[:3, :3]),
+            velocity=tuple((by[:3, :3] @ row.velocity).tolist()),
+        )
 
     def _posed(self, frame: int) -> dict[int, WorldObject | None]:
         """Return the animated objects at a frame, by row; None for one that is absent."""
@@ -164,7 +189,7 @@ class StageObjects:
         """Return the stage's instances, then its colliders, at a frame, and which of them are present."""
         instances: list[Instance] = []
         for instance in (*self._stage.instances, *self._stage.colliders):
-            by = self.moved_by(instance.object, frame, frame)
+            by = self.moved_by(instance.object, frame, frame, at_rest=True)
             if by is not None:
                 instance = replace(instance, world_from_object=by @ instance.world_from_object)
             instances.append(instance)
