@@ -348,3 +348,15 @@ def test_limits_bound_the_reading_of_trusted_stages(tmp_path):
     with pytest.raises(StageError, match=r"box\.usda.*\n.*longer than 0\.01 s"):
         ts.Stream(path, width=8, height=6, buffers=("instance",), limits=ts.Limits(seconds=0.01))
     ts.Stream(path, width=8, height=6, buffers=("instance",), limits=ts.Limits(seconds=60.0))[0]
+
+
+def test_automatic_exposure_is_that_of_a_replay_after_edits_of_the_first_frame():
+    settings = {**SETTINGS, "buffers": ("rgb",), "incremental": False}
+    with ts.Stream(moving_scenario(), **settings) as stream:
+        before = stream.exposure
+        stream.world.spawn("Cube", (0, 0.3, 1.2), scale=0.5)  # before the camera: less light is seen
+        frame, exposure = stream[0], stream.exposure
+        scenario = stream.scenario
+    with ts.Stream(scenario, **settings) as replay:
+        assert replay.exposure == exposure != before
+        assert same(replay[0], frame)

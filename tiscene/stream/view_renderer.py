@@ -91,7 +91,7 @@ class ViewRenderer:
         self._progress = progress
         self._session = runtime.session()
         self._renderers: dict[tuple[int, int], Renderer] = {}
-        self._exposure: float | None = None
+        self._metered: tuple[int, float] | None = None  # edits of frame 0 before the metering; stops
 
     def check_session(self) -> None:
         """Raise DeviceError if this process is a fork, or if the user's code has restarted Taichi."""
@@ -109,7 +109,7 @@ class ViewRenderer:
         self._scene = DeviceScene(stage_trees=stage_trees)
         self._measurer = Measurer(self._scene)
         self._points = PointPass(self._scene)
-        self._exposure, self._compensation = world.camera.exposure, world.scenario.exposure_compensation
+        self._compensation = world.scenario.exposure_compensation
 
     def close(self) -> None:
         """Drop all arrays now. The world refers back to this object, so they would wait for the cyclic collector."""
@@ -131,15 +131,20 @@ class ViewRenderer:
 
         If it has none, it is metered at frame 0, in that image size.
 
-        It is metered at frame 0 whatever frame is rendered first, so that a seek changes no pixel.
+        It is metered at frame 0 whatever frame is rendered first, so that a seek changes no pixel, and again after
+        edits of frame 0, as a replay of them does.
         """
-        if self._exposure is None:
-            state = self.world.state(0)
+        world = self.world
+        if world.camera.exposure is not None:
+            return world.camera.exposure + self._compensation
+        if self._metered is None or self._metered[0] != world.start_edits:
+            state = world.state(0)
             self._upload_descriptions()
-            # Without edits: those made at frame 0 come after the metering, or before it in a replay.
-            view = View(*self.world.planned_camera(0), width=width, height=height)
-            self._exposure = self._renderer(view).auto_exposure(view, state.placement, seed=self._seed)
-        return self._exposure + self._compensation
+            # From where the camera is planned to be: to move it must not change how bright the scene is.
+            view = View(*world.planned_camera(0), width=width, height=height)
+            stops = self._renderer(view).auto_exposure(view, state.placement, seed=self._seed)
+            self._metered = world.start_edits, stops
+        return self._metered[1] + self._compensation
 
     def render(
         self,

@@ -69,6 +69,7 @@ class World(CameraEdits):
         fps: frames per second.
         cameras: the scenario's cameras, else the stage's first, else one that frames the whole stage.
         next_frame: the frame at which edits take effect.
+        start_edits: number of edits that were made at frame 0 since this world was made.
         trajectories: poses of objects, cameras and lights.
         view_history: from where objects were seen before.
 
@@ -95,7 +96,7 @@ class World(CameraEdits):
         names = [camera.name for camera in self.cameras]
         if len(set(names)) < len(names):
             raise ScenarioError(f"camera: {', '.join(names)}: two cameras share a name; give each its own")
-        self.next_frame = 0
+        self.next_frame = self.start_edits = 0
         self._last_state: WorldState | None = None
         self._aspect = aspect
 
@@ -103,9 +104,8 @@ class World(CameraEdits):
             template = load_template(name)
             return replace(template, description=with_materials(template.description, scenario.overrides))
 
-        registry = ObjectRegistry(stage, load, category_ids or CategoryIds(), self._log.lives)
+        self._registry = registry = ObjectRegistry(stage, load, category_ids or CategoryIds(), self._log.lives)
         check_materials(registry.descriptions, scenario.overrides)
-        self._registry = registry
         self._stage_objects = StageObjects(stage, registry.stage_rows, registry.stage_owner, registry.stage_tracks, fps)
         self._stage_objects.settle(self._log.stage)
         self._lights = WorldLights(stage, scenario.lights)
@@ -206,14 +206,13 @@ class World(CameraEdits):
         else:
             previous = ObjectBounds(tuple(self._evaluator.objects(frame - 1)))
         placement = self._evaluator.place(frame)
-        lights = placement.lights
         return WorldState(
             frame=frame,
             aspect=self._aspect,
             cameras=tuple(self._cameras.step(frame, row) for row in range(len(self.cameras))),
             placement=placement,
             objects=objects,
-            lights=self.stage.lights if lights is None else tuple(light for _, light in lights),
+            lights=self.stage.lights if placement.lights is None else tuple(light for _, light in placement.lights),
             movers=self._evaluator.movers(frame),
             has_dynamic_lights=self._evaluator.has_dynamic_lights(frame),
             starting_lights=self._evaluator.are_starting_lights(frame, placement.light_groups),
@@ -310,7 +309,7 @@ class World(CameraEdits):
         """Move an object at the next frame.
 
         An object on a path returns to it from there, a bouncing one continues in its direction, objects of the stage
-        stay.
+        stay, or go on with their animation.
 
         Args:
             object: instance id, name in the scenario, or prim path on the stage.
@@ -391,6 +390,7 @@ class World(CameraEdits):
             self.trajectories.amend(edit)
         if edit.frame == 0:
             self._evaluator.forget_starting_lights()
+            self.start_edits += 1
 
 
 def _frame_number(frame: int) -> int:
