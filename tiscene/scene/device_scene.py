@@ -92,9 +92,6 @@ class DeviceScene:
         self._first_triangles: list[int] = [0]
         self._first_textures: list[int] = []  # by description
         self._first_materials: list[int] = []
-        self._mesh_table = np.zeros((0, 5), np.int32)
-        self._first_vertices = np.zeros(1, np.int64)
-        self._boxes = np.zeros((3, 0, 2, 3))
         self._deforming: dict[int, DeformingMesh] = {}  # by mesh row
         self.instance_count = 0
         self.placement = NO_INSTANCES
@@ -105,6 +102,7 @@ class DeviceScene:
         self._frame_roots: dict[int, Any] = {}
         self._pending: list[NDArray[Any]] | None = None  # values of the arrays of instances, not on the device yet
         self._info_at: dict[int, Any] = {}  # at other times than CURRENT, if a mesh deforms
+        self._mesh_arrays_are_stale = True
         self._upload_meshes()
         self._inverse, self._determinant = np.zeros((3, 0, 3, 4)), np.zeros((3, 0))
         self._upload_instances()
@@ -160,7 +158,8 @@ class DeviceScene:
         return result
 
     def vertex_rows(self, mesh: int) -> range:
-        """Return the rows of `vertex_position` of a mesh at CURRENT."""
+        """Return the rows of `vertex_position` of a mesh at CURRENT; one that deforms has to be placed before."""
+        self._upload_meshes()
         first = int(self._first_vertices[mesh])
         return range(first, first + len(self._meshes[mesh].positions))
 
@@ -216,8 +215,7 @@ class DeviceScene:
         times = set(times)
         if placement is self.placement and times <= self._bvh.placed():
             return
-        if self._mesh_arrays_are_stale:
-            self._upload_meshes()
+        self._upload_meshes()
         count = len(placement.mesh)
         if count and not 0 <= placement.mesh.min() <= placement.mesh.max() < len(self._meshes):
             raise ArgumentError(
@@ -255,8 +253,7 @@ class DeviceScene:
             placements: The instances of each frame.
             times: PREVIOUS, CURRENT and NEXT, as needed.
         """
-        if self._mesh_arrays_are_stale:
-            self._upload_meshes()
+        self._upload_meshes()
         times = sorted(times)
         self._place_instances(stacked(placements))
         self._bvh.reserve_trees(len(placements) * len(times))
@@ -332,6 +329,8 @@ class DeviceScene:
         return boxes
 
     def _upload_meshes(self) -> None:
+        if not self._mesh_arrays_are_stale:
+            return
         meshes = self._meshes
         copies = np.array([len(BLOCKS) if row in self._deforming else 1 for row in range(len(meshes))], np.int64)
         vertex_counts = np.array([len(mesh.positions) for mesh in meshes], np.int64)
