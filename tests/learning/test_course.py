@@ -87,8 +87,9 @@ def test_revisited_frames_have_equal_bytes(course):
     assert same(course[2], course[10])
     assert same(course[-1], course[14])
     assert [frame.index for frame in course[3:9:2]] == [3, 5, 7]
-    with pytest.raises(IndexError, match=r"outside 0\.\.14"):
-        course[15]
+    for outside in (15, -16):
+        with pytest.raises(IndexError, match=rf"frame {outside} is outside 0\.\.14"):
+            course[outside]
 
 
 def test_category_ids_are_shared_by_name_with_tests(course):

@@ -154,8 +154,9 @@ def test_length_and_bounds():
     assert len(finite) == 4
     assert finite[-1].index == 3
     assert len(finite[1:]) == 3
-    with pytest.raises(IndexError, match=r"frame 4 is outside 0\.\.3"):
-        finite[4]
+    for outside in (4, -5):
+        with pytest.raises(IndexError, match=rf"frame {outside} is outside 0\.\.3"):
+            finite[outside]
     endless = ts.Stream(moving_scenario(), **SETTINGS)
     with pytest.raises(TypeError, match="no length"):
         len(endless)

@@ -217,7 +217,8 @@ class Course(Iterator[CourseFrame]):
         if isinstance(index, slice):
             return FrameSlice(self, range(len(self))[index])
         index = operator.index(index)
-        return self._render(index + len(self) if index < 0 else index)
+        from_end = -len(self) <= index < 0
+        return self._render(index + len(self) if from_end else index)
 
     def __enter__(self) -> Course:
         return self

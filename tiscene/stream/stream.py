@@ -316,13 +316,13 @@ class Stream(FixedSettings, BatchedFrames, LoaderMethods, StreamOutput, SavedSta
             if self.frames is None and any(bound is not None and bound < 0 for bound in bounds):
                 raise ArgumentError(f"{index}: an endless stream cannot be counted from its end")
             return FrameSlice(self, range(end)[index], self.first_of)
-        index = operator.index(index)
-        if index < 0 and self.frames is not None:
-            index += self.frames
-        if not 0 <= index < end:
+        place = operator.index(index)
+        if place < 0 and self.frames is not None:
+            place += self.frames
+        if not 0 <= place < end:
             outside = "negative" if self.frames is None and index < 0 else f"outside 0..{end - 1}"
             raise IndexError(f"frame {index} is {outside}")
-        return self._render(index)
+        return self._render(place)
 
     @runtime.one_thread_at_a_time
     def _render(self, index: int, pixels: Sequence[Pixels] | None = None) -> Frame:
