@@ -275,6 +275,9 @@ def test_wrong_questions_and_states_are_refused(stream, frames):
     teacher = Supervision(stream)
     with pytest.raises(ArgumentError, match=r"pixel \(24, 0\): the image is 24 x 32 px"):
         teacher.ask(24, 0, frames[0])
+    for question, name in (((1.5, 0), "y"), ((0, 2.5), "x"), ((0, 0, 1.0), "frame")):
+        with pytest.raises(ArgumentError, match=f"{name}=.*: must be a whole number"):
+            teacher.ask(*question)
     with pytest.raises(ArgumentError, match="not a Supervision"):
         teacher.load_state_dict({"version": 0})
     with pytest.raises(ArgumentError, match="all of one length"):

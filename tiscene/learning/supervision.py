@@ -204,12 +204,13 @@ class Supervision:
             The answer; a Pending if answers are delayed; a Refused if there is none.
 
         Raises:
-            ArgumentError: the pixel is outside the image.
+            ArgumentError: the pixel is outside the image, or a number is not whole.
         """
         if isinstance(frame, Frame):
             self.hold(frame)
-        index = frame if isinstance(frame, int | np.integer) else None
-        return self._label(int(y), int(x), self.present if index is None else int(index), unasked=False)
+        row, column = argument_checks.whole(y, "y"), argument_checks.whole(x, "x")
+        index = self.present if isinstance(frame, Frame | None) else argument_checks.whole(frame, "frame")
+        return self._label(row, column, index, unasked=False)
 
     def offers(self, frame: Frame) -> Iterator[tuple[Pixel, Answer | Pending]]:
         """Yield the labels of a frame that the policy gives unasked, as pairs of pixel and answer.
