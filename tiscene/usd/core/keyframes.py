@@ -19,7 +19,7 @@ from tiscene.usd.core.time_samples import dense_times
 from tiscene.usd.core.units import Units
 
 MAX_TIMES = 100_000  # longest range of time codes that is sampled at every whole time code
-_ROTATIONS = {
+_ROTATIONS = {UsdGeom.XformOp.TypeOrient} | {
     getattr(UsdGeom.XformOp, f"TypeRotate{axes}") for axes in ("X", "Y", "Z", "XYZ", "XZY", "YXZ", "YZX", "ZXY", "ZYX")
 }
 
@@ -27,22 +27,22 @@ _ROTATIONS = {
 def sample_times(prim: Usd.Prim) -> list[float]:
     """Return the time codes at which a prim's world transform is authored, ascending; fewer than two if it is static.
 
-    Animated angles are sampled at every whole time code between: USD interpolates the angles, while keyframes rotate
-    the shortest way.
+    Animated rotations are sampled at every whole time code between: USD interpolates the angles, while keyframes rotate
+    the shortest way, and what turns about another point than its own moves along an arc.
     """
     times: set[float] = set()
-    has_angles = False
+    turns = False
     while prim and not prim.IsPseudoRoot():
         xformable = UsdGeom.Xformable(prim)
         if xformable:
             for op in xformable.GetOrderedXformOps():
                 samples = op.GetTimeSamples()
                 times.update(samples)
-                has_angles = has_angles or (len(samples) > 1 and op.GetOpType() in _ROTATIONS)
+                turns = turns or (len(samples) > 1 and op.GetOpType() in _ROTATIONS)
             if xformable.GetResetXformStack():
                 break
         prim = prim.GetParent()
-    return dense_times(times, MAX_TIMES) if has_angles else sorted(times)
+    return dense_times(times, MAX_TIMES) if turns else sorted(times)
 
 
 def read_lifespan(prim: Usd.Prim, report: StageReport) -> tuple[int, int | None] | None:
