@@ -119,6 +119,12 @@ def is_object_instance(prim: Usd.Prim) -> bool:
     return bool(prim.IsInstance()) and not _is_of_kind(prim, Kind.Tokens.group)
 
 
+def is_in_object(prim: Usd.Prim) -> bool:
+    """Return whether a prim is below an object."""
+    parent = prim.GetParent()
+    return bool(parent) and (is_component(parent) or is_object_instance(parent) or is_in_object(parent))
+
+
 def _is_of_kind(prim: Usd.Prim, kind: str) -> bool:
     if not prim.HasAuthoredMetadata("kind"):
         return False

@@ -107,5 +107,6 @@ def _template(stage: Usd.Stage, path: str, time: Usd.TimeCode, report: StageRepo
 
 def _parents(prim: Usd.Prim) -> Iterator[Usd.Prim]:
     """Yield the imageable ancestors of a prim, from its parent up."""
-    while (prim := prim.GetParent()) and prim.IsA(UsdGeom.Imageable):
-        yield prim
+    while prim := prim.GetParent():
+        if prim.IsA(UsdGeom.Imageable):
+            yield prim

@@ -139,12 +139,18 @@ class StageReader(PointInstancerReader):
         return TraversalContext(world, visible, purpose, label, own, owner, animated)
 
     def _is_animated_by_scenario(self, prim: Usd.Prim, inherited: TraversalContext, is_object: bool) -> bool:
-        """Return whether a scenario animates a prim, not an instance track: objects, lights and whole templates."""
+        """Return whether a scenario animates a prim, not an instance track: objects, lights and whole templates.
+
+        An object within another one, or within an instance of several, moves by a track: no scenario holds it.
+        """
         if self._parts is not None or prim.GetPath() in self._report.budget.baked_skins:
             return False
         if self._top != Sdf.Path.absoluteRootPath:
             return bool(prim.GetPath() == self._top)
-        return is_object or is_light(prim) or (inherited.owner is None and bool(prim.IsA(UsdGeom.Gprim)))
+        is_gprim = bool(prim.IsA(UsdGeom.Gprim))
+        if is_light(prim) and not is_gprim:
+            return True
+        return (is_object or is_gprim) and inherited.owner is None and not prim.IsInstanceProxy()
 
     def _read(self, prim: Usd.Prim, here: TraversalContext, predicate: Any) -> bool:
         """Read one prim and return whether to traverse its children."""

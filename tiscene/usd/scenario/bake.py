@@ -206,7 +206,7 @@ def _write_lights(over: OverLayer, world: BakedWorld, recorded: _Recording) -> N
     for path, lights in recorded.lights.items():
         start = authored[path]
         offsets = {frame: _offset(start.world_from_light, light.world_from_light) for frame, light in lights.items()}
-        prim = over.stage.GetPrimAtPath(path)
+        prim = over.editable(path)
         if any(not np.array_equal(offset, np.eye(4)) for offset in offsets.values()):
             prim = _write_offsets(over, path, offsets)
         if any(emitted(light) != emitted(start) for light in lights.values()):
@@ -218,7 +218,7 @@ def _write_offsets(over: OverLayer, path: str, offsets: Offsets) -> Usd.Prim:
 
     Raises ArgumentError for a path that is not a transformable prim, such as one point of an instancer.
     """
-    prim = over.stage.GetPrimAtPath(path) if Sdf.Path.IsValidPathString(path) else None
+    prim = over.editable(path)
     start = read_pose(prim, reading_time(over.stage, None), over.units) if prim else "it is not a prim of its own"
     if prim is None or isinstance(start, str):
         raise ArgumentError(f"the motion of {path!r} cannot be written: {start}")

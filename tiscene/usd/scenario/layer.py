@@ -17,7 +17,7 @@ from tiscene.scene.camera import Camera
 from tiscene.scene.description import Matrix
 from tiscene.usd.core.layers import catalog_path
 from tiscene.usd.core.pose import PoseOperations, pose_operations, read_pose
-from tiscene.usd.core.semantics import spaced
+from tiscene.usd.core.semantics import is_in_object, is_object_instance, spaced
 from tiscene.usd.core.stage import Variants, open_stage, reading_time, select_variants
 from tiscene.usd.core.transform import to_matrix
 from tiscene.usd.core.units import Units
@@ -94,6 +94,22 @@ class OverLayer:
         """Return the path of a Scope below the root prim, which is created if needed."""
         path = self.root.AppendChild(name)
         return path if self.stage.GetPrimAtPath(path) else self._scope(path)
+
+    def editable(self, path: str) -> Usd.Prim | None:
+        """Return a prim of the scene to override, None if there is none.
+
+        An instance that it is in becomes a plain prim, which still is an object of its own if it was one.
+        """
+        prim = self.stage.GetPrimAtPath(path) if Sdf.Path.IsValidPathString(path) else None
+        while prim and prim.IsInstanceProxy():
+            outer = prim
+            while not outer.IsInstance() or outer.IsInstanceProxy():
+                outer = outer.GetParent()
+            if is_object_instance(outer) and not is_in_object(outer):
+                Usd.ModelAPI(outer).SetKind("component")
+            outer.SetInstanceable(False)
+            prim = self.stage.GetPrimAtPath(path)
+        return prim if prim else None
 
     def define_object(
         self, name: str, template: str, *, euler: bool = False, scale: Sequence[float] = (1.0, 1.0, 1.0)

@@ -152,10 +152,11 @@ class _ScenarioReader:
         return best[0] if best else None
 
     def _lights_of(self, prim: Usd.Prim, is_object: bool) -> list[dict[str, Any]]:
-        """Return the motions of a light, or of the lights within an object of the stage."""
+        """Return the motions of a light, or of the lights within an object or an instance of the stage."""
         lights = []
         with self._report.guard(prim.GetPath()):
-            inside = Usd.PrimRange(prim) if _is_stage_object(prim) and not is_object else [prim]
+            closed = prim.IsInstance() or _is_stage_object(prim)  # `_walk` does not enter it
+            inside = Usd.PrimRange(prim, Usd.TraverseInstanceProxies()) if closed and not is_object else [prim]
             for each in inside:
                 shown = _is_light_only(each) and self._is_shown(each)
                 motion = read_light_motion(each, self._units, self._report) if shown else None
@@ -163,9 +164,9 @@ class _ScenarioReader:
                     lights.append(motion)
         return lights
 
-    def _is_shown(self, light: Usd.Prim) -> bool:
-        """Return whether a light is read as one of the stage: visible at some time, and in no prototype of points."""
-        prim = light
+    def _is_shown(self, shown: Usd.Prim) -> bool:
+        """Return whether a prim is read as one of the stage: visible at some time, and in no prototype of points."""
+        prim = shown
         while prim and not prim.IsPseudoRoot():
             if prim.IsA(UsdGeom.PointInstancer):
                 return False
@@ -177,7 +178,7 @@ class _ScenarioReader:
             ):
                 return False
             prim = prim.GetParent()
-        return UsdGeom.Imageable(light).ComputePurpose() in (UsdGeom.Tokens.default_, UsdGeom.Tokens.render)
+        return UsdGeom.Imageable(shown).ComputePurpose() in (UsdGeom.Tokens.default_, UsdGeom.Tokens.render)
 
     def _walk(self) -> Iterator[tuple[Usd.Prim, bool]]:
         """Yield each prim and whether it is an object of the scenario. Prims within an object are left out."""
@@ -210,9 +211,8 @@ class _ScenarioReader:
         return None
 
     def _object(self, prim: Usd.Prim) -> dict[str, Any] | None:
-        """Return an object's JSON object; None for an invisible prim or, with a problem, for an invalid transform."""
-        visibility = UsdGeom.Imageable(prim).GetVisibilityAttr()
-        if not visibility.GetNumTimeSamples() and visibility.Get() == UsdGeom.Tokens.invisible:
+        """Return an object's JSON object; None if it is not shown or, with a problem, for an invalid transform."""
+        if not self._is_shown(prim):
             return None
         pose = read_pose(prim, self._time, self._units)
         if isinstance(pose, str):

@@ -1,0 +1,136 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Objects with time samples wherever they are on a stage: hidden, nested, in instances; where USD places them."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+import tiscene as ts
+from tests.usd.helpers import write
+from tiscene.usd.core.stage import open_stage
+
+RANGE = 'startTimeCode = 0\n    endTimeCode = 10\n    timeCodesPerSecond = 10\n    defaultPrim = "Cart"'
+MOVED = """double3 xformOp:translate.timeSamples = { 0: (-1, 0, 0), 10: (1, 0, 0) }
+    uniform token[] xformOpOrder = ["xformOp:translate"]"""
+COMPONENT = 'def Xform "%s" (\n kind = "component"\n)\n{\n %s\n def Cube "Body"\n {\n }\n}\n'
+FLOOR = """
+def Cube "Floor"
+{
+    double3 xformOp:translate = (0, -9, 0)
+    uniform token[] xformOpOrder = ["xformOp:translate"]
+}
+"""
+
+
+def stream(path) -> ts.Stream:
+    return ts.Stream(path, width=16, height=12, fps=10.0, buffers=("instance",), camera=ts.Camera((0, 0, 10)))
+
+
+def middles(source: ts.Stream, frame: int) -> dict[str, list[float]]:
+    """Return the middle of each object's box at a frame, by the object's path."""
+    rows = [row for row in source[frame].objects if row.amodal_pixels]
+    return {row.prim_path or row.template: np.mean(row.world_bounds, axis=0).round(4).tolist() for row in rows}
+
+
+@pytest.mark.parametrize(
+    "hidden", ['token visibility = "invisible"', 'uniform token purpose = "guide"', 'uniform token purpose = "proxy"']
+)
+@pytest.mark.parametrize("on_itself", [False, True])
+def test_hidden_prim_stays_hidden_when_it_moves(tmp_path, hidden, on_itself):
+    thing = COMPONENT % ("Thing", MOVED + ("\n" + hidden if on_itself else ""))
+    path = write(tmp_path, f'def Xform "Rig"\n{{\n{"" if on_itself else hidden}\n{thing}}}' + FLOOR, more=RANGE)
+    assert "/Rig/Thing" not in middles(stream(path), 0)
+    assert ts.Scenario.load(path).objects == ()
+
+
+def test_object_appears_with_a_group_above_a_prim_without_a_type(tmp_path):
+    group = 'def Xform "Group"\n{\n token visibility.timeSamples = { 0: "invisible", 5: "inherited" }\n %s}'
+    path = write(tmp_path, group % ('def "Plain"\n{\n%s}\n' % (COMPONENT % ("Thing", MOVED))) + FLOOR, more=RANGE)
+    source = stream(path)
+    assert ["/Group/Plain/Thing" in middles(source, frame) for frame in (0, 6)] == [False, True]
+
+
+def test_object_within_an_object_moves(tmp_path):
+    """By its own samples, and by those of a part of the outer object."""
+    drawer = COMPONENT % ("Drawer", MOVED)
+    door = f'def Xform "Door"\n{{\n{MOVED}\n{COMPONENT % ("Handle", "")}}}\n'
+    source = stream(write(tmp_path, COMPONENT % ("Desk", drawer + door), more=RANGE))
+    for path in ("/Desk/Drawer", "/Desk/Door/Handle"):
+        assert [middles(source, frame)[path][0] for frame in (0, 5, 10)] == [-1.0, 0.0, 1.0]
+
+
+def test_prototype_of_points_moves_with_all_its_points(tmp_path):
+    points = """
+def PointInstancer "Points"
+{
+    point3f[] positions = [(0, 0, 0), (0, 3, 0)]
+    int[] protoIndices = [0, 0]
+    rel prototypes = </Points/Thing>
+    def Cube "Thing"
+    {
+        %s
+    }
+}
+"""
+    source = stream(write(tmp_path, points % MOVED, more=RANGE))
+    assert middles(source, 0) == {"/Points[0]": [-1, 0, 0], "/Points[1]": [-1, 3, 0]}
+    assert middles(source, 5) == {"/Points[0]": [0, 0, 0], "/Points[1]": [0, 3, 0]}
+
+
+@pytest.fixture
+def carts(tmp_path):
+    """A stage with two instances of a file, of the kind assembly: an object, a gprim and a lamp that move."""
+    gprim = f'def Cube "Loose"\n{{\n{MOVED}\n}}\n'
+    lamp = f'def SphereLight "Lamp"\n{{\n{MOVED}\nfloat inputs:intensity.timeSamples = {{ 0: 1, 10: 3 }}\n}}\n'
+    cart = f'def Xform "Cart" (\n kind = "assembly"\n)\n{{\n{COMPONENT % ("Thing", MOVED)}{gprim}{lamp}}}\n'
+    write(tmp_path, cart, more=RANGE, name="cart.usda")
+    placed = """
+def "%s" (
+    instanceable = true
+    prepend references = @./cart.usda@
+)
+{
+    double3 xformOp:translate:own = (0, %g, 0)
+    uniform token[] xformOpOrder = ["xformOp:translate:own"]
+}
+"""
+    return write(tmp_path, placed % ("Near", 0) + placed % ("Far", 3), more=RANGE)
+
+
+def test_objects_and_lights_in_an_instance_of_several_move(carts):
+    source = stream(carts)
+    for frame, x in ((0, -1), (5, 0)):
+        found = middles(source, frame)
+        assert {path: found[path] for path in ("/Near/Thing", "/Near/Loose")} == {
+            path: [x, 0, 0] for path in ("/Near/Thing", "/Near/Loose")
+        }
+        assert found["/Far/Thing"] == [x, 3, 0]
+        lights = {each.prim_path: each for each in source.world.state(frame).lights}
+        assert lights["/Far/Lamp"].world_from_light[:3, 3].round(4).tolist() == [x, 3, 0]
+        assert lights["/Far/Lamp"].radiance[0] == pytest.approx(1 + 0.2 * frame)
+
+
+def test_edits_and_lights_in_instances_are_written_as_motion(carts, tmp_path):
+    source = stream(carts)
+    source.world.move("/Far/Thing", position=(0, 5, 0))
+    source.to_usd(tmp_path / "motion.usda", frames=4)
+    again = stream(tmp_path / "motion.usda")
+    assert middles(again, 2)["/Far/Thing"][1] == 5
+    assert set(middles(again, 2)) == set(middles(source, 2))
+    assert not open_stage(tmp_path / "motion.usda").GetPrimAtPath("/Far").IsInstance()
+    for frame in (0, 3):
+        mine, other = ({each.prim_path: each for each in s.world.state(frame).lights} for s in (source, again))
+        for path in ("/Near/Lamp", "/Far/Lamp"):
+            np.testing.assert_allclose(mine[path].world_from_light, other[path].world_from_light, atol=1e-6)
+            np.testing.assert_allclose(mine[path].radiance, other[path].radiance, rtol=1e-6)
+
+
+def test_object_moves_along_an_arc_about_a_turning_group(tmp_path):
+    """Orientations of a group are interpolated as USD does, on every whole time code."""
+    turned = """quatf xformOp:orient.timeSamples = { 0: (1, 0, 0, 0), 10: (0.70710678, 0, 0, 0.70710678) }
+    uniform token[] xformOpOrder = ["xformOp:orient"]"""
+    placed = 'double3 xformOp:translate = (4, 0, 0)\nuniform token[] xformOpOrder = ["xformOp:translate"]'
+    path = write(tmp_path, f'def Xform "Arm"\n{{\n{turned}\n{COMPONENT % ("Hand", placed)}}}', more=RANGE)
+    (middle,) = middles(stream(path), 5).values()
+    np.testing.assert_allclose(middle, (8**0.5, 8**0.5, 0), atol=1e-3)
