@@ -287,6 +287,7 @@ class Scenario:
         variants: Mapping[str, str] | None = None,
         still: bool = False,
         limits: Any = None,
+        camera: Camera | str | Sequence[Camera | str] | None = None,
     ) -> Scenario:
         """Read a scenario file, or the scenario that is authored on a USD stage.
 
@@ -296,6 +297,7 @@ class Scenario:
             variants: variant selections, added to those in the file.
             still: read no motion from a stage.
             limits: `ts.Limits` of time and memory that reading a stage may take; None: unlimited.
+            camera: a camera, or several, in place of the source's; one that is named moves as it does on the stage.
 
         Raises:
             ArgumentError, MissingFile, SceneNotFound: there is no such source.
@@ -306,15 +308,23 @@ class Scenario:
             raise ArgumentError(f"source={source!r}: must be a Scenario, a scene's name or a file")
         if Path(source).suffix.lower() == ".json":
             loaded = cls._load_json(Path(source))
-            return replace(loaded, variants={**loaded.variants, **variants}) if variants else loaded
+            loaded = replace(loaded, variants={**loaded.variants, **variants}) if variants else loaded
+            return loaded if camera is None else replace(loaded, camera=camera)
         if still:
-            return cls(os.fspath(source), variants=dict(variants or {}))
+            return cls(os.fspath(source), variants=dict(variants or {}), camera=camera)
         file = catalog.find_scene(source)
         authored = provider("read_usd")(file, variants=variants, limits=limits)
         content = {"format": FORMAT, "version": VERSION, "scene": os.fspath(source)} | authored.content
         content["variants"] = content.get("variants", {}) | dict(variants or {})
         try:
-            return cls.from_json(content)
+            loaded = cls.from_json(content)
+            if camera is None:
+                return loaded
+            cameras = check_cameras(camera)
+            moving = {name: cls.from_json(content | {"camera": each}).camera for name, each in authored.cameras.items()}
+            if isinstance(cameras, tuple):
+                return replace(loaded, camera=tuple(_played(each, moving) for each in cameras))
+            return replace(loaded, camera=_played(cameras, moving))
         except ScenarioError as error:
             row = re.match(r"objects\[(\d+)\]", str(error))
             prim = f"<{authored.prim_paths[int(row.group(1))]}> " if row else ""
@@ -335,6 +345,11 @@ class Scenario:
 
 
 SCENARIOS = classes(Scenario)
+
+
+def _played(camera: Camera | str, moving: Mapping[str, Any]) -> Camera | str:
+    """Return a camera as it moves on the stage, if it is named and moves."""
+    return moving.get(camera, camera) if isinstance(camera, str) else camera
 
 
 def _path_of(each: Object) -> Dynamic:

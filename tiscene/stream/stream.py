@@ -184,12 +184,12 @@ class Stream(FixedSettings, BatchedFrames, LoaderMethods, StreamOutput, SavedSta
             limits=limits,
         )
         if not isinstance(source, Scenario):
-            source = Scenario.load(source, variants=variants, still=untrusted or time_code is not None, limits=limits)
+            still = untrusted or time_code is not None
+            source = Scenario.load(source, variants=variants, still=still, limits=limits, camera=camera)
             source = self.stages.without_empty_objects(source)
-        elif variants is not None:
-            source = replace(source, variants={**source.variants, **variants})
-        if camera is not None:
-            source = replace(source, camera=camera)
+        else:
+            source = source if variants is None else replace(source, variants={**source.variants, **variants})
+            source = source if camera is None else replace(source, camera=camera)
         self.width, self.height = image_size(width, height, self.stages.stage(source).resolution)
         self.restart(source)
         self.world.category_ids.check_selection(each.category for each in catalog.templates().values())

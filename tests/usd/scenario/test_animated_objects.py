@@ -8,6 +8,7 @@ import pytest
 
 import tiscene as ts
 from tests.usd.helpers import write
+from tiscene.errors import CameraNotFound, StageWarning
 from tiscene.usd.core.stage import open_stage
 
 RANGE = 'startTimeCode = 0\n    endTimeCode = 10\n    timeCodesPerSecond = 10\n    defaultPrim = "Cart"'
@@ -134,3 +135,57 @@ def test_object_moves_along_an_arc_about_a_turning_group(tmp_path):
     path = write(tmp_path, f'def Xform "Arm"\n{{\n{turned}\n{COMPONENT % ("Hand", placed)}}}', more=RANGE)
     (middle,) = middles(stream(path), 5).values()
     np.testing.assert_allclose(middle, (8**0.5, 8**0.5, 0), atol=1e-3)
+
+
+CAMERAS = """
+def Camera "Still"
+{
+    double3 xformOp:translate = (0, 0, 10)
+    uniform token[] xformOpOrder = ["xformOp:translate"]
+}
+def Camera "Moving"
+{
+    %s
+}
+def Xform "Cart" (
+    kind = "component"
+)
+{
+    %s
+    def Cube "Body"
+    {
+    }
+    def Camera "OnCart"
+    {
+        double3 xformOp:translate = (0, 2, 0)
+        uniform token[] xformOpOrder = ["xformOp:translate"]
+    }
+}
+"""
+
+
+def test_named_cameras_move_as_on_the_stage(tmp_path):
+    """Also one within an object that moves, and several at once."""
+    path = write(tmp_path, CAMERAS % (MOVED, MOVED) + FLOOR, more=RANGE)
+    options = {"width": 8, "height": 6, "fps": 10.0, "buffers": ("instance",)}
+    names = {"Still": ((0, 0, 10), (0, 0, 10)), "Moving": ((-1, 0, 0), (0, 0, 0)), "OnCart": ((-1, 2, 0), (0, 2, 0))}
+    for name, expected in names.items():
+        source = ts.Stream(path, camera=name, **options)
+        assert [source[frame].camera.position for frame in (0, 5)] == [pytest.approx(each) for each in expected]
+    views = ts.Stream(path, camera=list(names), **options)[5].views
+    assert {name: views[name].camera.position for name in names} == {
+        name: pytest.approx(expected[1]) for name, expected in names.items()
+    }
+    still = ts.Stream(path, camera="Moving", time_code=10.0, **options)
+    assert [still[frame].camera.position[0] for frame in (0, 5)] == [1, 1]
+    with pytest.raises(CameraNotFound, match="OnCart"):
+        ts.Stream(path, camera="OnKart", **options)
+
+
+def test_camera_below_a_prim_that_moves_by_the_schema_is_named(tmp_path):
+    schema = 'prepend apiSchemas = ["TisceneMotionAPI"]\n kind = "component"'
+    body = CAMERAS.replace('kind = "component"', schema) % (MOVED, 'uniform token tiscene:motion:type = "orbit"')
+    with pytest.warns(
+        StageWarning, match="a camera below a prim of TisceneMotionAPI does not follow it: </Cart/OnCart>"
+    ):
+        ts.Scenario.load(write(tmp_path, body, more=RANGE))

@@ -23,7 +23,7 @@ from tiscene.usd.read.traversal_context import TraversalContext
 
 
 class RemainderReader(StageReader):
-    """Reads a stage without some of its prims and their descendants."""
+    """Reads a stage without some of its prims and their descendants, except cameras."""
 
     def __init__(
         self,
@@ -38,7 +38,11 @@ class RemainderReader(StageReader):
         self._extracted = frozenset(extract)
 
     def _read(self, prim: Usd.Prim, here: TraversalContext, predicate: Any) -> bool:
-        return str(prim.GetPath()) not in self._extracted and super()._read(prim, here, predicate)
+        if not self._extracted or not any(str(path) in self._extracted for path in prim.GetPath().GetPrefixes()):
+            return super()._read(prim, here, predicate)
+        if prim.IsA(UsdGeom.Camera):  # no template holds it
+            self._read_camera(prim, here)
+        return not prim.IsA(UsdGeom.PointInstancer)
 
 
 class _ExtractedReader(StageReader):

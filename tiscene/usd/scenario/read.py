@@ -7,9 +7,7 @@ The result is the JSON object of a scenario (`Scenario.to_json`), since `tiscene
 
 from __future__ import annotations
 
-import dataclasses
 import json
-import math
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
@@ -21,7 +19,7 @@ from tiscene.scene.camera import Camera
 from tiscene.usd.core import schema
 from tiscene.usd.core.keyframes import read_keyframes, read_lifespan
 from tiscene.usd.core.limits import Limits
-from tiscene.usd.core.pose import PrimPose, is_same_pose, read_pose
+from tiscene.usd.core.pose import is_same_pose, read_pose
 from tiscene.usd.core.report import StageReport
 from tiscene.usd.core.schema import authored, targets
 from tiscene.usd.core.semantics import is_component, is_object_instance
@@ -29,13 +27,14 @@ from tiscene.usd.core.stage import Variants, open_stage, quiet, readable, readin
 from tiscene.usd.core.transform import to_matrix
 from tiscene.usd.core.units import Units
 from tiscene.usd.lights.light import is_light
-from tiscene.usd.read.stage_camera import read_camera
+from tiscene.usd.read.stage_camera import read_camera, with_unique_names
 from tiscene.usd.read.stage_render_settings import read_render_settings
 from tiscene.usd.read.subprocess_reader import read_in_subprocess
 from tiscene.usd.scenario.joint_schema import read_joints
 from tiscene.usd.scenario.light_time_samples import read_light_motion
 from tiscene.usd.scenario.motion_schema import read_dynamic
 from tiscene.usd.scenario.rigid_body_schema import read_rigid_body
+from tiscene.usd.scenario.stage_cameras import ancestors, exact_camera, stage_cameras
 
 _TIMINGS = {
     "allTogether": "AllTogether",
@@ -51,10 +50,12 @@ class AuthoredScenario:
     Attributes:
         content: members of the scenario's JSON object; without `scene` if the stage itself is the scene.
         prim_paths: prims of its objects, in their order.
+        cameras: the stage's cameras that move, JSON objects by name, for a choice of other cameras than the scenario's.
     """
 
     content: dict[str, Any]
     prim_paths: tuple[str, ...]
+    cameras: dict[str, dict[str, Any]]
 
 
 def read_scenario(
@@ -89,10 +90,10 @@ def read_scenario(
     return result
 
 
-def _read_as_tuple(path: str, *, variants: Variants | None) -> tuple[dict[str, Any], tuple[str, ...]]:
+def _read_as_tuple(path: str, *, variants: Variants | None) -> tuple[Any, ...]:
     """Read a scenario in a child process, which can return built-in types only."""
     result = read_scenario(path, variants=variants)
-    return result.content, result.prim_paths
+    return result.content, result.prim_paths, result.cameras
 
 
 class _ScenarioReader:
@@ -106,15 +107,13 @@ class _ScenarioReader:
         self._settings = read_render_settings(stage)
 
     def read(self) -> AuthoredScenario:
-        scenarios, prims, cameras, lights = [], [], [], []
+        scenarios, prims, lights = [], [], []
         for prim, is_object in self._walk():
             schema.report_unknown_properties(prim, self._report)
             lights += self._lights_of(prim, is_object)
             if schema.has(prim, schema.SCENARIO):
                 scenarios.append(prim)
-            if prim.IsA(UsdGeom.Camera):
-                cameras.append(prim)
-            elif is_object:
+            if is_object:
                 prims.append(prim)
         root = self._strongest(scenarios)
         content: dict[str, Any] = {}
@@ -133,12 +132,13 @@ class _ScenarioReader:
                 paths.append(str(prim.GetPath()))
         self._name(objects, paths)
         content |= read_joints(self._stage, objects, paths, content.get("physics", False), self._time, self._report)
-        camera = None
+        cameras, camera, moving = stage_cameras(self._stage), None, {}
         with self._report.guard("/"):
             camera = self._camera(root, cameras)
+            moving = self._moving_cameras(cameras)
         content = {"lights": lights} | content if lights else content
         content |= {"objects": objects} | ({} if camera is None else {"camera": camera})
-        return AuthoredScenario(content, tuple(paths))
+        return AuthoredScenario(content, tuple(paths), moving)
 
     def _strongest(self, scenarios: list[Usd.Prim]) -> Usd.Prim | None:
         """Return the scenario prim of the strongest layer: a scenario written over a scene replaces the scene's own."""
@@ -312,6 +312,16 @@ class _ScenarioReader:
         indices = indices or [0] * len(ids)
         return [[each or index, time] for each, index, time in zip(ids, indices, times, strict=True)]
 
+    def _moving_cameras(self, cameras: list[Usd.Prim]) -> dict[str, dict[str, Any]]:
+        """Return the JSON objects of the cameras that move, by the names that `read_stage` gives them."""
+        named = with_unique_names([(prim.GetPath(), Camera(name=prim.GetName())) for prim in cameras])
+        found = {each.name: self._one_camera(prim, False) for each, prim in zip(named, cameras, strict=True)}
+        for prim in cameras:
+            if any(schema.has(parent, schema.MOTION) for parent in ancestors(prim)):
+                text = "a camera below a prim of TisceneMotionAPI does not follow it"
+                self._report.omission(prim.GetPath(), text)
+        return {name: content | {"name": name} for name, content in found.items() if isinstance(content, dict)}
+
     def _camera(self, root: Usd.Prim | None, cameras: list[Usd.Prim]) -> Any:
         """Return the camera, or a list of them if the scenario lists several.
 
@@ -343,41 +353,7 @@ class _ScenarioReader:
         pose = read_pose(prim, self._time, self._units)
         if camera is None or isinstance(pose, str):
             return None
-        return self._exact_camera(prim, camera, pose) | {"dynamic": dynamic}
-
-    @staticmethod
-    def _exact_camera(prim: Usd.Prim, camera: Camera, pose: PrimPose) -> dict[str, Any]:
-        """Return a camera's JSON object, with the exact values of TisceneCameraAPI where they agree with the camera."""
-        content = dataclasses.asdict(dataclasses.replace(camera, dynamic=None))
-        content["position"] = list(pose.position)
-        if len(pose.rotation) == 4:
-            content["rotation"] = list(pose.rotation)
-        content["name"] = authored(prim, "tiscene:camera:name") or camera.name
-        for key, name in CAMERA_VALUES.items():
-            value = authored(prim, f"tiscene:camera:{name}")
-            if (
-                value is not None
-                and content[key] is not None
-                and math.isclose(value, content[key], rel_tol=1e-5, abs_tol=1e-7)
-            ):
-                content[key] = float(value)
-        if schema.has(prim, schema.CAMERA):
-            content["aspect"] = authored(prim, "tiscene:camera:aspect") or None
-            content["aperture_offset"] = list(authored(prim, "tiscene:camera:apertureOffset") or camera.aperture_offset)
-            content["conform"] = str(authored(prim, "tiscene:camera:conform") or camera.conform)
-        return content
-
-
-# Members of a camera's JSON object, and the attributes of TisceneCameraAPI that hold their exact values.
-CAMERA_VALUES = {
-    "vertical_fov": "verticalFov",
-    "lens_radius": "lensRadius",
-    "focus_distance": "focusDistance",
-    "near": "near",
-    "far": "far",
-    "exposure": "exposure",
-    "orthographic_height": "viewHeight",
-}
+        return exact_camera(prim, camera, pose) | {"dynamic": dynamic}
 
 
 def _authoring_layers(prim: Usd.Prim, layers: list[Sdf.Layer]) -> list[Sdf.Layer]:

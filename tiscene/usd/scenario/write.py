@@ -19,8 +19,8 @@ from tiscene.usd.core.stage import quiet, readable
 from tiscene.usd.scenario.joint_schema import write_joints
 from tiscene.usd.scenario.layer import OverLayer
 from tiscene.usd.scenario.motion_schema import write_dynamic
-from tiscene.usd.scenario.read import CAMERA_VALUES
 from tiscene.usd.scenario.rigid_body_schema import write_rigid_body
+from tiscene.usd.scenario.stage_cameras import CAMERA_VALUES
 
 _TYPES = Sdf.ValueTypeNames
 

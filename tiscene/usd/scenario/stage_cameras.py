@@ -1,0 +1,68 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Cameras of a stage as members of a scenario: which there are, and their exact values by TisceneCameraAPI."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from collections.abc import Iterator
+from typing import Any
+
+from pxr import Usd, UsdGeom
+
+from tiscene.scene.camera import Camera
+from tiscene.usd.core import schema
+from tiscene.usd.core.pose import PrimPose
+from tiscene.usd.core.schema import authored
+from tiscene.usd.read.traversal_context import DEFINED
+
+# Members of a camera's JSON object, and the attributes of TisceneCameraAPI that hold their exact values.
+CAMERA_VALUES = {
+    "vertical_fov": "verticalFov",
+    "lens_radius": "lensRadius",
+    "focus_distance": "focusDistance",
+    "near": "near",
+    "far": "far",
+    "exposure": "exposure",
+    "orthographic_height": "viewHeight",
+}
+
+
+def stage_cameras(stage: Usd.Stage) -> list[Usd.Prim]:
+    """Return the cameras in the order of `read_stage`: those in objects and instances too, but not those of points."""
+    cameras = []
+    prims = iter(Usd.PrimRange(stage.GetPseudoRoot(), DEFINED))
+    for prim in prims:
+        if prim.IsA(UsdGeom.PointInstancer):
+            prims.PruneChildren()
+        elif prim.IsA(UsdGeom.Camera):
+            cameras.append(prim)
+    return cameras
+
+
+def ancestors(prim: Usd.Prim) -> Iterator[Usd.Prim]:
+    """Yield the ancestors of a prim, from its parent up."""
+    while (prim := prim.GetParent()) and not prim.IsPseudoRoot():
+        yield prim
+
+
+def exact_camera(prim: Usd.Prim, camera: Camera, pose: PrimPose) -> dict[str, Any]:
+    """Return a camera's JSON object, with the exact values of TisceneCameraAPI where they agree with the camera."""
+    content = dataclasses.asdict(dataclasses.replace(camera, dynamic=None))
+    content["position"] = list(pose.position)
+    if len(pose.rotation) == 4:
+        content["rotation"] = list(pose.rotation)
+    content["name"] = authored(prim, "tiscene:camera:name") or camera.name
+    for key, name in CAMERA_VALUES.items():
+        value = authored(prim, f"tiscene:camera:{name}")
+        if (
+            value is not None
+            and content[key] is not None
+            and math.isclose(value, content[key], rel_tol=1e-5, abs_tol=1e-7)
+        ):
+            content[key] = float(value)
+    if schema.has(prim, schema.CAMERA):
+        content["aspect"] = authored(prim, "tiscene:camera:aspect") or None
+        content["aperture_offset"] = list(authored(prim, "tiscene:camera:apertureOffset") or camera.aperture_offset)
+        content["conform"] = str(authored(prim, "tiscene:camera:conform") or camera.conform)
+    return content
