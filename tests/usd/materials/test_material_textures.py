@@ -28,6 +28,7 @@ def texture(lines: str, read_by: str = "") -> str:
     return material(surface + shader("Image", "UsdUVTexture", lines, "float3 outputs:rgb") + read_by)
 
 
+ST = 'texCoord2f[] primvars:st = [(0, 0)] (interpolation = "constant")\n'
 FALLBACK = "float4 inputs:fallback = (0.5, 0.25, 0, 1)\n"
 
 
@@ -173,9 +174,8 @@ def test_missing_second_uv_primvar_is_reported(textures):
         + shader("R", "UsdPrimvarReader_float2", 'string inputs:varname = "st"', "float2 outputs:result")
         + shader("S", "UsdPrimvarReader_float2", 'string inputs:varname = "map2"', "float2 outputs:result")
     )
-    read_with_warning(
-        textures, material(shaders), "has no primvar 'map2', which its material reads; 'st' is used instead: </M>"
-    )
+    expected = "has no primvar 'map2', which its material reads; 'st' is used instead: </M>"
+    read_with_warning(textures, material(shaders, lines=ST), expected)
 
 
 def test_subsets_read_different_uv_primvars(textures):
@@ -218,3 +218,28 @@ def Scope "Looks"
     (mesh,) = read(textures, body).meshes
     np.testing.assert_array_equal(mesh.uv[mesh.triangles[0]], np.full((3, 2), 2.0))
     np.testing.assert_array_equal(mesh.uv[mesh.triangles[1]], np.full((3, 2), 4.0))
+
+
+IMAGE = 'asset inputs:file = @./textures/color.png@\ntoken inputs:wrapS = "clamp"\ntoken inputs:wrapT = "clamp"\n'
+
+
+@pytest.mark.parametrize("name", ["st", "map1"])
+def test_mesh_without_the_texture_coordinates_that_its_material_reads_is_named(textures, name):
+    reader = shader("Reader", "UsdPrimvarReader_float2", f'string inputs:varname = "{name}"', "float2 outputs:result")
+    body = texture(IMAGE + "float2 inputs:st.connect = </Looks/L/Reader.outputs:result>", reader)
+    text = f"has no primvar '{name}', which its material reads; %s: </M>"
+    read_with_warning(textures, body, text % r"its texture coordinates are \(0, 0\)")
+    if name != "st":
+        body = body.replace("rel material:binding", ST + "rel material:binding", 1)
+        read_with_warning(textures, body, text % "'st' is used instead")
+
+
+@pytest.mark.parametrize("inside", [False, True])
+def test_constant_texture_coordinates_read_one_point(textures, inside):
+    point = "float2 inputs:%s = (0.25, 0.75)"
+    transform = shader(
+        "Move", "UsdTransform2d", point % "in" + "\nfloat2 inputs:scale = (2, 1)", "float2 outputs:result"
+    )
+    st = "float2 inputs:st.connect = </Looks/L/Move.outputs:result>" if inside else point % "st"
+    lookup = only_material(read(textures, texture(IMAGE + st, transform if inside else ""))).diffuse_color
+    assert lookup.uv_transform == (0, 0, 0.5 if inside else 0.25, 0, 0, 0.75)

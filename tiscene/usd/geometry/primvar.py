@@ -122,13 +122,18 @@ def read_normals(prim: Usd.Prim, topology: Topology, time: Usd.TimeCode, report:
 def read_uv(prim: Usd.Prim, name: str, topology: Topology, time: Usd.TimeCode, report: StageReport) -> Attribute | None:
     """Read the texture coordinates of that name; "" means `st`, else the first primvar of a texture-coordinate type.
 
-    A name that the mesh lacks falls back to `st`, which is reported. None if there are none.
+    A name that the mesh lacks falls back to `st`, which is reported. None if there are none, which is reported for a
+    name.
     """
     api = UsdGeom.PrimvarsAPI(prim)
     primvar = api.FindPrimvarWithInheritance(name or "st")
     if not (primvar and primvar.HasAuthoredValue()):
-        if name and name != "st":
-            report.omission(prim.GetPath(), f"has no primvar {name!r}, which its material reads; 'st' is used instead")
+        standard = api.FindPrimvarWithInheritance("st") if name else None
+        has_standard = bool(standard and standard.HasAuthoredValue())
+        if name:
+            instead = "'st' is used instead" if has_standard else "its texture coordinates are (0, 0)"
+            report.omission(prim.GetPath(), f"has no primvar {name!r}, which its material reads; {instead}")
+        if has_standard:
             return read_uv(prim, "st", topology, time, report)
         others = [p for p in api.GetPrimvarsWithAuthoredValues() if p.GetTypeName() in _TEXTURE_COORDINATE_TYPES]
         if name or not others:

@@ -310,6 +310,9 @@ class NetworkReader:
             visited.add(path)
             transform = transform @ self._transform2d(inputs)
             st = inputs.get("in")
+        point = None if st is None or st.source is not None else self._numbers(st.value, "st")
+        if point is not None and len(point) == 2:  # one point of the image everywhere
+            transform = transform @ np.array([[0, 0, point[0]], [0, 0, point[1]], [0, 0, 1.0]])
         return transform, ""
 
     def _transform2d(self, inputs: dict[str, ShaderConnection]) -> np.ndarray[Any, Any]:
