@@ -9,6 +9,7 @@ import numpy as np
 import OpenEXR
 import pytest
 from PIL import Image
+from pxr import Sdf, UsdUtils
 
 from tests.usd.helpers import write
 from tiscene.usd.materials.image import read_picture, read_radiance
@@ -212,3 +213,12 @@ def Material "M"
     (texture,) = read_stage(package, root=tmp_path).textures
     np.testing.assert_array_equal(texture.pixels, opaque(RGB))
     assert texture.name == "color.png"
+
+
+def test_file_with_a_unicode_name_in_a_package_of_usd(tmp_path):
+    """USD writes names as UTF-8 without the flag that says so."""
+    Image.new("RGB", (2, 2), (10, 20, 30)).save(tmp_path / "ü 木.png")
+    (tmp_path / "stage.usda").write_text('#usda 1.0\ndef "A"\n{\nasset file = @./ü 木.png@\n}\n', encoding="utf-8")
+    package = str(tmp_path / "stage.usdz")
+    assert UsdUtils.CreateNewUsdzPackage(Sdf.AssetPath(str(tmp_path / "stage.usda")), package)
+    assert read_picture(f"{package}[ü 木.png]").pixels[0, 0].tolist() == [10, 20, 30, 255]

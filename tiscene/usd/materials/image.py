@@ -60,9 +60,9 @@ def read_file(path: str) -> bytes:
     data = Path(package).read_bytes()
     try:
         for name in inner:
-            with zipfile.ZipFile(io.BytesIO(data)) as archive:
+            with zipfile.ZipFile(io.BytesIO(data), metadata_encoding="utf-8") as archive:  # as USD writes names
                 data = archive.read(name)
-    except (zipfile.BadZipFile, KeyError) as error:
+    except (zipfile.BadZipFile, KeyError, UnicodeDecodeError) as error:
         raise ValueError(f"not a readable package: {error}") from error
     return data
 
