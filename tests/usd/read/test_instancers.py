@@ -141,3 +141,10 @@ def test_orientationsf_take_precedence_over_orientations(tmp_path):
     """
     first, _ = read(tmp_path, INSTANCER % lines).instances
     np.testing.assert_allclose(first.world_from_object @ (1, 0, 0, 0), (-1, 0, 0, 0), atol=1e-6)  # half a turn about z
+
+
+def test_colors_of_points_are_named(tmp_path):
+    color = 'color3f[] primvars:displayColor = [(1, 0, 0), (0, 1, 0)] (interpolation = "%s")'
+    read_with_warning(tmp_path, INSTANCER % (color % "vertex"), "displayColor of each point .* is not applied: </P>")
+    description = read(tmp_path, INSTANCER % (color % "constant").replace(", (0, 1, 0)", ""))
+    assert {each.diffuse_color for each in description.materials} == {(1.0, 0.0, 0.0)}

@@ -10,7 +10,7 @@ from collections.abc import Mapping, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
-from pxr import Sdf, Usd
+from pxr import Sdf, Usd, UsdGeom
 
 from tiscene.scene.description import Matrix
 from tiscene.scene.input_track import InputTrack
@@ -86,6 +86,7 @@ class PointInstancerReader:
         used = np.unique(np.concatenate([each.prototype_of_point for each in instances.values()])).tolist()
         if not used:
             self._report.omission(prim.GetPath(), "a point instancer without points")
+        self._report_colors_of_points(prim)
         roots = [instances[self._time].prototypes[number] for number in used]
         prototypes, lights = [], []
         for root in roots:
@@ -141,6 +142,13 @@ class PointInstancerReader:
                     else:
                         suffix = f"[{prim.GetName()} {points.ids[row]}]"
                         self._add_light(light, placed, AnimatedAncestors(hiders=hiders), suffix=suffix)
+
+    def _report_colors_of_points(self, prim: Usd.Prim) -> None:
+        """Report colors that an instancer gives to each point, which other renderers draw its prototypes with."""
+        for name in ("displayColor", "displayOpacity"):
+            primvar = UsdGeom.PrimvarsAPI(prim).GetPrimvar(name)
+            if primvar and primvar.HasAuthoredValue() and primvar.GetInterpolation() != UsdGeom.Tokens.constant:
+                self._report.omission(prim.GetPath(), f"{name} of each point of an instancer is not applied")
 
     def _add_light(
         self,
