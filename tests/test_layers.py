@@ -64,6 +64,7 @@ MAY_IMPORT = {
     "tiscene.export": {
         *("tiscene", "tiscene.errors", "tiscene.files", "tiscene.frame", "tiscene.scene", "tiscene.stream"),
         "tiscene.sailenv",  # the coordinates of SAILenv's layout
+        "dynamics",  # the checks of arguments
         *("tiscene.catalog", "tiscene.render", "tiscene.scenario", "tiscene.usd"),  # to render an export again
     },
     "tiscene.learning": {

@@ -10,6 +10,7 @@ from PIL import Image
 
 from tests.benchmarks.scenarios import measure
 from tests.export.generation.test_recipe import RECIPE
+from tiscene import catalog
 from tiscene.cli import main as cli
 from tiscene.errors import ExportError
 from tiscene.export.generation.data_set_index import DataSet
@@ -94,6 +95,28 @@ def test_shards_give_the_bytes_of_one_process(recipe, whole, tmp_path, capsys):
     generate(recipe, tmp_path, COUNT, shard=(2, 3))
     assert cli.main(["merge", str(tmp_path)]) == 0
     assert contents(tmp_path) == contents(whole)
+
+
+@pytest.mark.slow
+def test_scenario_has_its_camera_and_size_whichever_is_rendered_before(tmp_path):
+    scene = catalog.find_scene("object_view").as_posix()
+    for name, size in (("wide", "(32, 16)"), ("tall", "(16, 32)")):
+        head = f'(\nsubLayers = [@{scene}@]\ndefaultPrim = "ObjectView"\nrenderSettingsPrimPath = "/Render/Settings"\n)'
+        change = f'over "Render"\n{{\nover "Settings"\n{{\nuniform int2 resolution = {size}\n}}\n}}'
+        (tmp_path / f"{name}.usda").write_text(f"#usda 1.0\n{head}\n{change}\n")
+    settings = {"buffers": ["instance"], "camera": ["Agent", "Main"]}
+    scenes = [str(tmp_path / "wide.usda"), str(tmp_path / "tall.usda")]
+    recipe = Recipe.from_json(RECIPE | {"scenes": scenes, "settings": settings, "frames": 1})
+    generate(recipe, tmp_path / "whole", COUNT)
+    for number in range(COUNT):
+        generate(recipe, tmp_path / "parts", COUNT, shard=(number, COUNT))
+    finish(tmp_path / "parts")
+    assert contents(tmp_path / "parts") == contents(tmp_path / "whole")
+    sizes = set()
+    for path in (tmp_path / "whole").rglob("0*.npz"):
+        with np.load(path) as arrays:
+            sizes.add((path.parent.name, arrays["instance"].shape))
+    assert sizes == {(camera, shape) for camera in ("Agent", "Main") for shape in ((16, 32), (32, 16))}
 
 
 def test_folder_of_another_recipe_is_refused(recipe, whole):

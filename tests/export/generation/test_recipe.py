@@ -38,6 +38,23 @@ def test_recipe_survives_json():
         ({"frames": 0}, "frames=0 must be a whole number from 1 on"),
         ({"splits": {"train": 0}}, "must have a sum above 0"),
         ({"splits": {}}, "must be shares by name"),
+        ({"splits": ["train"]}, r"recipe: splits: must be an object, got \['train'\]"),
+        ({"splits": {"../other": 1}}, "splits: '../other' is no name of a folder"),
+        ({"splits": {"": 1}}, "splits: '' is no name of a folder"),
+        ({"splits": {"train": "all"}}, "splits: train='all': must be a number"),
+        ({"seed": -1}, "recipe: seed=-1: must be at least 0"),
+        ({"ranges": [1]}, r"recipe: ranges: must be an object, got \[1\]"),
+        ({"ranges": {"object": 1}}, "recipe: ranges: no field 'object'; did you mean 'objects'?"),
+        ({"settings": [1]}, r"recipe: settings: must be an object, got \[1\]"),
+        ({"settings": {"camera": 1}}, "settings: camera=1: must be a name or a list of names"),
+        ({"scenes": [{"scene": "room_02", "weight": "2"}]}, r"scenes\[0\]: weight='2': must be a number"),
+        ({"scenes": [{"scene": "room_02", "weight": -1}]}, r"scenes\[0\]: weight=-1: must be at least 0"),
+        ({"scenes": [{"scene": "room_02", "cameras": "Main"}]}, r"scenes\[0\]: cameras: must be a list of names"),
+        (
+            {"scenes": [{"scene": "room_02", "variants": {"/R{a}": "b"}}]},
+            r"scenes\[0\]: /R{a}: must be a list of names",
+        ),
+        ({"scenes": [{"scene": "room_02", "ranges": {"speeds": 1}}]}, r"scenes\[0\]: ranges: no field 'speeds'"),
     ],
 )
 def test_mistakes_name_their_place(tmp_path, change, message):
@@ -68,6 +85,15 @@ def test_scenario_depends_on_its_number_and_the_recipe_alone():
     assert [Recipe.from_json(RECIPE).scenario(number) for number in (3, 1)] == [scenarios[3], scenarios[1]]
     assert len({str(each.to_json()) for each in scenarios}) == 4
     assert {each.template for scenario in scenarios for each in scenario.objects} <= {"Cube", "Sphere"}
+
+
+def test_cameras_and_variants_of_the_settings_are_those_of_every_scenario():
+    settings = RECIPE["settings"] | {"camera": ["Left", "Right"], "variants": {"/Room02{lighting}": "night"}}
+    recipe = Recipe.from_json(RECIPE | {"scenes": ["solid_benchmark"], "settings": settings})
+    assert {(each.cameras, *each.variants.items()) for each in map(recipe.scenario, range(3))} == {
+        (("Left", "Right"), ("/Room02{lighting}", "night"))
+    }
+    assert not {"camera", "variants"} & recipe.stream_settings().keys()
 
 
 def test_ranges_that_nothing_fits_are_reported_with_the_number():

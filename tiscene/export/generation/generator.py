@@ -18,6 +18,7 @@ from tiscene.export.manifest_difference import differences
 from tiscene.files import write_atomically
 from tiscene.frame.frame import Frame
 from tiscene.scenario.scenario import Scenario
+from tiscene.stream.stage_cache import image_size
 from tiscene.stream.stream import Stream
 
 SCENARIO = "scenario.json"
@@ -196,12 +197,15 @@ class ScenarioRenderer:
         summary.save(folder, about, manifest)
 
     def _restarted(self, scenario: Scenario) -> Stream:
-        """Return the stream, restarted with a scenario."""
+        """Return the stream, restarted with a scenario. It depends on the scenario alone, not on those before it."""
+        settings = self.data_set.recipe.stream_settings()
         if self._stream is None:
             try:
-                self._stream = Stream(scenario, **{**self.data_set.recipe.settings, "arch": self._arch})
+                self._stream = Stream(scenario, **{**settings, "arch": self._arch})
             except TypeError as error:
                 raise ArgumentError(f"recipe: settings: {error}") from error
         else:
-            self._stream.restart(scenario)
+            resolution = self._stream.stages.stage(scenario).resolution
+            width, height = image_size(settings.get("width"), settings.get("height"), resolution)
+            self._stream.restart(scenario, width=width, height=height)
         return self._stream

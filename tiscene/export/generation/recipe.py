@@ -8,20 +8,27 @@ data set can be extended, and its parts can be made anywhere.
 from __future__ import annotations
 
 import difflib
+import inspect
 import json
 import os
+import re
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass, field, fields, replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from dynamics.argument_checks import integer, number
 from tiscene.errors import ArgumentError, MissingFile, ScenarioError
 from tiscene.export.formats import find_format
 from tiscene.scenario.scenario import Scenario
 
 DRAWS = 8  # seeds that are tried for one scenario
+RANGES = tuple(  # arguments of `Scenario.sample` that a recipe may give
+    name for name in inspect.signature(Scenario.sample).parameters if name not in ("scene", "seed", "camera", "frames")
+)
+OF_SCENARIOS = ("camera", "variants")  # arguments of `Stream` that change its scenario
 
 
 @dataclass(frozen=True)
@@ -51,7 +58,8 @@ class Recipe:
         scenes: Scenes: names, files, or objects with the fields of SceneChoice.
         ranges: Arguments of `Scenario.sample`: {"objects": [1, 3], "speed": [0.2, 0.8]}.
         frames: Number of frames of each scenario.
-        settings: Arguments of `Stream`: {"width": 256, "buffers": ["rgb", "instance"], "quality": "fast"}.
+        settings: Arguments of `Stream`: {"width": 256, "buffers": ["rgb", "instance"], "quality": "fast"}. `camera` and
+            `variants` are those of every scenario; `variants` of a scene are drawn in addition.
         format: Export format of each scenario.
         objects: Rows in the files of labels, as of `export`.
         splits: Shares of the splits, by name. A scenario is in one split with all of its frames.
@@ -100,7 +108,8 @@ class Recipe:
                 choice = _checked(each, SceneChoice, f"scenes[{place}]")
                 if not isinstance(choice.get("scene"), str):
                     raise ArgumentError(f'scenes[{place}]: needs "scene", a name or a file')
-                scenes.append(SceneChoice(**{**choice, "cameras": tuple(choice.get("cameras", ()))}))
+                cameras = choice.get("cameras", ())
+                scenes.append(SceneChoice(**{**choice, "cameras": tuple(cameras) if _are_names(cameras) else cameras}))
         values["scenes"] = tuple(scenes)
         recipe = cls(**values)
         recipe._check()
@@ -130,8 +139,11 @@ class Recipe:
         random = self._random(number, "scene")
         weights = np.array([choice.weight for choice in self.scenes], np.float64)
         choice = self.scenes[int(random.choice(len(self.scenes), p=weights / weights.sum()))]
-        camera = str(random.choice(list(choice.cameras))) if choice.cameras else None
+        drawn_camera = str(random.choice(list(choice.cameras))) if choice.cameras else None
+        given = self.settings.get("camera") or drawn_camera
+        camera, *others = given if isinstance(given, list) else [given]
         variants = {place: str(random.choice(list(names))) for place, names in sorted(choice.variants.items())}
+        variants = {**self.settings.get("variants", {}), **variants}
         ranges = {**self.ranges, **choice.ranges}
         if "width" in self.settings and "height" in self.settings:
             ranges.setdefault("aspect", self.settings["width"] / self.settings["height"])
@@ -139,7 +151,9 @@ class Recipe:
         for seed in random.integers(0, 2**63, DRAWS).tolist():
             try:
                 drawn = Scenario.sample(choice.scene, seed=seed, camera=camera, frames=self.frames, **ranges)
-                return Scenario.from_json(drawn.to_json() | {"variants": {**drawn.variants, **variants}})
+                scenario = Scenario.from_json(drawn.to_json() | {"variants": {**drawn.variants, **variants}})
+                cameras: list[Any] = [*scenario.cameras, *others]
+                return replace(scenario, camera=cameras) if others else scenario
             except ScenarioError as error:
                 mistakes.append(str(error))
         raise ScenarioError(f"scenario {number} in {choice.scene!r}: {mistakes[-1]} ({DRAWS} seeds were tried)")
@@ -147,26 +161,74 @@ class Recipe:
     def _random(self, number: int, what: str) -> np.random.Generator:
         return np.random.default_rng([self.seed, number, *what.encode()])
 
+    def stream_settings(self) -> dict[str, Any]:
+        """Return the settings that are not part of the scenarios."""
+        return {name: value for name, value in self.settings.items() if name not in OF_SCENARIOS}
+
     def _check(self) -> None:
         """Raise ArgumentError for a value that is wrong."""
         form = find_format(self.format)
+        for name in ("ranges", "settings", "splits"):
+            _mapping(getattr(self, name), f"recipe: {name}")
+        _mapping(self.settings.get("variants", {}), "recipe: settings: variants")
+        camera = self.settings.get("camera", "")
+        if not isinstance(camera, str) and not _are_names(camera):
+            raise ArgumentError(f"recipe: settings: camera={camera!r}: must be a name or a list of names")
         buffers = self.settings.get("buffers")
         missing = [name for name in form.buffers if buffers is not None and name not in buffers]
         if missing:
             raise ArgumentError(f'recipe: format {self.format!r} requires the buffer {missing[0]!r} in "settings"')
         if not isinstance(self.frames, int) or self.frames < 1:
             raise ArgumentError(f"recipe: frames={self.frames!r} must be a whole number from 1 on")
-        if not self.splits or any(not isinstance(share, int | float) or share < 0 for share in self.splits.values()):
+        integer(self.seed, "recipe: seed", 0, 2**63 - 1)
+        _check_names(self.ranges, RANGES, "recipe: ranges")
+        for place, choice in enumerate(self.scenes):
+            _check_names(_mapping(choice.ranges, f"scenes[{place}]: ranges"), RANGES, f"scenes[{place}]: ranges")
+            _check_choices(choice, f"scenes[{place}]")
+        if not self.splits:
             raise ArgumentError('recipe: "splits" must be shares by name, such as {"train": 0.8, "val": 0.2}')
+        for name, share in self.splits.items():
+            if re.fullmatch(r"\w[\w .-]*", name) is None:
+                raise ArgumentError(f"recipe: splits: {name!r} is no name of a folder: use letters, digits, - and _")
+            _check_share(share, f"recipe: splits: {name}")
         if sum(self.splits.values()) <= 0 or sum(choice.weight for choice in self.scenes) <= 0:
             raise ArgumentError('recipe: the shares of "splits" and the weights of "scenes" must have a sum above 0')
 
 
-def _checked(content: Any, kind: type, place: str) -> Mapping[str, Any]:
-    """Return JSON values that are a mapping with the names of fields only."""
+def _check_choices(choice: SceneChoice, place: str) -> None:
+    """Raise ArgumentError for a wrong weight, camera or variant of a scene."""
+    _check_share(choice.weight, f"{place}: weight")
+    lists = {"cameras": choice.cameras, **_mapping(choice.variants, f"{place}: variants")}
+    for name, names in lists.items():
+        if not _are_names(names) or (name != "cameras" and not names):
+            raise ArgumentError(f"{place}: {name}: must be a list of names to draw from, got {names!r}")
+
+
+def _are_names(content: Any) -> bool:
+    """Return whether JSON values are a list of names."""
+    return isinstance(content, list | tuple) and all(isinstance(each, str) for each in content)
+
+
+def _check_share(value: Any, place: str) -> None:
+    """Raise ArgumentError unless a value is a number from 0 on."""
+    if number(value, place) < 0:
+        raise ArgumentError(f"{place}={value!r}: must be at least 0")
+
+
+def _mapping(content: Any, place: str) -> Mapping[str, Any]:
+    """Return JSON values that are a mapping."""
     if not isinstance(content, Mapping):
         raise ArgumentError(f"{place}: must be an object, got {content!r}")
-    known = [each.name for each in fields(kind)]
+    return content
+
+
+def _checked(content: Any, kind: type, place: str) -> Mapping[str, Any]:
+    """Return JSON values that are a mapping with the names of fields only."""
+    return _check_names(_mapping(content, place), [each.name for each in fields(kind)], place)
+
+
+def _check_names(content: Mapping[str, Any], known: Sequence[str], place: str) -> Mapping[str, Any]:
+    """Return a mapping. Raises ArgumentError for a name that is not known."""
     for name in content:
         if name not in known:
             nearest = difflib.get_close_matches(name, known, n=1)
