@@ -53,6 +53,14 @@ def test_opencv_reads_single_part_exr(exported, cv2):
                 np.testing.assert_array_equal(pixels[..., ::-1][..., : buffer.shape[2]], buffer)
 
 
+def test_frame_rates_that_videos_cannot_have_are_named(tmp_path):
+    skip_without_extra("video")
+    stream = fake_stream_for("video")
+    stream.fps = 1e-4
+    with pytest.raises(ExportError, match="videos have at least one frame in 1001 s"):
+        export(stream, tmp_path, format="video", frames=range(2))
+
+
 def test_opencv_reads_kitti_flow(exported, cv2):
     folder, frames = exported("kitti-flow")
     for frame in frames:

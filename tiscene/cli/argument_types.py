@@ -31,6 +31,13 @@ def name_list(text: str) -> tuple[str, ...]:
     return names
 
 
+def count(text: str) -> int:
+    """Return a whole number from 1 on."""
+    if not (text.isdecimal() and int(text) > 0):
+        raise argparse.ArgumentTypeError(f"{text!r} is not a whole number from 1 on")
+    return int(text)
+
+
 def number_list(text: str) -> tuple[float, ...]:
     try:
         return tuple(float(word) for word in text.split(","))

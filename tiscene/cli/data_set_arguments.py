@@ -6,6 +6,8 @@ from __future__ import annotations
 import argparse
 from typing import Any
 
+from tiscene.cli.argument_types import count
+
 
 def add_parts(command: argparse.ArgumentParser, place: str) -> None:
     """Add the arguments by which several processes write one export or data set.
@@ -22,7 +24,7 @@ def add_parts(command: argparse.ArgumentParser, place: str) -> None:
         help=f"render part I of N (0/8 to 7/8) into {place}, for `tiscene merge DIR`; on any machine, in any order",
     )
     parts.add_argument(
-        "--workers", metavar="N", type=int, default=1, help="processes on this machine (default: %(default)s)"
+        "--workers", metavar="N", type=count, default=1, help="processes on this machine (default: %(default)s)"
     )
     parts.add_argument(
         "--ray",
@@ -97,7 +99,7 @@ def add_generate(commands: Any) -> None:
 def _add_recipe(command: argparse.ArgumentParser) -> None:
     """Add the recipe, the number of its scenarios, and the folder."""
     command.add_argument("recipe", metavar="RECIPE", help="a JSON file: scenes, ranges, frames, settings, splits")
-    command.add_argument("-n", "--count", metavar="N", type=int, required=True, help="number of scenarios")
+    command.add_argument("-n", "--count", metavar="N", type=count, required=True, help="number of scenarios")
     command.add_argument("-o", "--output", metavar="DIR", required=True, help="folder to write")
 
 

@@ -64,6 +64,8 @@ class VideoWriter:
 
         self._av, self._codec = av, codec
         self._rate = Fraction(fps).limit_denominator(1001)
+        if not self._rate:
+            raise ExportError(f"fps={fps:g}: videos have at least one frame in 1001 s; export in another format")
         self._container = av.open(str(path), "w", options={"fflags": "+bitexact"})
         self._stream: Any = None
         self._count = 0

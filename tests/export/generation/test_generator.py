@@ -126,13 +126,16 @@ def test_folder_of_another_recipe_is_refused(recipe, whole):
 
 
 @pytest.mark.slow
-def test_scenario_that_cannot_be_drawn_does_not_lose_the_others(tmp_path):
+def test_scenario_that_cannot_be_drawn_does_not_lose_the_others(tmp_path, capsys):
     impossible = {"scene": "object_view", "ranges": {"depth": [1e-4, 2e-4]}}
     recipe = Recipe.from_json(RECIPE | {"scenes": ["object_view", impossible]})
-    generate(recipe, tmp_path, 4)
+    (tmp_path / "recipe.json").write_text(json.dumps(recipe.to_json()))
+    assert cli.main(["generate", str(tmp_path / "recipe.json"), "-n", "4", "-o", str(tmp_path)]) == 0
     rows = [json.loads(line) for line in (tmp_path / "index.jsonl").read_text().splitlines()]
     failed = [row for row in rows if "error" in row]
     assert 0 < len(failed) < 4
+    note = f"{len(failed)} of 4 scenarios have an error, the first is {failed[0]['number']}: "
+    assert note + failed[0]["error"] in capsys.readouterr().err
     assert json.loads((tmp_path / "statistics.json").read_text())["failed"] == len(failed)
 
 
@@ -146,6 +149,16 @@ def test_commands_write_scenarios_and_data_sets(recipe, tmp_path, capsys):
     assert cli.main(["generate", str(file), "-n", "1", "-o", str(tmp_path / "data")]) == 0
     assert capsys.readouterr().out == f"{tmp_path / 'data'}\n"
     assert (tmp_path / "data" / "index.jsonl").is_file()
+    assert cli.main(["verify", str(tmp_path / "data")]) == 2
+    assert "verify the folders of scenarios" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("number", ["0", "-2", "1.5"])
+def test_counts_below_one_are_a_usage_error(number, capsys):
+    for arguments in (["render", "object_view", "--workers", number], ["sample", "recipe.json", "-n", number]):
+        with pytest.raises(SystemExit):
+            cli.main([*arguments, "-o", "out"])
+        assert f"'{number}' is not a whole number from 1 on" in capsys.readouterr().err
 
 
 @pytest.mark.slow
