@@ -24,6 +24,7 @@ def run(args: argparse.Namespace) -> None:
             _generate_with_workers(args, recipe)
         else:
             _generate(args, recipe)
+        _note_failures(DataSet(Path(args.output), recipe, args.count))
     except KeyboardInterrupt:
         note(f"Interrupted: the same command continues the data set in {args.output}.")
         raise
@@ -54,6 +55,14 @@ def _generate_with_workers(args: argparse.Namespace, recipe: Recipe) -> None:
         run_workers(shard_commands(args.arguments, args.workers), lambda: show(data_set.done()))
         step(0, task="index")
         finish(args.output)
+
+
+def _note_failures(data_set: DataSet) -> None:
+    """Tell how many scenarios have an error, and the first one."""
+    failed = [(number, each["error"]) for number, each in data_set.summaries() if each is not None and "error" in each]
+    if failed:
+        number, error = failed[0]
+        note(f"{len(failed)} of {data_set.count} scenarios have an error, the first is {number}: {error}")
 
 
 def _generate_on_ray(args: argparse.Namespace, recipe: Recipe) -> None:

@@ -10,6 +10,7 @@ from pathlib import Path
 from tiscene.errors import ArgumentError, ExportError
 from tiscene.export.exporter import provenance
 from tiscene.export.folder_writer import FolderWriter
+from tiscene.export.generation.data_set_index import DATA_SET
 from tiscene.export.manifest import Manifest, buffer_digests
 from tiscene.export.manifest_difference import differences
 from tiscene.export.manifest_stream import stream_of
@@ -65,7 +66,8 @@ def verify(
         raise ArgumentError(f"sample={sample}: must be 0 or more")
     manifest = Manifest.load(folder)
     if manifest is None:
-        raise ExportError(f"{str(folder)!r} is not an export: it has no tiscene.json")
+        hint = "; of a data set, verify the folders of scenarios" if (folder / DATA_SET).is_file() else ""
+        raise ExportError(f"{str(folder)!r} is not an export: it has no tiscene.json{hint}")
     indices = list(manifest.frames)
     with lock_folder(folder):
         writer = FolderWriter(folder, manifest)
