@@ -24,6 +24,7 @@ from tiscene.errors import (
 )
 from tiscene.frame.buffers import BUFFERS
 from tiscene.render.view import View
+from tiscene.scene.lights.light_groups import emission_of, with_emission
 from tiscene.stream.saved_state import check_state
 
 SETTINGS = {
@@ -361,3 +362,18 @@ def test_automatic_exposure_is_that_of_a_replay_after_edits_of_the_first_frame()
     with ts.Stream(scenario, **settings) as replay:
         assert replay.exposure == exposure != before
         assert same(replay[0], frame)
+
+
+@pytest.mark.parametrize("shown_before", [False, True])
+def test_automatic_exposure_is_that_of_the_lights_of_the_scenario(shown_before):
+    settings = {**SETTINGS, "buffers": ("rgb",), "incremental": False}
+    with ts.Stream(moving_scenario(), **settings) as stream:
+        lit = stream[0]
+        exposure = stream.exposure
+    with ts.Stream(moving_scenario(), **settings) as stream:
+        if shown_before:
+            assert same(stream[0], lit)
+        for row, light in enumerate(stream.world.stage.lights):
+            stream.set_light(row, with_emission(light, tuple(0.25 * each for each in emission_of(light))))
+        assert stream[0].rgb.mean() < 0.8 * lit.rgb.mean()
+        assert stream.exposure == exposure

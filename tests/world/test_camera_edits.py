@@ -90,7 +90,7 @@ def test_one_of_several_cameras_is_placed_by_name():
     made = world((START, replace(START, name="Other")))
     made.move_camera((5, 5, 5), camera="Other")
     assert [camera.current.position for camera in made.state(0).cameras] == [(0, 1, 4), (5, 5, 5)]
-    assert made.planned_camera(0).current == START
+    assert made.planned_start()[1].current == START
 
 
 def test_cameras_walk_along_the_axes_of_their_small_steps_from_the_first_one_on():

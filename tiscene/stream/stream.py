@@ -369,7 +369,7 @@ class Stream(FixedSettings, BatchedFrames, LoaderMethods, StreamOutput, SavedSta
     def set_light(self, row: int, light: Light) -> None:
         """Replace the light in a row of `world.stage.lights` by another of the same kind, for all frames from now on.
 
-        Unlike edits of the world, this is not part of the scenario and not replayed.
+        Unlike edits of the world, this is not part of the scenario, nor replayed. Automatic exposure does not follow.
         """
         self._ahead.check_no_worker("set_light")
         self._batches.clear()

@@ -138,11 +138,11 @@ class ViewRenderer:
         if world.camera.exposure is not None:
             return world.camera.exposure + self._compensation
         if self._metered is None or self._metered[0] != world.start_edits:
-            state = world.state(0)
+            # To move the camera, or to dim a light, must not change how bright the scene is otherwise.
+            placement, cameras = world.planned_start()
             self._upload_descriptions()
-            # From where the camera is planned to be: to move it must not change how bright the scene is.
-            view = View(*world.planned_camera(0), width=width, height=height)
-            stops = self._renderer(view).auto_exposure(view, state.placement, seed=self._seed)
+            view = View(*cameras, width=width, height=height)
+            stops = self._renderer(view).auto_exposure(view, placement, seed=self._seed)
             self._metered = world.start_edits, stops
         return self._metered[1] + self._compensation
 

@@ -222,21 +222,19 @@ class World(CameraEdits):
         )
 
     def between(self, frame: int, shift: Fraction) -> tuple[Placement, tuple[Camera, ...]]:
-        """Return the placement and the cameras at a time within the shutter interval of a frame.
+        """Return the placement and one camera per camera of the world at a time within the shutter interval of a frame.
 
         Args:
             frame: 0 or more.
             shift: offset from `frame`, in frames, -1..1.
-
-        Returns:
-            The placement, whose current time is `frame + shift`, and one camera per camera of the world.
         """
         frame = _frame_number(frame)
         return self._evaluator.place(frame, shift), self._cameras.between(frame, shift)
 
-    def planned_camera(self, frame: int) -> CameraStep:
-        """Return the main camera at frames k - 1, k and k + 1 as if no edit had placed it."""
-        return self._cameras.planned(frame, 0)
+    def planned_start(self) -> tuple[Placement, CameraStep]:
+        """Return frame 0 and its main camera as if no edit had placed the camera, nor `set_light` replaced a light."""
+        with self._lights.as_authored():
+            return self._evaluator.place(0), self._cameras.planned(0, 0)
 
     def set_light(self, row: int, light: Light) -> None:
         """Replace a light of the stage; see `Stream.set_light`. Not part of the scenario."""
