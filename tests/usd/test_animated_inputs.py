@@ -84,7 +84,6 @@ def test_rotation_of_texture_coordinates_plays_at_whole_time_codes(tmp_path):
     def Shader "Turn"
     {
         uniform token info:id = "UsdTransform2d"
-        float2 inputs:in = (0, 0)
         float inputs:rotation.timeSamples = { 0: 0, 10: 90 }
         float2 outputs:result
     }
