@@ -124,6 +124,20 @@ def choice(value: Any, name: str, allowed: tuple[str, ...]) -> str:
     return str(value)
 
 
+def known_names(names: Iterable[str], known: Iterable[str], owner: str) -> None:
+    """Check the names of keyword arguments that are passed on.
+
+    Args:
+        names: The names that were given.
+        known: Those that there are.
+        owner: What takes them, for error messages.
+    """
+    known = list(known)
+    for name in names:
+        if name not in known:
+            raise ArgumentTypeError(f"{name}: {owner} has no such argument; there are {', '.join(known)}")
+
+
 def flag(value: Any, name: str) -> bool:
     """Return `value`, True or False."""
     if not isinstance(value, bool):

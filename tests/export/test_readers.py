@@ -240,6 +240,7 @@ def test_video_holds_ids_of_16_bits_and_refuses_larger_ones(tmp_path):
         export(stream, tmp_path / "large", format="video", frames=range(2))
     with pytest.raises(ExportError, match="'normal' has no form as video"):
         export(FakeStream(("normal",)), tmp_path / "normal", format="video", frames=range(2))
+    assert not (tmp_path / "normal").exists()
 
 
 def test_mcap_reads_messages_at_the_times_of_frames(exported):

@@ -263,12 +263,24 @@ def test_ledger_replays_and_is_recorded_policy(stream, frames):
         ({"every": 0}, "every=0: must be at least 1"),
         ({"rate": -0.5}, "rate=-0.5: must be 0 or more"),
         ({"policy": RandomPixels}, r"an instance, not the class"),
+        ({"silent": [(5, 2)]}, r"silent\[0\]=\(5, 2\): must be two frames with 0 <= first < first after"),
+        ({"silent": [(0, 2), (4, 4)]}, r"silent\[1\]=\(4, 4\)"),
+        ({"silent": [(0, 2.5)]}, r"silent\[0\]=2.5: must be a whole number"),
+        ({"silent": (5, 9)}, r"silent\[0\]=5: must be two frames"),
         ({"bugdet": 3}, "bugdet: Supervision has no such argument; there are policy, budget"),
     ],
 )
 def test_wrong_rules_are_refused(stream, arguments, message):
     with pytest.raises(ArgumentError, match=message):
         Supervision(stream, **arguments)
+
+
+def test_labels_are_offered_one_by_one(stream, frames):
+    teacher = Supervision(stream, policy=Everything())
+    offers = teacher.offers(frames[3])
+    assert (teacher.present, len(teacher.ledger)) == (3, 0)
+    next(offers)
+    assert len(teacher.ledger) == 1
 
 
 def test_wrong_questions_and_states_are_refused(stream, frames):

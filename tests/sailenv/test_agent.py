@@ -323,6 +323,8 @@ def test_errors_are_printed_or_raised_if_strict(make_agent, capsys):
         strict.spawn_object("Nothing")
     with pytest.raises(ArgumentError, match="register"):
         Agent().get_frame()
+    with pytest.raises(ArgumentError, match="qualty: Agent has no such argument; there are scene, together, world"):
+        Agent(qualty="fast")
 
 
 def test_load_scenario_skips_invalid_objects_and_rejects_invalid_scenarios(make_agent, capsys):

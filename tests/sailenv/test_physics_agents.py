@@ -1,12 +1,15 @@
 # SPDX-License-Identifier: Apache-2.0
 """Objects of SAILenv agents and scenarios that fall and are pushed."""
 
+import sys
+
 import numpy as np
 import pytest
 
 pytest.importorskip("mujoco")
 
 from tests.sailenv.conftest import SCENE
+from tiscene.cli.main import main
 from tiscene.errors import TisceneError
 from tiscene.sailenv import AllTogetherTimings, Frustum, LinearWaypoints, Object, Scenario, Waypoint
 from tiscene.sailenv.json_messages import scenario_of
@@ -79,11 +82,19 @@ def test_frames_of_a_physical_world_are_the_same_bytes_again(make_agent):
     assert len(set(first)) > 10
 
 
-def test_missing_engine_names_the_extra(make_agent, monkeypatch):
-    import sys
-
+def test_missing_engine_names_the_extra(make_agent, monkeypatch, capsys):
     monkeypatch.setitem(sys.modules, "mujoco", None)
-    agent = make_agent(**LABELS, width=16, height=12, physics=True, strict=True)
-    agent.spawn_object("Cube", (0, 1, 3), remove_default_dynamics=False)
     with pytest.raises(TisceneError, match=r"tiscene\[physics\]"):
-        agent.get_frame()
+        make_agent(**LABELS, physics=True)
+    assert main(["serve", "--physics"]) == 2
+    assert "tiscene[physics]" in capsys.readouterr().err
+
+
+def test_scenario_without_the_engine_changes_nothing(make_agent, monkeypatch):
+    agent = make_agent(**LABELS, width=16, height=12, strict=True)
+    agent.get_frame()
+    monkeypatch.setitem(sys.modules, "mujoco", None)
+    with pytest.raises(TisceneError, match=r"tiscene\[physics\]"):
+        agent.load_scenario(Scenario(SCENE, [Object("a", "Cube", (0, 1, 3), (0, 0, 0))], physics=True))
+    agent.get_frame()
+    assert agent.frame_index == 1

@@ -153,6 +153,7 @@ def test_recording_of_a_scenario_in_json(tmp_path):
         ("s.py", "", ["--classes", "chair,background"], "background"),
         ("s.py", "", ["--frames", "0"], "--frames 0"),
         ("missing.py", None, [], "no file"),
+        ("missing.json", None, [], "no file"),
     ],
 )
 def test_errors_of_recordings_say_what_is_wrong(tmp_path, capsys, name, content, arguments, message):

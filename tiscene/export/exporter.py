@@ -61,11 +61,11 @@ def export(
     Raises:
         ArgumentError: An argument is invalid, or the format requires a buffer that the stream does not have.
         MissingExtra: A library of the format is not installed.
-        ExportError: The folder holds frames of other settings, is being written by another process, or cannot be
-            written.
+        ExportError: The format cannot write one of the buffers, or the folder holds frames of other settings, is being
+            written by another process, or cannot be written.
     """
     form = find_format(format)
-    form.writer()  # before anything is rendered: its libraries may not be installed
+    writer = form.writer()  # before anything is rendered: its libraries may not be installed
     if objects is not None and objects not in frame_json.OBJECT_SELECTIONS:
         raise ArgumentError(f"objects={objects!r}: must be None or one of {', '.join(frame_json.OBJECT_SELECTIONS)}")
     missing = [name for name in form.buffers if name not in stream.buffers]
@@ -74,6 +74,8 @@ def export(
         raise ArgumentError(
             f"format={format!r} requires the buffer {missing[0]!r}: make the stream with buffers={required!r}"
         )
+    if hasattr(writer, "check"):
+        writer.check(stream.buffers)
     if frames is None:
         if stream.frames is None:
             raise ArgumentError("frames=None: the stream is endless; pass the frames to export, such as range(100)")

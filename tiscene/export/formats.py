@@ -5,6 +5,7 @@ A format is a module. It is imported when the format is first used, so that no l
 The module has, as far as they apply:
 
 ==============================  ====================================================================================
+`check(buffers)`                raises ExportError, before anything is rendered, if it cannot write these buffers
 `encode(frame)`                 the files of a frame by name: `{"rgb/000012.png": bytes}`, or functions (see below)
 `pieces(frame, labels, stream)` what a frame adds to files of many frames, by any name; kept on disk until `pack`
 `HOLDS_LABELS`                  True: the pieces have `labels`, the frame's metadata, and no file of its own has it

@@ -31,6 +31,7 @@ from tiscene.errors import ExportError
 from tiscene.export.array_files import Contents, from_npy, npy
 from tiscene.export.kitti_flow import kitti
 from tiscene.export.png import ids16, mask8, millimeters
+from tiscene.frame.buffers import BUFFERS
 
 if TYPE_CHECKING:
     from tiscene.export.packing import ExportRun, FramePieces
@@ -96,6 +97,12 @@ class VideoWriter:
             for packet in self._stream.encode():
                 self._container.mux(packet)
         self._container.close()
+
+
+def check(buffers: Iterable[str]) -> None:
+    """Raise ExportError for a buffer that has no form as video."""
+    for name in buffers:
+        pixels(name, np.zeros(BUFFERS[name].shape(1, 1), BUFFERS[name].dtype))
 
 
 def pieces(frame: Frame, labels: dict[str, Any], stream: Stream) -> dict[str, Contents]:

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import bisect
 import hashlib
+import inspect
 import itertools
 import json
 import operator
@@ -32,6 +33,8 @@ from tiscene.stream.stream import Stream
 
 VERSION = 1
 DEFAULTS: dict[str, Any] = {"width": 64, "height": 48, "fps": 25.0, "quality": "fast", "buffers": ("rgb", *LABELS)}
+
+SETTINGS = tuple(name for name in inspect.signature(Stream).parameters if name not in ("source", "frames"))
 
 
 class Course(Iterator[CourseFrame]):
@@ -72,6 +75,7 @@ class Course(Iterator[CourseFrame]):
             raise ArgumentError(f"boundaries={boundaries!r}: must be 'hidden' or 'shown'")
         if "frames" in settings:
             raise ArgumentError("frames: a course has no such argument; give the phases frames= or laps=")
+        argument_checks.known_names(settings, SETTINGS, "Course")
         self.boundaries = boundaries
         self.observed = tuple(observed)
         self.pixels = check_pixels(pixels)

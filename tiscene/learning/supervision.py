@@ -9,14 +9,14 @@ from __future__ import annotations
 
 import math
 from collections import Counter
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any, Protocol
 
 import numpy as np
 
 from dynamics import argument_checks
-from tiscene.errors import ArgumentError
+from tiscene.errors import ArgumentError, ArgumentTypeError
 from tiscene.frame.frame import Frame
 from tiscene.learning.label_ledger import LabelLedger, LedgerRow
 from tiscene.learning.pixel_labels import (
@@ -155,12 +155,9 @@ class Supervision:
     ) -> None:
         self._stream = stream
         given = rules | ({} if policy is None else {"policy": policy})
-        unknown = set(given) - set(SupervisionRules.__dataclass_fields__)
-        if unknown:
-            known = ", ".join(SupervisionRules.__dataclass_fields__)
-            raise ArgumentError(f"{sorted(unknown)[0]}: Supervision has no such argument; there are {known}, silent")
+        argument_checks.known_names(given, (*SupervisionRules.__dataclass_fields__, "silent"), "Supervision")
         self._rules = SupervisionRules(**given) if given or not hasattr(stream, "rules") else None
-        self._silent = tuple((int(first), int(end)) for first, end in silent)
+        self._silent = tuple(_interval(each, f"silent[{row}]") for row, each in enumerate(silent))
         self._held: Frame | None = None
         self._held_position = 0
         self._moving: tuple[int, frozenset[int]] = -1, frozenset()
@@ -213,11 +210,15 @@ class Supervision:
         return self._label(row, column, index, unasked=False)
 
     def offers(self, frame: Frame) -> Iterator[tuple[Pixel, Answer | Pending]]:
-        """Yield the labels of a frame that the policy gives unasked, as pairs of pixel and answer.
+        """Return an iterator over the labels of a frame that the policy gives unasked: pairs of pixel and answer.
 
-        It ends when the teacher is silent or its budget is spent.
+        A label is given, and counts, when the iterator reaches it. It ends when the teacher is silent or its budget is
+        spent.
         """
         self.hold(frame)
+        return self._offers(frame)
+
+    def _offers(self, frame: Frame) -> Iterator[tuple[Pixel, Answer | Pending]]:
         _, rules, _, _ = self._rules_at(frame.index)
         moment = self._moment(frame.index)
         if rules is None or self._is_silent(frame.index, rules, moment):
@@ -372,6 +373,17 @@ class Supervision:
         if rules is not None:
             label = self._noisy(label, y, x, index, rules)
         return Answer(**vars(label), frame=index, pixel=(y, x), asked=asked)
+
+
+def _interval(value: Any, name: str) -> tuple[int, int]:
+    """Return `value` as the first frame of an interval and the first one after it."""
+    pair = tuple(value) if isinstance(value, Iterable) else ()
+    if len(pair) != 2:
+        raise ArgumentTypeError(f"{name}={value!r}: must be two frames, the first one and the first one after")
+    first, end = (argument_checks.whole(frame, name) for frame in pair)
+    if not 0 <= first < end:
+        raise ArgumentError(f"{name}={value!r}: must be two frames with 0 <= first < first after")
+    return first, end
 
 
 def _length(stream: Any) -> int | None:

@@ -7,6 +7,7 @@ Unity's space, m; rotations are its Euler angles, degrees.
 
 from __future__ import annotations
 
+import inspect
 import random
 import threading
 import weakref
@@ -18,6 +19,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from dynamics import argument_checks
 from tiscene.errors import ArgumentError, TisceneError
 from tiscene.sailenv.agent_camera import AgentCamera
 from tiscene.sailenv.agent_objects import AgentObjects
@@ -31,6 +33,9 @@ from tiscene.sailenv.scenario_classes import Vector3
 # By host and port. Worlds end with their last agent.
 _worlds: weakref.WeakValueDictionary[tuple[str, int], AgentWorlds] = weakref.WeakValueDictionary()
 _lock = threading.RLock()
+SETTINGS = tuple(
+    name for make in (AgentWorlds, Environment) for name in inspect.signature(make).parameters if name != "settings"
+)
 
 
 class FrameFlags(IntFlag):
@@ -92,6 +97,7 @@ class Agent(AgentObjects):
                 world, fps, quality, spp, max_depth, denoise, incremental, seed, consecutive_flow, query_budget,
                 keep_clock, physics, arch.
         """
+        argument_checks.known_names(settings, SETTINGS, "Agent")
         self.main_frame_active = main_frame_active
         self.object_frame_active = object_frame_active
         self.category_frame_active = category_frame_active

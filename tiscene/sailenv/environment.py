@@ -35,6 +35,7 @@ from tiscene.sailenv.scene_profile import SceneProfile
 from tiscene.sailenv.scene_session import SceneSession, SceneStreams
 from tiscene.sailenv.uploaded_models import UploadedModels
 from tiscene.scene.camera import Vector3
+from tiscene.world.physics.rigid_body_simulation import require_engine
 
 
 class Environment(EnvironmentEdits):
@@ -97,6 +98,8 @@ class Environment(EnvironmentEdits):
         self._queries = PixelQueries(query_budget)
         runtime.start(arch)
         self.physics = bool(physics)
+        if self.physics:
+            require_engine()
         self.consecutive_flow, self._keep_clock = bool(consecutive_flow), bool(keep_clock)
         self.clock = -1
         self.agents: dict[int, AgentCamera] = {}
@@ -262,6 +265,8 @@ class Environment(EnvironmentEdits):
         """
         scene = asset_names.catalog_scene(str(content.get("scene_name")))
         scenario, names, problems = json_messages.scenario_of(content, scene, self._template, self.physics)
+        if scenario.physics:
+            require_engine()
         self._start_scene(scene, scenario, agent)
         for each in self.agents.values():
             if not each.has_own_pose:

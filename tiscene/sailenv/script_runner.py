@@ -136,6 +136,8 @@ def run_source(
     path: Path, arguments: Sequence[str], agent: type[ScriptAgent], *, size: tuple[int, int], headless: bool = True
 ) -> None:
     """Run a script (.py), or play a scenario (.json) with an image size; see `run_script` and `run_scenario`."""
+    if not path.is_file():
+        raise MissingFile(f"no file {str(path)!r}")
     if path.suffix.lower() == ".json":
         if agent.limit is None:
             raise ArgumentError(f"{path.name} has no end: give the number of frames")

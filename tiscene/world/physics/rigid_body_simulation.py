@@ -28,6 +28,13 @@ CACHED_FRAMES = 16  # results kept for repeated requests
 CACHED_MODELS = 3
 
 
+def require_engine() -> None:
+    """Raise MissingExtra unless MuJoCo and SciPy are installed."""
+    with requires_extra("physics"):
+        import mujoco  # noqa: F401
+        import scipy  # noqa: F401
+
+
 class PhysicsWorld(Protocol):
     """What is simulated, from each frame to the next; functions of the frame and of edits up to it alone."""
 
@@ -101,9 +108,7 @@ class RigidBodySimulation:
         Raises:
             MissingExtra: MuJoCo or SciPy is not installed.
         """
-        with requires_extra("physics"):
-            import mujoco  # noqa: F401
-            import scipy  # noqa: F401
+        require_engine()
         self._world, self._fps = world, fps
         self._steps = max(1, math.ceil(1 / (fps * Fraction(str(STEP)))))
         self._step = float(1 / (fps * self._steps))
