@@ -88,7 +88,7 @@ def test_attributes_before_and_after_change_scene(make_agent):
     assert "Directional Light" in agent.lights_names
     assert {"Cube", "Chair 01", "Cube Trail", "Dish 01 Trail"} <= set(agent.spawnable_objects_names)
     assert agent.get_categories() == agent.categories
-    assert agent.get_position() == Vector3(*START)
+    assert tuple(agent.get_position()) == pytest.approx(START)
     assert agent.get_rotation() == Vector3(0, 0, 0)
 
 

@@ -130,7 +130,22 @@ def test_frames_over_the_network_are_those_in_process(server, connect, make_agen
         remote, local = c.frame(), agent.get_frame()
         for name in ("main", "category", "object", "flow", "depth"):
             np.testing.assert_array_equal(remote[name], local[name])
-        assert remote["deltaTime"] == pytest.approx(local["deltaTime"])
+        assert remote["deltaTime"] == local["deltaTime"]
+
+
+def test_numbers_over_the_network_are_those_in_process(server, connect, make_agent):
+    """A script that computes with what it is told, such as one that walks by steps, does the same in both ways."""
+    c, agent = connect(), make_agent(at=None, width=32, height=24)
+    assert c.change_scene(SCENE) == "ok"
+    agent.change_scene(SCENE)
+    light = agent.lights_names[0]
+    assert c.position() == tuple(agent.get_position())
+    assert c.rotation() == tuple(agent.get_rotation())
+    assert c.light(0x14, light, "vector") == agent.get_light_position(light)
+    assert c.light(0x16, light, "vector") == agent.get_light_direction(light)
+    assert c.set_light(0x13, light, "<f", 0.3) == "ok"
+    agent.set_light_indirect_multiplier(light, 0.3)
+    assert c.light(0x12, light, "float") == agent.get_light_indirect_multiplier(light)
 
 
 def test_messages_may_arrive_byte_by_byte(connect):

@@ -26,7 +26,7 @@ from tiscene.sailenv.agent_objects import AgentObjects
 from tiscene.sailenv.agent_worlds import AgentWorlds
 from tiscene.sailenv.environment import Environment
 from tiscene.sailenv.frame_views import VIEWS
-from tiscene.sailenv.json_messages import single_precision
+from tiscene.sailenv.json_messages import rounded, single_precision
 from tiscene.sailenv.pixel_queries import PixelAnswer
 from tiscene.sailenv.scenario_classes import Vector3
 
@@ -180,7 +180,7 @@ class Agent(AgentObjects):
         for name, array in views.items():
             frame["sizes"][name] = array.nbytes
             frame[name] = to_client_dtype(name, array)
-        frame["deltaTime"] = seconds
+        frame["deltaTime"] = rounded(seconds)
         return frame
 
     def ask_pixel(self, y: int, x: int) -> PixelAnswer | None:
@@ -222,7 +222,7 @@ class Agent(AgentObjects):
     def get_position(self) -> Vector3:
         """Return the agent's position, m."""
         with self._locked() as (environment, camera):
-            return Vector3(*environment.position(camera))
+            return Vector3(*single_precision(environment.position(camera)))
 
     def set_position(self, position: Any) -> None:
         """Set the agent's position, m, from the next frame on."""
@@ -233,7 +233,7 @@ class Agent(AgentObjects):
     def get_rotation(self) -> Vector3:
         """Return the agent's Euler angles, degrees."""
         with self._locked() as (environment, camera):
-            return Vector3(*environment.rotation(camera))
+            return Vector3(*single_precision(environment.rotation(camera)))
 
     def set_rotation(self, rotation: Any) -> None:
         """Set the agent's Euler angles, degrees, from the next frame on."""

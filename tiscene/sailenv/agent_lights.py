@@ -10,11 +10,9 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Any, TypeVar
 
-import numpy as np
-
 from tiscene.sailenv.agent_camera import AgentCamera
 from tiscene.sailenv.environment import Environment
-from tiscene.sailenv.json_messages import single_precision
+from tiscene.sailenv.json_messages import rounded, single_precision
 from tiscene.sailenv.light_controls import LightControls
 
 Result = TypeVar("Result")
@@ -33,7 +31,7 @@ class AgentLights:
 
     def get_light_position(self, light_name: str) -> tuple[float, float, float] | None:
         """Return a light's position, m."""
-        return self._light("getting light position", lambda lights: lights.position(light_name))
+        return self._light("getting light position", lambda lights: single_precision(lights.position(light_name)))
 
     def set_light_position(self, light_name: str, position: Any) -> None:
         """Set a light's position, m."""
@@ -41,7 +39,7 @@ class AgentLights:
 
     def get_light_direction(self, light_name: str) -> tuple[float, float, float] | None:
         """Return the direction in which a light emits."""
-        return self._light("getting light direction", lambda lights: lights.direction(light_name))
+        return self._light("getting light direction", lambda lights: single_precision(lights.direction(light_name)))
 
     def set_light_direction(self, light_name: str, direction: Any) -> None:
         """Set the direction in which a light emits."""
@@ -49,19 +47,21 @@ class AgentLights:
 
     def get_light_intensity(self, light_name: str) -> float | None:
         """Return a light's intensity; 1 is that of the scene."""
-        return self._light("getting light intensity", lambda lights: lights.intensity(light_name))
+        return self._light("getting light intensity", lambda lights: rounded(lights.intensity(light_name)))
 
     def set_light_intensity(self, light_name: str, intensity: float) -> None:
         """Set a light's intensity; 1 is that of the scene."""
-        self._set_light("intensity", light_name, lambda: float(np.float32(intensity)))
+        self._set_light("intensity", light_name, lambda: rounded(intensity))
 
     def get_light_indirect_multiplier(self, light_name: str) -> float | None:
         """Return the factor of a light's indirect light; 1 is that of the scene."""
-        return self._light("getting light indirect multiplier", lambda lights: lights.indirect_multiplier(light_name))
+        return self._light(
+            "getting light indirect multiplier", lambda lights: rounded(lights.indirect_multiplier(light_name))
+        )
 
     def set_light_indirect_multiplier(self, light_name: str, indirect_multiplier: float) -> None:
         """Set the factor of a light's indirect light; 1 is that of the scene."""
-        self._set_light("indirect_multiplier", light_name, lambda: float(indirect_multiplier))
+        self._set_light("indirect_multiplier", light_name, lambda: rounded(indirect_multiplier))
 
     def get_light_type(self, light_name: str) -> str | None:
         """Return "Directional", "Point", "Rectangle", "Disc" or "Area"."""

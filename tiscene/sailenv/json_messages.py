@@ -32,6 +32,11 @@ def vector(value: Any) -> Vector3:
         return (float(x), float(y), float(z))
 
 
+def rounded(value: Any) -> float:
+    """Return a number rounded to single precision, as the protocol and Unity have it."""
+    return float(np.float32(value))
+
+
 def single_precision(value: Any) -> Vector3:
     """Return a vector rounded to single precision, as the protocol and Unity have it."""
     x, y, z = np.array(vector(value), np.float32).tolist()
