@@ -103,6 +103,14 @@ def test_recording_of_a_script_is_read_whole_by_a_reader_of_the_layout(recorded)
     ]
 
 
+@pytest.mark.parametrize("given", [(), ("3",), ("3", "--frames", "--", "-o")])
+def test_script_gets_the_arguments_after_two_hyphens(tmp_path, given):
+    script = tmp_path / "script.py"
+    script.write_text(f"import sys\nassert sys.argv == [__file__, *{given}], sys.argv\n{SCRIPT}")
+    arguments = [str(script), "-o", str(tmp_path / "out"), "--frames", "1", "--no-focus", *FAST]
+    assert main([*RECORD, *arguments, *(["--", *given] if given else [])]) == 0
+
+
 def test_same_script_gives_the_same_recording(recorded):
     arguments = [str(recorded / "script.py"), "-o", str(recorded / "again"), "--classes", "sphere,cube", *FAST]
     assert main([*RECORD, *arguments]) == 0
@@ -169,6 +177,7 @@ def test_earlier_recording_is_deleted_only_on_request(recorded, capsys):
     assert main([*RECORD, *arguments, "3"]) == 0
     assert main([*RECORD, *arguments, "1"]) == 2
     assert "--overwrite" in capsys.readouterr().err
+    assert main([*RECORD, str(recorded / "missing.py"), *arguments[1:], "1", "--overwrite"]) == 2
     assert len(Recording(recorded / "short")) == 3
     assert main([*RECORD, *arguments, "1", "--overwrite"]) == 0
     assert len(list((recorded / "short").rglob("*.png"))) == len(Recording(recorded / "short")) == 1

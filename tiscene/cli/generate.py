@@ -52,7 +52,7 @@ def _generate_with_workers(args: argparse.Namespace, recipe: Recipe) -> None:
     claim(data_set)
     with progress(f"{args.workers} workers", args.count) as step:
         show = total_shown(step)
-        run_workers(shard_commands(args.arguments, args.workers), lambda: show(data_set.done()))
+        run_workers(shard_commands(args.command_line, args.workers), lambda: show(data_set.done()))
         step(0, task="index")
         finish(args.output)
 

@@ -29,8 +29,13 @@ def main(arguments: Sequence[str] | None = None) -> int:
         The exit status.
     """
     top = parser()
-    args = top.parse_args(arguments)
-    args.arguments = list(sys.argv[1:] if arguments is None else arguments)  # for worker processes
+    command_line = list(sys.argv[1:] if arguments is None else arguments)
+    own, script_arguments = command_line, []
+    if command_line[:1] == ["sailenv"] and "--" in command_line:  # argparse takes them only right after the script
+        end = command_line.index("--")
+        own, script_arguments = command_line[:end], command_line[end + 1 :]
+    args = top.parse_args(own)
+    args.command_line, args.script_arguments = command_line, script_arguments
     if args.command is None:
         top.print_help(sys.stderr)
         return 2

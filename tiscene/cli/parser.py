@@ -253,7 +253,8 @@ def _sailenv(commands: Commands) -> None:
         "record",
         help="run a script or play a scenario, and record the frames in the layout of SAILenv's recordings",
         description="Run a script, or play a scenario (.json), and record each frame that its first agent receives: "
-        "color, flow, a class for each pixel, and a focus of attention (see docs/sailenv.md).",
+        "color, flow, a class for each pixel, and a focus of attention (see docs/sailenv.md). Arguments of the script "
+        "come last, after --.",
     )
     record.add_argument("source", metavar="SCRIPT_OR_SCENARIO", help="a Python file that imports sailenv, or JSON")
     record.add_argument("-o", "--output", metavar="DIR", required=True, help="folder to write")
@@ -284,4 +285,3 @@ def _sailenv(commands: Commands) -> None:
     )
     add_seed(record)
     add_arch(record)
-    record.add_argument("arguments", nargs="*", metavar="ARGUMENT", help="arguments of the script, after --")

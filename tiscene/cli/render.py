@@ -124,7 +124,7 @@ def _render_with_workers(args: argparse.Namespace, frames: range) -> None:
     try:
         with progress(f"{args.workers} workers", len(frames)) as step:
             show = total_shown(step)
-            commands = shard_commands(args.arguments, args.workers)
+            commands = shard_commands(args.command_line, args.workers)
             run_workers(commands, lambda: show(frames_in(folders)))
             step(0, task="merging")
             merge(args.output, folders, overwrite=args.overwrite)

@@ -16,7 +16,7 @@ from tiscene.export.sailenv_recorder import SailenvRecorder
 from tiscene.sailenv.agent_camera import AgentCamera
 from tiscene.sailenv.environment import Environment
 from tiscene.sailenv.recorded_classes import RecordedClasses
-from tiscene.sailenv.script_runner import FrameLimitReached, ScriptAgent, agent_class, run_source
+from tiscene.sailenv.script_runner import FrameLimitReached, ScriptAgent, agent_class, existing, run_source
 
 VIEWS = ("main", "category", "flow")
 
@@ -45,7 +45,7 @@ def run(args: argparse.Namespace) -> None:
     """Record, and print the folder. An interrupted recording is ended at its last frame."""
     if args.frames is not None and args.frames < 1:
         raise ArgumentError(f"--frames {args.frames}: must be at least 1")
-    source = Path(args.source)
+    source = existing(Path(args.source))  # before an earlier recording is deleted
     classes = RecordedClasses.chosen(args.classes)
     recorder = SailenvRecorder(Path(args.output), args.fps, classes, overwrite=args.overwrite)
     settings = {"fps": args.fps, "quality": args.quality, "spp": args.spp, "seed": args.seed, "arch": args.arch}
@@ -60,7 +60,7 @@ def run(args: argparse.Namespace) -> None:
         )
         try:
             size = args.width or 256, args.height or 192
-            run_source(source, args.arguments, agent, size=size, headless=not args.windows)
+            run_source(source, args.script_arguments, agent, size=size, headless=not args.windows)
         except FrameLimitReached:
             pass
         except KeyboardInterrupt:

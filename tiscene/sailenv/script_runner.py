@@ -63,6 +63,13 @@ class ScriptAgent(Agent):
         return super()._render(environment, camera, views)
 
 
+def existing(path: Path) -> Path:
+    """Return the path of a file. Raises MissingFile if there is none."""
+    if not path.is_file():
+        raise MissingFile(f"no file {str(path)!r}")
+    return path
+
+
 def agent_class(base: type[ScriptAgent], **attributes: Any) -> Any:
     """Return a subclass of ScriptAgent with class attributes, under the name that scripts know."""
     return type("Agent", (base,), attributes)
@@ -81,8 +88,7 @@ def run_script(path: Path, arguments: Sequence[str], agent: type[Agent], *, head
         MissingFile: There is no such script.
         SystemExit: As the script raises it, or because it needs OpenCV.
     """
-    if not path.is_file():
-        raise MissingFile(f"no file {str(path)!r}")
+    existing(path)
     if headless:
         make_headless()
     with _restored_process():
@@ -110,10 +116,9 @@ def run_scenario(path: Path, agent: type[ScriptAgent], size: tuple[int, int]) ->
     Raises:
         MissingFile, ScenarioError: The file does not exist or is no scenario.
     """
+    existing(path)
     try:
         content = json.loads(path.read_text("utf-8-sig"))
-    except FileNotFoundError as error:
-        raise MissingFile(f"no file {str(path)!r}") from error
     except (OSError, ValueError, RecursionError) as error:
         raise ScenarioError(f"{path}: cannot be read as JSON: {error}") from error
     if not isinstance(content, dict) or "scene_name" not in content:
@@ -136,8 +141,7 @@ def run_source(
     path: Path, arguments: Sequence[str], agent: type[ScriptAgent], *, size: tuple[int, int], headless: bool = True
 ) -> None:
     """Run a script (.py), or play a scenario (.json) with an image size; see `run_script` and `run_scenario`."""
-    if not path.is_file():
-        raise MissingFile(f"no file {str(path)!r}")
+    existing(path)
     if path.suffix.lower() == ".json":
         if agent.limit is None:
             raise ArgumentError(f"{path.name} has no end: give the number of frames")
