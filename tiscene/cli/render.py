@@ -176,7 +176,6 @@ def selected_frames(frames: slice | None, count: int | None) -> range:
     if count is None:
         start = frames.start
         raise ArgumentError(
-            f"--frames {start}: has no end, and neither has a stream: give an end, such as {start}:{start + 100}, "
-            "or --count"
+            f"--frames {start}: has no end, and neither has a stream: give an end, such as {start}:{start + 100}"
         )
     return range(frames.start, frames.start + count * frames.step, frames.step)
