@@ -127,6 +127,24 @@ def test_edits_and_lights_in_instances_are_written_as_motion(carts, tmp_path):
             np.testing.assert_allclose(mine[path].radiance, other[path].radiance, rtol=1e-6)
 
 
+def test_part_with_its_own_transform_stack_stays_where_it_is(tmp_path):
+    """USD leaves it in place while its object moves; the box of the object holds both."""
+    own = 'double3 xformOp:translate = (0, 5, 0)\nuniform token[] xformOpOrder = ["!resetXformStack!", %s]'
+    part = '\ndef Cube "Part"\n{\n%s\n}\n' % (own % '"xformOp:translate"')
+    path = write(tmp_path, COMPONENT % ("Thing", MOVED + part) + FLOOR, more=RANGE)
+    for frame in (0, 10, 5):
+        row = next(row for row in stream(path)[frame].objects if row.prim_path == "/Thing")
+        x = -1 + frame / 5
+        np.testing.assert_allclose(row.world_bounds, [(min(x, 0) - 1, -1, -1), (max(x, 0) + 1, 6, 1)], atol=1e-6)
+    assert ts.Scenario.load(path).objects == ()
+
+
+def test_component_that_is_a_scope_moves_with_its_group(tmp_path):
+    thing = (COMPONENT % ("Thing", "")).replace("Xform", "Scope")
+    source = stream(write(tmp_path, f'def Xform "Group"\n{{\n{MOVED}\n{thing}}}' + FLOOR, more=RANGE))
+    assert [middles(source, frame)["/Group/Thing"] for frame in (0, 10)] == [[-1, 0, 0], [1, 0, 0]]
+
+
 def test_object_moves_along_an_arc_about_a_turning_group(tmp_path):
     """Orientations of a group are interpolated as USD does, on every whole time code."""
     turned = """quatf xformOp:orient.timeSamples = { 0: (1, 0, 0, 0), 10: (0.70710678, 0, 0, 0.70710678) }

@@ -45,6 +45,17 @@ def sample_times(prim: Usd.Prim) -> list[float]:
     return dense_times(times, MAX_TIMES) if turns else sorted(times)
 
 
+def leaves_parts_behind(prim: Usd.Prim) -> bool:
+    """Return whether a prim moves by time samples, but not all within it: `!resetXformStack!` keeps parts in place.
+
+    No trajectory of the whole prim is its motion. It is played by the transforms of its parts.
+    """
+    if len(sample_times(prim)) < 2:
+        return False
+    inside = (UsdGeom.Xformable(each) for each in Usd.PrimRange(prim, Usd.TraverseInstanceProxies()))
+    return any(each.GetPrim() != prim and each.GetResetXformStack() for each in inside if each)
+
+
 def read_lifespan(prim: Usd.Prim, report: StageReport) -> tuple[int, int | None] | None:
     """Return the first and last frame at which a prim is visible, from the samples of its own visibility.
 

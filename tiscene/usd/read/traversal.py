@@ -14,6 +14,7 @@ from pxr import Sdf, Tf, Usd, UsdGeom, UsdLux, UsdSkel
 
 from tiscene.scene.camera import Camera
 from tiscene.scene.description import Matrix, SceneDescription, Template
+from tiscene.usd.core.keyframes import leaves_parts_behind
 from tiscene.usd.core.report import UNDRAWN, StageReport
 from tiscene.usd.core.semantics import direct_label, is_component, is_object_instance, taxonomies_of
 from tiscene.usd.core.time_samples import TransformSamples
@@ -141,7 +142,8 @@ class StageReader(PointInstancerReader):
     def _is_animated_by_scenario(self, prim: Usd.Prim, inherited: TraversalContext, is_object: bool) -> bool:
         """Return whether a scenario animates a prim, not an instance track: objects, lights and whole templates.
 
-        An object within another one, or within an instance of several, moves by a track: no scenario holds it.
+        No scenario holds an object within another one or within an instance of several, a Scope, and an object that
+        leaves parts behind: they move by tracks.
         """
         if self._parts is not None or prim.GetPath() in self._report.budget.baked_skins:
             return False
@@ -150,7 +152,8 @@ class StageReader(PointInstancerReader):
         is_gprim = bool(prim.IsA(UsdGeom.Gprim))
         if is_light(prim) and not is_gprim:
             return True
-        return (is_object or is_gprim) and inherited.owner is None and not prim.IsInstanceProxy()
+        is_outermost = (is_object or is_gprim) and inherited.owner is None and not prim.IsInstanceProxy()
+        return is_outermost and bool(prim.IsA(UsdGeom.Xformable)) and not leaves_parts_behind(prim)
 
     def _read(self, prim: Usd.Prim, here: TraversalContext, predicate: Any) -> bool:
         """Read one prim and return whether to traverse its children."""
