@@ -259,3 +259,36 @@ def Mesh "M" (prepend apiSchemas = ["MeshLightAPI"])
     emitter = only_material(read(tmp_path, body))
     assert emitter.emissive_color == (4.0, 2.0, 0.0)
     assert emitter.diffuse_color == (0.0, 0.0, 0.0)
+
+
+@pytest.mark.parametrize(
+    ("interpolation", "values"),
+    [
+        ("vertex", "(1, 0, 0), (1, 0, 0), (1, 0, 0)"),
+        ("faceVarying", "(1, 0, 0), (1, 0, 0), (1, 0, 0)"),
+        ("uniform", "(1, 0, 0), (0, 1, 0), (0, 0, 1)"),
+    ],
+)
+def test_display_color_of_a_wrong_count_is_not_used(tmp_path, interpolation, values):
+    line = f'color3f[] primvars:displayColor = [{values}] (interpolation = "{interpolation}")'
+    body = f'def Mesh "M"\n{{\n{QUAD}\n{line}\n}}'
+    description = read_with_warning(tmp_path, body, f"displayColor: 3 values, but {interpolation}.*is not used: </M>$")
+    assert only_material(description).diffuse_color == (0.18, 0.18, 0.18)
+
+
+@pytest.mark.parametrize(
+    ("type_", "reader", "values"),
+    [("float[]", "float", ("0.125", "0.75")), ("color4f[]", "float4", ("(0.125, 0, 0, 1)", "(0.75, 0, 0, 1)"))],
+)
+def test_meshes_that_share_a_material_have_their_own_primvars(tmp_path, type_, reader, values):
+    source = "color3f inputs:diffuseColor.connect = </Looks/L/P.outputs:result>"
+    read_by = shader("P", f"UsdPrimvarReader_{reader}", 'string inputs:varname = "tone"', f"{reader} outputs:result")
+    body = material(shader("Surface", "UsdPreviewSurface", source) + read_by)
+    start, end = body.index("def Mesh"), body.index("def Scope")
+    meshes = ""
+    for name, value in zip("AB", values, strict=True):
+        line = f'{type_} primvars:tone = [{value}] (interpolation = "constant")\n'
+        mesh = body[start:end].replace('"M"', f'"{name}"')
+        meshes += mesh.replace("rel material:binding", line + "rel material:binding")
+    found = materials_of(read(tmp_path, meshes + body[end:]))
+    assert [found[name].diffuse_color[0] for name in "AB"] == [0.125, 0.75]

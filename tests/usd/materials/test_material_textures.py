@@ -11,7 +11,7 @@ import pytest
 from PIL import Image
 
 from tests.usd.helpers import STAGES, read, read_with_warning
-from tests.usd.materials.test_material import material, only_material, shader
+from tests.usd.materials.test_material import material, materials_of, only_material, shader
 
 
 @pytest.fixture
@@ -145,6 +145,20 @@ def test_missing_uv_primvar_is_reported(textures):
     body = texture(lines, reader).replace("rel material:binding", st + "\n    rel material:binding")
     description = read_with_warning(textures, body, "no primvar 'UVMap'.*</M>")
     np.testing.assert_array_equal(description.meshes[0].uv, description.meshes[0].positions[:, :2])
+
+
+def test_fallback_of_a_reader_replaces_missing_texture_coordinates(textures):
+    """One material on a mesh without texture coordinates and on one that has them."""
+    lines = "asset inputs:file = @./textures/color.png@\nfloat2 inputs:st.connect = </Looks/L/Reader.outputs:result>"
+    given = 'string inputs:varname = "st"\nfloat2 inputs:fallback = (0.25, 0.75)'
+    reader = shader("Reader", "UsdPrimvarReader_float2", given, "float2 outputs:result")
+    body = texture(lines, reader)
+    mesh = body[body.index("def Mesh") : body.index("def Scope")]
+    st = 'texCoord2f[] primvars:st = [(0, 0), (1, 0), (1, 1), (0, 1)] (interpolation = "vertex")\n'
+    other = mesh.replace('"M"', '"N"').replace("rel material:binding", st + "rel material:binding")
+    found = materials_of(read(textures, mesh + other + body[body.index("def Scope") :]))
+    assert found["M"].diffuse_color.uv_transform == (0, 0, 0.25, 0, 0, 0.75)
+    assert found["N"].diffuse_color.uv_transform == (1, 0, 0, 0, 1, 0)
 
 
 def test_cyclic_uv_transforms_are_reported(textures):

@@ -30,12 +30,12 @@ def constant_primvar(
         name: the primvar, without "primvars:".
         width: components of each value.
         time: when to evaluate it.
-        report: collects values that are not finite.
+        report: collects values that are not finite, or of another number than the gprim has points or faces.
         report_varying: whether to report as an omission that a varying primvar is replaced by its mean.
 
     Returns:
         `width` numbers: the constant primvar, or the mean of one that varies; None if it is unauthored, of another
-        size, or not finite.
+        size, not finite, or, which is reported, does not fit the gprim.
     """
     primvar = UsdGeom.PrimvarsAPI(gprim).FindPrimvarWithInheritance(name)
     value = primvar.Get(time) if primvar else None
@@ -50,6 +50,11 @@ def constant_primvar(
     if not np.isfinite(values).all():
         report.problem(gprim.GetPath(), name, "is not a finite number")
         return None
+    if _is_not_constant(primvar):
+        topology = primvar_topology(gprim, time)
+        is_valid = topology.counts.min(initial=0) >= 0  # else it is reported where the gprim is read
+        if is_valid and len(topology.counts) and read_primvar(primvar, width, topology, time, report) is None:
+            return None
     if report_varying and len(values) > 1 and (values != values[0]).any():
         report.omission(gprim.GetPath(), f"primvar {name!r} varies over the surface, its mean is used")
     return tuple(round(v, 7) for v in values.mean(axis=0).tolist())

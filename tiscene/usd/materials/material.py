@@ -69,7 +69,7 @@ class MaterialTableBuilder:
         self._textures = textures
         self._time = time
         self._report = report
-        self._primvars: dict[Any, tuple[str, ...]] = {}  # primvars that a material reads as constants
+        self._primvars: dict[Any, tuple[tuple[str, int], ...]] = {}  # of each material's constants: name, width
         self._bindings: dict[Any, Binding | None] = {}
         self._unwrapped: dict[Any, tuple[UnwrappedTexture, ...]] = {}
         self._checked_uses: set[tuple[Any, UnwrappedTexture]] = set()
@@ -256,13 +256,13 @@ class MaterialTableBuilder:
             text = "has an anisotropic material and no texture coordinates; its direction differs between triangles"
             self._report.omission(gprim.GetPath(), text)
 
-    def _primvar_values(self, gprim: Usd.Prim, names: Iterable[str]) -> tuple[Any, ...]:
+    def _primvar_values(self, gprim: Usd.Prim, primvars: Iterable[tuple[str, int]]) -> tuple[Any, ...]:
         """Return the gprim's values of the primvars that a material reads as constants: part of the cache key."""
         return tuple(
             "varies"
             if varies_over_surface(gprim, name, self._time)
-            else constant_primvar(gprim, name, 3, self._time, self._report)
-            for name in names
+            else constant_primvar(gprim, name, width, self._time, self._report)
+            for name, width in primvars
         )
 
 

@@ -40,13 +40,13 @@ class NetworkReader:
         report: collects problems and omissions.
 
     Attributes:
-        constants: names of the primvars read as constants.
+        constants: name and number of components of the primvars read as constants.
         primvars: names of the primvars read per vertex.
         unwrapped: the textures without an authored wrap mode.
     """
 
     def __init__(self, gprim: Usd.Prim, textures: TextureTable, time: Usd.TimeCode, report: StageReport) -> None:
-        self.constants: list[str] = []
+        self.constants: list[tuple[str, int]] = []
         self.primvars = NO_PRIMVARS
         self.unwrapped: list[UnwrappedTexture] = []
         self._gprim = gprim
@@ -227,8 +227,8 @@ class NetworkReader:
 
     def _primvar_value(self, name: str, width: int) -> tuple[float, ...] | TextureLookup | None:
         """Return a primvar's value, or the vertices' color or opacity where it varies; None if the gprim lacks it."""
-        if name not in self.constants:
-            self.constants.append(name)
+        if (name, width) not in self.constants:
+            self.constants.append((name, width))
         if width != 2 and varies_over_surface(self._gprim, name, self._time):
             field = "opacity" if width == 1 else "color"  # one of each per material; another one becomes its mean
             if getattr(self.primvars, field) in ("", name):
@@ -302,7 +302,9 @@ class NetworkReader:
             source, path = st.source, st.source.shader.GetPath()
             inputs = connections_of(source.shader, self._time)
             if source.id == "UsdPrimvarReader_float2":
-                return transform, self._token(inputs, "varname", "st")
+                name = self._token(inputs, "varname", "st")
+                fallback = self._missing_coordinates(name, inputs.get("fallback"))
+                return (transform, name) if fallback is None else (transform @ _at_point(fallback), "")
             if source.id != "UsdTransform2d" or path in visited:
                 fault = "is connected to itself" if path in visited else "is not supported"
                 self._report.omission(path, f"shader {source.id!r} {fault}; 'st' is used")
@@ -312,8 +314,18 @@ class NetworkReader:
             st = inputs.get("in")
         point = None if st is None or st.source is not None else self._numbers(st.value, "st")
         if point is not None and len(point) == 2:  # one point of the image everywhere
-            transform = transform @ np.array([[0, 0, point[0]], [0, 0, point[1]], [0, 0, 1.0]])
+            transform = transform @ _at_point(point)
         return transform, ""
+
+    def _missing_coordinates(self, name: str, fallback: ShaderConnection | None) -> tuple[float, ...] | None:
+        """Return a primvar reader's fallback if the mesh has neither its texture coordinates nor others to use."""
+        value = None if fallback is None else self._numbers(fallback.value, "fallback")
+        if value is None or len(value) != 2 or not self._gprim.IsA(UsdGeom.Mesh):
+            return None  # other gprims have generated coordinates
+        self.constants += [each for each in ((name, 2), ("st", 2)) if each not in self.constants]
+        api = UsdGeom.PrimvarsAPI(self._gprim)
+        found = (api.FindPrimvarWithInheritance(each) for each in (name, "st"))
+        return None if any(each and each.HasAuthoredValue() for each in found) else value
 
     def _transform2d(self, inputs: dict[str, ShaderConnection]) -> np.ndarray[Any, Any]:
         """Return the 3x3 matrix of a UsdTransform2d: scale, then rotate counter-clockwise, then translate."""
@@ -329,6 +341,11 @@ class NetworkReader:
 def _is_materialx(connection: ShaderConnection) -> bool:
     """Return whether an input comes from a node of MaterialX's own library."""
     return connection.source is not None and connection.source.id.startswith("ND_")
+
+
+def _at_point(point: tuple[float, ...]) -> np.ndarray[Any, Any]:
+    """Return the map [3, 3] of all texture coordinates to one point."""
+    return np.array([[0, 0, point[0]], [0, 0, point[1]], [0, 0, 1.0]])
 
 
 def _rows(matrix: np.ndarray[Any, Any]) -> Affine:
