@@ -108,6 +108,28 @@ def test_udim_image_begins_at_first_tile(tmp_path):
     np.testing.assert_allclose(lookup.uv_transform, (1, 0, -2, 0, 1, -1))
 
 
+def test_coordinates_outside_of_udim_tiles_are_reported(tmp_path):
+    Image.new("L", (2, 2), 7).save(tmp_path / "t.1001.png")
+    lines = "asset inputs:file = @./t.<UDIM>.png@\nfloat2 inputs:st.connect = </Looks/L/Reader.outputs:result>"
+    read_by = shader("Reader", "UsdPrimvarReader_float2", 'string inputs:varname = "st"', "float2 outputs:result")
+    st = 'texCoord2f[] primvars:st = [(0, 0), (%g, 0), (%g, 1), (0, 1)] (interpolation = "vertex")\n    '
+    body = texture(lines, read_by)
+    inside, outside = (body.replace("rel material:b", st % (u, u) + "rel material:b") for u in (1, 2))
+    read(tmp_path, inside)
+    expected = "leave the tiles of @./t.<UDIM>.png@; the colors of their edges are used: </M>"
+    read_with_warning(tmp_path, outside, expected)
+
+
+def test_udim_tiles_far_apart_are_reduced(tmp_path, monkeypatch):
+    monkeypatch.setattr("tiscene.usd.materials.texture._MAX_SHEET", 100 * 8)
+    for number, value in ((1001, 100), (1100, 200)):
+        Image.new("L", (8, 4), value).save(tmp_path / f"t.{number}.png")
+    body = texture("asset inputs:file = @./t.<UDIM>.png@")
+    (sheet,) = read_with_warning(tmp_path, body, "far apart, in an area of 10x10: each is reduced to 4x2").textures
+    assert sheet.pixels.shape == (20, 40, 4)
+    assert (sheet.pixels[-1, 0, 0], sheet.pixels[0, -1, 0]) == (100, 200)
+
+
 def test_udim_path_without_dot_slash_is_relative_to_layer(tmp_path):
     (tmp_path / "maps").mkdir()
     Image.new("L", (2, 2), 7).save(tmp_path / "maps" / "t.1001.png")

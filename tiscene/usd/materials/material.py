@@ -29,7 +29,7 @@ from tiscene.usd.geometry.primvar import NO_PRIMVARS, PrimvarNames
 from tiscene.usd.materials.animated_material import material_times, material_track
 from tiscene.usd.materials.preview_surface import NetworkReader
 from tiscene.usd.materials.texture import TextureTable
-from tiscene.usd.materials.texture_borders import UnwrappedTexture, report_black_borders
+from tiscene.usd.materials.texture_borders import UnwrappedTexture, report_borders
 
 _DEFAULT = Material("default")
 _BLACK: Color = (0.0, 0.0, 0.0)
@@ -240,7 +240,7 @@ class MaterialTableBuilder:
             use = (_source_path(prim), texture)
             if use not in self._checked_uses:
                 self._checked_uses.add(use)
-                report_black_borders(prim, gprim, texture, self._time, self._report)
+                report_borders(prim, gprim, texture, self._time, self._report)
         self._check_tangents(gprim, self._bindings[key])
         return self._bindings[key]
 

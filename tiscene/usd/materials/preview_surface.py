@@ -42,7 +42,7 @@ class NetworkReader:
     Attributes:
         constants: name and number of components of the primvars read as constants.
         primvars: names of the primvars read per vertex.
-        unwrapped: the textures without an authored wrap mode.
+        unwrapped: the textures without an authored wrap mode, and those of UDIM tiles.
     """
 
     def __init__(self, gprim: Usd.Prim, textures: TextureTable, time: Usd.TimeCode, report: StageReport) -> None:
@@ -251,6 +251,7 @@ class NetworkReader:
             if "<UDIM>" in file.value.path:
                 found = self._textures.add_udim(file.attribute, file.value, space, fallback)
                 row, window = found or (None, _IDENTITY)
+                unwrapped = (True, True)
             else:
                 row = self._textures.add(file.attribute, file.value, space, wrap_s, wrap_t)
                 unwrapped = (wrap_s == "useMetadata", wrap_t == "useMetadata")

@@ -26,6 +26,7 @@ Wrap = Literal["repeat", "clamp", "mirror", "black"]
 Encoding = Literal["srgb", "raw"]
 Affine = tuple[float, float, float, float, float, float]
 _HALF_MAX = 65504.0  # largest finite float16
+_MAX_SHEET = 1 << 28  # texels of an image of UDIM tiles that are far apart; 1 GiB of 8-bit ones
 _FALLBACK = "its fallback is used"
 _WRAPS = ("repeat", "clamp", "mirror", "black")
 
@@ -117,7 +118,16 @@ class TextureTable:
         columns, rows = (high - low).tolist()
         first = next(iter(read.values()))
         encoding = self._encoding(color_space, first, prim_path)
-        merged = ImageData(_merge_tiles(read, low, (columns, rows), fallback, encoding), first.srgb)
+        shape = np.max([picture.pixels.shape[:2] for picture in read.values()], axis=0)
+        largest = max(_MAX_SHEET, 2 * len(read) * int(shape.prod()))
+        fitting = shape
+        while columns * rows * int(fitting.prod()) > largest and fitting.max() > 1:
+            fitting = np.maximum(fitting // 2, 1)
+        if fitting is not shape:
+            size = "x".join(map(str, fitting[::-1]))
+            text = f"the tiles @{asset.path}@ are far apart, in an area of {columns}x{rows}: each is reduced to {size}"
+            self._report.omission(prim_path, text)
+        merged = ImageData(_merge_tiles(read, low, (columns, rows), fitting.tolist(), fallback, encoding), first.srgb)
         row = self._row(_anchor_udim_path(attribute, asset), merged, encoding, ("clamp", "clamp"))
         return row, (1.0 / columns, 0.0, -float(low[0]) / columns, 0.0, 1.0 / rows, -float(low[1]) / rows)
 
@@ -208,20 +218,21 @@ def _merge_tiles(
     tiles: dict[tuple[int, int], ImageData],
     low: NDArray[np.int64],
     size: tuple[int, int],
+    shape: tuple[int, int],
     fallback: tuple[float, ...],
     encoding: Encoding,
 ) -> NDArray[np.uint8] | FloatArray:
     """Arrange UDIM tiles as one image [h, w, 4], with v increasing upward.
 
     Args:
-        tiles: images by their (u, v); all are resized to the largest by nearest neighbor.
+        tiles: images by their (u, v); all are resized by nearest neighbor.
         low: (u, v) of the lowest tiles.
         size: columns and rows of tiles.
+        shape: height and width of each tile in the result.
         fallback: linear RGBA of missing tiles.
         encoding: encoding of the tiles.
     """
-    height = max(picture.pixels.shape[0] for picture in tiles.values())
-    width = max(picture.pixels.shape[1] for picture in tiles.values())
+    height, width = shape
     is_float = any(picture.pixels.dtype != np.uint8 for picture in tiles.values())
     empty = np.asarray(fallback, dtype=np.float64)
     if encoding == "srgb":

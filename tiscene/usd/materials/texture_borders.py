@@ -2,7 +2,7 @@
 """Check for textures that are black because no wrap mode is authored.
 
 UsdUVTexture's wrap modes default to "useMetadata", which is black outside 0..1 for files without wrap metadata. Most
-authors do not expect that. `report_black_borders` names the meshes whose texture coordinates leave 0..1.
+authors do not expect that. `report_borders` names the meshes whose texture coordinates leave 0..1, or UDIM tiles.
 """
 
 from __future__ import annotations
@@ -21,13 +21,13 @@ _MARGIN = 1e-3  # coordinates may leave 0..1 by this much, a pixel of a texture 
 
 @dataclass(frozen=True)
 class UnwrappedTexture:
-    """A texture lookup without an authored wrap mode along at least one axis.
+    """A texture lookup without an authored wrap mode along at least one axis, or in an image of UDIM tiles.
 
     Attributes:
         asset: path of the image file as authored.
         uv: the primvar of its coordinates; "" for the default one.
         transform: affine map of the coordinates, row-major 2x3.
-        axes: whether the wrap mode of s and of t is missing.
+        axes: whether the wrap mode of s and of t is missing; both for UDIM tiles.
     """
 
     asset: str
@@ -36,10 +36,10 @@ class UnwrappedTexture:
     axes: tuple[bool, bool]
 
 
-def report_black_borders(
+def report_borders(
     prim: Usd.Prim, gprim: Usd.Prim, texture: UnwrappedTexture, time: Usd.TimeCode, report: StageReport
 ) -> None:
-    """Report a texture if the coordinates of the faces that it is bound to leave 0..1.
+    """Report a texture if the coordinates of the faces that it is bound to leave its image.
 
     Args:
         prim: the mesh or the GeomSubset that the material is bound to.
@@ -62,6 +62,8 @@ def report_black_borders(
     mapped = (uv @ matrix[:, :2].T + matrix[:, 2])[:, list(texture.axes)]
     if mapped.size and (mapped.min() < -_MARGIN or mapped.max() > 1.0 + _MARGIN):
         text = f"texture @{texture.asset}@ has no wrap mode, so that it is black where texture coordinates leave 0..1"
+        if "<UDIM>" in texture.asset:
+            text = f"texture coordinates leave the tiles of @{texture.asset}@; the colors of their edges are used"
         report.omission(gprim.GetPath(), text)
 
 
