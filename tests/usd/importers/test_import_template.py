@@ -6,6 +6,7 @@ from __future__ import annotations
 import base64
 import io
 import json
+import re
 import warnings
 import zipfile
 from pathlib import Path
@@ -232,6 +233,13 @@ def test_variants_of_imported_usd_file_are_selectable(tmp_path):
 def test_missing_textures_are_reported(box, tmp_path):
     (box.parent / "maps" / "oak.png").unlink()
     with pytest.warns(StageWarning, match=r"box.obj refers to missing files: Maps\\Oak.PNG"):
+        path = import_asset(box, tmp_path / "out")
+    assert not read_template(path).description.textures
+
+
+def test_textures_without_coordinates_are_reported(box, tmp_path):
+    box.write_text(re.sub(r"(\d+)/\d+", r"\1", BOX))
+    with pytest.warns(StageWarning, match="box.obj: not imported: textures whose coordinates the mesh lacks"):
         path = import_asset(box, tmp_path / "out")
     assert not read_template(path).description.textures
 

@@ -13,7 +13,13 @@ from numpy.typing import NDArray
 from tiscene.usd.importers.gltf import GltfDocument
 from tiscene.usd.importers.gltf_animation import AnimationSampler, ScenePose
 from tiscene.usd.importers.gltf_materials import material_of
-from tiscene.usd.importers.imported_mesh import ImportedMesh, ShapeSamples, corner_normals, unit
+from tiscene.usd.importers.imported_mesh import (
+    MAPS_WITHOUT_COORDINATES,
+    ImportedMesh,
+    ShapeSamples,
+    corner_normals,
+    unit,
+)
 from tiscene.usd.importers.materials import VERTEX_COLOR, VERTEX_OPACITY, ImportedMaterial
 
 Floats = NDArray[np.float64]
@@ -195,7 +201,7 @@ def _imported(
     material = material_of(document, primitive.get("material"), name)
     used = {map_.uv_set for map_ in (*material.maps.values(), *material.lobe_maps.values())}
     if any(number > 1 or uv[number] is None for number in used):
-        left_out["textures whose coordinates the mesh lacks"] = None
+        left_out[MAPS_WITHOUT_COORDINATES] = None
         kept, kept_lobes = (
             {key: map_ for key, map_ in maps.items() if map_.uv_set < 2 and uv[map_.uv_set] is not None}
             for maps in (material.maps, material.lobe_maps)

@@ -13,6 +13,7 @@ from tiscene.usd.geometry.vertex_weld import unique_rows
 from tiscene.usd.importers.materials import ImportedMaterial
 
 CREASE_ANGLE = np.radians(40.0)  # faces that meet at more get separate normals, if the file has none
+MAPS_WITHOUT_COORDINATES = "textures whose coordinates the mesh lacks"  # not imported, which is said by this
 
 
 @dataclass(frozen=True, eq=False)

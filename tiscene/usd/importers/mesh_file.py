@@ -23,7 +23,7 @@ from tiscene.errors import StageError, StageWarning
 from tiscene.scene.color import decode_srgb
 from tiscene.usd.importers import gltf
 from tiscene.usd.importers.gltf_scene import read_scene
-from tiscene.usd.importers.imported_mesh import ImportedMesh, corner_normals, unit
+from tiscene.usd.importers.imported_mesh import MAPS_WITHOUT_COORDINATES, ImportedMesh, corner_normals, unit
 from tiscene.usd.importers.materials import ImportedMaterial, from_phong
 
 # Meters per unit and up axis of each format, by its definition or by convention.
@@ -61,6 +61,7 @@ def load_model(name: str, files: Mapping[str, bytes]) -> list[ImportedMesh]:
             unsupported, missing = [*unsupported, *left_out], document.missing
         else:
             meshes = _read_with_trimesh(name, files, resolver)
+            meshes, unsupported = _without_useless_maps(meshes)
     except StageError:
         raise
     except Exception as error:  # damaged files raise many types, in trimesh's readers too
@@ -167,10 +168,19 @@ def _read_mesh(node: str, mesh: Any, matrix: NDArray[np.float64]) -> ImportedMes
         colors = decode_srgb(np.asarray(visual.vertex_colors, np.float64)[:, :3] / 255.0)
     elif source is not None:
         material = _from_mtl(str(source.name or node), source)
-    if uv is None and material.maps:  # textures are useless without coordinates
-        inputs = {"diffuseColor": (0.5, 0.5, 0.5)} | {k: v for k, v in material.inputs.items() if k != "diffuseColor"}
-        material = ImportedMaterial(material.name, inputs)
     return ImportedMesh(material.name, points, triangles, normals, uv, colors, material)
+
+
+def _without_useless_maps(meshes: list[ImportedMesh]) -> tuple[list[ImportedMesh], list[str]]:
+    """Return meshes without the textures whose coordinates some of their faces lack, and what to say of it."""
+    result = []
+    for mesh in meshes:
+        material = mesh.material
+        if mesh.uv is None and material.maps:
+            material = ImportedMaterial(material.name, {**material.inputs, "diffuseColor": (0.5, 0.5, 0.5)})
+        result.append(replace(mesh, material=material))
+    dropped = any(old.material.maps and not new.material.maps for old, new in zip(meshes, result, strict=True))
+    return result, [MAPS_WITHOUT_COORDINATES] * dropped
 
 
 def _from_mtl(name: str, material: Any) -> ImportedMaterial:
