@@ -126,6 +126,11 @@ def test_numbers_of_standard_surface_are_those_of_a_preview_surface(tmp_path):
     assert rounded(material_of(tmp_path, document(surface))) == expected
 
 
+def test_constant_color_in_srgb_is_decoded(tmp_path):
+    spaced = given("base_color", "0.5, 0, 1", "color3").replace("<input", '<input colorspace="srgb_texture"')
+    assert material_of(tmp_path, document(spaced)).diffuse_color == pytest.approx((0.2140411, 0, 1), rel=1e-5)
+
+
 def rounded(material: Material) -> Material:
     """Round to the precision of the files, which is single."""
     values = {

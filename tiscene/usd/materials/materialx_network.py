@@ -15,6 +15,7 @@ from typing import Any
 import numpy as np
 from pxr import Sdf, Usd
 
+from tiscene.scene.color import decode_srgb
 from tiscene.scene.description import VERTEX_COLORS
 from tiscene.usd.core.report import StageReport
 from tiscene.usd.core.shader_network import ShaderConnection, Source, connections_of
@@ -84,6 +85,8 @@ class MaterialXNetwork:
         if value is not None and not isinstance(value, str | Sdf.AssetPath):
             numbers = [float(each) for each in value] if hasattr(value, "__len__") else [float(value)]
             if numbers and all(math.isfinite(each) for each in numbers):
+                if len(numbers) > 2 and connection is not None and _is_srgb(connection.attribute):
+                    numbers[:3] = decode_srgb(np.array(numbers[:3])).tolist()
                 return number(*numbers)
         if default == "":
             return None
@@ -347,10 +350,15 @@ def _output_width(source: Source, category: str) -> int:
 
 def _color_space(file: ShaderConnection, width: int) -> str:
     """Return UsdUVTexture's name of the color space of an image node's file."""
-    authored = file.attribute.GetColorSpace().lower() if file.attribute.HasColorSpace() else ""
-    if "srgb" in authored and "lin" not in authored:
+    if _is_srgb(file.attribute):
         return "sRGB"
-    return "raw" if authored or width < 3 else "auto"
+    return "raw" if file.attribute.GetColorSpace() or width < 3 else "auto"
+
+
+def _is_srgb(attribute: Usd.Attribute) -> bool:
+    """Return whether an attribute holds a color, or names an image, that is encoded as sRGB."""
+    name = attribute.GetColorSpace().lower()
+    return "srgb" in name and "lin" not in name
 
 
 def _rotation(degrees: float) -> Any:
