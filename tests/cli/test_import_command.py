@@ -5,7 +5,8 @@ from __future__ import annotations
 
 import pytest
 
-from tests.usd.importers.test_import_template import BOX, furniture_catalog
+from tests.usd.importers.test_furniture_catalog import furniture_catalog
+from tests.usd.importers.test_import_template import BOX
 from tiscene import catalog
 from tiscene.cli import main as cli
 

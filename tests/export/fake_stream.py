@@ -16,6 +16,7 @@ from tiscene.frame.measurements import OrientedBox
 from tiscene.frame.object_table import ObjectTable
 from tiscene.scene.camera import Camera
 
+FRAMES = 4  # that `exported` writes
 CHAIR = SimpleNamespace(
     id=3,
     name="chair",

@@ -1,21 +1,19 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Import of OBJ, glTF, PLY, STL and USD models and of furniture catalogs as templates."""
+"""Import of OBJ, glTF, PLY, STL and USD models as templates."""
 
 from __future__ import annotations
 
 import base64
-import io
 import json
 import re
 import warnings
-import zipfile
 from pathlib import Path
 
 import numpy as np
 import pytest
 import trimesh
 from PIL import Image
-from pxr import Sdf, Usd, UsdPhysics, UsdValidation
+from pxr import Usd, UsdPhysics, UsdValidation
 
 from tests.usd.helpers import QUAD, facing, write
 from tiscene.errors import ArgumentError, ExportError, MissingFile, StageError, StageWarning
@@ -23,7 +21,6 @@ from tiscene.scene.description import TextureLookup
 from tiscene.usd.importers.import_template import import_asset
 from tiscene.usd.importers.imported_mesh import corner_normals
 from tiscene.usd.importers.materials import from_phong
-from tiscene.usd.importers.sweet_home_3d import FurnitureCatalog, label_of, parse_properties
 from tiscene.usd.read.template import read_template
 
 BOX = """
@@ -298,82 +295,6 @@ def test_phong_roughness_follows_shininess_for_unknown_names():
     assert dull["diffuseColor"] == (0.85, 0.85, 0.85)
 
 
-PROPERTIES = """
-# comment
-name=Test
-license=CC0
-id#1=a
-name#1=Oak chair
-category#1=Living \\
-   room
-model#1=/models/chair/box.obj
-width#1=50
-height#1=90
-depth#1=40
-movable#1=true
-creator#1=Bj\\u00f6rn
-name#2=Wall
-model#2=/models/gone.obj
-width#2=1
-height#2=1
-depth#2=1
-name#3=Bad
-width#3=x
-name#4=Turned
-model#4=/models/chair/box.obj
-modelRotation#4=0 0 1 0 1 0 -1 0 0
-width#4=100
-height#4=100
-depth#4=100
-movable#4=false
-"""
-
-
-@pytest.fixture
-def furniture_catalog(tmp_path):
-    file = tmp_path / "test.sh3f"
-    with zipfile.ZipFile(file, "w") as archive:
-        archive.writestr("PluginFurnitureCatalog.properties", PROPERTIES)
-        archive.writestr("LICENSE.TXT", "All of it.")
-        archive.writestr("models/chair/box.obj", BOX)
-        archive.writestr("models/chair/box.mtl", MTL)
-        archive.writestr("models/chair/license.txt", "This one.")
-        picture = io.BytesIO()
-        Image.new("RGB", (1, 1)).save(picture, "PNG")
-        archive.writestr("models/chair/oak.png", picture.getvalue())
-    return file
-
-
-def test_furniture_catalog_is_imported(furniture_catalog, tmp_path):
-    with pytest.warns(StageWarning, match=r"entry 3 \(Bad\) is left out"):
-        opened = FurnitureCatalog(furniture_catalog)
-    assert [entry.name for entry in opened.entries] == ["Oak chair", "Wall", "Turned"]
-    with pytest.warns(StageWarning, match=r"(?s)Wall is left out.*no model 'models/gone.obj'"):
-        made = dict(opened.import_into(lambda entry: tmp_path / entry.name))
-    paths = {entry.name: path for entry, path in made.items()}
-    assert paths["Wall"] is None
-    chair = read_template(paths["Oak chair"])
-    assert chair.category == "oak chair"
-    np.testing.assert_allclose(np.ptp(chair.description.bounds(), axis=0), (0.5, 0.9, 0.4), rtol=1e-6)
-    assert len(chair.description.textures) == 1
-    layer = Sdf.Layer.FindOrOpen(str(paths["Oak chair"]))
-    kept = layer.customLayerData["import"]
-    assert kept["author"] == "Björn"
-    assert kept["license"] == "CC0\n\nAll of it.\n\nThis one."
-    stage = Usd.Stage.Open(str(paths["Turned"]))
-    turned = stage.GetDefaultPrim()
-    assert not turned.HasAPI(UsdPhysics.RigidBodyAPI)
-    assert_valid(paths["Turned"])
-
-
-def test_invalid_furniture_catalogs_raise(tmp_path):
-    with pytest.raises(MissingFile):
-        FurnitureCatalog(tmp_path / "gone.sh3f")
-    (tmp_path / "bad.sh3f").write_bytes(b"garbage")
-    with pytest.raises(StageError, match="not a furniture catalog"):
-        FurnitureCatalog(tmp_path / "bad.sh3f")
-
-
 def test_unlistable_folders_beside_model_are_ignored(box, tmp_path, monkeypatch):
     """Such as private folders in a shared temporary folder."""
     (box.parent / "private").mkdir()
@@ -414,11 +335,6 @@ def test_unwritable_template_raises_export_error(box, tmp_path, blocked):
         (tmp_path / "out" / blocked).mkdir()
     with pytest.raises(ExportError, match="out cannot be written"):
         import_asset(box, tmp_path / "out")
-
-
-def test_labels_and_properties_are_parsed():
-    assert label_of("Office chair_2 (b)") == "office chair b"
-    assert parse_properties("a = b\n! no\n\nc=d\\\n   e") == {"a": "b", "c": "de"}
 
 
 def test_complete_model_is_imported_without_warning(box, tmp_path):

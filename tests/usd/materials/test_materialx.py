@@ -1,11 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
-"""MaterialX: documents that stages reference, inline networks, surface models and operations, folded or computed."""
+"""MaterialX: surface models and operations, folded or computed."""
 
 from __future__ import annotations
 
-import os
 import warnings
-import zipfile
 from dataclasses import replace
 from pathlib import Path
 
@@ -14,7 +12,7 @@ import pytest
 from PIL import Image
 
 from tests.usd.helpers import read_with_warning, write
-from tiscene.errors import StageError, StageWarning
+from tiscene.errors import StageWarning
 from tiscene.scene.description import Material, SceneDescription, TextureLookup
 from tiscene.usd.read.stage_reader import read_stage
 
@@ -304,67 +302,6 @@ def test_node_graphs_interfaces_and_definitions_are_expanded(tmp_path):
     assert material.diffuse_color == (0.1, 0.2, 0.4)
 
 
-def test_old_documents_with_shader_references_are_read(tmp_path):
-    text = """<?xml version="1.0"?>
-<materialx version="1.36"><material name="Mat"><shaderref name="SR" node="standard_surface">
-<bindinput name="base_color" type="color3" value="0.25, 0.5, 1" /><bindinput name="base" type="float" value="1" />
-</shaderref></material></materialx>"""
-    assert material_of(tmp_path, text).diffuse_color == (0.25, 0.5, 1.0)
-
-
-def test_document_in_a_package_is_read(tmp_path):
-    Image.fromarray(PIXELS).save(tmp_path / "p.png")
-    root = write(tmp_path, REFERENCE.replace("./doc", "./looks/doc"))
-    with zipfile.ZipFile(tmp_path / "packed.usdz", "w") as archive:
-        archive.write(root, "stage.usda")
-        surface = linked("base_color", "picture")
-        archive.writestr("looks/doc.mtlx", document(surface, nodes=picture(file="../p.png")))
-        archive.write(tmp_path / "p.png", "p.png")
-    (material,) = read_stage(tmp_path / "packed.usdz").materials
-    assert isinstance(material.diffuse_color, TextureLookup)
-
-
-INLINE = """def Scope "Looks"
-{
-    def Material "Mat"
-    {
-        token outputs:mtlx:surface.connect = </Looks/Mat/S.outputs:out>
-        def Shader "S"
-        {
-            uniform token info:id = "ND_UsdPreviewSurface_surfaceshader"
-            color3f inputs:diffuseColor.connect = </Looks/Mat/T.outputs:out>
-            float inputs:roughness = 0.25
-            int inputs:opacityMode = 1
-            float inputs:opacity = 0.5
-            token outputs:out
-        }
-        def Shader "T"
-        {
-            uniform token info:id = "ND_multiply_color3FA"
-            color3f inputs:in1 = (0.2, 0.4, 0.6)
-            float inputs:in2 = 0.5
-            color3f outputs:out
-        }
-    }
-}
-"""
-
-
-def test_inline_network_is_read(tmp_path):
-    (material,) = read_stage(write(tmp_path, INLINE + QUAD)).materials
-    expected = Material("Mat", (0.1, 0.2, 0.3), roughness=0.25, opacity=0.5, opacity_mode="presence")
-    assert rounded(material) == replace(expected, prim_path="/Looks/Mat")
-
-
-def test_preview_surface_is_preferred_to_materialx(tmp_path):
-    own = 'token outputs:surface.connect = </Looks/Mat/P.outputs:surface>\ndef Shader "P"\n{\n'
-    own += 'uniform token info:id = "UsdPreviewSurface"\ncolor3f inputs:diffuseColor = (1, 0, 0)\n'
-    own += "token outputs:surface\n}\n"
-    body = INLINE.replace("token outputs:mtlx", own + "token outputs:mtlx", 1)
-    (material,) = read_stage(write(tmp_path, body + QUAD)).materials
-    assert material.diffuse_color == (1.0, 0.0, 0.0)
-
-
 @pytest.mark.parametrize(
     ("surface", "nodes", "text"),
     [
@@ -379,41 +316,3 @@ def test_preview_surface_is_preferred_to_materialx(tmp_path):
 )
 def test_what_is_not_drawn_is_named(tmp_path, surface, nodes, text):
     assert warned_material(tmp_path, document(surface, nodes=nodes), text).name == "Mat"
-
-
-@pytest.mark.parametrize(
-    ("text", "expected"),
-    [
-        ("no xml", "doc.mtlx@ cannot be read: it is not a MaterialX document"),
-        ("<usd/>", "doc.mtlx@ cannot be read: .* its root element is <usd>"),
-        (document(given("base", "one")), "material 'Mat': could not convert string to float: 'one'"),
-    ],
-)
-def test_broken_documents_are_named_and_the_rest_is_drawn(tmp_path, text, expected):
-    (tmp_path / "doc.mtlx").write_text(text)
-    with pytest.warns(StageWarning, match=expected):
-        description = read_stage(write(tmp_path, REFERENCE))
-    assert len(description.instances) == 1
-
-
-def test_missing_document_is_named(tmp_path):
-    description = read_with_warning(tmp_path, REFERENCE, r"</Looks> composition: .*doc\.mtlx.*left out")
-    assert len(description.instances) == 1
-
-
-def test_document_outside_the_root_is_not_read(tmp_path):
-    (tmp_path / "inside").mkdir()
-    (tmp_path / "doc.mtlx").write_text(document(given("base", "1")))
-    path = write(tmp_path / "inside", REFERENCE.replace("./doc", "../doc"))
-    with pytest.warns(StageWarning, match=r"composition: .*doc\.mtlx"):
-        read_stage(path, root=tmp_path / "inside")
-
-
-def test_changed_document_is_read_again(tmp_path):
-    first = material_of(tmp_path, document(given("metalness", "0.25")))
-    (tmp_path / "doc.mtlx").write_text(document(given("metalness", "0.75")))
-    os.utime(tmp_path / "doc.mtlx", (1, 1))
-    second = read_stage(tmp_path / "stage.usda").materials[0]
-    assert (first.metallic, second.metallic) == (0.25, 0.75)
-    with pytest.raises(StageError, match="missing"):
-        read_stage(write(tmp_path, 'def "A" (references = @./missing.usda@)\n{\n}'))
