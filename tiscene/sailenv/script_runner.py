@@ -115,8 +115,11 @@ def run_scenario(path: Path, agent: type[ScriptAgent], size: tuple[int, int]) ->
 
     Raises:
         MissingFile, ScenarioError: The file does not exist or is no scenario.
+        ArgumentError: The agent has no limit.
     """
     existing(path)
+    if agent.limit is None:
+        raise ArgumentError(f"{path.name} has no end: give the number of frames")
     try:
         content = json.loads(path.read_text("utf-8-sig"))
     except (OSError, ValueError, RecursionError) as error:
@@ -141,10 +144,7 @@ def run_source(
     path: Path, arguments: Sequence[str], agent: type[ScriptAgent], *, size: tuple[int, int], headless: bool = True
 ) -> None:
     """Run a script (.py), or play a scenario (.json) with an image size; see `run_script` and `run_scenario`."""
-    existing(path)
     if path.suffix.lower() == ".json":
-        if agent.limit is None:
-            raise ArgumentError(f"{path.name} has no end: give the number of frames")
         run_scenario(path, agent, size)
     else:
         run_script(path, arguments, agent, headless=headless)

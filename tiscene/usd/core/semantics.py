@@ -6,6 +6,7 @@ An object is the nearest enclosing prim of kind `component`, else a native insta
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from pathlib import Path
 
 from pxr import Kind, Usd, UsdSemantics
@@ -121,8 +122,13 @@ def is_object_instance(prim: Usd.Prim) -> bool:
 
 def is_in_object(prim: Usd.Prim) -> bool:
     """Return whether a prim is below an object."""
-    parent = prim.GetParent()
-    return bool(parent) and (is_component(parent) or is_object_instance(parent) or is_in_object(parent))
+    return any(is_component(above) or is_object_instance(above) for above in ancestors(prim))
+
+
+def ancestors(prim: Usd.Prim) -> Iterator[Usd.Prim]:
+    """Yield the ancestors of a prim, from its parent up, without the pseudo-root."""
+    while (prim := prim.GetParent()) and not prim.IsPseudoRoot():
+        yield prim
 
 
 def _is_of_kind(prim: Usd.Prim, kind: str) -> bool:

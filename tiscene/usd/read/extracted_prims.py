@@ -3,7 +3,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterator
+from collections.abc import Collection
 from dataclasses import replace
 from typing import Any
 
@@ -15,7 +15,7 @@ from tiscene.scene.assembly import as_one
 from tiscene.scene.description import Template
 from tiscene.usd.core.pose import pose_matrix, read_pose
 from tiscene.usd.core.report import StageReport
-from tiscene.usd.core.semantics import asset_name, inherited_label, name_label
+from tiscene.usd.core.semantics import ancestors, asset_name, inherited_label, name_label
 from tiscene.usd.core.time_samples import NOT_ANIMATED, transformed
 from tiscene.usd.core.units import Units
 from tiscene.usd.read.traversal import StageReader
@@ -86,11 +86,12 @@ def _template(stage: Usd.Stage, path: str, time: Usd.TimeCode, report: StageRepo
     reader = _ExtractedReader(prim, time, report, taxonomy)
     parent_world = UsdGeom.Xformable(prim).ComputeParentToWorldTransform(time)
     label = inherited_label(prim, time, taxonomy)
-    ancestors = NOT_ANIMATED
-    for parent in reversed(list(_parents(prim))):  # a group may appear and vanish with all objects in it
-        hides = report.reads_animation and UsdGeom.Imageable(parent).GetVisibilityAttr().ValueMightBeTimeVarying()
-        ancestors = replace(ancestors, hiders=(*ancestors.hiders, parent)) if hides else ancestors
-    reader.walk(prim, TraversalContext(parent_world, label=label, animated=ancestors))
+    animated = NOT_ANIMATED
+    groups = [each for each in ancestors(prim) if each.IsA(UsdGeom.Imageable)]
+    for group in reversed(groups):  # a group may appear and vanish with all objects in it
+        hides = report.reads_animation and UsdGeom.Imageable(group).GetVisibilityAttr().ValueMightBeTimeVarying()
+        animated = replace(animated, hiders=(*animated.hiders, group)) if hides else animated
+    reader.walk(prim, TraversalContext(parent_world, label=label, animated=animated))
     description = reader.description(path)
     if isinstance(pose, str):
         report.problem(path, "transform", pose)
@@ -107,10 +108,3 @@ def _template(stage: Usd.Stage, path: str, time: Usd.TimeCode, report: StageRepo
     category = next((each.category for each in description.objects if each.category), "")
     category = name_label(prim) if reader.by_name else label or category
     return Template(path, category, as_one(description, prim.GetName(), path, category, asset_name(prim)))
-
-
-def _parents(prim: Usd.Prim) -> Iterator[Usd.Prim]:
-    """Yield the imageable ancestors of a prim, from its parent up."""
-    while prim := prim.GetParent():
-        if prim.IsA(UsdGeom.Imageable):
-            yield prim

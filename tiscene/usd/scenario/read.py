@@ -22,7 +22,7 @@ from tiscene.usd.core.limits import Limits
 from tiscene.usd.core.pose import is_same_pose, read_pose
 from tiscene.usd.core.report import StageReport
 from tiscene.usd.core.schema import authored, targets
-from tiscene.usd.core.semantics import is_component, is_object_instance
+from tiscene.usd.core.semantics import ancestors, is_component, is_object_instance
 from tiscene.usd.core.stage import Variants, open_stage, quiet, readable, reading_time
 from tiscene.usd.core.transform import to_matrix
 from tiscene.usd.core.units import Units
@@ -34,7 +34,7 @@ from tiscene.usd.scenario.joint_schema import read_joints
 from tiscene.usd.scenario.light_time_samples import read_light_motion
 from tiscene.usd.scenario.motion_schema import read_dynamic
 from tiscene.usd.scenario.rigid_body_schema import read_rigid_body
-from tiscene.usd.scenario.stage_cameras import ancestors, exact_camera, stage_cameras
+from tiscene.usd.scenario.stage_cameras import exact_camera, stage_cameras
 
 _TIMINGS = {
     "allTogether": "AllTogether",

@@ -5,7 +5,6 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from collections.abc import Iterator
 from typing import Any
 
 from pxr import Usd, UsdGeom
@@ -38,12 +37,6 @@ def stage_cameras(stage: Usd.Stage) -> list[Usd.Prim]:
         elif prim.IsA(UsdGeom.Camera):
             cameras.append(prim)
     return cameras
-
-
-def ancestors(prim: Usd.Prim) -> Iterator[Usd.Prim]:
-    """Yield the ancestors of a prim, from its parent up."""
-    while (prim := prim.GetParent()) and not prim.IsPseudoRoot():
-        yield prim
 
 
 def exact_camera(prim: Usd.Prim, camera: Camera, pose: PrimPose) -> dict[str, Any]:
