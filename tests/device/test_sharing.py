@@ -89,8 +89,8 @@ class Program:
 def broken():
     x = no_such_name + 1
 
-def start():
-    ti.init(arch=ti.cpu, fast_math=False, cpu_max_num_threads=1, random_seed=3, log_level=ti.ERROR)
+def start(**options):
+    ti.init(arch=ti.cpu, fast_math=False, cpu_max_num_threads=1, random_seed=3, log_level=ti.ERROR, **options)
 """
 STREAM = """
 stream = ts.Stream("object_view", width=32, height=24, quality="fast")
@@ -145,10 +145,18 @@ def run(tmp_path_factory):
     return run
 
 
-def test_user_code_and_stream_give_the_same_as_alone(run):
-    user, stream = run(ALONE)[0], run(STREAM_ALONE)[1]
+@pytest.mark.parametrize(
+    "options",
+    [
+        "advanced_optimization=False",  # as in this project, so that compiled kernels are found in the cache
+        pytest.param("", marks=pytest.mark.slow),
+    ],
+)
+def test_user_code_and_stream_give_the_same_as_alone(run, options):
+    alone, shared = (code.replace("start()", f"start({options})") for code in (ALONE, SHARED))
+    user, stream = run(alone)[0], run(STREAM_ALONE)[1]
     assert len(user) == 3 * 8
-    assert run(SHARED) == (user, stream)
+    assert run(shared) == (user, stream)
 
 
 def test_user_code_runs_after_the_stream_started_taichi(run):
@@ -252,7 +260,7 @@ print((fresh[0].rgb == first).all())
 
 @pytest.mark.parametrize("switch", [pytest.param("0", marks=pytest.mark.slow), "1"])
 def test_stream_after_a_restart_of_taichi_raises_and_a_new_one_works(switch):
-    restart = "ti.init(arch=ti.cpu, fast_math=False, log_level=ti.ERROR)"
+    restart = "ti.init(arch=ti.cpu, fast_math=False, advanced_optimization=False, log_level=ti.ERROR)"
     printed = run_python(RESTARTED.format(restart=restart), env={"TISCENE_TAICHI_PATCHES": switch}).splitlines()
     lines = [line for line in printed if not line.startswith("[Taichi]")]
     assert lines[4:] == ["True"] * 3

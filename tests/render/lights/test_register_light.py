@@ -1,7 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """A kind of light from outside the package, in one file: a triangle that emits from one side.
 
-The scene is rendered in a process of its own, since kinds must be registered before kernels are compiled.
+The scene is rendered in a process of its own, since kinds must be registered before kernels are compiled. It compiles
+all kernels that sample lights, for which it takes a minute.
 """
 
 import json
@@ -164,12 +165,14 @@ def rendered(tmp_path_factory: pytest.TempPathFactory) -> dict[str, object]:
     return answer
 
 
+@pytest.mark.slow
 def test_registered_light_is_read_from_usd(rendered: dict[str, object]) -> None:
     assert rendered["light"] == "TriangleLight"
     assert rendered["size"] == pytest.approx([WIDTH, HEIGHT])
     assert rendered["radiance"] == pytest.approx([RADIANCE] * 3)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("position", [(0.2, 0.1), (-0.7, 0.4)])
 @pytest.mark.parametrize("mis", [True, False])
 def test_registered_light_gives_closed_form_irradiance(
@@ -180,10 +183,12 @@ def test_registered_light_gives_closed_form_irradiance(
     assert rendered[f"{position} mis={mis}"] == pytest.approx(irradiance / math.pi, rel=5e-3)
 
 
+@pytest.mark.slow
 def test_camera_sees_registered_light(rendered: dict[str, object]) -> None:
     assert rendered["visible"] == pytest.approx([RADIANCE] * 3)
 
 
+@pytest.mark.slow
 def test_unregister_removes_kind(rendered: dict[str, object]) -> None:
     assert rendered["kinds"] == BUILT_IN_KINDS == len(LIGHT_KINDS)
 
