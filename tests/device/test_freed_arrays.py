@@ -102,3 +102,18 @@ def test_restarts_of_a_stream_make_no_memory_after_the_first_rounds(made):
     for step in range(6):
         restart(step)
     assert not made
+
+
+def test_arrays_that_live_until_python_ends_are_silent():
+    code = """
+import os
+import sys
+import taichi as ti
+from tiscene.device import runtime
+from tiscene.device.memory import device_array
+runtime.start()
+sys.kept_to_the_end = device_array(ti.f32, (8,))
+os.dup2(1, 2)
+"""
+    lines = run_python(code).splitlines()
+    assert [line for line in lines if not line.startswith("[Taichi]")] == []

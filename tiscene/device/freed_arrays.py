@@ -8,8 +8,9 @@ it was deleted too. A restart of a stream makes dozens of small arrays, so that 
 from __future__ import annotations
 
 import ctypes
+import sys
 from collections import OrderedDict, deque
-from collections.abc import Hashable
+from collections.abc import Callable, Hashable
 from typing import Any
 
 import taichi as ti
@@ -66,7 +67,7 @@ class FreedArrays:
             state: The attributes of the array.
             program: Taichi's program in which it was made. If another one runs, the memory was freed already.
         """
-        if impl is None or impl.get_runtime() is None or impl.get_runtime().prog is not program:
+        if impl.get_runtime() is None or impl.get_runtime().prog is not program:
             return
         if byte_count(state["arr"]) <= MAX_ARRAY and ti.cfg.arch in (ti.x64, ti.arm64):
             self._queue.append((key, {**state, "host_accessor": None}, program))
@@ -108,8 +109,8 @@ class _Returned:
     key: Hashable
     made_in: Any
 
-    def __del__(self) -> None:
-        if FREED is not None:  # else Python ends
+    def __del__(self, python_ends: Callable[[], bool] = sys.is_finalizing) -> None:
+        if not python_ends():  # names of modules may be None then
             FREED.give(self.key, self.__dict__, self.made_in)
 
 
