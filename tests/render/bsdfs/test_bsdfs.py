@@ -38,6 +38,7 @@ MATERIALS = {
     "frosted glass": Material("m", diffuse_color=WHITE, opacity=0.0, roughness=0.6),
     "rough glass": Material("m", diffuse_color=WHITE, opacity=0.0, roughness=1.0, ior=1.33),
     "milk glass": Material("m", diffuse_color=WHITE, opacity=0.5, roughness=0.5),
+    "metallic glass": Material("m", diffuse_color=WHITE, opacity=0.5, metallic=0.5, roughness=1.0),
 }
 # Single lobes, and lobes too sharp for bins over the sphere.
 COAT = Material("m", diffuse_color=(0.0, 0.0, 0.0), ior=1.0, clearcoat=1.0, clearcoat_roughness=0.5)

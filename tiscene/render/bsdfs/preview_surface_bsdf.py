@@ -38,6 +38,7 @@ class Lobe(NamedTuple):
 # A new lobe is a module, an entry here, and its probability in `closure_at`. Functions instead of modules: recordings
 # of kernels are keyed by the sources of the functions that they name.
 LOBES = tuple(Lobe(each.sample, each.evaluate) for each in (diffuse, specular, clearcoat, glass))
+TRANSMITTING_LOBE = 3
 
 
 @ti.func
@@ -147,12 +148,15 @@ def choose_lobe(c: Template, count: Template, u: ti.f32):
 
 @ti.func
 def sample(c: Template, u: vec3) -> vec3:
-    """Sample a direction in the shading frame; u.z chooses the lobe."""
+    """Sample a direction in the shading frame, or zero; u.z chooses the lobe."""
     lobe, rest = choose_lobe(c, ti.static(len(LOBES)), u.z)
     wi = vec3(0.0, 0.0, 1.0)
     for k in ti.static(range(len(LOBES))):
         if lobe == k:
             wi = LOBES[k].sample(c, vec3(u.x, u.y, rest))
+    # Hits a second microfacet: no sample. The density of glass in that direction would not be that of the sample.
+    if lobe != TRANSMITTING_LOBE and wi.z <= 0.0:
+        wi = vec3(0.0)
     return wi
 
 
