@@ -2,6 +2,7 @@
 """Every kind of light: samples against density, samples against rays, irradiance against closed forms."""
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -14,9 +15,9 @@ from tests.reference.chi_square import (
     directions_of,
     sphere_coordinates,
 )
-from tests.render.path_scenes import BOX_CAMERA, CORNELL, box, described, render
+from tests.render.path_scenes import BOX_CAMERA, CORNELL, box, described, matte, quad, render
 from tests.render.shading import Illumination
-from tiscene.scene.camera import quaternion_from_matrix
+from tiscene.scene.camera import Camera, quaternion_from_matrix
 from tiscene.scene.description import (
     CylinderLight,
     DiskLight,
@@ -370,3 +371,18 @@ def test_samples_of_shaped_light_equal_rays() -> None:
         assert is_hit.mean() > 0.9
         assert radiance[is_hit, 1].std() > 0.05
         assert np.isclose(rays[is_hit, 2], radiance[is_hit, 1], rtol=5e-3, atol=1e-3).mean() > 0.99
+
+
+def test_wide_light_with_a_cone_and_no_shadows_shines_beside_another_light() -> None:
+    """The cone of a point of the light reaches beyond that of its center, where no BSDF sample finds the light."""
+    floor = quad((-3.0, 0.0, 3.0), (3.0, 0.0, 3.0), (3.0, 0.0, -3.0), (-3.0, 0.0, -3.0))
+    camera = Camera.look_at((0.0, 3.0, 0.01), (0.0, 0.0, 0.0), vertical_fov=1.5)
+    spot = RectLight("l", "/l", placed((0.0, 1.0, 0.0), (0.0, -1.0, 0.0)), BRIGHT, 2.0, 2.0, shaping=Shaping(0.5, 0.2))
+    spot = replace(spot, casts_shadows=False, seen_by_camera=False)
+    other = SphereLight("s", "/s", placed((8.0, 5.0, 0.0), (0.0, -1.0, 0.0)), BRIGHT, 0.1)
+
+    def mean(*lights: Light) -> float:
+        scene = described([floor], [matte("floor", (0.5, 0.5, 0.5))], list(lights))
+        return float(render(scene, camera, spp=256, max_depth=2).hdr.mean())
+
+    assert mean(spot, other) == pytest.approx(mean(spot) + mean(other), rel=0.01)

@@ -15,7 +15,7 @@ from tiscene.render.lights import emission_profile, rect
 from tiscene.render.lights.lane_ops import load_lanes, lowest_set_bit, sum_lanes
 from tiscene.render.lights.light_sample import axis, header, integer, light_row, node_lanes, node_value, slot_value
 from tiscene.render.sampling import warp
-from tiscene.scene.lights.light_table import PORTAL_MAP_COLUMNS, PORTAL_MAPS
+from tiscene.scene.lights.light_table import CONE_REACH, PORTAL_MAP_COLUMNS, PORTAL_MAPS
 from tiscene.scene.lights.light_tree import (
     BACK,
     CENTER,
@@ -70,6 +70,16 @@ def offsets_to_children(nodes: Template, node: ti.i32, origin: vec3):
 
 
 @ti.func
+def widened(cosine: ti.f32, sine: ti.f32) -> ti.f32:
+    """Return the cosine of an angle that is smaller by another one, at least 0, given the sine of that."""
+    result = 1.0
+    other = ti.sqrt(ti.max(1.0 - sine * sine, 0.0))
+    if sine < 1.0 and cosine < other:
+        result = cosine * other + ti.sqrt(ti.max(1.0 - cosine * cosine, 0.0)) * sine
+    return result
+
+
+@ti.func
 def irradiance_estimates(lights: Template, node: ti.i32, origin: vec3) -> float8:
     """Return the estimated irradiance, by luminance, from each child of a node on a surface that faces it."""
     nodes = ti.static(lights.nodes)
@@ -90,6 +100,8 @@ def irradiance_estimates(lights: Template, node: ti.i32, origin: vec3) -> float8
                 row = light_row(nodes, LANES * node + k)
                 offset = axis(lights.values, row, 3) - origin
                 cosine = offset.dot(axis(lights.values, row, 2)) / ti.max(offset.norm(), 1e-9)
+                if lights.values[row, CONE_REACH] > 0.0:
+                    cosine = widened(cosine, lights.values[row, CONE_REACH] / ti.max(offset.norm(), 1e-9))
                 within[k] = emission_profile.in_cone(lights.values, row, cosine)
         result *= within
     return result

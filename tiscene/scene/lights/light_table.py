@@ -81,8 +81,10 @@ from tiscene.scene.textures.atlas import TextureAtlas
 #     light tree, first triangle. The slots of all its triangles, 0 for none, are at DISTRIBUTION.
 # SHAPED: 1 if the light has a Shaping. CONE_COSINE: of its cone's angle. CONE_EDGE (3): angles at which the soft edge
 #     begins and ends, rad, and the cosine where it begins. FOCUS, FOCUS_TINT (3), PROFILE: as `Shaping`.
+# CONE_REACH: of a shaped light that light sampling alone finds (nothing, or not every mesh, casts shadows in it), the
+#     radius, m, of a ball about its origin that holds it; else 0.
 # LIT, SHADOWING: where the light's `lit` and `shadowing` begin in `distribution`, a number per link class; -1: none.
-COLUMNS = 42
+COLUMNS = 43
 KIND, TRANSFORM, RADIANCE, SIZE, TEXTURE, DISTRIBUTION, GRID, IMAGE_FRACTION = 0, 1, 13, 16, 18, 19, 20, 22
 SLOT, DOME_ROW, PORTAL_MAPS, SMALL_IMAGE, ON_DIFFUSE, ON_SPECULAR, SHADOWLESS = 23, 24, 24, 24, 25, 26, 27
 INSTANCE, TREE, FIRST_TRIANGLE = 13, 14, 15
@@ -90,6 +92,7 @@ SHAPED, CONE_COSINE, CONE_EDGE, FOCUS, FOCUS_TINT, PROFILE = 28, 29, 30, 33, 34,
 ON_INDIRECT = 38
 UNSEEN = 39
 LIT, SHADOWING = 40, 41
+CONE_REACH = 42
 
 _ROUNDING = 1e-6  # boxes are enlarged by this fraction of their coordinates, against float32 rounding
 _PORTAL_MARGIN = 0.05  # portals are enlarged by this fraction of their size, for rounding and the width of the sun
@@ -293,6 +296,8 @@ class LightTable:
                 leaves[row, CENTER : CENTER + 3] = light.world_from_light[:3, 3]
                 leaves[row, NORMAL : NORMAL + 3] = light.world_from_light[:3, 2] * geometry.flat
                 leaves[row, [ROUND, STRENGTH, SIZE2]] = not geometry.flat, max(geometry.strength, 0.0), geometry.size2
+                if light.shaping is not None and not (light.casts_shadows and light.shadowing is None):
+                    values[row, CONE_REACH] = np.linalg.norm(geometry.box) + max(geometry.ellipsoid)
                 if groups[row] == AREA:
                     boxes.append(_box(light, geometry))
                 if texture is not None:
