@@ -7,6 +7,7 @@ import pytest
 pytest.importorskip("mujoco")
 
 import tiscene as ts
+from tiscene.errors import ScenarioError
 from tiscene.world.physics.convex_parts import convex_parts
 
 CAMERA = ts.Camera.look_at((0.0, 1.2, 4.0), (0.0, 0.6, 0.0), (0.0, 1.0, 0.0))
@@ -145,3 +146,26 @@ def test_thin_plate_with_a_hole_stays_open():
         assert not ((low[[0, 2]] < 1.4).all() and (high[[0, 2]] > 1.6).all())
         assert high[1] == pytest.approx(0.0, abs=1e-9)  # the plate grows at its back, downwards
         assert low[1] == pytest.approx(-0.03, abs=1e-9)
+
+
+def test_a_pile_of_concave_objects_rests_on_the_floor():
+    """Its contacts take more memory than the engine sets aside by itself; without them it would fall."""
+    from mujoco import mjtWarning
+
+    floor = ts.Object("floor", "Cube", (0.0, -1.0, 0.0), scale=(25.0, 5.0, 25.0), dynamic=ts.Still())
+    tori = [ts.Object(f"torus_{k}", "Torus", (0.02 * k, 0.3 + 0.02 * k, 0.0)) for k in range(3)]
+    scenario = ts.Scenario("object_view", [floor, *tori], physics=True)
+    with ts.Stream(scenario, width=8, height=6, buffers=("depth",)) as stream:
+        assert height(stream, 25, "torus_0") > 0.0
+        (model,) = stream.world.trajectories._physics._models.values()
+        assert model._data.warning[mjtWarning.mjWARN_CNSTRFULL].number == 0
+
+
+@pytest.mark.parametrize(("template", "scale"), [("Ball 01", 0.001), ("Cup 01", 0.03)])
+def test_objects_that_are_too_small_are_named(template, scale, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)  # where the engine writes its log
+    floor = ts.Object("floor", "Cube", (0.0, -1.0, 0.0), scale=(25.0, 5.0, 25.0), dynamic=ts.Still())
+    grain = ts.Object("grain", template, (0.0, 0.1, 0.0), (10, 20, 5), scale=scale)
+    stream = ts.Stream(ts.Scenario("object_view", [floor, grain], physics=True), width=8, height=6)
+    with pytest.raises(ScenarioError, match="object 'grain' is too small"):
+        stream.world.state(60)

@@ -143,7 +143,7 @@ class ScenarioPhysics:
             if history.alive(frame, as_of=frame) and (spec.collide or needed):
                 parts = self._parts_of(spec) if spec.collide or rigid is not None else []
                 if parts or needed:
-                    found.append(PhysicsBody(row, parts, rigid, spec.frustum_limited, spec.collide))
+                    found.append(PhysicsBody(row, parts, rigid, spec.frustum_limited, spec.collide, spec.id))
         return found
 
     def joints(self, frame: int) -> Sequence[PhysicsJoint]:

@@ -10,6 +10,7 @@ joint; all others have those of a free body.
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -19,6 +20,7 @@ from numpy.typing import NDArray
 
 from dynamics.rigid_body import RigidBody
 from dynamics.rotation import matrix_from_quaternion
+from tiscene.errors import ScenarioError
 from tiscene.world.physics.joint_tree import PhysicsJoint, joint_tree
 from tiscene.world.physics.joints_in_engine import JointsInEngine
 from tiscene.world.physics.part_shapes import PartShape
@@ -32,6 +34,8 @@ SEPARATIONS = 40  # most moves of bodies that are placed inside of something
 SLOP = 5e-4  # m: bodies that overlap by less are not moved
 STATIC, RIGID, MOVER, WALL = 1, 2, 4, 8  # bits of collision
 WALLS = 6
+ARENA = 2**30  # bytes: most that contacts may take; only what they use is ever touched
+ENLARGE = "make it larger or denser, or let it stay with Still()"
 
 
 @dataclass(frozen=True, eq=False)
@@ -44,6 +48,7 @@ class PhysicsBody:
         rigid: Its properties; None for a mover, whose poses are given.
         limited: Whether walls hold it.
         collides: Whether its parts touch others; else they are its mass alone.
+        name: Its name in messages.
     """
 
     number: int
@@ -51,6 +56,7 @@ class PhysicsBody:
     rigid: RigidBody | None
     limited: bool
     collides: bool = True
+    name: str = ""
 
 
 @dataclass(frozen=True, eq=False)
@@ -93,6 +99,9 @@ class PhysicsModel:
             walled: Whether there are walls.
             step: Length of a step, s.
             joints: Joints between the bodies.
+
+        Raises:
+            ScenarioError: A body has too little mass.
         """
         import mujoco
 
@@ -103,6 +112,7 @@ class PhysicsModel:
         self._engine: Any = mujoco
         spec = mujoco.MjSpec()
         spec.compiler.degree = False
+        spec.memory = ARENA
         option = spec.option
         option.timestep, option.gravity = step, list(around.gravity)
         option.cone, option.impratio = mujoco.mjtCone.mjCONE_ELLIPTIC, 10.0
@@ -129,7 +139,15 @@ class PhysicsModel:
                     conaffinity=0,
                     friction=[0.0] * 3,
                 )
-        self._model = spec.compile()
+        try:
+            self._model = spec.compile()
+        except ValueError as error:
+            body = re.search(r"'body_(\d+)'", str(error))
+            if body is None:
+                raise
+            raise ScenarioError(
+                f"{self._named(int(body[1]))} is too small or light to be simulated; {ENLARGE}"
+            ) from error
         masses = [
             float(self._model.body(f"body_{row}").mass[0])
             for row, body in enumerate(self.bodies)
@@ -260,8 +278,13 @@ class PhysicsModel:
             self._data.mocap_quat[wall] = _towards(np.array([x, y, z]))
 
     def step(self) -> list[tuple[int, tuple[str, int]]]:
-        """Advance by a step; return row of a rigid body and owner of the other part for each contact."""
+        """Advance by a step; return row of a rigid body and owner of the other part for each contact.
+
+        Raises:
+            ScenarioError: A body moves in a way that cannot be simulated. The engine has lost its state then.
+        """
         self._engine.mj_step(self._model, self._data)
+        self._check_stability()
         touching = []
         for one, other in self._data.contact.geom.tolist()[: self._data.ncon]:
             for mine, theirs in ((one, other), (other, one)):
@@ -269,6 +292,24 @@ class PhysicsModel:
                 if kind == "body" and self.bodies[row].rigid is not None:
                     touching.append((row, self._owners[theirs]))
         return touching
+
+    def _check_stability(self) -> None:
+        """Raise ScenarioError if the engine has given up a body, and with it the state of all."""
+        kinds = self._engine.mjtWarning
+        for kind, starts in (
+            (kinds.mjWARN_BADQPOS, self._model.jnt_qposadr),
+            (kinds.mjWARN_BADQVEL, self._model.jnt_dofadr),
+            (kinds.mjWARN_BADQACC, self._model.jnt_dofadr),
+        ):
+            warning = self._data.warning[kind]
+            if warning.number:
+                warning.number = 0
+                joint = int(np.searchsorted(starts, warning.lastinfo, side="right")) - 1
+                row = int(self._model.body(self._model.jnt_bodyid[joint]).name.removeprefix("body_"))
+                raise ScenarioError(f"{self._named(row)} is too small, light or fast to be simulated; {ENLARGE}")
+
+    def _named(self, row: int) -> str:
+        return f"object {self.bodies[row].name!r}"
 
 
 def start_motion(rigid: RigidBody, pose: Array, gravity: Sequence[float], lag: float, *, still: bool = False) -> Array:
