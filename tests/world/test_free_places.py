@@ -142,3 +142,19 @@ def test_contradicting_arguments_raise_and_change_nothing(hall, arguments, messa
 def test_object_larger_than_the_hall_fits_nowhere(hall):
     with make(hall) as stream, pytest.raises(ScenarioError, match=r"'big'.*m about its origin.*no free point visible"):
         stream.world.spawn("Ball 01", free=True, id="big", scale=30.0)
+
+
+def test_a_spawn_that_is_refused_leaves_no_trace(hall):
+    def materials(refused: bool) -> tuple:
+        buffers = ("instance", "material_coverage")
+        with ts.Stream(ts.Scenario(hall, camera=CAMERA), width=32, height=24, buffers=buffers) as stream:
+            if refused:
+                with pytest.raises(ScenarioError, match="fits nowhere"):
+                    stream.world.spawn("Cup 01", free=True, scale=50.0)
+                with pytest.raises(ArgumentError, match="leave position out"):
+                    stream.world.spawn("Ball 01", (0, 0, 0), free=True)
+            stream.world.spawn("Cube", (0.0, 1.5, 1.0))
+            frame = next(stream)
+            return frame.material_coverage.tobytes(), dict(frame.materials), stream.world.templates
+
+    assert materials(refused=True) == materials(refused=False)

@@ -148,6 +148,7 @@ class ObjectRegistry:
         self.templates: dict[str, Template] = {}
         for template in stage.templates:
             self.templates.setdefault(template.name, template)
+        self._loaded = dict(self.templates)
         self._first_mesh: dict[str, int] = {}
         self._load_template = load_template
         for category in (*(each.category for each in stage.objects), *(each.category for each in stage.templates)):
@@ -252,7 +253,7 @@ class ObjectRegistry:
     def settle(self) -> None:
         """Register the templates and categories of objects that are new in `histories`."""
         for history in self._histories[self._settled :]:
-            template = self.template(history.spec)
+            template = self._used(history.spec)
             self.category_ids.of(template.category)
             if template.description.lights:
                 known = history.spawned or 0
@@ -352,13 +353,18 @@ class ObjectRegistry:
         return self._geometries[key]
 
     def template(self, each: Object) -> Template:
+        """Return the template of an object, which need not be registered."""
+        if each.template not in self._loaded:
+            self._loaded[each.template] = self._load_template(each.template)
+        template = self._loaded[each.template]
+        if not template.description.instances:
+            raise ScenarioError(f"object {each.id!r}: the template {each.template!r} has no mesh")
+        return template
+
+    def _used(self, each: Object) -> Template:
         """Return an object's template; its description is added to `descriptions` at first use."""
-        if each.template not in self.templates:
-            self.templates[each.template] = self._load_template(each.template)
-        template = self.templates[each.template]
+        template = self.templates[each.template] = self.template(each)
         if each.template not in self._first_mesh:
-            if not template.description.instances:
-                raise ScenarioError(f"object {each.id!r}: the template {each.template!r} has no mesh")
             self._first_mesh[each.template] = sum(len(description.meshes) for description in self.descriptions)
             self.descriptions.append(template.description)
         return template
