@@ -54,10 +54,17 @@ __all__ = [
     "TemplateNotFound",
     "TisceneError",
     "UnknownName",
+    "did_you_mean",
     "export_errors",
     "requires_extra",
     "scenario_errors",
 ]
+
+
+def did_you_mean(name: str, known: Iterable[str]) -> str:
+    """Return "; did you mean 'x'?", the end of a message, with the nearest known name; "" if none is near."""
+    nearest = difflib.get_close_matches(name, list(known), n=1)
+    return f"; did you mean {nearest[0]!r}?" if nearest else ""
 
 
 class UnknownName(TisceneError, LookupError):

@@ -7,7 +7,6 @@ ranges is replaced by another one. Scenarios are JSON values here.
 
 from __future__ import annotations
 
-import difflib
 import math
 import os
 from collections import Counter
@@ -23,7 +22,7 @@ from numpy.typing import NDArray
 from dynamics import CatmullWaypoints, LinearWaypoints, Waypoint
 from dynamics.dynamic import Pose
 from tiscene import catalog
-from tiscene.errors import ArgumentError, ScenarioError
+from tiscene.errors import ArgumentError, ScenarioError, did_you_mean
 from tiscene.randomization.draws import Draws
 from tiscene.randomization.free_space import FreeSpace
 from tiscene.randomization.object_placer import ATTEMPTS, ObjectPlacer
@@ -60,9 +59,8 @@ def sample(
     known = [field.name for field in fields(ScenarioRanges)]
     for name in ranges:
         if name not in known:
-            nearest = difflib.get_close_matches(name, known, n=1)
-            hint = f"did you mean {nearest[0]!r}?" if nearest else f"there are {', '.join(known)}"
-            raise ArgumentError(f"{name}={ranges[name]!r}: no such range; {hint}")
+            hint = did_you_mean(name, known) or f"; there are {', '.join(known)}"
+            raise ArgumentError(f"{name}={ranges[name]!r}: no such range{hint}")
     if isinstance(seed, bool) or not isinstance(seed, Integral) or not 0 <= seed < 2**64:
         raise ArgumentError(f"seed={seed!r}: must be a whole number from 0 to 2^64 - 1")
     limits = ScenarioRanges(**ranges)

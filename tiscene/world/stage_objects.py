@@ -3,7 +3,6 @@
 
 from __future__ import annotations
 
-import difflib
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
@@ -11,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynamics.rotation import matrix_from_quaternion, quaternion
-from tiscene.errors import ScenarioError
+from tiscene.errors import ScenarioError, did_you_mean
 from tiscene.scenario.edits import Move, StageObjectHistory
 from tiscene.scene.animation import polar, quaternions
 from tiscene.scene.camera import quaternion_from_matrix
@@ -66,8 +65,7 @@ class StageObjects:
         """
         for path in lives:
             if path not in self._numbers:
-                nearest = difflib.get_close_matches(path, list(self._numbers), n=1)
-                hint = f"; did you mean {nearest[0]!r}?" if nearest else ""
+                hint = did_you_mean(path, self._numbers)
                 raise ScenarioError(f"edits: no object {path!r} in scene {self._stage.name!r}{hint}")
         numbered = {self._numbers[path]: life for path, life in lives.items()}
         self.lives = dict(sorted(numbered.items()))

@@ -7,7 +7,6 @@ data set can be extended, and its parts can be made anywhere.
 
 from __future__ import annotations
 
-import difflib
 import inspect
 import json
 import os
@@ -20,7 +19,7 @@ from typing import Any
 import numpy as np
 
 from dynamics.argument_checks import integer, number
-from tiscene.errors import ArgumentError, MissingFile, ScenarioError
+from tiscene.errors import ArgumentError, MissingFile, ScenarioError, did_you_mean
 from tiscene.export.formats import find_format
 from tiscene.scenario.scenario import Scenario
 
@@ -231,7 +230,6 @@ def _check_names(content: Mapping[str, Any], known: Sequence[str], place: str) -
     """Return a mapping. Raises ArgumentError for a name that is not known."""
     for name in content:
         if name not in known:
-            nearest = difflib.get_close_matches(name, known, n=1)
-            hint = f"did you mean {nearest[0]!r}?" if nearest else f"there are {', '.join(known)}"
-            raise ArgumentError(f"{place}: no field {name!r}; {hint}")
+            hint = did_you_mean(name, known) or f"; there are {', '.join(known)}"
+            raise ArgumentError(f"{place}: no field {name!r}{hint}")
     return content

@@ -8,13 +8,13 @@ stage. Other USD programs find it through the environment variable PXR_PLUGINPAT
 
 from __future__ import annotations
 
-import difflib
 import functools
 from pathlib import Path
 from typing import Any
 
 from pxr import Plug, Sdf, Usd
 
+from tiscene.errors import did_you_mean
 from tiscene.usd.core.report import StageReport
 
 FOLDER = Path(__file__).parent
@@ -66,6 +66,4 @@ def report_unknown_properties(prim: Usd.Prim, report: StageReport) -> None:
     for each in prim.GetAuthoredPropertiesInNamespace("tiscene"):
         name = str(each.GetName())
         if name not in properties():
-            nearest = difflib.get_close_matches(name, sorted(properties()), n=1)
-            hint = f"; did you mean {nearest[0]!r}?" if nearest else ""
-            report.refuse(prim.GetPath(), "schema", f"there is no property {name!r}{hint}")
+            report.refuse(prim.GetPath(), "schema", f"there is no property {name!r}{did_you_mean(name, properties())}")
