@@ -12,7 +12,8 @@ import pytest
 
 import tiscene as ts
 from tests.world.test_collisions import EMPTY, STAGE, TEMPLATE, bouncer, path
-from tiscene.scene.description import SphereLight, Template
+from tiscene.scene.animation import InstanceTrack
+from tiscene.scene.description import Instance, SceneObject, SphereLight, Template
 from tiscene.world.world import World
 
 LAMP = Template(
@@ -151,6 +152,32 @@ def test_move_makes_as_many_calls_after_many_moves_as_after_20(target, moves):
                 early = calls_of_frame
     assert np.median(calls[20:]) < 1.1 * np.median(calls[:20]) + 5
     assert calls_of_frame < 1.1 * early
+
+
+def test_frames_evaluate_authored_animation_as_often_when_many_animated_objects_were_moved(monkeypatch):
+    count, calls = 8, 0
+    matrices = np.tile(np.eye(4)[:3], (2, count, 1, 1))
+    matrices[1, :, :, 3] = 1.0
+    track = InstanceTrack(np.arange(count, dtype=np.int32), np.array([0.0, 1.0]), matrices, np.ones((2, count), bool))
+    instances = tuple(Instance(0, row, np.eye(4)) for row in range(count))
+    objects = tuple(SceneObject(f"Lift{row}", f"/Lift{row}") for row in range(count))
+    world = make(stage=replace(TEMPLATE.description, instances=instances, objects=objects, tracks=(track,)))
+    at = InstanceTrack.at
+
+    def counted(*arguments):
+        nonlocal calls
+        calls += 1
+        return at(*arguments)
+
+    monkeypatch.setattr(InstanceTrack, "at", counted)
+    world.state(3)
+    before, world.next_frame = calls, 5
+    for row in objects:
+        world.move(row.prim_path, (0.0, 1.0, 0.0))
+    world.state(5)
+    calls = 0
+    world.state(9)
+    assert calls == before
 
 
 def random_edits(world: World, seed: int, frames: int, bouncing: bool) -> dict[int, bytes]:

@@ -54,6 +54,7 @@ class StageObjects:
         self._first_part[drawn] = first
         self._tracked = np.unique(owner[tracks.rows])
         self._numbers = {each.prim_path: row for row, each in enumerate(stage.objects)}
+        self._starts: dict[tuple[int, int], Array] = {}  # matrix of an animated object at the frame of a move
         self.lives: dict[int, StageObjectHistory] = {}
         self.first_edit_frame: int | None = None
 
@@ -91,13 +92,18 @@ class StageObjects:
         move = self.lives[number].move(frame, known) if number in self.lives else None
         if move is None:
             return None
-        row = self._rows[number]
-        if not at_rest and number in self._tracked:
-            row = self._posed(move.frame)[number] or row
-        start = matrix(np.array([*row.position, *row.rotation]))
+        start = _matrix_of(self._rows[number]) if at_rest else self._start(number, move.frame)
         now = matrix(np.array([*move.position, *quaternion(move.rotation)]))
         result: Array = np.einsum("ij,jk->ik", now, np.linalg.inv(start))
         return result
+
+    def _start(self, number: int, frame: int) -> Array:
+        """Return the 4x4 matrix of an object, by its row, where a move at a frame finds it."""
+        if number not in self._tracked:
+            return _matrix_of(self._rows[number])
+        if (number, frame) not in self._starts:
+            self._starts[number, frame] = _matrix_of(self._posed(frame)[number] or self._rows[number])
+        return self._starts[number, frame]
 
     def place(self, frame: int, seconds: Array, world: Array, present: NDArray[np.bool_]) -> None:
         """Write matrices and presence of the parts before, at and after a frame.
@@ -150,7 +156,7 @@ class StageObjects:
         if by is None or number not in self._tracked:
             w, x, y, z = quaternion(move.rotation).tolist()
             return replace(row, position=move.position, rotation=(w, x, y, z))
-        pose = by @ matrix(np.array([*row.position, *row.rotation]))
+        pose = by @ _matrix_of(row)
         return replace(
             row,
             position=tuple(pose[:3, 3].tolist()),
@@ -192,6 +198,10 @@ class StageObjects:
                 instance = replace(instance, world_from_object=by @ instance.world_from_object)
             instances.append(instance)
         return instances, [self.is_alive(instance.object, frame) for instance in instances]
+
+
+def _matrix_of(row: WorldObject) -> Array:
+    return matrix(np.array([*row.position, *row.rotation]))
 
 
 def matrix(pose: Array) -> Array:
