@@ -174,7 +174,7 @@ def scenario_errors() -> Iterator[None]:
 
 @contextlib.contextmanager
 def export_errors(path: str | os.PathLike[str]) -> Iterator[None]:
-    """Convert an OSError while writing the file `path` to ExportError."""
+    """Convert an OSError while writing the file or folder `path` to ExportError."""
     try:
         yield
     except OSError as error:

@@ -80,7 +80,7 @@ def _open_locked(path: Path) -> int:
         if not _try_lock(descriptor):
             holder = os.read(descriptor, 200).decode(errors="replace") or "another process"
             os.close(descriptor)
-            raise FolderLockedError(f"{holder} writes into it")
+            raise FolderLockedError(f"{holder} writes into it. Wait until it is done, or choose another folder.")
         # The previous holder may have deleted the file after it was opened here.
         with contextlib.suppress(FileNotFoundError):
             if os.path.samestat(os.fstat(descriptor), os.stat(path)):

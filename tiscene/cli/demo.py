@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from dynamics import AllTogether, CatmullWaypoints, Waypoint
 from tiscene.cli.terminal import note, progress
-from tiscene.errors import ArgumentError, ExportError
+from tiscene.errors import ArgumentError, export_errors
 from tiscene.export.animated_image import write_animation
 from tiscene.export.contact_sheet import contact_sheet
 from tiscene.export.png import write_png
@@ -80,7 +80,8 @@ def run(args: argparse.Namespace) -> None:
             arch=args.arch,
             progress=lambda task, fraction: step(0, task=f"{task}: {fraction:.0%}"),
         )
-        _make_folder(folder)
+        with export_errors(folder):
+            folder.mkdir(parents=True, exist_ok=True)
         demo.save(folder / "scenario.json")
         step(0, task="compiling kernels, in the first run only")
         frames, middle = [], args.frames // 2
@@ -103,10 +104,3 @@ def animated(frames: list[Frame]) -> list[NDArray[np.uint8]]:
     """Return a sheet of four buffers for each frame, with the same color scales in all frames."""
     limits: dict[str, Limits] = {name: limits_of(name, [frame.buffers[name] for frame in frames]) for name in ANIMATED}
     return [contact_sheet(frame, ANIMATED, columns=2, limits=limits) for frame in frames]
-
-
-def _make_folder(folder: Path) -> None:
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise ExportError(f"cannot write into {str(folder)!r}: {error}") from error

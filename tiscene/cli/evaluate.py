@@ -10,7 +10,7 @@ from dataclasses import replace
 from pathlib import Path
 
 from tiscene.cli.terminal import note, progress
-from tiscene.errors import ArgumentError, ExportError
+from tiscene.errors import ArgumentError, export_errors
 from tiscene.learning.clock import Clock
 from tiscene.learning.course import Course
 from tiscene.learning.evaluation import evaluate_all
@@ -31,10 +31,8 @@ def run(args: argparse.Namespace) -> None:
         raise ArgumentError(f"--seeds {args.seeds}: must be at least 1")
     course = load_course(args.course)
     folder = Path(args.output or f"tiscene-evaluation-{Path(args.course).stem}")
-    try:
+    with export_errors(folder):
         folder.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise ExportError(f"cannot write into {str(folder)!r}: {error}") from error
     checkpoint = folder / "checkpoint.pickle" if args.checkpoint else None
     scores = evaluated(course, names, list(seeds), args.cost, checkpoint)
     for score in scores:

@@ -12,14 +12,14 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import tiscene
-from tiscene.errors import ArgumentError, ExportError
+from tiscene.errors import ArgumentError, ExportError, export_errors
 from tiscene.export import frame_json
 from tiscene.export.encoding_threads import EncodingThreads
 from tiscene.export.folder_writer import FolderWriter
 from tiscene.export.formats import find_format
 from tiscene.export.manifest import NAME, Manifest
 from tiscene.export.manifest_difference import cure, differences
-from tiscene.files import FolderLockedError, lock_folder
+from tiscene.files import lock_folder
 
 if TYPE_CHECKING:
     from tiscene.frame.frame import Frame
@@ -82,18 +82,12 @@ def export(
         frames = range(stream.frames)
     folder = Path(folder)
     if folder.exists() and not folder.is_dir():
-        raise ExportError(f"cannot write into {str(folder)!r}: it is a file, not a folder")
-    try:
+        raise ExportError(f"cannot write {str(folder)!r}: it is a file, not a folder")
+    with export_errors(folder):
         folder.mkdir(parents=True, exist_ok=True)
         with lock_folder(folder):
             manifest = open_manifest(folder, provenance(stream, format, objects), overwrite)
             _write_frames(stream, FolderWriter(folder, manifest), frames, progress, pack)
-    except FolderLockedError as error:
-        raise ExportError(
-            f"cannot write into {str(folder)!r}: {error}. Wait until it is done, or choose another folder."
-        ) from error
-    except OSError as error:
-        raise ExportError(f"cannot write into {str(folder)!r}: {error}") from error
     return manifest
 
 

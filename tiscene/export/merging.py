@@ -8,7 +8,7 @@ import shutil
 from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
 
-from tiscene.errors import ExportError
+from tiscene.errors import ExportError, export_errors
 from tiscene.export.exporter import open_manifest
 from tiscene.export.folder_writer import FolderWriter
 from tiscene.export.formats import find_format
@@ -16,7 +16,7 @@ from tiscene.export.manifest import Manifest, file_digest
 from tiscene.export.manifest_difference import differences
 from tiscene.export.packing import has_pieces
 from tiscene.export.shards import SHARDS, Shard
-from tiscene.files import FolderLockedError, lock_folder
+from tiscene.files import lock_folder
 
 
 def merge(
@@ -56,14 +56,10 @@ def merge(
     manifests = {place: _manifest(place) for place in places}
     owners = _owners(manifests)
     _check_complete(places, owners, partial, unlike)
-    try:
+    with export_errors(folder):
         folder.mkdir(parents=True, exist_ok=True)
         with lock_folder(folder):
             return _merge(folder, manifests, owners, overwrite, progress)
-    except FolderLockedError as error:
-        raise ExportError(f"cannot write into {str(folder)!r}: {error}. Wait until it is done.") from error
-    except OSError as error:
-        raise ExportError(f"cannot write into {str(folder)!r}: {error}") from error
 
 
 def _manifest(place: Path) -> Manifest:

@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from tiscene.errors import ExportError
+from tiscene.errors import ExportError, export_errors
 from tiscene.export.array_files import resolved
 from tiscene.export.focus_of_attention import focus_file, focus_path
 from tiscene.export.sailenv_layout import Recording, frame_files, summary_files
@@ -41,12 +41,10 @@ class SailenvRecorder:
         present = [folder / name for name in (*FOLDERS, FOCUS) if (folder / name).exists()]
         if present and not overwrite:
             raise ExportError(f"{str(folder)!r} has a recording: pass overwrite=True (--overwrite) to delete it")
-        try:
+        with export_errors(folder):
             for path in present:
                 shutil.rmtree(path) if path.is_dir() else path.unlink()
             folder.mkdir(parents=True, exist_ok=True)
-        except OSError as error:
-            raise ExportError(f"cannot write into {str(folder)!r}: {error}") from error
 
     def write(
         self,
@@ -85,10 +83,6 @@ class SailenvRecorder:
             self._write({FOCUS: focus_file(focus_path(frames, self._fps))})
 
     def _write(self, files: Mapping[str, bytes]) -> None:
-        try:
+        with export_errors(self.folder):
             for name, data in files.items():
-                path = self.folder / name
-                path.parent.mkdir(parents=True, exist_ok=True)
-                write_atomically(path, data)
-        except OSError as error:
-            raise ExportError(f"cannot write into {str(self.folder)!r}: {error}") from error
+                write_atomically(self.folder / name, data)

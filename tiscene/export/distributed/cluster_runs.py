@@ -11,7 +11,7 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from tiscene.errors import ArgumentError, DeviceError, ExportError
+from tiscene.errors import ArgumentError, DeviceError, export_errors
 from tiscene.export.distributed.frame_work import FrameWork
 from tiscene.export.distributed.ray_pool import RayPool, connected
 from tiscene.export.distributed.scenario_work import ScenarioWork
@@ -26,7 +26,7 @@ from tiscene.export.generation.recipe import Recipe
 from tiscene.export.manifest import Manifest
 from tiscene.export.merging import merge
 from tiscene.export.shards import SHARDS
-from tiscene.files import FolderLockedError, lock_folder
+from tiscene.files import lock_folder
 
 if TYPE_CHECKING:
     from tiscene.scenario.scenario import Scenario
@@ -168,19 +168,16 @@ def _run(
         if progress is not None:
             progress(finished())
 
-    try:
+    with export_errors(folder):
         folder.mkdir(parents=True, exist_ok=True)
-        with connected(address), lock_folder(folder):
-            file = folder / f"{RUN_FILE}{secrets.token_hex(6)}"
-            # The file is gone before the pool waits for its workers, which then end.
-            with RayPool(work, file, arch=arch, cpus=cpus) as pool, _present(file):
-                run_tasks(pool, plan, unlike=unlike, opened=opened, progress=report)
-    except FolderLockedError as error:
-        raise ExportError(f"cannot write into {str(folder)!r}: {error}. Wait until it is done.") from error
-    except ConnectionError as error:
-        raise DeviceError(f"the connection to the Ray cluster was lost: {error}") from error
-    except OSError as error:
-        raise ExportError(f"cannot write into {str(folder)!r}: {error}") from error
+        try:
+            with connected(address), lock_folder(folder):
+                file = folder / f"{RUN_FILE}{secrets.token_hex(6)}"
+                # The file is gone before the pool waits for its workers, which then end.
+                with RayPool(work, file, arch=arch, cpus=cpus) as pool, _present(file):
+                    run_tasks(pool, plan, unlike=unlike, opened=opened, progress=report)
+        except ConnectionError as error:
+            raise DeviceError(f"the connection to the Ray cluster was lost: {error}") from error
 
 
 def _check_counts(**counts: int | None) -> None:

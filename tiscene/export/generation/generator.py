@@ -9,7 +9,7 @@ from collections.abc import Callable, Iterable
 from pathlib import Path
 from typing import Any
 
-from tiscene.errors import ArgumentError, ExportError, ScenarioError, StageError
+from tiscene.errors import ArgumentError, ExportError, ScenarioError, StageError, export_errors
 from tiscene.export.exporter import export
 from tiscene.export.generation.data_set_index import DataSet
 from tiscene.export.generation.recipe import Recipe
@@ -161,12 +161,9 @@ class ScenarioRenderer:
             ArgumentError: A setting of the recipe is invalid.
             ExportError: The folder cannot be written.
         """
-        if self.data_set.has(number):
-            return
-        try:
-            self._render(number, progress)
-        except OSError as error:
-            raise ExportError(f"cannot write into {str(self.data_set.folder)!r}: {error}") from error
+        if not self.data_set.has(number):
+            with export_errors(self.data_set.folder):
+                self._render(number, progress)
 
     def _render(self, number: int, progress: Callable[[int, int | None], None] | None) -> None:
         recipe, folder = self.data_set.recipe, self.data_set.scenario_folder(number)
