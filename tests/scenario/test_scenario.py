@@ -277,7 +277,7 @@ def test_a_byte_order_mark_does_no_harm(tmp_path):
 
 
 def test_files_that_are_not_there_not_text_or_not_json(tmp_path):
-    with pytest.raises(MissingFile, match=r"no scenario file .*run\.json"):
+    with pytest.raises(MissingFile, match=r"no file .*run\.json"):
         Scenario.load(tmp_path / "run.json")
     binary = tmp_path / "binary.json"
     binary.write_bytes(b"\xff\xfe\x00")

@@ -27,6 +27,7 @@ from tiscene.learning.pixel_counts import check_pixels
 from tiscene.learning.pixel_labels import LABELS, moving_instances
 from tiscene.learning.stream_pool import StreamPool
 from tiscene.learning.supervision import SupervisionRules
+from tiscene.scenario import serialization
 from tiscene.scenario.scenario import Scenario
 from tiscene.stream.frame_slice import FrameSlice
 from tiscene.stream.stream import Stream
@@ -288,7 +289,7 @@ class Course(Iterator[CourseFrame]):
         Raises:
             ExportError: the file cannot be written.
         """
-        course_file.write(path, self.to_json())
+        serialization.write(path, self.to_json())
 
     @classmethod
     def load(cls, path: str | os.PathLike[str]) -> Course:
@@ -298,7 +299,7 @@ class Course(Iterator[CourseFrame]):
             MissingFile: there is no such file.
             ArgumentError, ScenarioError: the course is invalid; the message names the file and the place in it.
         """
-        return course_file.read(path, cls.from_json)
+        return serialization.read(path, cls.from_json)
 
 
 def _check_phases(value: Any, name: str) -> tuple[Phase, ...]:

@@ -3,57 +3,29 @@
 
 from __future__ import annotations
 
-import inspect
-import os
-from collections.abc import Callable, Iterator, Mapping
-from dataclasses import fields, is_dataclass
-from pathlib import Path
-from typing import Any, TypeVar
+from collections.abc import Callable, Mapping
+from dataclasses import fields
+from typing import Any
 
-from tiscene.errors import ArgumentError, MissingFile, ScenarioError
+from tiscene.errors import ArgumentError
 from tiscene.learning.drift import SCENARIO, Drift, Schedule
 from tiscene.learning.phase import Phase
 from tiscene.learning.supervision import SupervisionRules
 from tiscene.learning.teaching_policies import Policy
 from tiscene.scenario import serialization
 from tiscene.scenario.scenario import Scenario
+from tiscene.scenario.serialization import DerivedClasses
 
 FORMAT, VERSION = "tiscene.course", 1
 UNSAVED = ("arch", "progress", "prefetch", "limits")  # settings that change no frame
-Made = TypeVar("Made")
-
-
-class _Derived(Mapping[str, type]):
-    """The dataclasses that are derived from a base class, by name; users may add to them."""
-
-    def __init__(self, base: type) -> None:
-        self.base = base
-
-    def _all(self) -> dict[str, type]:
-        found: dict[str, type] = {}
-        pending: list[type] = [self.base]
-        while pending:
-            derived: list[type] = pending.pop().__subclasses__()
-            found |= {cls.__name__: cls for cls in derived if is_dataclass(cls) and not inspect.isabstract(cls)}
-            pending += derived
-        return found
-
-    def __getitem__(self, name: str) -> type:
-        return self._all()[name]
-
-    def __iter__(self) -> Iterator[str]:
-        return iter(self._all())
-
-    def __len__(self) -> int:
-        return len(self._all())
 
 
 # Which classes a field holds, by its name; see `tiscene.scenario.serialization`.
 FIELDS: dict[str, Mapping[str, type]] = {
     "drift": {"Drift": Drift},
-    "parts": _Derived(Policy),
-    "policy": _Derived(Policy),
-    "schedule": _Derived(Schedule),
+    "parts": DerivedClasses(Policy),
+    "policy": DerivedClasses(Policy),
+    "schedule": DerivedClasses(Schedule),
     "supervision": {"SupervisionRules": SupervisionRules},
     "values": {},
 }
@@ -166,28 +138,3 @@ def decode(content: Mapping[str, Any]) -> dict[str, Any]:
         "phases": [phase(each, f"phases[{row}]") for row, each in enumerate(content.get("phases", ()))],
         "tests": [phase(each, f"tests[{row}]") for row, each in enumerate(content.get("tests", ()))],
     }
-
-
-def write(path: str | os.PathLike[str], content: Mapping[str, Any]) -> None:
-    """Write JSON values into a file, whole or not at all. Raises ExportError."""
-    serialization.write(Path(path), content)
-
-
-def read(path: str | os.PathLike[str], make: Callable[[Any], Made]) -> Made:
-    """Return what `make` makes of a JSON file's content.
-
-    Raises:
-        MissingFile: there is no such file.
-        ArgumentError, ScenarioError: the content is wrong; the message names the file.
-    """
-    path = Path(path)
-    try:
-        return make(serialization.loads(path.read_text(encoding="utf-8-sig")))
-    except FileNotFoundError as error:
-        raise MissingFile(f"no file {str(path)!r} (looked from {str(Path.cwd())!r})") from error
-    except OSError as error:
-        raise ArgumentError(f"{path}: cannot be read: {error.strerror}") from error
-    except UnicodeDecodeError as error:
-        raise ArgumentError(f"{path}: not a text file in UTF-8") from error
-    except (ArgumentError, ScenarioError) as error:
-        raise type(error)(f"{path}: {error}") from error

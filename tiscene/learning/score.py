@@ -11,9 +11,9 @@ from typing import Any
 
 import tiscene
 from tiscene.errors import ArgumentError
-from tiscene.learning import course_file
 from tiscene.learning.course import Course
 from tiscene.learning.task_matrix import Example
+from tiscene.scenario import serialization
 
 FORMAT, VERSION = "tiscene.score", 1
 
@@ -80,7 +80,7 @@ class Score(Mapping[str, Any]):
         Raises:
             ExportError: the file cannot be written.
         """
-        course_file.write(path, self.to_json())
+        serialization.write(path, self.to_json())
 
 
 def differences(first: Mapping[str, Any], second: Mapping[str, Any]) -> list[str]:
@@ -128,4 +128,4 @@ def read_score(path: str | os.PathLike[str]) -> dict[str, Any]:
             raise ArgumentError(f'not a score: it should be an object with "format": "{FORMAT}", version {VERSION}')
         return dict(content)
 
-    return course_file.read(path, checked)
+    return serialization.read(path, checked)

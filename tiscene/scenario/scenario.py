@@ -24,7 +24,7 @@ from typing import Any
 
 from dynamics import AllTogether, Dynamic, RigidBody, Still, Timing, argument_checks
 from tiscene import catalog
-from tiscene.errors import ArgumentError, MissingFile, ScenarioError, scenario_errors
+from tiscene.errors import ArgumentError, ScenarioError, scenario_errors
 from tiscene.scenario import serialization
 from tiscene.scenario.edits import Edit, EditLog, ObjectHistory, Spawn, StageObjectHistory
 from tiscene.scenario.joints import Joint, check_joints
@@ -307,7 +307,7 @@ class Scenario:
         if not isinstance(source, str | os.PathLike):
             raise ArgumentError(f"source={source!r}: must be a Scenario, a scene's name or a file")
         if Path(source).suffix.lower() == ".json":
-            loaded = cls._load_json(Path(source))
+            loaded = serialization.read(source, cls.from_json)
             loaded = replace(loaded, variants={**loaded.variants, **variants}) if variants else loaded
             return loaded if camera is None else replace(loaded, camera=camera)
         if still:
@@ -329,19 +329,6 @@ class Scenario:
             row = re.match(r"objects\[(\d+)\]", str(error))
             prim = f"<{authored.prim_paths[int(row.group(1))]}> " if row else ""
             raise ScenarioError(f"{file}: {prim}{error}") from error
-
-    @classmethod
-    def _load_json(cls, path: Path) -> Scenario:
-        try:
-            return cls.from_json(serialization.loads(path.read_text(encoding="utf-8-sig")))
-        except FileNotFoundError as error:
-            raise MissingFile(f"no scenario file {str(path)!r} (looked from {str(Path.cwd())!r})") from error
-        except OSError as error:
-            raise ScenarioError(f"{path}: cannot be read: {error.strerror}") from error
-        except UnicodeDecodeError as error:
-            raise ScenarioError(f"{path}: not a text file in UTF-8") from error
-        except ScenarioError as error:
-            raise ScenarioError(f"{path}: {error}") from error
 
 
 SCENARIOS = classes(Scenario)

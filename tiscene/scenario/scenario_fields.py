@@ -3,9 +3,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import is_dataclass
-from inspect import isabstract
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import dynamics
@@ -16,6 +14,7 @@ from tiscene.scenario.joints import DistanceJoint, FixedJoint, PrismaticJoint, R
 from tiscene.scenario.light_motion import LightMotion
 from tiscene.scenario.objects import Frustum, Object, check_dynamic
 from tiscene.scenario.overrides import CameraOverride, LightOverride, MaterialOverride, ObjectOverride, Override
+from tiscene.scenario.serialization import DerivedClasses
 from tiscene.scene.camera import Camera
 
 
@@ -23,10 +22,10 @@ def classes(*classes: type) -> dict[str, type]:
     return {cls.__name__: cls for cls in classes}
 
 
-class _Dynamics(Mapping[str, type]):
-    """Trajectory classes by name: the library's, and every dataclass that a user derives from `Dynamic`."""
-
-    _LIBRARY = classes(
+# Trajectories: the library's, and every dataclass that a user derives from `Dynamic`.
+_DYNAMICS = DerivedClasses(
+    Dynamic,
+    classes(
         dynamics.CatmullWaypoints,
         dynamics.Composite,
         dynamics.Keyframes,
@@ -36,28 +35,8 @@ class _Dynamics(Mapping[str, type]):
         dynamics.RigidBody,
         dynamics.Still,
         dynamics.UniformMovementRandomBounce,
-    )
-
-    def _all(self) -> dict[str, type]:
-        classes: dict[str, type] = {}
-        pending: list[type] = [Dynamic]
-        while pending:
-            derived: list[type] = pending.pop().__subclasses__()
-            classes |= {cls.__name__: cls for cls in derived if is_dataclass(cls) and not isabstract(cls)}
-            pending += derived
-        return classes | self._LIBRARY
-
-    def __getitem__(self, name: str) -> type:
-        return self._all()[name]
-
-    def __iter__(self) -> Iterator[str]:
-        return iter(self._all())
-
-    def __len__(self) -> int:
-        return len(self._all())
-
-
-_DYNAMICS = _Dynamics()
+    ),
+)
 # Which classes a field holds, by its name; see `scenario_json`.
 FIELDS: dict[str, Mapping[str, type]] = {
     "camera": classes(Camera),

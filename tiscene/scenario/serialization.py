@@ -12,16 +12,49 @@ import dataclasses
 import difflib
 import json
 import math
+import os
 import re
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from inspect import isabstract
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
-from tiscene.errors import ExportError, ScenarioError, export_errors
+from tiscene.errors import ArgumentError, ExportError, MissingFile, ScenarioError, export_errors
 from tiscene.files import write_atomically
 
 Classes = Mapping[str, type]
+Made = TypeVar("Made")
 LINE_LENGTH = 110
+
+
+class DerivedClasses(Mapping[str, type]):
+    """The dataclasses that are derived from a base class, by name; users may add to them.
+
+    Args:
+        base: the base class.
+        others: further classes; none of them can be replaced.
+    """
+
+    def __init__(self, base: type, others: Classes | None = None) -> None:
+        self._base, self._others = base, dict(others or {})
+
+    def _all(self) -> dict[str, type]:
+        found: dict[str, type] = {}
+        pending: list[type] = [self._base]
+        while pending:
+            derived: list[type] = pending.pop().__subclasses__()
+            found |= {cls.__name__: cls for cls in derived if dataclasses.is_dataclass(cls) and not isabstract(cls)}
+            pending += derived
+        return found | self._others
+
+    def __getitem__(self, name: str) -> type:
+        return self._all()[name]
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self._all())
+
+    def __len__(self) -> int:
+        return len(self._all())
 
 
 def encode(value: Any, table: Mapping[str, Classes], classes: Classes | None = None, path: str = "") -> Any:
@@ -76,12 +109,33 @@ def dumps(value: Any) -> str:
     return _lines(value, "", "") + "\n"
 
 
-def write(path: Path, value: Any) -> None:
+def write(path: str | os.PathLike[str], value: Any) -> None:
     """The same into a file, whole or not at all. Raises ExportError."""
+    path = Path(path)
     if not path.parent.is_dir():
         raise ExportError(f"cannot write {str(path)!r}: there is no folder {str(path.parent)!r}")
     with export_errors(path):
         write_atomically(path, dumps(value).encode())
+
+
+def read(path: str | os.PathLike[str], make: Callable[[Any], Made]) -> Made:
+    """Return what `make` makes of a JSON file's content.
+
+    Raises:
+        MissingFile: there is no such file.
+        ArgumentError, ScenarioError: the content is wrong; the message names the file.
+    """
+    path = Path(path)
+    try:
+        return make(loads(path.read_text(encoding="utf-8-sig")))
+    except FileNotFoundError as error:
+        raise MissingFile(f"no file {str(path)!r} (looked from {str(Path.cwd())!r})") from error
+    except OSError as error:
+        raise ScenarioError(f"{path}: cannot be read: {error.strerror}") from error
+    except UnicodeDecodeError as error:
+        raise ScenarioError(f"{path}: not a text file in UTF-8") from error
+    except (ArgumentError, ScenarioError) as error:
+        raise type(error)(f"{path}: {error}") from error
 
 
 def loads(text: str) -> Any:
