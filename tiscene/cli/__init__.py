@@ -10,7 +10,6 @@ A command is a module with `run(args)`; its arguments are in `parser`.
     parser    arguments of all commands
     argument_types  types of arguments
     terminal  progress bars and notes on stderr
-    measure_arguments  arguments of measure
     common_arguments  arguments that several commands have
     render_arguments, data_set_arguments  arguments of render; of verify, merge, sample and generate
     stream_arguments  the stream of the commands that show frames

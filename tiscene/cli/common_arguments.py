@@ -10,9 +10,7 @@ from tiscene.cli.argument_types import frame_slice, name_list, variant_choice
 
 def add_shown_stream(command: argparse.ArgumentParser) -> None:
     """Add the arguments of `stream_arguments.stream_of`."""
-    command.add_argument(
-        "source", metavar="SCENE_OR_SCENARIO", help="the name of a scene, a USD file, or a scenario (.json)"
-    )
+    add_source(command)
     command.add_argument(
         "--frames", metavar="A:B[:STEP]", type=frame_slice, help="frames as a Python slice (default: 0:100)"
     )
@@ -23,9 +21,7 @@ def add_shown_stream(command: argparse.ArgumentParser) -> None:
         help="buffers to show, or 'all' (default: rgb,semantic,instance,depth,forward_flow,normal)",
     )
     add_size(command, width=None, height=None)
-    command.add_argument(
-        "--fps", metavar="N", type=float, default=25.0, help="frame k shows time k / fps (default: %(default)g)"
-    )
+    add_fps(command)
     add_quality(command, "fast")
     add_spp(command)
     add_seed(command)
@@ -34,6 +30,18 @@ def add_shown_stream(command: argparse.ArgumentParser) -> None:
     )
     add_reading(command)
     add_arch(command)
+
+
+def add_source(command: argparse.ArgumentParser) -> None:
+    command.add_argument(
+        "source", metavar="SCENE_OR_SCENARIO", help="the name of a scene, a USD file, or a scenario (.json)"
+    )
+
+
+def add_fps(command: argparse.ArgumentParser) -> None:
+    command.add_argument(
+        "--fps", metavar="N", type=float, default=25.0, help="frame k shows time k / fps (default: %(default)g)"
+    )
 
 
 def add_size(command: argparse.ArgumentParser, width: int | None, height: int | None) -> None:

@@ -7,6 +7,7 @@ import argparse
 from typing import Any
 
 from tiscene.cli.argument_types import count
+from tiscene.cli.common_arguments import add_arch
 
 
 def add_parts(command: argparse.ArgumentParser, place: str) -> None:
@@ -56,7 +57,7 @@ def add_verify(commands: Any) -> None:
     verify.add_argument(
         "--search", metavar="DIR", action="append", default=[], help="folder with files of the scene; may be repeated"
     )
-    verify.add_argument("--arch", metavar="NAME", help="cpu or cuda (default: cpu)")
+    add_arch(verify)
 
 
 def add_merge(commands: Any) -> None:
@@ -93,7 +94,7 @@ def add_generate(commands: Any) -> None:
     )
     _add_recipe(generate)
     add_parts(generate, "the same DIR")
-    generate.add_argument("--arch", metavar="NAME", help="cpu or cuda (default: cpu)")
+    add_arch(generate)
 
 
 def _add_recipe(command: argparse.ArgumentParser) -> None:

@@ -10,18 +10,19 @@ import argparse
 from typing import TypeAlias
 
 import tiscene
-from tiscene.cli.argument_types import name_list
+from tiscene.cli.argument_types import frame_slice, name_list
 from tiscene.cli.common_arguments import (
     add_arch,
+    add_fps,
     add_quality,
     add_reading,
     add_seed,
     add_shown_stream,
     add_size,
+    add_source,
     add_spp,
 )
 from tiscene.cli.data_set_arguments import add_generate, add_merge, add_sample, add_verify
-from tiscene.cli.measure_arguments import add_measure
 from tiscene.cli.render_arguments import add_render
 
 Commands: TypeAlias = "argparse._SubParsersAction[argparse.ArgumentParser]"
@@ -49,7 +50,7 @@ def parser() -> argparse.ArgumentParser:
         _inspect,
         _import,
         _bench,
-        add_measure,
+        _measure,
         _evaluate,
         _serve,
         _sailenv,
@@ -144,6 +145,33 @@ def _bench(commands: Commands) -> None:
         "--seconds", metavar="S", type=float, default=3.0, help="duration of each measurement (default: %(default)g)"
     )
     add_arch(bench)
+
+
+def _measure(commands: Commands) -> None:
+    measure = commands.add_parser(
+        "measure",
+        help="measure how hard the frames of a scene or scenario are",
+        description="Print measures of difficulty (visible instances, size, motion, novelty of views and others), and "
+        "write them for each frame, with a plot, into a folder. See docs/difficulty.md.",
+    )
+    add_source(measure)
+    measure.add_argument(
+        "-o", "--output", metavar="DIR", help="folder to write (default: tiscene-measure-NAME of the source)"
+    )
+    measure.add_argument(
+        "--frames",
+        metavar="A:B[:STEP]",
+        type=frame_slice,
+        default=slice(0, 250, 5),
+        help="frames as a Python slice (default: 0:250:5)",
+    )
+    add_size(measure, width=128, height=96)
+    add_fps(measure)
+    measure.add_argument("--contrast", action="store_true", help="render color too, to measure contrast; slower")
+    measure.add_argument(
+        "--quality", metavar="NAME", default="fast", help="preset of colors for --contrast (default: %(default)s)"
+    )
+    add_arch(measure)
 
 
 def _evaluate(commands: Commands) -> None:

@@ -7,7 +7,16 @@ import argparse
 from typing import Any
 
 from tiscene.cli.argument_types import frame_slice, name_list, number_list
-from tiscene.cli.common_arguments import add_arch, add_quality, add_reading, add_seed, add_size, add_spp
+from tiscene.cli.common_arguments import (
+    add_arch,
+    add_fps,
+    add_quality,
+    add_reading,
+    add_seed,
+    add_size,
+    add_source,
+    add_spp,
+)
 from tiscene.cli.data_set_arguments import add_parts
 from tiscene.export.formats import FORMATS
 
@@ -21,9 +30,7 @@ def add_render(commands: Any) -> None:
         "interruption: frames whose files are there are not rendered again. One command at a time may write into a "
         "folder.",
     )
-    render.add_argument(
-        "source", metavar="SCENE_OR_SCENARIO", help="the name of a scene, a USD file, or a scenario (.json)"
-    )
+    add_source(render)
     render.add_argument(
         "--sailenv",
         action="store_true",
@@ -56,9 +63,7 @@ def add_render(commands: Any) -> None:
     add_parts(render, "DIR/shards")
     render.add_argument("--overwrite", action="store_true", help="replace frames that were made with other settings")
     add_size(render, width=None, height=None)
-    render.add_argument(
-        "--fps", metavar="N", type=float, default=25.0, help="frame k shows time k / fps (default: %(default)g)"
-    )
+    add_fps(render)
     add_quality(render, "standard")
     add_spp(render)
     render.add_argument(
