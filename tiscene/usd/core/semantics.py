@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from pathlib import Path
 
-from pxr import Kind, Usd, UsdSemantics
+from pxr import Kind, Sdf, Usd, UsdSemantics
 
 from tiscene.errors import UnknownName
 from tiscene.usd.core.package import split_package
@@ -129,6 +129,11 @@ def ancestors(prim: Usd.Prim) -> Iterator[Usd.Prim]:
     """Yield the ancestors of a prim, from its parent up, without the pseudo-root."""
     while (prim := prim.GetParent()) and not prim.IsPseudoRoot():
         yield prim
+
+
+def shared_path(prim: Usd.Prim) -> Sdf.Path:
+    """Return the path that all instances of a prim share: that in its prototype."""
+    return (prim.GetPrimInPrototype() if prim.IsInstanceProxy() else prim).GetPath()
 
 
 def _is_of_kind(prim: Usd.Prim, kind: str) -> bool:

@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from pxr import Usd, UsdGeom
 
 from tiscene.usd.core.report import StageReport
+from tiscene.usd.core.semantics import shared_path
 from tiscene.usd.core.time_samples import in_seconds
 from tiscene.usd.geometry.catmull_clark import Creases
 from tiscene.usd.geometry.deforming import read_point_samples
@@ -81,7 +82,7 @@ def read_mesh(
         creases = _read_creases(mesh, topology, time, report)
         boundary = mesh.GetInterpolateBoundaryAttr().Get(time) or "edgeAndCorner"
         uv_rule = mesh.GetFaceVaryingLinearInterpolationAttr().Get(time) or "cornersPlus1"
-        source = (prim.GetPrimInPrototype() if prim.IsInstanceProxy() else prim).GetPath()
+        source = shared_path(prim)
         levels = report.budget.levels.get(source, MAX_LEVELS)
         key = _content(points, topology, creases, visible, uv, boundary, uv_rule, position_samples, levels, bool(skin))
         if key not in report.budget.refined:

@@ -18,6 +18,7 @@ from pxr import Sdf, Usd, UsdGeom, UsdSkel, Vt
 
 from tiscene.scene.skinned_deformation import BlendShapes, SkeletonPoses, Skin
 from tiscene.usd.core.report import StageReport
+from tiscene.usd.core.semantics import shared_path
 from tiscene.usd.core.time_samples import dense_times, in_seconds
 
 _TRAVERSAL = Usd.TraverseInstanceProxies(Usd.PrimIsActive & Usd.PrimIsLoaded & Usd.PrimIsDefined & ~Usd.PrimIsAbstract)
@@ -114,7 +115,7 @@ class _SkinReader:
                     self._bake(skeleton, query, times)
                     continue
                 frames = self._mesh_from_skeleton(skeleton, prim, times)
-                key = _source(prim), self._pose_key(skeleton, times), frames.tobytes()
+                key = shared_path(prim), self._pose_key(skeleton, times), frames.tobytes()
                 if key not in self._skins:
                     self._skins[key] = self._skin(skeleton, query, times, frames)
                 skin = self._skins[key]
@@ -142,7 +143,7 @@ class _SkinReader:
 
     def _pose_key(self, skeleton: UsdSkel.SkeletonQuery, times: Sequence[float]) -> Any:
         animation = skeleton.GetAnimQuery()
-        return _source(skeleton.GetPrim()), _source(animation.GetPrim()) if animation else None, tuple(times)
+        return shared_path(skeleton.GetPrim()), shared_path(animation.GetPrim()) if animation else None, tuple(times)
 
     def _poses_of(self, skeleton: UsdSkel.SkeletonQuery, times: Sequence[float]) -> SkeletonPoses | None:
         """Return the poses of a skeleton; None if USD cannot compute them."""
@@ -306,8 +307,3 @@ def _matrices(matrices: Any) -> NDArray[np.float64]:
     """Return USD's matrices for row vectors as [n, 3, 4] for column vectors."""
     rows = np.asarray(matrices, np.float64).reshape(-1, 4, 4)
     return np.ascontiguousarray(rows.transpose(0, 2, 1)[:, :3])
-
-
-def _source(prim: Usd.Prim) -> Sdf.Path:
-    """Return the path that all instances of a prim share: that in its prototype."""
-    return (prim.GetPrimInPrototype() if prim.IsInstanceProxy() else prim).GetPath()

@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 from pxr import Gf, Sdf, Usd, UsdGeom
 
 from tiscene.usd.core.report import StageReport
+from tiscene.usd.core.semantics import shared_path
 from tiscene.usd.geometry.primvar import Topology, array_of
 from tiscene.usd.geometry.subdivision import MAX_LEVELS, smooth_levels
 
@@ -141,7 +142,7 @@ def _cages(
             elif prim.IsA(UsdGeom.PointInstancer):
                 points |= _instancer_points(UsdGeom.PointInstancer(prim), time, worlds)
             elif prim.IsA(UsdGeom.Mesh) and _is_smooth(UsdGeom.Mesh(prim), time):
-                path = (prim.GetPrimInPrototype() if prim.IsInstanceProxy() else prim).GetPath()
+                path = shared_path(prim)
                 if path not in cages:
                     cages[path] = _measure(UsdGeom.Mesh(prim), time, different)
                 cage = cages[path]

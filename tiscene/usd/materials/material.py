@@ -13,11 +13,12 @@ from typing import Any, Literal, cast
 
 import numpy as np
 from numpy.typing import NDArray
-from pxr import Sdf, Usd, UsdGeom, UsdShade
+from pxr import Usd, UsdGeom, UsdShade
 
 from tiscene.scene.description import VERTEX_COLORS, Color, ColorInput, Material, TextureLookup
 from tiscene.scene.input_track import InputTrack
 from tiscene.usd.core.report import StageReport
+from tiscene.usd.core.semantics import shared_path
 from tiscene.usd.geometry.display_color import (
     constant_primvar,
     display_color_times,
@@ -189,7 +190,7 @@ class MaterialTableBuilder:
         def read_at(code: Usd.TimeCode) -> Material:
             return replace(_of_color(*self._constant_color(gprim, code)), opacity_mode="presence")
 
-        key = ("displayColor over time", _source_path(gprim))
+        key = ("displayColor over time", shared_path(gprim))
         is_new = key not in self._bindings
         binding = self._row(key, read_at(self._time), is_display_color=True)
         if is_new:
@@ -217,7 +218,7 @@ class MaterialTableBuilder:
 
     def _read_material(self, material: UsdShade.Material, prim: Usd.Prim, gprim: Usd.Prim) -> Binding | None:
         """Return a material's binding; None, with the reason reported, if none of its surface shaders is supported."""
-        path = _source_path(material.GetPrim())
+        path = shared_path(material.GetPrim())
         values = self._primvar_values(gprim, self._primvars.get(path, ()))
         key = (path, values)
         if path not in self._primvars or key not in self._bindings:
@@ -237,7 +238,7 @@ class MaterialTableBuilder:
 
                 self._animate(gprim, binding.row, times, read_at)
         for texture in self._unwrapped[path]:
-            use = (_source_path(prim), texture)
+            use = (shared_path(prim), texture)
             if use not in self._checked_uses:
                 self._checked_uses.add(use)
                 report_borders(prim, gprim, texture, self._time, self._report)
@@ -270,11 +271,6 @@ def _of_color(color: Color, opacity: float) -> Material:
     """Return the material of a displayColor and displayOpacity."""
     mode: Literal["transparent", "presence"] = "transparent" if opacity == 1.0 else "presence"
     return Material("displayColor", diffuse_color=color, opacity=opacity, opacity_mode=mode)
-
-
-def _source_path(prim: Usd.Prim) -> Sdf.Path:
-    """Return the path that all instances of a prim share: that in its prototype."""
-    return (prim.GetPrimInPrototype() if prim.IsInstanceProxy() else prim).GetPath()
 
 
 def _affine_color(factor: Color, color: ColorInput, summand: Color) -> ColorInput:

@@ -15,6 +15,7 @@ from pxr import Usd, UsdGeom, UsdShade
 from tiscene.scene.description import Matrix, Mesh
 from tiscene.scene.skinned_deformation import SkinnedDeformation
 from tiscene.usd.core.report import StageReport
+from tiscene.usd.core.semantics import shared_path
 from tiscene.usd.core.transform import MAX_COORDINATE
 from tiscene.usd.geometry import gprim
 from tiscene.usd.geometry.curves import read_curves, read_points
@@ -77,7 +78,7 @@ class MeshTable:
             prim: the gprim.
             emitter: material of a mesh light, instead of the bound one.
         """
-        source = (prim.GetPrimInPrototype() if prim.IsInstanceProxy() else prim).GetPath()
+        source = shared_path(prim)
         whole = emitter or self._materials.binding(prim, prim)
         subsets = [] if emitter else self._subsets(prim, whole)
         if not is_seen_by_camera(prim, self._time):
@@ -96,7 +97,7 @@ class MeshTable:
 
     def subset_names(self, prim: Usd.Prim) -> tuple[str, ...]:
         """Return the names of a gprim's parts: its subsets, then "" for the faces in none of them."""
-        source = (prim.GetPrimInPrototype() if prim.IsInstanceProxy() else prim).GetPath()
+        source = shared_path(prim)
         return self._parts(prim, source)[0]
 
     def _parts(self, prim: Usd.Prim, source: Any) -> Partition:
@@ -127,7 +128,7 @@ class MeshTable:
 
     def area(self, prim: Usd.Prim, matrix: Matrix) -> float:
         """Return the total area of a gprim's triangles, transformed by a 3x3 matrix, in squared stage units."""
-        source = (prim.GetPrimInPrototype() if prim.IsInstanceProxy() else prim).GetPath()
+        source = shared_path(prim)
         surface = self._surface(prim, source, (Binding(-1),), [])
         if surface is None:
             return 0.0
