@@ -37,7 +37,7 @@ def whole(value: Any, name: str) -> int:
     return operator.index(value)
 
 
-def integer(value: Any, name: str, low: int, high: int) -> int:
+def integer(value: Any, name: str, low: int, high: int = sys.maxsize) -> int:
     """Return `value` as an int from `low` to `high`, both included; `sys.maxsize` stands for no upper limit."""
     result = whole(value, name)
     if not low <= result <= high:

@@ -261,7 +261,7 @@ def test_ledger_replays_and_is_recorded_policy(stream, frames):
         ({"budget": -1}, "budget=-1: must be at least 0"),
         ({"noise": 1.5}, "noise=1.5: must be a fraction from 0 to 1"),
         ({"every": 0}, "every=0: must be at least 1"),
-        ({"rate": -0.5}, "rate=-0.5: must be 0 or more"),
+        ({"rate": -0.5}, "rate=-0.5: must not be negative"),
         ({"policy": RandomPixels}, r"an instance, not the class"),
         ({"silent": [(5, 2)]}, r"silent\[0\]=\(5, 2\): must be two frames with 0 <= first < first after"),
         ({"silent": [(0, 2), (4, 4)]}, r"silent\[1\]=\(4, 4\)"),

@@ -137,7 +137,7 @@ def test_life_spans_include_both_ends():
         ("rotation=.*must not be zero", lambda: Object("a", "Cube", rotation=(0, 0, 0, 0))),
         ("dynamic='fast': must be a dynamic, such as", lambda: Object("a", "Cube", dynamic="fast")),
         ("an instance, not the class", lambda: Object("a", "Cube", dynamic=ts.Still)),
-        ("first_frame=-1: must be 0 or more", lambda: Object("a", "Cube", first_frame=-1)),
+        ("first_frame=-1: must be at least 0", lambda: Object("a", "Cube", first_frame=-1)),
         ("first_frame=1.5: must be a whole number", lambda: Object("a", "Cube", first_frame=1.5)),
         ("last_frame=True: must be a whole number", lambda: Object("a", "Cube", last_frame=True)),
         ("last_frame=4 is before first_frame=5", lambda: Object("a", "Cube", first_frame=5, last_frame=4)),

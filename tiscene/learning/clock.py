@@ -12,7 +12,6 @@ from fractions import Fraction
 
 from dynamics import argument_checks
 from dynamics.clocks import exact
-from tiscene.errors import ArgumentError
 
 
 class Clock:
@@ -26,8 +25,7 @@ class Clock:
     """
 
     def __init__(self, cost: float = 0.0) -> None:
-        if argument_checks.number(cost, "cost") < 0.0:
-            raise ArgumentError(f"cost={cost!r}: must be 0 or more frames")
+        argument_checks.not_negative(cost, "cost")
         self.cost = exact(cost)
         self.skipped = 0
         self._free = Fraction(0)

@@ -83,8 +83,7 @@ class Ramp(Schedule):
 
     def __post_init__(self) -> None:
         _check_interval(self.start, self.end)
-        if argument_checks.whole(self.steps, "steps") < 1:
-            raise ArgumentError(f"steps={self.steps!r}: must be at least 1")
+        argument_checks.integer(self.steps, "steps", 1)
 
     def position(self, k: int, count: int) -> float:
         done = _fraction(k, self.start, self.end)
@@ -112,10 +111,8 @@ class Mix(Schedule):
 
     def __post_init__(self) -> None:
         _check_interval(self.start, self.end)
-        if argument_checks.whole(self.block, "block") < 1:
-            raise ArgumentError(f"block={self.block!r}: must be at least 1")
-        if argument_checks.whole(self.seed, "seed") < 0:
-            raise ArgumentError(f"seed={self.seed!r}: must be 0 or more")
+        argument_checks.integer(self.block, "block", 1)
+        argument_checks.integer(self.seed, "seed", 0)
 
     def position(self, k: int, count: int) -> float:
         place = _fraction(k, self.start, self.end) * (count - 1)
@@ -141,8 +138,7 @@ class Cycle(Schedule):
     period: int
 
     def __post_init__(self) -> None:
-        if argument_checks.whole(self.period, "period") < 1:
-            raise ArgumentError(f"period={self.period!r}: must be at least 1")
+        argument_checks.integer(self.period, "period", 1)
 
     def position(self, k: int, count: int) -> float:
         return float(k // self.period % count)

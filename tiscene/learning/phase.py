@@ -60,8 +60,8 @@ class Phase:
             raise ArgumentError(f"{where}: give either frames= or laps=")
         for name, low in (("frames", 1), ("laps", 1), ("start", 0), ("step", 1)):
             value = getattr(self, name)
-            if value is not None and argument_checks.whole(value, name) < low:
-                raise ArgumentError(f"{where}: {name}={value!r}: must be at least {low}")
+            if value is not None:
+                argument_checks.integer(value, f"{where}: {name}", low)
         if isinstance(self.supervision, Policy):
             object.__setattr__(self, "supervision", SupervisionRules(self.supervision))
         elif not isinstance(self.supervision, SupervisionRules | None):

@@ -75,8 +75,7 @@ class OnlineAccuracy(Metric):
 
     def __init__(self, pixels: str | None = None, window: int = 25) -> None:
         self.chosen = None if pixels is None else check_pixels(pixels)
-        if argument_checks.whole(window, "window") < 1:
-            raise ArgumentError(f"window={window!r}: must be at least 1 frame")
+        argument_checks.integer(window, "window", 1)
         self.window = window
         self.name = self.key if pixels is None else f"{self.key}_{pixels}"
 
@@ -157,8 +156,7 @@ class NearFutureAccuracy(OnlineAccuracy):
     def __init__(self, gap: int = 50, every: int = 5, pixels: str | None = None, window: int = 25) -> None:
         super().__init__(pixels, window)
         for name, value in (("gap", gap), ("every", every)):
-            if argument_checks.whole(value, name) < 1:
-                raise ArgumentError(f"{name}={value!r}: must be at least 1 frame")
+            argument_checks.integer(value, name, 1)
         self.gap, self.every = gap, every
 
     def result(self) -> dict[str, Any]:

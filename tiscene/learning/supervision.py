@@ -67,12 +67,10 @@ class SupervisionRules:
         check_policy(self.policy, "policy")
         for name, low in (("budget", 0), ("per_category", 0), ("within", 0), ("every", 1), ("delay", 0), ("seed", 0)):
             value = getattr(self, name)
-            if value is None and name in ("budget", "per_category", "within"):
-                continue
-            if argument_checks.whole(value, name) < low:
-                raise ArgumentError(f"{name}={value!r}: must be at least {low}")
-        if self.rate is not None and argument_checks.number(self.rate, "rate") < 0.0:
-            raise ArgumentError(f"rate={self.rate!r}: must be 0 or more labels per frame")
+            if value is not None or name not in ("budget", "per_category", "within"):
+                argument_checks.integer(value, name, low)
+        if self.rate is not None:
+            argument_checks.not_negative(self.rate, "rate")
         if not 0.0 <= argument_checks.number(self.noise, "noise") <= 1.0:
             raise ArgumentError(f"noise={self.noise!r}: must be a fraction from 0 to 1")
 

@@ -80,8 +80,7 @@ class RandomPixels(Policy):
     count: int = 1
 
     def __post_init__(self) -> None:
-        if argument_checks.whole(self.count, "count") < 1:
-            raise ArgumentError(f"count={self.count!r}: must be at least 1")
+        argument_checks.integer(self.count, "count", 1)
 
     def pixels(self, frame: Frame, moment: Moment) -> Sequence[Pixel]:
         width, height = frame.camera.width, frame.camera.height
@@ -105,8 +104,7 @@ class FocusOfAttention(Policy):
         fixations = tuple(tuple(map(float, each)) for each in self.fixations)
         if not fixations or any(len(each) != 2 or not all(0.0 <= part <= 1.0 for part in each) for each in fixations):
             raise ArgumentError(f"fixations={self.fixations!r}: must be one or more pairs of fractions from 0 to 1")
-        if argument_checks.whole(self.hold, "hold") < 1:
-            raise ArgumentError(f"hold={self.hold!r}: must be at least 1")
+        argument_checks.integer(self.hold, "hold", 1)
         object.__setattr__(self, "fixations", fixations)
 
     def pixels(self, frame: Frame, moment: Moment) -> Sequence[Pixel]:
@@ -129,8 +127,7 @@ class FollowMovingObjects(Policy):
     hold: int = 25
 
     def __post_init__(self) -> None:
-        if argument_checks.whole(self.hold, "hold") < 1:
-            raise ArgumentError(f"hold={self.hold!r}: must be at least 1")
+        argument_checks.integer(self.hold, "hold", 1)
 
     def pixels(self, frame: Frame, moment: Moment) -> Sequence[Pixel]:
         visible = sorted(moment.moving & set(np.unique(frame.instance).tolist()))
@@ -152,8 +149,7 @@ class Everything(Policy):
     step: int = 1
 
     def __post_init__(self) -> None:
-        if argument_checks.whole(self.step, "step") < 1:
-            raise ArgumentError(f"step={self.step!r}: must be at least 1")
+        argument_checks.integer(self.step, "step", 1)
 
     def pixels(self, frame: Frame, moment: Moment) -> Sequence[Pixel]:
         start = self.step // 2
@@ -199,8 +195,7 @@ class _InPartOfPhase(Policy):
     policy: Policy = field(default_factory=OnePixelPerMovingObject)
 
     def __post_init__(self) -> None:
-        if argument_checks.whole(self.count, "count") < 0:
-            raise ArgumentError(f"count={self.count!r}: must be 0 or more")
+        argument_checks.integer(self.count, "count", 0)
         check_policy(self.policy, "policy")
 
     def pixels(self, frame: Frame, moment: Moment) -> Sequence[Pixel]:

@@ -7,7 +7,6 @@ import bisect
 import itertools
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-from typing import Any
 
 from dynamics import Still, argument_checks
 from tiscene.errors import ScenarioError, scenario_errors
@@ -34,7 +33,7 @@ class Spawn:
 
     def __post_init__(self) -> None:
         with scenario_errors():
-            object.__setattr__(self, "frame", _frame(self.frame))
+            object.__setattr__(self, "frame", argument_checks.integer(self.frame, "frame", 0))
             if getattr(self.object, "first_frame", None) != self.frame:
                 raise ScenarioError(
                     f"object: must be an Object whose first_frame is {self.frame}, the frame of its spawn"
@@ -58,7 +57,7 @@ class Despawn:
 
     def __post_init__(self) -> None:
         with scenario_errors():
-            object.__setattr__(self, "frame", _frame(self.frame))
+            object.__setattr__(self, "frame", argument_checks.integer(self.frame, "frame", 0))
             argument_checks.text(self.id, "id")
 
 
@@ -84,7 +83,7 @@ class Move:
 
     def __post_init__(self) -> None:
         with scenario_errors():
-            object.__setattr__(self, "frame", _frame(self.frame))
+            object.__setattr__(self, "frame", argument_checks.integer(self.frame, "frame", 0))
             argument_checks.text(self.id, "id")
             object.__setattr__(self, "position", argument_checks.vector(self.position, "position"))
             object.__setattr__(self, "rotation", argument_checks.rotation(self.rotation, "rotation"))
@@ -111,7 +110,7 @@ class SetFrustumWalls:
 
     def __post_init__(self) -> None:
         with scenario_errors():
-            object.__setattr__(self, "frame", _frame(self.frame))
+            object.__setattr__(self, "frame", argument_checks.integer(self.frame, "frame", 0))
             if not isinstance(self.camera, Camera) or self.camera.dynamic is not None:
                 raise ScenarioError(
                     f"camera={self.camera!r}: must be a Camera without a dynamic; to move walls, set them again"
@@ -140,7 +139,7 @@ class PlaceCamera:
 
     def __post_init__(self) -> None:
         with scenario_errors():
-            object.__setattr__(self, "frame", _frame(self.frame))
+            object.__setattr__(self, "frame", argument_checks.integer(self.frame, "frame", 0))
             argument_checks.text(self.camera, "camera")
             object.__setattr__(self, "position", argument_checks.vector(self.position, "position"))
             rotation = argument_checks.rotation(self.rotation, "rotation")
@@ -360,10 +359,3 @@ def _relevant(history: ObjectHistory) -> tuple[int, int | None]:
     """
     first, last = history.spec.first_frame, history.last_frame
     return first, None if last is None else last + (last >= first)
-
-
-def _frame(value: Any) -> int:
-    frame = argument_checks.whole(value, "frame")
-    if frame < 0:
-        raise ScenarioError(f"frame={value!r}: must be 0 or more")
-    return frame

@@ -51,9 +51,9 @@ class Object:
             object.__setattr__(self, "position", argument_checks.vector(self.position, "position"))
             object.__setattr__(self, "rotation", argument_checks.rotation(self.rotation, "rotation"))
             check_dynamic(self.dynamic, "dynamic")
-            object.__setattr__(self, "first_frame", _check_frame(self.first_frame, "first_frame"))
+            object.__setattr__(self, "first_frame", argument_checks.integer(self.first_frame, "first_frame", 0))
             if self.last_frame is not None:
-                object.__setattr__(self, "last_frame", _check_frame(self.last_frame, "last_frame"))
+                object.__setattr__(self, "last_frame", argument_checks.integer(self.last_frame, "last_frame", 0))
                 if self.last_frame < self.first_frame:
                     raise ScenarioError(
                         f"last_frame={self.last_frame} is before first_frame={self.first_frame}; both are inclusive"
@@ -89,13 +89,6 @@ def check_dynamic(value: Any, name: str) -> None:
     if not isinstance(value, Dynamic | None):
         hint = " (an instance, not the class)" if isinstance(value, type) else ""
         raise ScenarioError(f"{name}={value!r}: must be a dynamic{hint}, such as CatmullWaypoints(...), or None")
-
-
-def _check_frame(value: Any, name: str) -> int:
-    frame = argument_checks.whole(value, name)
-    if frame < 0:
-        raise ScenarioError(f"{name}={value!r}: must be 0 or more")
-    return frame
 
 
 def _check_scale(value: Any) -> Vector3:

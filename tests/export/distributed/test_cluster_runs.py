@@ -100,7 +100,7 @@ def test_export_of_other_settings_is_refused_or_replaced_and_a_longer_one_keeps_
 
 
 def test_mistakes_are_reported_before_workers_start(tmp_path):
-    with pytest.raises(ArgumentError, match="cpus=0: must be a whole number from 1 on"):
+    with pytest.raises(ArgumentError, match="cpus=0: must be at least 1"):
         render(tmp_path, cpus=0)
     with pytest.raises(ArgumentError, match="has no frames"):
         render(tmp_path, range(0))

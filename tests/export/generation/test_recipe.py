@@ -35,7 +35,7 @@ def test_recipe_survives_json():
         ({"scenes": [{"weight": 2}]}, r'scenes\[0\]: needs "scene"'),
         ({"format": "jpg"}, "format='jpg': must be one of png"),
         ({"format": "coco"}, "format 'coco' requires the buffer 'rgb'"),
-        ({"frames": 0}, "frames=0 must be a whole number from 1 on"),
+        ({"frames": 0}, "frames=0: must be at least 1"),
         ({"splits": {"train": 0}}, "must have a sum above 0"),
         ({"splits": {}}, "must be shares by name"),
         ({"splits": ["train"]}, r"recipe: splits: must be an object, got \['train'\]"),
@@ -48,7 +48,7 @@ def test_recipe_survives_json():
         ({"settings": [1]}, r"recipe: settings: must be an object, got \[1\]"),
         ({"settings": {"camera": 1}}, "settings: camera=1: must be a name or a list of names"),
         ({"scenes": [{"scene": "room_02", "weight": "2"}]}, r"scenes\[0\]: weight='2': must be a number"),
-        ({"scenes": [{"scene": "room_02", "weight": -1}]}, r"scenes\[0\]: weight=-1: must be at least 0"),
+        ({"scenes": [{"scene": "room_02", "weight": -1}]}, r"scenes\[0\]: weight=-1: must not be negative"),
         ({"scenes": [{"scene": "room_02", "cameras": "Main"}]}, r"scenes\[0\]: cameras: must be a list of names"),
         (
             {"scenes": [{"scene": "room_02", "variants": {"/R{a}": "b"}}]},

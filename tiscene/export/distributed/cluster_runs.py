@@ -11,6 +11,7 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from dynamics.argument_checks import integer
 from tiscene.errors import ArgumentError, DeviceError, export_errors
 from tiscene.export.distributed.frame_work import FrameWork
 from tiscene.export.distributed.ray_pool import RayPool, connected
@@ -79,7 +80,8 @@ def render(
         DeviceError: There is no such cluster, or a worker failed; the message has its error.
         KeyboardInterrupt: The workers have been stopped. The shards stay.
     """
-    _check_counts(cpus=cpus)
+    if cpus is not None:
+        integer(cpus, "cpus", 1)
     folder = Path(folder).absolute()
     if not len(frames):
         raise ArgumentError(f"frames={frames!r}: has no frames")
@@ -137,7 +139,9 @@ def generate(
         TisceneError: As `render` does.
         KeyboardInterrupt: The workers have been stopped. Scenarios that are done stay.
     """
-    _check_counts(cpus=cpus, count=count)
+    integer(count, "count", 1)
+    if cpus is not None:
+        integer(cpus, "cpus", 1)
     data_set = DataSet(Path(folder).absolute(), recipe, count)
     claim(data_set)
     work = ScenarioWork(data_set, arch)
@@ -178,13 +182,6 @@ def _run(
                     run_tasks(pool, plan, unlike=unlike, opened=opened, progress=report)
         except ConnectionError as error:
             raise DeviceError(f"the connection to the Ray cluster was lost: {error}") from error
-
-
-def _check_counts(**counts: int | None) -> None:
-    """Raise ArgumentError for a count that is not a whole number from 1 on; None is permitted."""
-    for name, count in counts.items():
-        if count is not None and (not isinstance(count, int) or count < 1):
-            raise ArgumentError(f"{name}={count!r}: must be a whole number from 1 on")
 
 
 class _StepCount:

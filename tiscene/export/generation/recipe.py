@@ -18,7 +18,7 @@ from typing import Any
 
 import numpy as np
 
-from dynamics.argument_checks import integer, number
+from dynamics.argument_checks import integer, not_negative
 from tiscene.errors import ArgumentError, MissingFile, ScenarioError, did_you_mean
 from tiscene.export.formats import find_format
 from tiscene.scenario.scenario import Scenario
@@ -177,8 +177,7 @@ class Recipe:
         missing = [name for name in form.buffers if buffers is not None and name not in buffers]
         if missing:
             raise ArgumentError(f'recipe: format {self.format!r} requires the buffer {missing[0]!r} in "settings"')
-        if not isinstance(self.frames, int) or self.frames < 1:
-            raise ArgumentError(f"recipe: frames={self.frames!r} must be a whole number from 1 on")
+        integer(self.frames, "recipe: frames", 1)
         integer(self.seed, "recipe: seed", 0, 2**63 - 1)
         _check_names(self.ranges, RANGES, "recipe: ranges")
         for place, choice in enumerate(self.scenes):
@@ -189,14 +188,14 @@ class Recipe:
         for name, share in self.splits.items():
             if re.fullmatch(r"\w[\w .-]*", name) is None:
                 raise ArgumentError(f"recipe: splits: {name!r} is no name of a folder: use letters, digits, - and _")
-            _check_share(share, f"recipe: splits: {name}")
+            not_negative(share, f"recipe: splits: {name}")
         if sum(self.splits.values()) <= 0 or sum(choice.weight for choice in self.scenes) <= 0:
             raise ArgumentError('recipe: the shares of "splits" and the weights of "scenes" must have a sum above 0')
 
 
 def _check_choices(choice: SceneChoice, place: str) -> None:
     """Raise ArgumentError for a wrong weight, camera or variant of a scene."""
-    _check_share(choice.weight, f"{place}: weight")
+    not_negative(choice.weight, f"{place}: weight")
     lists = {"cameras": choice.cameras, **_mapping(choice.variants, f"{place}: variants")}
     for name, names in lists.items():
         if not _are_names(names) or (name != "cameras" and not names):
@@ -206,12 +205,6 @@ def _check_choices(choice: SceneChoice, place: str) -> None:
 def _are_names(content: Any) -> bool:
     """Return whether JSON values are a list of names."""
     return isinstance(content, list | tuple) and all(isinstance(each, str) for each in content)
-
-
-def _check_share(value: Any, place: str) -> None:
-    """Raise ArgumentError unless a value is a number from 0 on."""
-    if number(value, place) < 0:
-        raise ArgumentError(f"{place}={value!r}: must be at least 0")
 
 
 def _mapping(content: Any, place: str) -> Mapping[str, Any]:
