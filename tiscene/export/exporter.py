@@ -7,7 +7,8 @@ a time may write into a folder.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -81,14 +82,25 @@ def export(
             raise ArgumentError("frames=None: the stream is endless; pass the frames to export, such as range(100)")
         frames = range(stream.frames)
     folder = Path(folder)
+    with writing_into(folder):
+        manifest = open_manifest(folder, provenance(stream, format, objects), overwrite)
+        _write_frames(stream, FolderWriter(folder, manifest), frames, progress, pack)
+    return manifest
+
+
+@contextmanager
+def writing_into(folder: Path) -> Iterator[None]:
+    """Create a folder, and hold its lock.
+
+    Raises:
+        ExportError: Another process writes into it, or a file cannot be written.
+    """
     if folder.exists() and not folder.is_dir():
         raise ExportError(f"cannot write {str(folder)!r}: it is a file, not a folder")
     with export_errors(folder):
         folder.mkdir(parents=True, exist_ok=True)
         with lock_folder(folder):
-            manifest = open_manifest(folder, provenance(stream, format, objects), overwrite)
-            _write_frames(stream, FolderWriter(folder, manifest), frames, progress, pack)
-    return manifest
+            yield
 
 
 def provenance(stream: Stream, format: str, objects: str | None) -> dict[str, Any]:

@@ -2,6 +2,7 @@
 """Data sets: complete, repeatable, continued and extended, made in shards with the same bytes."""
 
 import json
+import os
 from pathlib import Path
 
 import numpy as np
@@ -83,6 +84,16 @@ def test_interrupted_data_set_is_continued_and_extended_to_the_same_bytes(recipe
     generate(recipe, tmp_path, 3, progress=lambda number, frame: rendered.add(number) if frame is not None else None)
     assert rendered == {2}
     generate(recipe, tmp_path, COUNT)
+    assert contents(tmp_path) == contents(whole)
+
+
+def test_second_process_does_not_delete_what_the_first_one_writes(recipe, whole, tmp_path):
+    def start_another(number, frame):
+        if (number, frame) == (0, 1):
+            with pytest.raises(ExportError, match=f"process {os.getpid()} .* writes into it"):
+                generate(recipe, tmp_path, COUNT)
+
+    generate(recipe, tmp_path, COUNT, progress=start_another)
     assert contents(tmp_path) == contents(whole)
 
 

@@ -10,12 +10,12 @@ from pathlib import Path
 from typing import Any
 
 from tiscene.errors import ArgumentError, ExportError, ScenarioError, StageError, export_errors
-from tiscene.export.exporter import export
+from tiscene.export.exporter import export, writing_into
 from tiscene.export.generation.data_set_index import DataSet
 from tiscene.export.generation.recipe import Recipe
 from tiscene.export.generation.scenario_summary import FILE, ScenarioSummary
 from tiscene.export.manifest_difference import differences
-from tiscene.files import write_atomically
+from tiscene.files import LOCK_NAME, write_atomically
 from tiscene.frame.frame import Frame
 from tiscene.scenario.scenario import Scenario
 from tiscene.stream.stage_cache import image_size
@@ -168,20 +168,21 @@ class ScenarioRenderer:
     def _render(self, number: int, progress: Callable[[int, int | None], None] | None) -> None:
         recipe, folder = self.data_set.recipe, self.data_set.scenario_folder(number)
         about: dict[str, Any] = {"number": number, "split": recipe.split(number)}
-        shutil.rmtree(folder, ignore_errors=True)  # of an interrupted run: statistics are of all frames
-        folder.mkdir(parents=True)
         try:
             scenario = recipe.scenario(number)
             stream = self._restarted(scenario)
         except (ScenarioError, StageError) as error:
             content = {**about, "error": str(error)}
+            _clear(folder)
             write_atomically(folder / FILE, (json.dumps(content, indent=1) + "\n").encode())
             return
+        _clear(folder)
         summary = ScenarioSummary(recipe.frames)
 
         def add(index: int, frame: Frame | None) -> None:
-            if frame is not None:
-                summary.add(frame)
+            if frame is None:  # the statistics would lack it
+                raise ExportError(f"another process has written into {str(folder)!r}. Wait until it is done.")
+            summary.add(frame)
             if progress is not None:
                 progress(number, index)
 
@@ -206,3 +207,17 @@ class ScenarioRenderer:
             width, height = image_size(settings.get("width"), settings.get("height"), resolution)
             self._stream.restart(scenario, width=width, height=height)
         return self._stream
+
+
+def _clear(folder: Path) -> None:
+    """Empty the folder of a scenario, which an interrupted run may have left: its summary is of all frames.
+
+    Raises:
+        ExportError: Another process writes into it.
+    """
+    with writing_into(folder):
+        for path in folder.iterdir():
+            if path.is_dir():
+                shutil.rmtree(path)
+            elif path.name != LOCK_NAME:
+                path.unlink()
