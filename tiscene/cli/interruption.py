@@ -22,6 +22,8 @@ from collections.abc import Iterator
 
 GRACE = 1.4  # s, in which a command may end by itself after Ctrl-C
 WORKER_GRACE = 0.8  # s, of a process that renders a part for another command, which waits for its end
+PARENT = "TISCENE_WORKER_OF"  # environment variable of such a process: the id of the other command
+PARENT_INTERVAL = 0.2  # s, between looks at whether that command still runs
 CLUSTER_GRACE = 15.0  # s, of a command that stops workers on other machines; a second Ctrl-C ends it at once
 _LAST = 0.2  # s, in which the system ends a process after a second SIGINT
 _MESSAGE = b"tiscene: interrupted\n"
@@ -33,12 +35,17 @@ _pipe: int | None = None  # to the watching process
 def end_after_interrupt(grace: float = GRACE) -> None:
     """Let Ctrl-C end this process after some time at the latest. To be called once, before threads are started.
 
-    Does nothing where processes cannot be forked (Windows), and where SIGINT is ignored or other code handles it.
+    Does nothing where processes cannot be forked (Windows), and where SIGINT is ignored or other code handles it. A
+    worker of another command is interrupted when that command has ended in any way: given again, the same command would
+    find folders locked that the worker writes into.
 
     Args:
         grace: The time, s.
     """
     global _pipe
+    parent = os.environ.pop(PARENT, None)
+    if parent is not None:  # only the parent interrupts it, also where the parent itself ignores SIGINT, as by nohup
+        signal.signal(signal.SIGINT, signal.default_int_handler)
     if not (hasattr(os, "fork") and _has_default_handler()):
         return
     watched = os.getpid()
@@ -58,6 +65,15 @@ def end_after_interrupt(grace: float = GRACE) -> None:
     signal.pthread_sigmask(signal.SIG_SETMASK, before)
     os.register_at_fork(after_in_child=_close)
     atexit.register(_release, watcher)  # runs after the functions that are registered later
+    if parent is not None:
+        threading.Thread(target=_interrupt_without, args=(int(parent),), daemon=True).start()
+
+
+def _interrupt_without(parent: int) -> None:
+    """Interrupt this process when its parent is no longer the given one."""
+    while os.getppid() == parent:
+        time.sleep(PARENT_INTERVAL)
+    os.kill(os.getpid(), signal.SIGINT)
 
 
 def say_interrupted() -> None:

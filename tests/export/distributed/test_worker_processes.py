@@ -8,6 +8,7 @@ import subprocess
 import sys
 import threading
 import time
+from pathlib import Path
 
 import pytest
 
@@ -94,3 +95,34 @@ def test_workers_generate_the_data_set_of_one_process(tmp_path):
     assert cli.main([*generate, "-o", str(tmp_path / "one")]) == 0
     assert cli.main([*generate, "-o", str(tmp_path / "two"), "--workers", "2"]) == 0
     assert contents(tmp_path / "two") == contents(tmp_path / "one")
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("handler", [signal.SIG_DFL, signal.SIG_IGN])
+def test_workers_end_when_their_command_is_killed(handler, tmp_path):
+    command = [sys.executable, "-m", "tiscene", *RENDER, "--frames", "0:100000", "--workers", "2", "-o", str(tmp_path)]
+    before = signal.signal(signal.SIGINT, handler)  # ignored by background jobs of a script, and inherited
+    running = subprocess.Popen(command, stderr=subprocess.DEVNULL)
+    signal.signal(signal.SIGINT, before)
+    locks = [tmp_path / SHARDS / f"{number:05d}-of-00002" / ".tiscene.lock" for number in range(2)]
+    while not all(lock.exists() and lock.read_text() for lock in locks):
+        time.sleep(0.05)
+    workers = [int(lock.read_text().split()[1]) for lock in locks]
+    running.kill()
+    running.wait()
+    end = time.monotonic() + 20.0
+    while any(map(is_running, workers)) and time.monotonic() < end:
+        time.sleep(0.05)
+    left = [worker for worker in workers if is_running(worker)]
+    for worker in left:
+        os.kill(worker, signal.SIGKILL)
+    assert not left
+
+
+def is_running(process: int) -> bool:
+    """Return whether a process exists and has not ended; no one may have asked for the status of an orphan."""
+    try:
+        status = Path(f"/proc/{process}/stat").read_text()
+    except OSError:
+        return False
+    return status.rpartition(")")[2].split()[0] != "Z"

@@ -19,6 +19,7 @@ from tiscene.errors import DeviceError
 
 MAX_DEATHS = 3  # of each worker
 POLL_INTERVAL = 0.2  # s
+PARENT = "TISCENE_WORKER_OF"  # environment variable that `tiscene.cli.interruption` reads
 
 
 @dataclass
@@ -32,7 +33,7 @@ class _Worker:
 
     def start(self, threads: int) -> None:
         """Start the command."""
-        environment = os.environ | {"TI_CPU_MAX_NUM_THREADS": str(threads)}
+        environment = os.environ | {"TI_CPU_MAX_NUM_THREADS": str(threads), PARENT: str(os.getpid())}
         command = [sys.executable, "-m", "tiscene", *self.arguments]
         # Not in this process group: Ctrl-C is passed on by `run_workers`, once.
         self.process = subprocess.Popen(
@@ -49,7 +50,8 @@ class _Worker:
 def run_workers(commands: Sequence[Sequence[str]], progress: Callable[[], None] | None = None) -> None:
     """Run `tiscene` commands at the same time until all have succeeded; the processor is divided among them.
 
-    A worker that dies by a signal, such as one that the system kills for its memory, is started again.
+    A worker that dies by a signal, such as one that the system kills for its memory, is started again. Workers end
+    soon after this process, however it ends.
 
     Args:
         commands: The arguments of each.
