@@ -226,7 +226,9 @@ def test_render_writes_the_objects_that_are_asked_for(tmp_path, fake):
 def test_empty_lists_of_names_are_a_usage_error(option, capsys):
     with pytest.raises(SystemExit, match="2"):
         cli.main(["render", "s", "-o", "x", option, " ,"])
-    assert f"argument {option}: ' ,' has no names" in capsys.readouterr().err
+    message, hint = capsys.readouterr().err.splitlines()
+    assert f"argument {option}: ' ,' has no names" in message
+    assert hint == "`tiscene render --help` lists the arguments."
 
 
 @pytest.mark.parametrize("text", ["evening", "/Room=evening", "Room{lighting}=evening", "/Room{lighting}="])

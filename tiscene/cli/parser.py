@@ -7,7 +7,7 @@
 from __future__ import annotations
 
 import argparse
-from typing import TypeAlias
+from typing import NoReturn, TypeAlias
 
 import tiscene
 from tiscene.cli.argument_types import frame_slice, name_list
@@ -28,9 +28,16 @@ from tiscene.cli.render_arguments import add_render
 Commands: TypeAlias = "argparse._SubParsersAction[argparse.ArgumentParser]"
 
 
+class _Parser(argparse.ArgumentParser):
+    """Reports errors in two lines; the usage of a command has up to twelve more. Its commands do so too."""
+
+    def error(self, message: str) -> NoReturn:
+        self.exit(2, f"{self.prog}: error: {message}\n`{self.prog} --help` lists the arguments.\n")
+
+
 def parser() -> argparse.ArgumentParser:
     """Return the parser of all commands."""
-    top = argparse.ArgumentParser(
+    top: argparse.ArgumentParser = _Parser(
         prog="tiscene",
         description="Endless, exactly repeatable streams of path-traced, labeled frames from USD scenes.",
     )
