@@ -7,6 +7,11 @@ from tests.export.fake_stream import CHAIR, ChairMeasurements
 from tiscene.frame.object_table import ObjectTable
 
 
+def test_representation_has_the_number_of_objects_and_the_first_names() -> None:
+    assert repr(ObjectTable((CHAIR,) * 3)) == f"<3 objects: {CHAIR.name}, {CHAIR.name}, {CHAIR.name}>"
+    assert repr(ObjectTable((CHAIR,) * 300)) == f"<300 objects: {', '.join([CHAIR.name] * 10)}, ...>"
+
+
 def test_columns_are_1d_and_of_equal_length_as_data_frames_need() -> None:
     for table, rows in ((ObjectTable([CHAIR], ChairMeasurements()), 1), (ObjectTable(), 0)):
         columns = table.columns()

@@ -119,6 +119,7 @@ def test_each_frame_is_predicted_before_it_is_learned(course):
 def test_learner_that_knows_everything_has_accuracy_one(course):
     seeing = make_course(observed=("semantic",))
     score = evaluate(Oracle(), seeing, [OnlineAccuracy(), OnlineAccuracy("frame"), FocusAccuracy()])
+    assert repr(score) == f"<Score of {score.name}: {', '.join(score)}>"
     assert score["online"]["accuracy"] == score["online_frame"]["class_accuracy"] == score["focus"]["accuracy"] == 1.0
     assert score["tests"]["accuracy"]["R"] == [[1.0] * 3] * 3
     assert score["tests"]["accuracy"]["forgetting"] == 0.0

@@ -22,6 +22,7 @@ from tiscene.frame.measurements import NO_MEASUREMENTS, ObjectMeasurements, Orie
 from tiscene.scene.camera import Quaternion, Vector3, matrix_from_quaternion
 
 Box = tuple[float, float, float, float]
+SHOWN_NAMES = 10  # in the representation of a table
 
 
 class ObjectState(Protocol):
@@ -203,7 +204,8 @@ class ObjectTable(Sequence[ObjectRow]):
         return self._rows[index]
 
     def __repr__(self) -> str:
-        return f"<{len(self)} objects: {', '.join(row.name for row in self._rows)}>"
+        names = [row.name for row in self._rows[:SHOWN_NAMES]] + ["..."] * (len(self) > SHOWN_NAMES)
+        return f"<{len(self)} objects: {', '.join(names)}>"
 
     def by_id(self, id: int) -> ObjectRow:
         """Return the object with an instance id.

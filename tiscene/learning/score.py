@@ -6,7 +6,7 @@ from __future__ import annotations
 import hashlib
 import os
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import Any
 
 import tiscene
@@ -18,7 +18,7 @@ from tiscene.scenario import serialization
 FORMAT, VERSION = "tiscene.score", 1
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class Score(Mapping[str, Any]):
     """The results of one learner on one course: a mapping from a metric's name to its values.
 
@@ -42,7 +42,10 @@ class Score(Mapping[str, Any]):
     clock: Mapping[str, Any]
     resources: Mapping[str, Any]
     digests: Sequence[str]
-    examples: Sequence[Example] = field(default=(), repr=False)
+    examples: Sequence[Example] = ()
+
+    def __repr__(self) -> str:
+        return f"<Score of {self.name}: {', '.join(self)}>"
 
     def __getitem__(self, name: str) -> Any:
         return self.scores[name]
