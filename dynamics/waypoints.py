@@ -44,22 +44,7 @@ class Waypoint:
 
 @dataclass(frozen=True)
 class WaypointLoop(ClosedForm):
-    """A closed path through waypoints; the last one is followed by the first.
-
-    The body is at waypoint 0 until its clock starts.
-
-    Args:
-        waypoints: Two or more, in world space. The pose at which the body is placed plays no part.
-        total_time: Seconds for the whole loop.
-        pacing: "equal_time": all segments take equally long. "arc_length": constant speed along the whole loop.
-        rotation: "quaternion": the shortest turn from each waypoint to the next. "euler": interpolate the angles, which
-            keeps turns of more than 180 degrees; the closing segment leads to the first waypoint's angles plus whole
-            turns, whichever are nearest. "euler" requires all rotations as Euler angles.
-
-    Raises:
-        ArgumentError: For fewer than two waypoints, quaternions with rotation="euler", or a segment without length with
-            pacing="arc_length".
-    """
+    """A closed path through waypoints, the last one followed by the first; see `LinearWaypoints` for the arguments."""
 
     waypoints: Sequence[Waypoint]
     total_time: float = 10.0
@@ -130,7 +115,19 @@ class WaypointLoop(ClosedForm):
 class LinearWaypoints(WaypointLoop):
     """A closed path of straight lines with slerped rotations; velocity jumps at waypoints.
 
-    See `WaypointLoop` for the arguments.
+    The last waypoint is followed by the first. The body is at waypoint 0 until its clock starts.
+
+    Args:
+        waypoints: Two or more, in world space. The pose at which the body is placed plays no part.
+        total_time: Seconds for the whole loop.
+        pacing: "equal_time": all segments take equally long. "arc_length": constant speed along the whole loop.
+        rotation: "quaternion": the shortest turn from each waypoint to the next. "euler": interpolate the angles, which
+            keeps turns of more than 180 degrees; the closing segment leads to the first waypoint's angles plus whole
+            turns, whichever are nearest. "euler" requires all rotations as Euler angles.
+
+    Raises:
+        ArgumentError: For fewer than two waypoints, quaternions with rotation="euler", or a segment without length with
+            pacing="arc_length".
     """
 
     @staticmethod
@@ -150,7 +147,7 @@ class LinearWaypoints(WaypointLoop):
 class CatmullWaypoints(WaypointLoop):
     """A closed uniform Catmull-Rom spline with rotations by squad; velocity is continuous with pacing="equal_time".
 
-    See `WaypointLoop` for the arguments. Catmull and Rom, "A Class of Local Interpolating Splines", 1974.
+    The arguments are those of `LinearWaypoints`. Catmull and Rom, "A Class of Local Interpolating Splines", 1974.
     """
 
     @staticmethod

@@ -18,8 +18,8 @@ class Object:
 
     Attributes:
         id: name in the scenario, unique.
-        template: name ("Chair 01") or file of its template.
-        position: m.
+        template: name ("Chair 01") or file of its template, or the path of a prim on the stage, which then moves.
+        position: m, world; the authored place of a prim of the stage is not kept.
         rotation: Euler angles in degrees, or a quaternion.
         dynamic: trajectory; None: none.
         first_frame: first frame at which it is alive.
