@@ -166,6 +166,7 @@ def test_command_explains_mistakes(course, tmp_path, capsys, monkeypatch, argume
     course.save("course.json")
     assert main(["evaluate", *arguments]) == 2
     assert message in capsys.readouterr().err
+    assert [path.name for path in tmp_path.iterdir()] == ["course.json"]
 
 
 @pytest.mark.slow

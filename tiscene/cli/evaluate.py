@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import argparse
 import re
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 
@@ -30,11 +30,12 @@ def run(args: argparse.Namespace) -> None:
     if not seeds:
         raise ArgumentError(f"--seeds {args.seeds}: must be at least 1")
     course = load_course(args.course)
+    learners = make_learners(course, names, list(seeds))
     folder = Path(args.output or f"tiscene-evaluation-{Path(args.course).stem}")
     with export_errors(folder):
         folder.mkdir(parents=True, exist_ok=True)
     checkpoint = folder / "checkpoint.pickle" if args.checkpoint else None
-    scores = evaluated(course, names, list(seeds), args.cost, checkpoint)
+    scores = evaluated(course, learners, args.cost, checkpoint)
     for score in scores:
         score.save(folder / f"{_file_name(score.name)}-seed{score.learner['seed']}.json")
     page = folder / "index.html"
@@ -42,17 +43,17 @@ def run(args: argparse.Namespace) -> None:
     print(page)
 
 
+def make_learners(course: Course, names: Sequence[str], seeds: Sequence[int]) -> dict[tuple[str, int], Learner]:
+    """Make the learners of a course, by name and seed."""
+    return {(name, seed): make_learner(name, course.categories, seed) for name in names for seed in seeds}
+
+
 def evaluated(
-    course: Course, names: Sequence[str], seeds: Sequence[int], cost: float = 0.0, checkpoint: Path | None = None
+    course: Course, learners: Mapping[tuple[str, int], Learner], cost: float = 0.0, checkpoint: Path | None = None
 ) -> list[Score]:
-    """Evaluate learners with several seeds on one course, all at once."""
-    learners: dict[str, Learner] = {}
-    described: dict[str, dict[str, object]] = {}
-    for name in dict.fromkeys(names):
-        for seed in seeds:
-            key = f"{name}, seed {seed}"
-            learners[key] = make_learner(name, course.categories, seed)
-            described[key] = {"learner": name, "seed": seed, "options": {}}
+    """Evaluate learners on one course, all at once."""
+    keys = {f"{name}, seed {seed}": (name, seed) for name, seed in learners}
+    described = {key: {"learner": name, "seed": seed, "options": {}} for key, (name, seed) in keys.items()}
     with progress("reading scenes", len(course)) as step:
         last = 0
 
@@ -62,7 +63,12 @@ def evaluated(
             last = done
 
         scores = evaluate_all(
-            learners, course, clock=Clock(cost), checkpoint=checkpoint, progress=report, described=described
+            {key: learners[of] for key, of in keys.items()},
+            course,
+            clock=Clock(cost),
+            checkpoint=checkpoint,
+            progress=report,
+            described=described,
         )
     return [replace(score, name=str(score.learner["learner"])) for score in scores]
 
@@ -80,7 +86,7 @@ def verify(path: str) -> None:
         raise ArgumentError(
             f"{path}: does not say how its learner is made; only scores of this command can be verified"
         )
-    (score,) = evaluated(course, [learner["learner"]], [learner["seed"]], saved["clock"]["cost"])
+    (score,) = evaluated(course, make_learners(course, [learner["learner"]], [learner["seed"]]), saved["clock"]["cost"])
     saved["course"] = course.to_json()  # an older version may have written fewer default values
     if found := differences(saved, score.to_json()):
         shown = "\n".join(f"  {line}" for line in found[:20])
