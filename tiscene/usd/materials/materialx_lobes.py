@@ -10,8 +10,6 @@ squares.
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
-from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
@@ -19,137 +17,26 @@ from numpy.typing import NDArray
 
 from tiscene.scene.description import Color, ExtendedLobes
 from tiscene.usd.materials.materialx_inputs import SurfaceInputs
+from tiscene.usd.materials.materialx_models import MODELS, ExtendedModel, Named
 from tiscene.usd.materials.materialx_signal import Signal, number
 
 Array = NDArray[Any]
-Named = tuple[str, Any]
 _WHITE, _BLACK = (1.0, 1.0, 1.0), (0.0, 0.0, 0.0)
 _NEUTRAL = ExtendedLobes()
-
-
-@dataclass(frozen=True)
-class ExtendedNames:
-    """Names and defaults of a model's further inputs: (name, default); None: the model has no such input.
-
-    Attributes:
-        metallic: metalness.
-        specular: factor of the specular lobe of dielectrics.
-        specular_color: its color.
-        transmission: fraction of the light that is transmitted.
-        tint: color of transmission, for each crossing or at a depth.
-        depth: distance at which `tint` remains by absorption; 0: none.
-        attenuation: color that remains by absorption at a distance, for models that have both colors.
-        distance: that distance.
-        thin: whether the surface is a sheet.
-        thickness: of the solid; 0: the surface is a sheet.
-        sheen: factor of the sheen's color.
-        sheen_color: its color.
-        sheen_roughness: its roughness.
-        anisotropy: of the specular lobe.
-        rotation: of its direction.
-        turns: rotation in turns for each unit of `rotation`.
-        coat_color: color of the coat.
-        subsurface: fraction of the diffuse light that scatters below the surface.
-        subsurface_color: its color.
-        unsupported: inputs that are not applied where they are authored.
-    """
-
-    metallic: Named
-    specular: Named
-    specular_color: Named
-    transmission: Named
-    tint: Named
-    depth: Named | None
-    thin: Named | None
-    sheen: Named | None
-    sheen_color: Named
-    sheen_roughness: Named
-    anisotropy: Named
-    rotation: Named | None
-    turns: float = 1.0
-    coat_color: Named | None = None
-    attenuation: Named | None = None
-    distance: Named | None = None
-    thickness: Named | None = None
-    subsurface: Named | None = None
-    subsurface_color: Named | None = None
-    unsupported: Mapping[str, str] = field(default_factory=dict)
-
-
-EXTENDED_MODELS = {
-    "ND_standard_surface_surfaceshader": ExtendedNames(
-        metallic=("metalness", 0.0),
-        specular=("specular", 1.0),
-        specular_color=("specular_color", _WHITE),
-        transmission=("transmission", 0.0),
-        tint=("transmission_color", _WHITE),
-        depth=("transmission_depth", 0.0),
-        thin=("thin_walled", 0.0),
-        sheen=("sheen", 0.0),
-        sheen_color=("sheen_color", _WHITE),
-        sheen_roughness=("sheen_roughness", 0.3),
-        anisotropy=("specular_anisotropy", 0.0),
-        rotation=("specular_rotation", 0.0),
-        coat_color=("coat_color", _WHITE),
-        subsurface=("subsurface", 0.0),
-        subsurface_color=("subsurface_color", _WHITE),
-        unsupported={"tangent": "the direction of u is used", "coat_normal": "the coat has the surface's normal"},
-    ),
-    "ND_open_pbr_surface_surfaceshader": ExtendedNames(
-        metallic=("base_metalness", 0.0),
-        specular=("specular_weight", 1.0),
-        specular_color=("specular_color", _WHITE),
-        transmission=("transmission_weight", 0.0),
-        tint=("transmission_color", _WHITE),
-        depth=("transmission_depth", 0.0),
-        thin=("geometry_thin_walled", 0.0),
-        sheen=("fuzz_weight", 0.0),
-        sheen_color=("fuzz_color", _WHITE),
-        sheen_roughness=("fuzz_roughness", 0.5),
-        anisotropy=("specular_roughness_anisotropy", 0.0),
-        rotation=None,
-        coat_color=("coat_color", _WHITE),
-        subsurface=("subsurface_weight", 0.0),
-        subsurface_color=("subsurface_color", (0.8, 0.8, 0.8)),
-        unsupported={
-            "geometry_tangent": "the direction of u is used",
-            "geometry_coat_normal": "the coat has the surface's normal",
-        },
-    ),
-    "ND_gltf_pbr_surfaceshader": ExtendedNames(
-        metallic=("metallic", 1.0),
-        specular=("specular", 1.0),
-        specular_color=("specular_color", _WHITE),
-        transmission=("transmission", 0.0),
-        tint=("base_color", _WHITE),
-        depth=None,
-        thin=None,
-        sheen=None,
-        sheen_color=("sheen_color", _BLACK),
-        sheen_roughness=("sheen_roughness", 0.0),
-        anisotropy=("anisotropy_strength", 0.0),
-        rotation=("anisotropy_rotation", 0.0),
-        turns=0.5 / math.pi,
-        attenuation=("attenuation_color", _WHITE),
-        distance=("attenuation_distance", 0.0),
-        thickness=("thickness", 0.0),
-        unsupported={"tangent": "the direction of u is used", "clearcoat_normal": "the coat has the surface's normal"},
-    ),
-}
 
 
 class ExtendedSurface:
     """Maps the further inputs of one surface shader.
 
     Args:
-        model: name of its model.
+        model: name of its model, in `MODELS`.
         values: its inputs.
         meters_per_unit: of the stage.
     """
 
     def __init__(self, model: str, values: SurfaceInputs, meters_per_unit: float) -> None:
-        self._model = model
-        self._names = EXTENDED_MODELS.get(model)
+        names = MODELS[model]
+        self._model, self._names = model, names if isinstance(names, ExtendedModel) else None
         self._values = values
         self._apply = values.network.baker.apply
         self._meters = meters_per_unit
@@ -164,7 +51,7 @@ class ExtendedSurface:
         names, values = self._names, self._values
         if names is None:
             return None, roughness
-        for name, instead in names.unsupported.items():
+        for name, instead in names.unapplied.items():
             if name in values.authored and values.authored[name].source is not None:
                 values.report.omission(values.path, f"{name} is not applied; {instead}")
         found: dict[str, Any] = {}

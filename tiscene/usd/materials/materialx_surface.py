@@ -1,15 +1,12 @@
 # SPDX-License-Identifier: Apache-2.0
 """MaterialX surface models as `Material`s: standard_surface, open_pbr_surface, gltf_pbr and UsdPreviewSurface.
 
-The models share most of their inputs with UsdPreviewSurface, under other names and with other defaults (`MODELS`).
 Inputs without a counterpart are reported where they have an effect: `unsupported` of a model.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass, field
-from typing import Any, Literal
+from typing import Literal
 
 import numpy as np
 from pxr import UsdShade
@@ -17,139 +14,11 @@ from pxr import UsdShade
 from tiscene.scene.description import FloatInput, Material, TextureLookup
 from tiscene.usd.materials.materialx_inputs import SurfaceInputs
 from tiscene.usd.materials.materialx_lobes import ExtendedSurface
+from tiscene.usd.materials.materialx_models import MODELS
 from tiscene.usd.materials.materialx_network import category_of
 from tiscene.usd.materials.materialx_signal import Signal
 
 _WHITE = (1.0, 1.0, 1.0)
-
-
-@dataclass(frozen=True)
-class SurfaceModel:
-    """Names and defaults of a model's inputs: (name, default); None: the model has no such input.
-
-    Attributes:
-        base: factor of the base color.
-        color: base color.
-        metallic: metalness.
-        roughness: roughness of the specular lobe.
-        ior: index of refraction.
-        specular: factor of the specular lobe of dielectrics.
-        coat: clearcoat.
-        coat_roughness: its roughness.
-        emission: factor of the emitted color.
-        emissive: emitted color.
-        opacity: presence, a number or a color.
-        transmission: fraction of the light that is transmitted.
-        subsurface: fraction of the diffuse light that scatters below the surface.
-        subsurface_color: its color.
-        normal: normal map.
-        unsupported: inputs without a counterpart, and the values at which they have no effect.
-    """
-
-    base: tuple[str, float] | None
-    color: tuple[str, Any]
-    metallic: tuple[str, float]
-    roughness: tuple[str, float]
-    ior: tuple[str, float]
-    specular: tuple[str, float] | None
-    coat: tuple[str, float]
-    coat_roughness: tuple[str, float]
-    emission: tuple[str, float] | None
-    emissive: tuple[str, Any]
-    opacity: tuple[str, Any]
-    transmission: tuple[str, float] | None
-    subsurface: tuple[str, float] | None
-    subsurface_color: tuple[str, Any] | None
-    normal: str
-    unsupported: Mapping[str, Any] = field(default_factory=dict)
-
-
-MODELS = {
-    "ND_standard_surface_surfaceshader": SurfaceModel(
-        base=("base", 1.0),
-        color=("base_color", (0.8, 0.8, 0.8)),
-        metallic=("metalness", 0.0),
-        roughness=("specular_roughness", 0.2),
-        ior=("specular_IOR", 1.5),
-        specular=("specular", 1.0),
-        coat=("coat", 0.0),
-        coat_roughness=("coat_roughness", 0.1),
-        emission=("emission", 0.0),
-        emissive=("emission_color", _WHITE),
-        opacity=("opacity", _WHITE),
-        transmission=("transmission", 0.0),
-        subsurface=("subsurface", 0.0),
-        subsurface_color=("subsurface_color", _WHITE),
-        normal="normal",
-        unsupported={
-            "diffuse_roughness": 0.0,
-            "transmission_scatter": 0.0,
-            "transmission_extra_roughness": 0.0,
-            "coat_anisotropy": 0.0,
-            "coat_affect_color": 0.0,
-            "thin_film_thickness": 0.0,
-        },
-    ),
-    "ND_open_pbr_surface_surfaceshader": SurfaceModel(
-        base=("base_weight", 1.0),
-        color=("base_color", (0.8, 0.8, 0.8)),
-        metallic=("base_metalness", 0.0),
-        roughness=("specular_roughness", 0.3),
-        ior=("specular_ior", 1.5),
-        specular=("specular_weight", 1.0),
-        coat=("coat_weight", 0.0),
-        coat_roughness=("coat_roughness", 0.0),
-        emission=("emission_luminance", 0.0),
-        emissive=("emission_color", _WHITE),
-        opacity=("geometry_opacity", 1.0),
-        transmission=("transmission_weight", 0.0),
-        subsurface=("subsurface_weight", 0.0),
-        subsurface_color=("subsurface_color", (0.8, 0.8, 0.8)),
-        normal="geometry_normal",
-        unsupported={
-            "base_diffuse_roughness": 0.0,
-            "transmission_scatter": 0.0,
-            "coat_roughness_anisotropy": 0.0,
-            "thin_film_weight": 0.0,
-        },
-    ),
-    "ND_gltf_pbr_surfaceshader": SurfaceModel(
-        base=None,
-        color=("base_color", _WHITE),
-        metallic=("metallic", 1.0),
-        roughness=("roughness", 1.0),
-        ior=("ior", 1.5),
-        specular=("specular", 1.0),
-        coat=("clearcoat", 0.0),
-        coat_roughness=("clearcoat_roughness", 0.0),
-        emission=("emissive_strength", 1.0),
-        emissive=("emissive", (0.0, 0.0, 0.0)),
-        opacity=("alpha", 1.0),
-        transmission=("transmission", 0.0),
-        subsurface=None,
-        subsurface_color=None,
-        normal="normal",
-        unsupported={"iridescence": 0.0, "dispersion": 0.0},
-    ),
-    "UsdPreviewSurface": SurfaceModel(
-        base=None,
-        color=("diffuseColor", (0.18, 0.18, 0.18)),
-        metallic=("metallic", 0.0),
-        roughness=("roughness", 0.5),
-        ior=("ior", 1.5),
-        specular=None,
-        coat=("clearcoat", 0.0),
-        coat_roughness=("clearcoatRoughness", 0.01),
-        emission=None,
-        emissive=("emissiveColor", (0.0, 0.0, 0.0)),
-        opacity=("opacity", 1.0),
-        transmission=None,
-        subsurface=None,
-        subsurface_color=None,
-        normal="normal",
-        unsupported={"useSpecularWorkflow": 0.0},
-    ),
-}
 
 
 class MaterialXSurface:

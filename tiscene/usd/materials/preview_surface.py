@@ -20,9 +20,10 @@ from tiscene.usd.core.shader_network import ShaderConnection, Source, connection
 from tiscene.usd.geometry.display_color import constant_primvar, varies_over_surface
 from tiscene.usd.geometry.primvar import NO_PRIMVARS, PrimvarNames
 from tiscene.usd.materials.materialx_inputs import SurfaceInputs
+from tiscene.usd.materials.materialx_models import MODELS
 from tiscene.usd.materials.materialx_network import MaterialXNetwork, vertex_colors
 from tiscene.usd.materials.materialx_signal import Signal, number
-from tiscene.usd.materials.materialx_surface import MODELS, MaterialXSurface
+from tiscene.usd.materials.materialx_surface import MaterialXSurface
 from tiscene.usd.materials.texture import Affine, TextureTable
 from tiscene.usd.materials.texture_borders import UnwrappedTexture
 
