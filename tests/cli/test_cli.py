@@ -208,11 +208,26 @@ def test_render_selects_frames_as_a_slice_with_a_count(tmp_path, fake, text, fra
     assert fake.made[0].rendered == frames
 
 
-@pytest.mark.parametrize("text", ["", "x", "5:5", "5:2", "5::-1", "-1:4", "1:2:3:4", "0:9:0"])
-def test_malformed_frames_are_a_usage_error(text, capsys):
+@pytest.mark.parametrize(
+    ("option", "text", "message"),
+    [
+        *(
+            ("--frames", text, "is neither A:B with 0 <= A < B")
+            for text in ("", "x", "5:5", "5:2", "5::-1", "-1:4", "1:2:3:4", "0:9:0")
+        ),
+        *((option, " ,", f"argument {option}: ' ,' has no names") for option in ("--buffers", "--camera")),
+        *(
+            ("--variant", text, "is not PRIM{SET}=NAME")
+            for text in ("evening", "/Room=evening", "Room{lighting}=evening", "/Room{lighting}=")
+        ),
+    ],
+)
+def test_malformed_values_are_a_usage_error(option, text, message, capsys):
     with pytest.raises(SystemExit, match="2"):
-        cli.main(["render", "s", "-o", "x", f"--frames={text}"])
-    assert "is neither A:B with 0 <= A < B" in capsys.readouterr().err
+        cli.main(["render", "s", "-o", "x", f"{option}={text}"])
+    first, hint = capsys.readouterr().err.splitlines()
+    assert message in first
+    assert hint == "`tiscene render --help` lists the arguments."
 
 
 def test_render_writes_the_objects_that_are_asked_for(tmp_path, fake):
@@ -220,22 +235,6 @@ def test_render_writes_the_objects_that_are_asked_for(tmp_path, fake):
     assert json.loads((tmp_path / "tiscene.json").read_text())["objects"] == "visible"
     with pytest.raises(SystemExit, match="2"):
         render("-o", tmp_path, "--objects", "some")
-
-
-@pytest.mark.parametrize("option", ["--buffers", "--camera"])
-def test_empty_lists_of_names_are_a_usage_error(option, capsys):
-    with pytest.raises(SystemExit, match="2"):
-        cli.main(["render", "s", "-o", "x", option, " ,"])
-    message, hint = capsys.readouterr().err.splitlines()
-    assert f"argument {option}: ' ,' has no names" in message
-    assert hint == "`tiscene render --help` lists the arguments."
-
-
-@pytest.mark.parametrize("text", ["evening", "/Room=evening", "Room{lighting}=evening", "/Room{lighting}="])
-def test_malformed_variants_are_a_usage_error(text, capsys):
-    with pytest.raises(SystemExit, match="2"):
-        cli.main(["render", "s", "-o", "x", "--variant", text])
-    assert "is not PRIM{SET}=NAME" in capsys.readouterr().err
 
 
 def test_help_of_render_names_every_format_and_the_default_buffers(capsys):

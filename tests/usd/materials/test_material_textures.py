@@ -32,22 +32,20 @@ ST = 'texCoord2f[] primvars:st = [(0, 0)] (interpolation = "constant")\n'
 FALLBACK = "float4 inputs:fallback = (0.5, 0.25, 0, 1)\n"
 
 
-def test_missing_texture_file_gives_fallback(tmp_path):
-    body = texture(FALLBACK + "asset inputs:file = @./gone.png@")
-    expected = r"there is no texture @./gone.png@ \(named in .*stage.usda\); its fallback is used: </Looks/L/Image>"
-    assert only_material(read_with_warning(tmp_path, body, expected)).diffuse_color == (0.5, 0.25, 0.0)
-
-
-def test_damaged_texture_file_gives_fallback(tmp_path):
+@pytest.mark.parametrize(
+    ("file", "expected"),
+    [
+        ("asset inputs:file = @./gone.png@", r"there is no texture @./gone.png@ \(named in .*stage.usda\)"),
+        ("asset inputs:file = @./bad.png@", "texture @.*bad.png@ cannot be read .*"),
+        ("asset inputs:file = @./tiles.<UDIM>.png@", "there are no tiles @./tiles.<UDIM>.png@.*"),
+        ("", "a UsdUVTexture without a file"),
+        ("asset inputs:file", "a UsdUVTexture without a file"),
+        ("asset inputs:file = @@", "a UsdUVTexture without a file"),
+    ],
+)
+def test_texture_that_cannot_be_read_gives_fallback_and_is_reported(tmp_path, file, expected):
     (tmp_path / "bad.png").write_bytes(b"\x89PNG\r\n\x1a\n but no more of it than this")
-    body = texture(FALLBACK + "asset inputs:file = @./bad.png@")
-    expected = "texture @.*bad.png@ cannot be read .*; its fallback is used: </Looks/L/Image>"
-    assert only_material(read_with_warning(tmp_path, body, expected)).diffuse_color == (0.5, 0.25, 0.0)
-
-
-@pytest.mark.parametrize("file", ["", "asset inputs:file", "asset inputs:file = @@"])
-def test_texture_without_file_gives_fallback_and_is_reported(tmp_path, file):
-    expected = "a UsdUVTexture without a file; its fallback is used: </Looks/L/Image>"
+    expected += "; its fallback is used: </Looks/L/Image>"
     description = read_with_warning(tmp_path, texture(FALLBACK + file), expected)
     assert only_material(description).diffuse_color == (0.5, 0.25, 0.0)
     assert not description.textures
@@ -134,12 +132,6 @@ def test_udim_path_without_dot_slash_is_relative_to_layer(tmp_path):
     (tmp_path / "maps").mkdir()
     Image.new("L", (2, 2), 7).save(tmp_path / "maps" / "t.1001.png")
     assert len(read(tmp_path, texture("asset inputs:file = @maps/t.<UDIM>.png@")).textures) == 1
-
-
-def test_udim_without_tiles_is_reported(tmp_path):
-    body = texture(FALLBACK + "asset inputs:file = @./tiles.<UDIM>.png@")
-    description = read_with_warning(tmp_path, body, "there are no tiles @./tiles.<UDIM>.png@.*its fallback is used")
-    assert only_material(description).diffuse_color == (0.5, 0.25, 0.0)
 
 
 def test_srgb_float_texture_is_decoded(tmp_path):
