@@ -200,3 +200,13 @@ def test_report_as_json(tmp_path, capsys):
 def test_report_names_meshes_that_are_smooth_by_default(tmp_path, capsys):
     out = inspected(capsys, write(tmp_path, GOOD))
     assert "1 mesh without an authored subdivisionScheme: smooth surfaces, by USD's default" in out
+
+
+def test_layers_in_other_units_are_named(tmp_path, capsys):
+    content = "\n".join(f'def "{name}" (references = @{name}.usda@</Box>) {{}}' for name in ("chair", "same"))
+    for name, head in (("chair", 'metersPerUnit = 0.01\nupAxis = "Z"'), ("same", "metersPerUnit = 1")):
+        (tmp_path / f"{name}.usda").write_text(f'#usda 1.0\n( {head} )\ndef Cube "Box" {{}}\n')
+    out = inspected(capsys, write(tmp_path, content))
+    (line,) = (line for line in out.splitlines() if "not converted" in line)
+    assert line.startswith("  not converted to these units by USD: ")
+    assert line.endswith("chair.usda (0.01 m per unit, Z up)")

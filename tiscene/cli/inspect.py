@@ -91,6 +91,10 @@ def _facts(path: Path, facts: StageFacts) -> Iterable[str]:
     """Yield the lines about the file itself."""
     unit = f"{facts.meters_per_unit:g} m per unit" + ("" if facts.unit_is_authored else " (unauthored)")
     yield (f"{path}\n  {_bytes(path.stat().st_size)}, {_count(len(facts.layers), 'layer')}, {unit}, {facts.up_axis} up")
+    for layer in facts.other_units[:_MAX_LISTED]:
+        yield f"  not converted to these units by USD: {layer}"
+    if len(facts.other_units) > _MAX_LISTED:
+        yield f"  ... and {len(facts.other_units) - _MAX_LISTED} more layers in other units"
     if facts.time_codes:
         first, last = facts.time_codes
         yield (

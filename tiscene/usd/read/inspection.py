@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 from collections import Counter
+from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -26,6 +27,8 @@ class StageFacts:
         meters_per_unit: meters per stage unit.
         unit_is_authored: False: `meters_per_unit` is USD's default, 0.01.
         up_axis: "Y" or "Z".
+        other_units: layers that author another unit or up axis, as "/assets/chair.usd (0.01 m per unit, Z up)". USD
+            composes them as if they were in those of the stage.
         time_codes: first and last, None if not authored.
         time_codes_per_second: rate of time codes.
         animated: number of prims with time samples.
@@ -41,6 +44,7 @@ class StageFacts:
     meters_per_unit: float
     unit_is_authored: bool
     up_axis: str
+    other_units: tuple[str, ...]
     time_codes: tuple[float, float] | None
     time_codes_per_second: float
     animated: int
@@ -80,6 +84,7 @@ def stage_facts(path: str | Path, variants: Variants | None = None, root: str | 
             meters_per_unit=float(UsdGeom.GetStageMetersPerUnit(stage)),
             unit_is_authored=UsdGeom.StageHasAuthoredMetersPerUnit(stage),
             up_axis=str(UsdGeom.GetStageUpAxis(stage)),
+            other_units=tuple(_other_units(stage)),
             time_codes=(stage.GetStartTimeCode(), stage.GetEndTimeCode()) if has_range else None,
             time_codes_per_second=stage.GetTimeCodesPerSecond(),
             animated=sum(any(a.GetNumTimeSamples() > 1 for a in prim.GetAuthoredAttributes()) for prim in prims),
@@ -90,3 +95,13 @@ def stage_facts(path: str | Path, variants: Variants | None = None, root: str | 
             ),
             license={str(key): str(value) for key, value in kept.items()} if isinstance(kept, dict) else {},
         )
+
+
+def _other_units(stage: Usd.Stage) -> Iterator[str]:
+    """Yield the layers that author another unit or up axis than the stage has, see `StageFacts.other_units`."""
+    own = {"metersPerUnit": UsdGeom.GetStageMetersPerUnit(stage), "upAxis": UsdGeom.GetStageUpAxis(stage)}
+    for layer in stage.GetUsedLayers():
+        root = layer.pseudoRoot
+        units = {name: root.GetInfo(name) if root.HasInfo(name) else value for name, value in own.items()}
+        if units != own and not layer.anonymous:
+            yield f"{layer.realPath} ({units['metersPerUnit']:g} m per unit, {units['upAxis']} up)"
