@@ -49,19 +49,17 @@ def png(pixels: NDArray[Any]) -> bytes:
     return data.getvalue()
 
 
-def archive(members: Mapping[str, bytes], *, compress: bool) -> bytes:
-    """Return a zip file of named contents.
+def archive(members: Mapping[str, bytes]) -> bytes:
+    """Return a zip file of contents by name.
 
-    Args:
-        members: Contents by name.
-        compress: Whether members are deflated that shrink by that to half or less, judged by a sample; the others, such
-            as depth, would take most of the time.
+    Members are deflated that shrink by that to half or less, judged by a sample; the others, such as depth, would take
+    most of the time.
     """
     data = io.BytesIO()
     with zipfile.ZipFile(data, "w") as target:
         for name, content in members.items():
             member = zipfile.ZipInfo(name, EPOCH)
-            member.compress_type = zipfile.ZIP_DEFLATED if compress and _shrinks(content) else zipfile.ZIP_STORED
+            member.compress_type = zipfile.ZIP_DEFLATED if _shrinks(content) else zipfile.ZIP_STORED
             member.create_system = 3  # Unix, on every platform
             target.writestr(member, content, compresslevel=1)
     return data.getvalue()

@@ -130,9 +130,9 @@ def hash_of(name: str) -> int:
     return bits ^ 1 << 23 if exponent in (0, 255) else bits
 
 
-def murmur3(data: bytes, seed: int = 0) -> int:
-    """Return MurmurHash3_x86_32 (Appleby) of some bytes."""
-    state = seed
+def murmur3(data: bytes) -> int:
+    """Return MurmurHash3_x86_32 (Appleby) of some bytes, with the seed 0."""
+    state = 0
     for start in range(0, len(data), 4):
         block = data[start : start + 4]
         word = int.from_bytes(block, "little") * 0xCC9E2D51 & _MASK

@@ -17,8 +17,4 @@ if TYPE_CHECKING:
 def encode(frame: Frame) -> dict[str, Contents]:
     """Return the file of a frame by its name."""
     buffers = frame.buffers
-    return {
-        f"{frame.index:06d}.npz": lambda: archive(
-            {f"{name}.npy": npy(buffer) for name, buffer in buffers.items()}, compress=True
-        )
-    }
+    return {f"{frame.index:06d}.npz": lambda: archive({f"{name}.npy": npy(buffer) for name, buffer in buffers.items()})}

@@ -154,4 +154,4 @@ def pack(frames: Iterable[FramePieces], run: ExportRun, folder: Path) -> None:
         arrays["video"] = np.stack([each["rgb"] for _, each in clip])
     path = folder / f"tracks/{clip[0][0] // FRAMES_PER_FILE:06d}.npz"
     path.parent.mkdir(parents=True)
-    path.write_bytes(archive({f"{name}.npy": npy(array) for name, array in arrays.items()}, compress=True))
+    path.write_bytes(archive({f"{name}.npy": npy(array) for name, array in arrays.items()}))

@@ -89,17 +89,13 @@ class CapturedAgent(ScriptAgent):
         super()._set_light(quantity, name, value)
 
 
-def capture_scenario(
-    path: Path, frames: int, *, fps: float, arguments: Sequence[str] = (), size: tuple[int, int] = (256, 192)
-) -> tuple[Scenario, tuple[int, int], int]:
+def capture_scenario(path: Path, frames: int, *, fps: float) -> tuple[Scenario, tuple[int, int], int]:
     """Return a script or a scenario in SAILenv's JSON as a scenario.
 
     Args:
         path: The script (.py) or scenario (.json).
         frames: The number of frames after which the script is ended.
         fps: Frames per second.
-        arguments: The script's command-line arguments.
-        size: Width and height of the image for a scenario, px.
 
     Returns:
         The scenario, seen by the script's agent; the size of its image, px; the number of frames that it received.
@@ -109,7 +105,7 @@ def capture_scenario(
     """
     capture = Capture()
     agent = agent_class(CapturedAgent, capture=capture, limit=frames, settings={"fps": fps, "incremental": False})
-    run_source(path, arguments, agent, size=size)
+    run_source(path, (), agent, size=(256, 192))
     scenario = capture.finished()
     if capture.lost:
         text = (

@@ -74,7 +74,6 @@ class StageReport:
     def __init__(
         self,
         stage: str,
-        reads_animation: bool = True,
         root: RootFolder | None = None,
         budget: ReadingBudget | None = None,
         strict: bool = False,
@@ -83,13 +82,12 @@ class StageReport:
 
         Args:
             stage: name of the file in messages.
-            reads_animation: whether time samples are read as animation.
             root: the folder that files must be in; None: no restriction.
             budget: what reading has used; None: a new one with the default limits.
             strict: whether any problem refuses the stage.
         """
         self.stage = stage
-        self.reads_animation = reads_animation
+        self.reads_animation = True
         self.root = root or RootFolder(None)
         self.budget = budget or ReadingBudget(stage, Limits())
         self.strict = strict
