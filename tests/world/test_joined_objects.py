@@ -70,6 +70,22 @@ def test_object_hangs_on_one_that_moves_along_a_path():
     assert load.position[0] > -0.6
 
 
+def test_joint_is_that_of_a_replay_after_its_holder_is_moved_at_the_start():
+    """It does not depend on whether a frame was simulated before the edit."""
+    objects = [
+        ts.Object("hook", "Cube", scale=0.1, collide=False, dynamic=ts.Orbit((0, 2, -2), period=3.0)),
+        ts.Object("load", "Cube", (0.0, -0.6, 0.0), scale=0.5, collide=False),
+    ]
+    joint = ts.SphericalJoint("load", "hook", position=(0, 0.6, 0))
+    stream = stream_of(ts.Scenario("object_view", objects, physics=True, joints=[joint]))
+    stream.world.state(3)
+    stream.world.move("hook", (0.5, 0.0, 0.0))
+    replay = stream_of(stream.scenario)
+    for frame in (1, 5):
+        (here, there) = (each.world.state(frame).objects[-1] for each in (stream, replay))
+        assert (here.name, here.position) == ("load", there.position)
+
+
 def test_despawning_one_of_two_joined_objects_frees_the_other():
     objects = [
         ts.Object("post", "Cube", (0, 2, -2), dynamic=ts.Still(), scale=0.1),

@@ -109,6 +109,11 @@ class PhysicsTrajectories(Trajectories):
         """Return the poses of objects that are no rigid bodies, at a frame and as planned for the next."""
         return Trajectories.poses(self, frame, rows), Trajectories.arrivals(self, frame + 1, rows)
 
+    def kinematic_begin(self, frame: int, row: int) -> Array:
+        """Return the pose [7] of an object that is no rigid body at a frame, before the edits of that frame."""
+        begin: Array = Trajectories.arrivals(self, frame, (row,))[0]
+        return begin
+
     def stage_epoch(self, frame: int) -> int:
         """Return how often edits have changed the stage up to a frame."""
         return bisect.bisect_right(self._changes, frame)
@@ -170,12 +175,11 @@ class ScenarioPhysics:
         return PhysicsJoint(number, joint, body, parent, own, other)
 
     def _begin(self, row: int) -> Array:
-        """Return the pose [7] at which an object begins."""
+        """Return the pose [7] at which an object begins, before any edit: joints are made once."""
         spec = self._log.lives[row].spec
         if isinstance(spec.dynamic, RigidBody):
             return self.start(row)
-        begin: Array = self._trajectories.kinematic_poses(spec.first_frame, (row,))[0][0]
-        return begin
+        return self._trajectories.kinematic_begin(spec.first_frame, row)
 
     def surroundings(self, frame: int) -> tuple[Hashable, Callable[[], Surroundings]]:
         return self._trajectories.stage_epoch(frame), lambda: self._surroundings(frame)
