@@ -2,6 +2,7 @@
 """Verify: damage and other pictures are found; the scene is found by its digest wherever it is."""
 
 import json
+import os
 import shutil
 from pathlib import Path
 
@@ -13,6 +14,7 @@ from tiscene.errors import ExportError
 from tiscene.export import export
 from tiscene.export.manifest_stream import render_arguments
 from tiscene.export.verification import verify
+from tiscene.files import lock_folder
 from tiscene.render.render_settings import PRESETS
 
 STAGE = """#usda 1.0
@@ -65,6 +67,14 @@ def test_undisturbed_export_is_good(exported, capsys):
     assert (found.frames, found.rendered, found.is_good) == (4, 4, True)
     assert cli.main(["verify", str(exported / "out"), "--sample", "2"]) == 0
     assert capsys.readouterr().out == "4 frames have their files; 2 rendered again are the same\n"
+
+
+def test_export_that_is_written_into_is_not_verified(exported, monkeypatch):
+    with lock_folder(exported / "out"):
+        with pytest.raises(ExportError, match=r"cannot verify .*out': process \d+ .* writes into it"):
+            verify(exported / "out", sample=0)
+        monkeypatch.setattr(os, "access", lambda path, mode: mode != os.W_OK)  # nothing writes where nothing may
+        assert verify(exported / "out", sample=0).is_good
 
 
 def test_scene_and_templates_are_found_by_digest_in_another_place(exported, tmp_path, monkeypatch):

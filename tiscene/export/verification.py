@@ -3,6 +3,8 @@
 
 from __future__ import annotations
 
+import contextlib
+import os
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -14,7 +16,7 @@ from tiscene.export.generation.data_set_index import DATA_SET
 from tiscene.export.manifest import Manifest, buffer_digests
 from tiscene.export.manifest_difference import differences
 from tiscene.export.manifest_stream import stream_of
-from tiscene.files import lock_folder
+from tiscene.files import FolderLockedError, lock_folder
 
 
 @dataclass(frozen=True)
@@ -58,8 +60,8 @@ def verify(
         progress: Called with the index of each frame that was rendered.
 
     Raises:
-        ExportError: There is no export, its stage is not here, or this version of tiscene or the files of the scene
-            are not those that made it.
+        ExportError: There is no export, another process writes into it, its stage is not here, or this version of
+            tiscene or the files of the scene are not those that made it.
     """
     folder = Path(folder)
     if sample is not None and sample < 0:
@@ -69,9 +71,13 @@ def verify(
         hint = "; of a data set, verify the folders of scenarios" if (folder / DATA_SET).is_file() else ""
         raise ExportError(f"{str(folder)!r} is not an export: it has no tiscene.json{hint}")
     indices = list(manifest.frames)
-    with lock_folder(folder):
-        writer = FolderWriter(folder, manifest)
-        damaged = tuple(index for index in indices if not writer.holds(index))
+    try:
+        # Nothing writes into a folder that is read-only, as those of archives are.
+        with lock_folder(folder) if os.access(folder, os.W_OK) else contextlib.nullcontext():
+            writer = FolderWriter(folder, manifest)
+            damaged = tuple(index for index in indices if not writer.holds(index))
+    except FolderLockedError as error:
+        raise ExportError(f"cannot verify {str(folder)!r}: {error}") from error
     chosen = indices if sample is None else _evenly(indices, sample)
     different = {}
     if chosen:
