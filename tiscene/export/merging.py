@@ -8,15 +8,14 @@ import shutil
 from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
 
-from tiscene.errors import ExportError, export_errors
-from tiscene.export.exporter import open_manifest
+from tiscene.errors import ExportError
+from tiscene.export.exporter import open_manifest, writing_into
 from tiscene.export.folder_writer import FolderWriter
 from tiscene.export.formats import find_format
 from tiscene.export.manifest import Manifest, file_digest
 from tiscene.export.manifest_difference import differences
 from tiscene.export.packing import has_pieces
 from tiscene.export.shards import SHARDS, Shard
-from tiscene.files import lock_folder
 
 
 def merge(
@@ -56,10 +55,8 @@ def merge(
     manifests = {place: _manifest(place) for place in places}
     owners = _owners(manifests)
     _check_complete(places, owners, partial, unlike)
-    with export_errors(folder):
-        folder.mkdir(parents=True, exist_ok=True)
-        with lock_folder(folder):
-            return _merge(folder, manifests, owners, overwrite, progress)
+    with writing_into(folder):
+        return _merge(folder, manifests, owners, overwrite, progress)
 
 
 def _manifest(place: Path) -> Manifest:
