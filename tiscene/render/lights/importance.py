@@ -71,7 +71,7 @@ def offsets_to_children(nodes: Template, node: ti.i32, origin: vec3):
 
 @ti.func
 def widened(cosine: ti.f32, sine: ti.f32) -> ti.f32:
-    """Return the cosine of an angle that is smaller by another one, at least 0, given the sine of that."""
+    """Return the cosine of a - b, or 1 where that is negative, given the cosine of a and the sine of b."""
     result = 1.0
     other = ti.sqrt(ti.max(1.0 - sine * sine, 0.0))
     if sine < 1.0 and cosine < other:

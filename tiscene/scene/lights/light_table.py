@@ -81,8 +81,8 @@ from tiscene.scene.textures.atlas import TextureAtlas
 #     light tree, first triangle. The slots of all its triangles, 0 for none, are at DISTRIBUTION.
 # SHAPED: 1 if the light has a Shaping. CONE_COSINE: of its cone's angle. CONE_EDGE (3): angles at which the soft edge
 #     begins and ends, rad, and the cosine where it begins. FOCUS, FOCUS_TINT (3), PROFILE: as `Shaping`.
-# CONE_REACH: of a shaped light that light sampling alone finds (nothing, or not every mesh, casts shadows in it), the
-#     radius, m, of a ball about its origin that holds it; else 0.
+# CONE_REACH: of a shaped light in which not all meshes cast shadows, so that BSDF samples do not find its light: the
+#     radius, m, of a ball about its origin that holds it. Of other lights 0.
 # LIT, SHADOWING: where the light's `lit` and `shadowing` begin in `distribution`, a number per link class; -1: none.
 COLUMNS = 43
 KIND, TRANSFORM, RADIANCE, SIZE, TEXTURE, DISTRIBUTION, GRID, IMAGE_FRACTION = 0, 1, 13, 16, 18, 19, 20, 22
