@@ -149,6 +149,14 @@ def test_animated_albedo_is_seen_by_cached_labels_and_seeks(tmp_path):
     assert other[1].albedo.tobytes() == frames[1].tobytes()
 
 
+def test_amodal_pixels_follow_animated_opacity(tmp_path):
+    inputs = "float inputs:opacityThreshold = 0.5\n float inputs:opacity.timeSamples = { 0: 1, 4: 0 }"
+    path = write(tmp_path, PAINTED % (SQUARE, inputs), more=RANGE)
+    rows = [frame.objects.by_name("Wall") for frame in stream(path, buffers=("instance",), frames=4)]
+    assert [row.amodal_mask.sum() for row in rows] == [row.visible_pixels for row in rows]
+    assert [row.visible_pixels > 0 for row in rows] == [True, True, True, False]
+
+
 SCREEN = """
 def Mesh "Screen"
 {

@@ -117,7 +117,8 @@ class ObjectRow:
     def amodal_box(self) -> Box | None:
         """Box around the projection of all its geometry, including what is hidden or beyond the image's edges.
 
-        Geometry behind the camera's near plane is clipped; None if nothing is left.
+        An object that reaches behind the camera is clipped at its near plane, or at a tenth of the object's depth in
+        front of the camera if that is less. None if nothing is in front of the camera.
         """
         return _box(self._measures.amodal_box[self._row])
 

@@ -164,6 +164,7 @@ class MaterialTable:
         materials: The materials, by row.
         flags: Their flags.
         possible_flags: The flags of all materials at all times together.
+        may_pass: By row, whether rays from the camera ever pass the material: it is partly opaque, or unseen.
         labels: Names of materials by number: prim paths, else names. 0 is "". Materials may share a label.
     """
 
@@ -171,6 +172,7 @@ class MaterialTable:
         self.materials: list[Material] = []
         self.flags: list[int] = []
         self.possible_flags = 0
+        self.may_pass: list[bool] = []
         self.labels: dict[int, str] = {0: ""}
         self._numbers: dict[str, int] = {"": 0}
         self._label_of_row: list[int] = []
@@ -198,6 +200,7 @@ class MaterialTable:
             self.materials.append(material)
             self.flags.append(flags)
             self.possible_flags |= possible
+            self.may_pass.append(possible & (COVERAGE | UNSEEN) != 0)
             self._first_texture.append(first_texture)
             label = material.prim_path or material.name
             number = self._numbers.setdefault(label, len(self._numbers))
@@ -222,7 +225,7 @@ class MaterialTable:
     @property
     def any_coverage(self) -> bool:
         """Whether some material ever has partial coverage or is unseen, so that rays may pass a surface."""
-        return self.possible_flags & (COVERAGE | UNSEEN) != 0
+        return any(self.may_pass)
 
     @property
     def any_extended(self) -> bool:

@@ -28,6 +28,7 @@ from tiscene.render.annotations.amodal_masks import MAX_SAMPLES, PixelCounter
 from tiscene.render.annotations.object_measurements import Measurer
 from tiscene.render.view import View
 from tiscene.scene.camera import Camera
+from tiscene.scene.description import Material, Texture, TextureLookup
 
 SIZE = 200
 VIEW = static_view(Camera(position=(0.0, 0.0, 0.0), vertical_fov=2 * np.arctan(0.5), near=0.1), SIZE, SIZE)
@@ -155,6 +156,50 @@ def test_floor_below_the_camera_is_clipped_at_the_near_plane() -> None:
     assert row.visible_box == (0, 120, 200, 200)
     assert 0.0 < row.fraction_in_frame < 0.1
     assert row.visibility_in_frame == 1.0
+
+
+def test_objects_nearer_than_the_near_plane_are_measured_as_they_are_seen() -> None:
+    # 4 cm at 8 cm: 100 px square. A rod from 5 to 25 mm in front of the camera is behind its clipping plane.
+    rod = mesh_of(trimesh.creation.box((0.001, 0.001, 0.02)))
+    stage = Stage(
+        [plate(0.04, 0.04), rod], [PlacedMesh(0, [pose((0, 0, -0.08))]), PlacedMesh(1, [pose((0, 0, -0.015))])]
+    )
+    near, rod = table(stage)
+    assert near.amodal_box == pytest.approx((50, 50, 150, 150))
+    assert near.amodal_pixels == 100 * 100
+    assert near.fraction_in_frame == 1.0
+    assert rod.amodal_box == pytest.approx((80, 80, 120, 120))
+    assert rod.visible_pixels == rod.amodal_pixels == 40 * 40
+
+
+def test_holes_and_surfaces_that_the_camera_does_not_see_are_not_amodal_pixels() -> None:
+    pixels = np.ones((1, 2, 4), np.float32)
+    pixels[0, 1, 3] = 0.0
+    materials = [
+        Material("wall"),
+        Material("lace", opacity=TextureLookup(0, channel="a"), opacity_threshold=0.5),
+        Material("unseen", seen_by_camera=False),
+    ]
+    stage = Stage(
+        [plate(2.0, 2.0, material=row) for row in range(3)],
+        [
+            PlacedMesh(0, [pose((0.5, 0, -3))]),
+            PlacedMesh(1, [pose((2, 0, -4))], id=2),
+            PlacedMesh(0, [pose((2.5, 0, -4.001))], id=2),
+            PlacedMesh(1, [pose((0, 0, -2))], id=3),
+            PlacedMesh(2, [pose((0, 0, -1))], id=4),
+        ],
+        materials,
+        [Texture("hole", pixels, encoding="raw", wrap_s="clamp", wrap_t="clamp")],
+    )
+    rows = table(stage)
+    lace = rows.by_id(3)
+    assert (lace.amodal_pixels, lace.visible_pixels, lace.visibility_in_frame) == (100 * 200, 100 * 200, 1.0)
+    assert lace.amodal_mask[:, :100].all()
+    assert not lace.amodal_mask[:, 100:].any()
+    assert rows.by_id(4).amodal_pixels == 0
+    # From 1 to 2 m the left half of the lace, from 1.5 to 3.5 m the plate behind it.
+    assert rows.by_id(2).amodal_pixels == pytest.approx(125 * 100, abs=2 * 100)
 
 
 def test_oriented_boxes_in_world_space() -> None:

@@ -1,5 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Amodal masks: the pixels that objects would cover without occluders, by occlusion rays against single instances."""
+"""Amodal masks: the pixels that objects would cover without occluders, by rays against single instances.
+
+Occlusion rays are enough where all of a mesh is opaque. Holes of leaves and lace are those of the label pass.
+"""
 
 from __future__ import annotations
 
@@ -12,12 +15,23 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tiscene.frame.measurements import AmodalMask
-from tiscene.render.annotations.measurement_kernels import COLUMNS, OWNER, ROWS, STRIDE, WINDOW, X, Y, pixel_rays
-from tiscene.render.intersect.ray_queue import AnyHitArrays
+from tiscene.render.annotations.measurement_kernels import (
+    COLUMNS,
+    INSTANCE,
+    OWNER,
+    ROWS,
+    STRIDE,
+    WINDOW,
+    X,
+    Y,
+    pixel_rays,
+)
+from tiscene.render.integrators.labels.first_hits import first_hits
+from tiscene.render.intersect.ray_queue import AnyHitArrays, RayWave
 from tiscene.render.intersect.trace import occluded_by_instance
 from tiscene.render.view import View
 from tiscene.scene.device_scene import DeviceScene
-from tiscene.scene.placement import CURRENT
+from tiscene.scene.placement import CURRENT, MOVERS
 
 MAX_SAMPLES = 16384  # rays per object outside of the image; more pixels are subsampled
 _BATCH = 1 << 18  # rays traced at once
@@ -25,12 +39,12 @@ _BATCH = 1 << 18  # rays traced at once
 
 @dataclass(frozen=True, eq=False)
 class PartInView:
-    """An instance of an object in front of the near plane.
+    """An instance of an object in front of the camera.
 
     Attributes:
         instance: Row of the instance, or its index among the object's instances (see `of`).
         box: float64 [4], x0, y0, x1, y1, px, not clipped to the image.
-        cut: Whether the near plane cuts it.
+        cut: Whether a part of it is nearer than the clipping plane, see `measure_extents`.
     """
 
     instance: int
@@ -48,6 +62,8 @@ class PixelCounter:
     def __init__(self, scene: DeviceScene) -> None:
         self.scene = scene
         self._rays = AnyHitArrays()
+        self._wave = RayWave()
+        self._may_pass = np.zeros(0, bool)
 
     def count(self, view: View, objects: Sequence[Sequence[PartInView]]) -> list[AmodalMask]:
         """Return the mask of each object, given by its parts in view."""
@@ -80,16 +96,45 @@ class PixelCounter:
 
     def _hits(self, view: View, windows: NDArray[np.int32]) -> NDArray[np.int32]:
         """Return int32 [n, 3], x, y and window, of the pixels whose center rays hit the window's instance."""
+        instances = windows[:, INSTANCE]
+        may_pass = self._mesh_may_pass()[self.scene.placement.mesh[instances]]
+        groups = [np.flatnonzero(instances == each) for each in np.unique(instances[may_pass])]
+        found = [np.empty((0, 3), np.int32)]
+        for rows in (np.flatnonzero(~may_pass), *groups):
+            if len(rows):
+                samples = self._hits_of(view, windows[rows], may_pass[rows[0]])
+                samples[:, WINDOW] = rows[samples[:, WINDOW]]
+                found.append(samples)
+        return np.concatenate(found)
+
+    def _hits_of(self, view: View, windows: NDArray[np.int32], may_pass: bool) -> NDArray[np.int32]:
+        """Return `_hits` of windows of opaque instances, or of a single instance that rays may pass."""
         firsts = np.cumsum([0, *(windows[:, COLUMNS] * windows[:, ROWS])]).astype(np.int32)
         count = int(firsts[-1])
         samples = np.empty((count, 3), np.int32)
-        if not count:
-            return samples
-        rays = self._rays.reserved(count)
-        pixel_rays(view.array(), windows, firsts, view.width, view.height, samples, rays.rays, rays.targets)
-        occluded_by_instance(self.scene, CURRENT, rays.rays, rays.queue, rays.targets, count, rays.result)
-        hits: NDArray[np.int32] = samples[rays.result.to_numpy()[:count] > 0]
+        tests, wave = self._rays.reserved(count), self._wave.reserved(count if may_pass else 1)
+        rays = wave.rays if may_pass else tests.rays
+        pixel_rays(view.array(), windows, firsts, view.width, view.height, samples, rays, tests.targets)
+        if may_pass:
+            self.scene.place_movers(np.arange(self.scene.instance_count) == windows[0, INSTANCE])
+            first_hits(self.scene, MOVERS, wave, wave.queue, count)
+            is_hit = wave.hit_ids.to_numpy()[:count, 0] >= 0
+        else:
+            occluded_by_instance(self.scene, CURRENT, rays, tests.queue, tests.targets, count, tests.result)
+            is_hit = tests.result.to_numpy()[:count] > 0
+        hits: NDArray[np.int32] = samples[is_hit]
         return hits
+
+    def _mesh_may_pass(self) -> NDArray[np.bool_]:
+        """Return for each mesh of the scene whether rays from the camera may pass some of its triangles."""
+        if len(self._may_pass) != len(self.scene.meshes):
+            table, first, result = np.array(self.scene.materials.may_pass, bool), 0, []
+            for _, description in self.scene.descriptions:
+                rows = table[first:]
+                result += [rows.any() and rows[mesh.materials].any() for mesh in description.meshes]
+                first += len(description.materials)
+            self._may_pass = np.array(result, bool)
+        return self._may_pass
 
 
 def _windows(view: View, row: int, parts: Sequence[PartInView]) -> list[tuple[int, ...]]:
@@ -104,7 +149,7 @@ def _windows(view: View, row: int, parts: Sequence[PartInView]) -> list[tuple[in
         x0, y0 = (math.floor(v) - 1 for v in part.box[:2].tolist())
         x1, y1 = (math.ceil(v) + 1 for v in part.box[2:].tolist())
         around.append((part.instance, x0, y0, x1, y1))
-        if part.cut:  # geometry between the camera and its near plane may project anywhere
+        if part.cut:  # geometry in front of the clipping plane may project anywhere
             x0, y0, x1, y1 = 0, 0, width, height
         x0, y0 = max(x0, 0), max(y0, 0)
         windows.append((part.instance, row, x0, y0, min(x1, width) - x0, min(y1, height) - y0, 1, 0))

@@ -3,15 +3,16 @@
 
 import taichi as ti
 
-from tiscene.device.kernel_types import Doubles1, Doubles2, Floats2, Ints1, Ints2
+from tiscene.device.kernel_types import Doubles1, Doubles2, Floats2, Ints1, Ints2, Template
 from tiscene.render.intersect.ray_queue import Rays, write_ray
 from tiscene.render.view import camera_ray
 from tiscene.scene.placement import CURRENT
 
 INSTANCE, OWNER, LEFT, TOP, COLUMNS, ROWS, STRIDE, OUTSIDE = range(8)  # columns of `windows`
 X, Y, WINDOW = range(3)  # columns of `samples`
-EXTENT_COLUMNS = 12
-WORLD, BOX, IN_FRONT, BEHIND = 0, 6, 10, 11  # columns of `extents`
+EXTENT_COLUMNS = 13
+WORLD, BOX, IN_FRONT, BEHIND, CLIP = 0, 6, 10, 11, 12  # columns of `extents`
+_CLIP = 0.1  # of an instance's greatest depth
 
 
 @ti.kernel
@@ -58,6 +59,17 @@ def pixel_rays(
         targets[i] = windows[window, INSTANCE]
 
 
+@ti.func
+def _world_point(vertex_position: Template, vertex: ti.i32, world_from_object: Template, row: ti.i32):
+    """Return a vertex of an instance, world, m, in double precision."""
+    point = ti.Vector([ti.f64(0.0)] * 3)
+    for a in ti.static(range(3)):
+        point[a] = world_from_object[row, 4 * a + 3]
+        for c in ti.static(range(3)):
+            point[a] += world_from_object[row, 4 * a + c] * ti.cast(vertex_position[vertex, c], ti.f64)
+    return point
+
+
 @ti.kernel
 def measure_extents(
     vertex_position: Floats2,
@@ -73,6 +85,9 @@ def measure_extents(
 ):
     """Measure instances: world-space bounds, and bounds of the projection.
 
+    What is nearer than the near plane is seen, but projections are unbounded where an instance reaches behind the
+    camera. So it is clipped by the near plane, or nearer if it is near itself.
+
     Args:
         vertex_position: f32 [n, 3], object space.
         vertices: i32 [i, 2], rows of each instance's vertices, [begin, end).
@@ -83,25 +98,31 @@ def measure_extents(
         orthographic: 1 for an orthographic camera.
         half_width: Of the image, px.
         half_height: Of the image, px.
-        extents: f64 [i, EXTENT_COLUMNS]; receives WORLD: bounds, m (6); BOX: of vertices in front of the near plane,
-            x0, y0, x1, y1, px, whole numbers at corners of pixels; numbers of vertices IN_FRONT and BEHIND it.
+        extents: f64 [i, EXTENT_COLUMNS]; receives WORLD: bounds, m (6); BOX: of vertices in front of the clipping
+            plane, x0, y0, x1, y1, px, whole numbers at corners of pixels; numbers of vertices IN_FRONT and BEHIND it;
+            CLIP: its depth, m.
     """
     for row in range(vertices.shape[0]):
         low, high = ti.Vector([ti.f64(1e300)] * 3), ti.Vector([ti.f64(-1e300)] * 3)
         box_low, box_high = ti.Vector([ti.f64(1e300)] * 2), ti.Vector([ti.f64(-1e300)] * 2)
         behind = 0
+        clip = ti.f64(0.0)
         for vertex in range(vertices[row, 0], vertices[row, 1]):
-            point, camera_point = ti.Vector([ti.f64(0.0)] * 3), ti.Vector([ti.f64(0.0)] * 3)
-            for a in ti.static(range(3)):
-                point[a] = world_from_object[row, 4 * a + 3]
-                for c in ti.static(range(3)):
-                    point[a] += world_from_object[row, 4 * a + c] * ti.cast(vertex_position[vertex, c], ti.f64)
+            point = _world_point(vertex_position, vertex, world_from_object, row)
+            depth = camera_from_world[11]
+            for c in ti.static(range(3)):
+                depth += camera_from_world[8 + c] * point[c]
+            clip = ti.max(clip, _CLIP * depth)
+        clip = ti.min(clip, near)
+        for vertex in range(vertices[row, 0], vertices[row, 1]):
+            point = _world_point(vertex_position, vertex, world_from_object, row)
+            camera_point = ti.Vector([ti.f64(0.0)] * 3)
             for a in ti.static(range(3)):
                 camera_point[a] = camera_from_world[4 * a + 3]
                 for c in ti.static(range(3)):
                     camera_point[a] += camera_from_world[4 * a + c] * point[c]
             low, high = ti.min(low, point), ti.max(high, point)
-            if camera_point[2] >= near:
+            if camera_point[2] > 0.0 and camera_point[2] >= clip:
                 scale = focal
                 if orthographic == 0:
                     scale = focal / camera_point[2]
@@ -117,3 +138,4 @@ def measure_extents(
             extents[row, BOX + 2 + a] = box_high[a]
         extents[row, IN_FRONT] = vertices[row, 1] - vertices[row, 0] - behind
         extents[row, BEHIND] = behind
+        extents[row, CLIP] = clip

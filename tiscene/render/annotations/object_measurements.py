@@ -21,7 +21,15 @@ from tiscene.device import runtime
 from tiscene.frame.measurements import AmodalMask, OrientedBox, StoredMeasurements
 from tiscene.frame.object_table import ObjectState, ObjectTable
 from tiscene.render.annotations.amodal_masks import PartInView, PixelCounter
-from tiscene.render.annotations.measurement_kernels import BEHIND, BOX, EXTENT_COLUMNS, IN_FRONT, WORLD, measure_extents
+from tiscene.render.annotations.measurement_kernels import (
+    BEHIND,
+    BOX,
+    CLIP,
+    EXTENT_COLUMNS,
+    IN_FRONT,
+    WORLD,
+    measure_extents,
+)
 from tiscene.render.integrators.labels.label_pass import LabelPass
 from tiscene.render.view import View
 from tiscene.scene.animation import polar
@@ -223,10 +231,11 @@ class SceneMeasures:
         data, width = rows.tobytes(), rows.shape[1]
         every = [self._parts[row] for row in objects]
         signatures = [b"".join([data[row * width : (row + 1) * width] for row in parts.tolist()]) for parts in every]
-        if self._scene.deforms:
+        changing = self._scene.changing_meshes()
+        if changing.any():
             now = repr(placed.seconds[CURRENT]).encode()
             for number, parts in enumerate(every):
-                if any(self._scene.meshes[mesh].deformation is not None for mesh in placed.mesh[parts]):
+                if changing[placed.mesh[parts]].any():
                     signatures[number] += now
         return signatures
 
@@ -265,7 +274,7 @@ class SceneMeasures:
             for place, (instance, extent) in enumerate(zip(parts[number].tolist(), mine, strict=True)):
                 cut = bool(extent[BEHIND])
                 if extent[IN_FRONT]:
-                    window = self._box_in_front(instance) if cut else extent[BOX : BOX + 4]
+                    window = self._box_in_front(instance, extent[CLIP]) if cut else extent[BOX : BOX + 4]
                     in_view.append(PartInView(place, np.clip(window, -_MAX_COORDINATE, _MAX_COORDINATE), cut))
             result.append(_CachedMeasurements(signature, bounds, box, in_view))
         return result
@@ -307,8 +316,8 @@ class SceneMeasures:
             boxes[row] = OrientedBox(tuple(center.tolist()), tuple(size.tolist()), quaternion_from_matrix(rotation))
         return boxes
 
-    def _box_in_front(self, instance: int) -> NDArray[np.float64]:
-        """Return the image-space box, px, of an instance clipped by the near plane."""
+    def _box_in_front(self, instance: int, near: float) -> NDArray[np.float64]:
+        """Return the image-space box, px, of an instance clipped at a depth, m."""
         placed, camera = self._placement, self._view.camera_from_world()[CURRENT]
         mesh = self._scene.meshes[placed.mesh[instance]]
         positions = mesh.positions
@@ -316,7 +325,6 @@ class SceneMeasures:
             positions = mesh.deformation.at(placed.seconds[CURRENT])[0]
         matrix = placed.world_from_object[CURRENT, instance]
         points = (positions @ matrix[:, :3].T + matrix[:, 3]) @ camera[:, :3].T + camera[:, 3]
-        near = self._view.current.near
         inside = points[:, 2] >= near
         edges = np.concatenate([mesh.triangles[:, [0, 1]], mesh.triangles[:, [1, 2]], mesh.triangles[:, [2, 0]]])
         edges = edges[inside[edges[:, 0]] != inside[edges[:, 1]]]
@@ -340,7 +348,7 @@ class SceneMeasures:
 
     @_Measured
     def amodal_box(self) -> NDArray[np.float64]:
-        """float64 [n, 4], px; nan where nothing is in front of the near plane."""
+        """float64 [n, 4], px; nan where nothing is in front of the camera."""
         boxes = [each.amodal_box if each.parts else (np.nan,) * 4 for each in self._objects]
         return np.array(boxes, np.float64).reshape(-1, 4)
 
