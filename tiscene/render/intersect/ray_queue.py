@@ -119,6 +119,14 @@ class RayArrays:
             self.mirrored = device_array(ti.i32, (self.count,)), device_array(ti.i32, (self.count,))
         return self
 
+    def copy_of(self, other: Self) -> Self:
+        """Return itself, with the size, the rays and the hits of others."""
+        self.resized(*other._size)
+        self.rays.copy_from(other.rays)
+        self.hits.copy_from(other.hits)
+        self.hit_ids.copy_from(other.hit_ids)
+        return self
+
     def queue_of(self, pixels: NDArray[np.bool_]) -> tuple[Any, int]:
         """Return (queue, count) of the pixels where an image [h, w] is True, in tracing order."""
         order = tiled_order(self._size[0], self._size[1])

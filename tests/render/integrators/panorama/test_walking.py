@@ -17,6 +17,7 @@ from tests.render.path_scenes import BOX_CAMERA
 from tiscene.frame.buffers import LABELS
 from tiscene.render.integrators.incremental.base_image_cache import BaseImageCache
 from tiscene.render.integrators.incremental.mover_coverage import dilated
+from tiscene.render.integrators.labels.label_pass import LabelPass
 from tiscene.render.integrators.labels.static_labels import ALL_TIMES
 from tiscene.render.integrators.panorama import light_probes, reprojection
 from tiscene.render.integrators.panorama import reprojection_kernels as kernels
@@ -272,12 +273,15 @@ def test_rays_go_through_the_subpixels_of_edges_only(
 @pytest.mark.parametrize("wall", [LACE, MIRROR], ids=lambda each: each.name)
 def test_labels_over_static_hits_are_those_of_all_rays(wall: Material, positions: tuple[Position, ...]) -> None:
     scene, there = SurroundedBalls(wall=wall), (0.2, 0.1, 3.1)
-    for view in (walking(there), standing(there), standing(there)):
-        scene.image_of(view, *positions)
+    elsewhere = tuple((x + 0.3, y, z) for x, y, z in positions)
+    frames = (walking(there), positions), (standing(there), positions), (standing(there), elsewhere)
+    for view, places in frames:
+        scene.image_of(view, *places)
         assert scene.surrounded.static_hits is not None
-        scene.device.place(scene.at(*positions), ALL_TIMES)
+        scene.device.place(scene.at(*places), ALL_TIMES)
         expected = scene.labels.render(view, list(LABELS))
-        labels = scene.labels.render(view, list(LABELS), scene.surrounded.static_hits)
+        # A new pass has no cached image of the static instances: it takes the static hits.
+        labels = LabelPass(scene.device).render(view, list(LABELS), scene.surrounded.static_hits)
         for name in LABELS:
             np.testing.assert_array_equal(labels[name], expected[name], err_msg=name)
 

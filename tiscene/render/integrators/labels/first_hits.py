@@ -81,7 +81,7 @@ class StaticHits:
     """First hits of a view's pixel centers on the instances that do not move.
 
     Attributes:
-        rays: The rays, with their hits.
+        rays: The rays, with their hits, which rendering labels changes.
         moving: bool [n], the other instances.
     """
 

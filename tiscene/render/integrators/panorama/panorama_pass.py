@@ -48,6 +48,7 @@ from tiscene.render.integrators.panorama.reprojection import Reprojection
 from tiscene.render.integrators.panorama.reprojection_kernels import ALL_KNOWN, NONE_KNOWN, SUBPIXELS
 from tiscene.render.integrators.panorama.subpixels import Hidden, SubpixelPaths
 from tiscene.render.integrators.path.path_pass import PathPass
+from tiscene.render.intersect.ray_queue import RayArrays
 from tiscene.render.sampling.sobol import frame_key
 from tiscene.render.view import MAX_PIXELS, CubeView, View
 from tiscene.scene.placement import CURRENT, Placement
@@ -133,6 +134,7 @@ class PanoramaPass:
         self.static_hits: StaticHits | None = None
         self._probes = LightProbes(self._cell_paths, self._files)
         self._anchors, self._points = Anchors(paths.scene), Reprojection(paths.scene)
+        self._label_hits = RayArrays()
         self._anchored = False  # whether the static image is that of an anchor, at `_points`
         # What the static image was made for, and paths per pixel of `_changes`: they serve again where a view rests.
         self._shown_for: tuple[Any, ...] | None = None
@@ -190,7 +192,11 @@ class PanoramaPass:
                 self._points.trace(view, anchor)
             self._shown, self._known = self._static_images(view, static, settings, contents)
             self._shown_for = shown if view.rests else None
-        self.static_hits = StaticHits(self._points.centers, moving) if self._anchored else None
+        self.static_hits = None
+        if self._anchored:
+            # Labels change the hits, and where the view rests they serve again.
+            hits = self._label_hits.copy_of(self._points.centers) if view.rests else self._points.centers
+            self.static_hits = StaticHits(hits, moving)
         if view.rests:
             frame_index = 0  # noise stands still where the camera does, as in incremental rendering
         self._view, self._max_depth, self._panorama_spp = view, max_depth, panorama_spp
