@@ -1,10 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Affine maps [..., 3, 4] of many instances: inverses, and boxes around transformed boxes."""
+"""Affine maps [..., 3, 4] of many instances: inverses, moved origins, and boxes around transformed boxes."""
 
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 
 def inverted(matrices: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
@@ -25,6 +25,21 @@ def inverted(matrices: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArra
     result = np.moveaxis(np.concatenate([inverse, offset[:, None]], axis=1), (0, 1), (-2, -1))
     usable = np.isfinite(result).all(axis=(-2, -1))
     return np.where(usable[..., None, None], result, 0.0), np.where(usable, determinant, 0.0)
+
+
+def with_origin(maps: NDArray[np.float64], origin: ArrayLike) -> NDArray[np.float64]:
+    """Return affine maps [..., 3, 4] or [..., 4, 4] of a space whose origin is this point of the present one.
+
+    Args:
+        maps: The maps. They are returned themselves if no origin moves.
+        origin: [3] or [..., 3].
+    """
+    offset = np.asarray(origin, np.float64)
+    if not offset.any():
+        return maps
+    result = maps.copy()
+    result[..., :3, 3] += np.einsum("...ij,...j->...i", maps[..., :3, :3], offset)
+    return result
 
 
 def transformed_boxes(boxes: NDArray[np.float64], matrices: NDArray[np.float64]) -> NDArray[np.float64]:

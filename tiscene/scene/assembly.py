@@ -9,6 +9,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from tiscene.scene.affine_maps import with_origin
 from tiscene.scene.animation import polar
 from tiscene.scene.camera import Vector3
 from tiscene.scene.description import Matrix, SceneDescription, SceneObject, mesh_boxes
@@ -56,6 +57,18 @@ def rigid(matrices: Matrix) -> Matrix:
     result[..., :3, 3] = matrices[..., :3, 3]
     result[..., 3, 3] = 1.0
     return result
+
+
+def object_axes(description: SceneDescription, meshes: Sequence[int], matrices: Matrix) -> Matrix:
+    """Return the poses [n, 4, 4] of objects: origins and axes, without scale, of the prims of their first meshes.
+
+    Args:
+        description: Where the meshes are.
+        meshes: The first mesh of each object.
+        matrices: [n, 4, 4], the transforms of these meshes.
+    """
+    origins = np.array([description.meshes[mesh].origin for mesh in meshes]).reshape(-1, 3)
+    return rigid(with_origin(matrices, origins))
 
 
 def bounding_box(description: SceneDescription, meshes: Sequence[int], matrices: Sequence[Matrix]) -> Matrix:

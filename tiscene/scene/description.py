@@ -97,6 +97,8 @@ class Mesh:
         colors: float32 [n, 4], RGB and opacity of vertices, read by some materials. None: none.
         link_class: Number of the meshes that the same lights light and shadow, where a light has `lit` or `shadowing`.
             0 also holds what is spawned.
+        origin: Origin of the prim's space in this one, m. Not 0 where points far from it are kept relative to their
+            center; both spaces have the same axes.
     """
 
     name: str
@@ -110,6 +112,7 @@ class Mesh:
     second_uv: FloatArray | None = None
     colors: FloatArray | None = None
     link_class: int = 0
+    origin: Vector3 = (0.0, 0.0, 0.0)
 
     def corners(self) -> FloatArray:
         """Return points [k, 3] whose convex hull holds the mesh at all times."""

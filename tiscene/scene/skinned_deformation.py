@@ -104,6 +104,13 @@ class Skin:
         rotations = np.einsum("nk,nkij->nij", self.weights, of_joints[self.joints])
         return moved, np.einsum("nij,nj->ni", rotations[self.normal_points], self.normals)
 
+    def relative_to(self, center: Floats) -> Skin:
+        """Return this skin in a space of the mesh whose origin is this point of the present one, in stage units."""
+        bind, frame = self.bind.copy(), self.mesh_from_skeleton.copy()
+        bind[:, 3] += bind[:, :3] @ center
+        frame[:, :, 3] -= center
+        return replace(self, points=self.points - center, bind=bind, mesh_from_skeleton=frame)
+
     def box(self) -> Floats:
         """Return a box [2, 3] that holds the control points at all samples, in the mesh's space, stage units.
 

@@ -13,7 +13,7 @@ from tiscene.errors import ScenarioError
 from tiscene.scenario.edits import ObjectHistory
 from tiscene.scenario.objects import Object
 from tiscene.scene.animation import quaternions
-from tiscene.scene.assembly import ObjectParts, box_matrices, corners, joined, rigid
+from tiscene.scene.assembly import ObjectParts, box_matrices, corners, joined, object_axes
 from tiscene.scene.camera import Quaternion, Vector3
 from tiscene.scene.description import SceneDescription, Template, mesh_boxes
 from tiscene.world.category_ids import CategoryIds
@@ -214,7 +214,7 @@ class ObjectRegistry:
         )
         some, first = np.unique(owner, return_index=True)  # objects with at least one mesh
         axes = np.tile(np.eye(4), (len(stage.objects), 1, 1))
-        axes[some] = rigid(placed[first])
+        axes[some] = object_axes(stage, meshes[first].tolist(), placed[first])
         own = np.linalg.inv(axes)[owner] @ placed
         every = mesh_boxes(stage.meshes, meshes.tolist(), own)
         boxes = np.zeros((len(stage.objects), 2, 3))

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tiscene.scene.animation import InstanceTrack
-from tiscene.scene.assembly import bounding_box, rigid
+from tiscene.scene.assembly import bounding_box, object_axes
 from tiscene.scene.description import SceneDescription
 from tiscene.world.material_animation import emissive_rows, varying_rows
 
@@ -92,7 +92,7 @@ def box_over_time(
     for matrices, present in moments:
         whole = np.zeros((len(matrices), 4, 4))
         whole[:, :3], whole[:, 3, 3] = matrices, 1.0
-        axes = np.linalg.inv(rigid(whole[0])) if own else np.eye(4)
+        axes = np.linalg.inv(object_axes(description, meshes[:1], whole[:1])[0]) if own else np.eye(4)
         there = np.flatnonzero(present).tolist()
         if there:
             box = bounding_box(description, [meshes[row] for row in there], [axes @ whole[row] for row in there])

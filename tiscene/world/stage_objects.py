@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from dynamics.rotation import matrix_from_quaternion, quaternion
 from tiscene.errors import ScenarioError, did_you_mean
 from tiscene.scenario.edits import Move, StageObjectHistory
+from tiscene.scene.affine_maps import with_origin
 from tiscene.scene.animation import polar, quaternions
 from tiscene.scene.camera import quaternion_from_matrix
 from tiscene.scene.description import Instance, SceneDescription
@@ -52,6 +53,8 @@ class StageObjects:
         drawn, first = np.unique(owner, return_index=True)
         self._first_part = np.zeros(len(self._rows), np.intp)  # whose axes are the object's
         self._first_part[drawn] = first
+        parts = sorted(stage.instances, key=lambda each: each.object)  # a stable sort, as of the registry
+        self._origins = np.array([stage.meshes[each.mesh].origin for each in parts]).reshape(-1, 3)
         self._tracked = np.unique(owner[tracks.rows])
         self._numbers = {each.prim_path: row for row, each in enumerate(stage.objects)}
         self._starts: dict[tuple[int, int], Array] = {}  # matrix of an animated object at the frame of a move
@@ -170,10 +173,11 @@ class StageObjects:
         following = self._tracks.at((frame + 1) / self._fps)[0]
         there = np.bincount(self._owner[present], minlength=len(self._rows)) > 0
         first = self._first_part[self._tracked]
-        rotations = quaternions(polar(matrices[first, :, :3])[0])
-        velocities = (following[first, :, 3] - matrices[first, :, 3]) * self._fps
+        now, after = (with_origin(each[first], self._origins[first]) for each in (matrices, following))
+        rotations = quaternions(polar(now[:, :, :3])[0])
+        velocities = (after[:, :, 3] - now[:, :, 3]) * self._fps
         result: dict[int, WorldObject | None] = {}
-        poses = zip(matrices[first, :, 3].tolist(), rotations.tolist(), velocities.tolist(), strict=True)
+        poses = zip(now[:, :, 3].tolist(), rotations.tolist(), velocities.tolist(), strict=True)
         for number, (position, rotation, velocity) in zip(self._tracked.tolist(), poses, strict=True):
             posed = {"position": tuple(position), "rotation": tuple(rotation), "velocity": tuple(velocity)}
             result[number] = replace(self._rows[number], **posed) if there[number] else None

@@ -20,6 +20,7 @@ from tiscene.usd.core.time_samples import NOT_ANIMATED, AnimatedAncestors, Trans
 from tiscene.usd.core.transform import range_fault, to_matrix
 from tiscene.usd.lights.animated_light import light_track
 from tiscene.usd.lights.light import LightReader
+from tiscene.usd.read.mesh_table import MeshTable
 from tiscene.usd.read.object_builder import StageObject, StageObjectTable, is_rigid_body
 from tiscene.usd.read.point_instancer import (
     PointInstances,
@@ -52,6 +53,7 @@ class PointInstancerReader:
     _taxonomy: str | None
     _report: StageReport
     _meters: float
+    _meshes: MeshTable
     _lights: LightReader
     _objects: StageObjectTable
 
@@ -232,7 +234,10 @@ class PointInstancerReader:
         rows = np.flatnonzero((points.prototype == number).any(axis=0))
         present = points.prototype[:, rows] == number
         present &= np.array([here.animated.is_visible(code) for code in codes])[:, None]
-        local = [np.array([part.matrix_at(code, self._meters) for code in codes]) for part in parts]
+        local = [
+            self._meshes.placed(part.mesh, np.array([part.matrix_at(code, self._meters) for code in codes]))
+            for part in parts
+        ]
         visible = [present & np.array([part.ancestors.is_visible(code) for code in codes])[:, None] for part in parts]
         name, path, by_name = prim.GetName(), str(prim.GetPath()), name_label(root)
         worlds = [points.matrices[:, rows] @ matrix[:, None] for matrix in local]

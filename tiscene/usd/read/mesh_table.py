@@ -12,6 +12,8 @@ import numpy as np
 from numpy.typing import NDArray
 from pxr import Usd, UsdGeom, UsdShade
 
+from tiscene.scene.affine_maps import with_origin
+from tiscene.scene.camera import Vector3
 from tiscene.scene.description import Matrix, Mesh
 from tiscene.scene.skinned_deformation import SkinnedDeformation
 from tiscene.usd.core.report import StageReport
@@ -23,6 +25,7 @@ from tiscene.usd.geometry.deforming import deformation_of, shape_times, with_sha
 from tiscene.usd.geometry.gprim import read_gprim
 from tiscene.usd.geometry.mesh import face_count, read_mesh
 from tiscene.usd.geometry.primvar import SECOND_UV, UV, array_of
+from tiscene.usd.geometry.recentering import far_center, recentered
 from tiscene.usd.geometry.skinned_mesh import content_of
 from tiscene.usd.geometry.skinning import skin_of
 from tiscene.usd.geometry.triangulate import cross
@@ -94,6 +97,10 @@ class MeshTable:
             row = None if surface is None else self._add(prim, surface, whole, subsets, parts, link_class)
             self._rows[key] = row
         return self._rows[key]
+
+    def placed(self, row: int, matrices: Matrix) -> Matrix:
+        """Return the transforms [..., 4, 4] of a mesh, by its row, from those of its prim."""
+        return with_origin(matrices, -np.array(self.meshes[row].origin))
 
     def subset_names(self, prim: Usd.Prim) -> tuple[str, ...]:
         """Return the names of a gprim's parts: its subsets, then "" for the faces in none of them."""
@@ -204,6 +211,13 @@ class MeshTable:
         if not np.abs(positions).max(initial=0.0) <= MAX_COORDINATE:
             self._report.problem(prim.GetPath(), "geometry", f"its points reach farther than {MAX_COORDINATE:g} m")
             return None
+        origin: Vector3 = (0.0, 0.0, 0.0)
+        center = far_center(surface, self._meters)
+        if center.any():
+            surface = recentered(surface, center)
+            positions = surface.positions * np.float32(self._meters)
+            x, y, z = (-self._meters * center).tolist()
+            origin = (x, y, z)
         parts = None if partition[1] is None else partition[1][surface.face]
         deformation = deformation_of(surface, prim.GetStage(), self._meters)
         digest = hashlib.blake2b(digest_size=16)
@@ -218,10 +232,11 @@ class MeshTable:
         for array in arrays:
             digest.update(b"none" if array is None else np.ascontiguousarray(array).data)
             digest.update(b"|")
-        digest.update(bytes([link_class]))
+        digest.update(bytes([link_class]) + np.array(origin).tobytes())
         content = digest.digest()
         if content not in self._rows_by_content:
             self._rows_by_content[content] = len(self.meshes)
             faces = surface.triangles, materials, surface.normals, uv, parts
-            self.meshes.append(Mesh(prim.GetName(), positions, *faces, deformation, second_uv, colors, link_class))
+            others = deformation, second_uv, colors, link_class, origin
+            self.meshes.append(Mesh(prim.GetName(), positions, *faces, *others))
         return self._rows_by_content[content]

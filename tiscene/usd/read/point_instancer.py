@@ -32,7 +32,7 @@ class PrototypePart:
 
     Attributes:
         mesh: row of the mesh.
-        matrix: float64 4x4 from the mesh to the space of the prototype's parent at the time read, m.
+        matrix: float64 4x4 from the prim to the space of the prototype's parent at the time read, m.
         label: its semantic label, "" for none.
         names: names of its parts.
         collides: whether it is a collider; None: no physics is authored on it.

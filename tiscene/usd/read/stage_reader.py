@@ -9,6 +9,9 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+from pxr import Usd, UsdGeom
+
 from tiscene.errors import ArgumentError
 from tiscene.scene.description import SceneDescription
 from tiscene.usd.core.limits import Limits, ReadingBudget, RootFolder
@@ -24,6 +27,8 @@ from tiscene.usd.read.room_volumes import read_room_volumes
 from tiscene.usd.read.subprocess_reader import read_in_subprocess
 from tiscene.usd.read.template import stage_templates
 from tiscene.usd.read.traversal_context import TraversalContext
+
+_MAX_DISTANCE = 5000.0  # m: of a stage from the world's origin; there rays start 5 cm off the surfaces that they leave
 
 
 def read_stage(
@@ -113,5 +118,24 @@ def read_stage(
         name = file.resolve().parent.name if file.stem == "scene" else file.stem
         description = replace(reader.description(name, templates), rooms=read_room_volumes(stage, time))
         report.raise_problems(anything_left=bool(description.instances or templates))
+        _report_distance(description, stage, report)
     report.warn()
     return description
+
+
+def _report_distance(description: SceneDescription, stage: Usd.Stage, report: StageReport) -> None:
+    """Report a stage that as a whole lies so far from the world's origin that single precision shows."""
+    if not description.instances:
+        return
+    # A mesh far from its own origin is read relative to its center, so that these are near the meshes.
+    places = np.array([each.world_from_object[:3, 3] for each in description.instances])
+    distance = float(np.abs(places).max(axis=1).min())
+    if distance <= _MAX_DISTANCE:
+        return
+    back = 0.0 - np.round(np.median(places, axis=0)) / float(UsdGeom.GetStageMetersPerUnit(stage))
+    text = (
+        f"all of it lies {distance / 1000.0:.0f} km or more from the world's origin, where positions are rounded to "
+        f"{1000.0 * np.spacing(np.float32(distance)):.0f} mm and light leaks below objects that stand on others; "
+        f"translate its root prims by ({', '.join(f'{each:.0f}' for each in back.tolist())})"
+    )
+    report.omission("/", text)

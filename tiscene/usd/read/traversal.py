@@ -231,14 +231,16 @@ class StageReader(PointInstancerReader):
             self._parts.append(part)
         elif not here.is_drawn:
             owner = here.owner or StageObject.of(prim, here.label, True)
-            self._objects.add_collider(owner, mesh, matrix, str(prim.GetPath()))
+            self._objects.add_collider(owner, mesh, self._meshes.placed(mesh, matrix), str(prim.GetPath()))
         else:
             owner = here.owner or StageObject.of(prim, here.label, True)
             owner.movable = owner.movable or (here.owner is None and is_rigid_body(prim))
             if here.label_is_own and not owner.is_labeled:  # the object's category is that of its first labeled part
                 owner.category, owner.is_labeled = here.label, True
             names = self._part_names(prim, Sdf.Path(owner.path))
-            self._objects.add(owner, mesh, matrix, names, collides(prim), samples)
+            if samples is not None:
+                samples = replace(samples, matrices=self._meshes.placed(mesh, samples.matrices))
+            self._objects.add(owner, mesh, self._meshes.placed(mesh, matrix), names, collides(prim), samples)
 
     def _part_names(self, prim: Usd.Prim, root: Sdf.Path) -> tuple[str, ...]:
         """Return the names of a gprim's parts, relative to the object or prototype at `root`."""
