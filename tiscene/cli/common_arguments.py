@@ -26,7 +26,7 @@ def add_shown_stream(command: argparse.ArgumentParser) -> None:
     add_spp(command)
     add_seed(command)
     command.add_argument(
-        "--camera", metavar="NAME,...", type=name_list, help="cameras of the scene (default: its first)"
+        "--camera", metavar="NAME,...", type=name_list, help="names or prim paths of cameras (default: the first)"
     )
     add_reading(command)
     add_arch(command)

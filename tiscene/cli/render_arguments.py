@@ -100,7 +100,8 @@ def add_render(commands: Any) -> None:
         "--camera",
         metavar="NAME,...",
         type=name_list,
-        help="one or more cameras of the scene (default: its first); each of several writes into its own folder",
+        help="names or prim paths of cameras of the scene (default: its first); each of several writes into its own "
+        "folder",
     )
     render.add_argument(
         "--time-code", metavar="T", type=float, help="show the stage at this time code, static (default: it plays)"

@@ -114,7 +114,7 @@ class CameraOverride:
     """Changes a camera of the stage. It keeps its other attributes, such as its exposure.
 
     Attributes:
-        prim: name of the camera; "": the first.
+        prim: name or prim path of the camera; "": the first.
         position: m; None: as authored.
         rotation: Euler angles in degrees, or a quaternion; None: as authored.
         vertical_fov: rad; None: as authored.

@@ -60,8 +60,8 @@ class Scenario:
         objects: objects in addition to those of the scene.
         timings: when the objects move.
         frustum: walls at the edges of the main camera's view; None: no walls.
-        camera: a Camera (which may have a trajectory), the name of one on the stage, or None for the stage's own.
-            Several watch the same world; the first is the main camera.
+        camera: a Camera (which may have a trajectory), the name or prim path of one on the stage, or None for the
+            stage's own. Several watch the same world; the first is the main camera.
         edits: edits made while a stream ran, in the order in which they were made; see `tiscene.scenario.edits`.
         lights: motion and intensity of lights of the stage.
         variants: variant selections on the stage by prim and set, {"/Room{lighting}": "night"}.

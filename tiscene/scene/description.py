@@ -185,6 +185,7 @@ class SceneDescription:
         light_tracks: Inputs of lights that vary over time, except their poses.
         rooms: Volumes of rooms.
         resolution: Width and height of the image that the stage's RenderSettings ask for, px. None: none.
+        camera_paths: Prim paths of the cameras. Empty: unknown.
     """
 
     name: str
@@ -203,6 +204,7 @@ class SceneDescription:
     resolution: tuple[int, int] | None = None
     material_tracks: tuple[InputTrack, ...] = ()
     light_tracks: tuple[InputTrack, ...] = ()
+    camera_paths: tuple[str, ...] = ()
 
     @property
     def is_dark(self) -> bool:
@@ -216,8 +218,18 @@ class SceneDescription:
         """The unit vector of the up axis."""
         return (0.0, 1.0, 0.0) if self.up_axis == "Y" else (0.0, 0.0, 1.0)
 
+    @property
+    def camera_names(self) -> dict[str, str]:
+        """Names of the cameras by prim path."""
+        return {path: each.name for path, each in zip(self.camera_paths, self.cameras, strict=False)}
+
     def camera(self, name: str | None = None) -> Camera:
-        """Return the camera of a name. None: the first, or one that frames the scene. Raises CameraNotFound."""
+        """Return a camera by name or prim path. None: the first, or one that frames the scene.
+
+        Raises:
+            CameraNotFound: There is no such camera.
+        """
+        name = None if name is None else self.camera_names.get(name, name)
         for each in self.cameras:
             if name in (None, each.name):
                 return each

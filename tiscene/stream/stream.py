@@ -81,8 +81,8 @@ class Stream(FixedSettings, BatchedFrames, LoaderMethods, StreamOutput, SavedSta
             panoramas. None: as the preset says ("fast", "preview": yes). The first such frame waits for the image.
         base_spp: samples per pixel of base images; None: by the preset.
         seed: of the rendering's random numbers; trajectories have their own.
-        camera: a Camera or the name of one on the stage, in place of the scenario's. Several: all watch one simulation;
-            the frame is that of the first, `frame.views` has all.
+        camera: a Camera, or the name or prim path of one on the stage, in place of the scenario's. Several: all watch
+            one simulation; the frame is that of the first, `frame.views` has all.
         shutter: when the shutter opens and closes, in frames relative to each frame, such as (0, 0.5), for motion blur
             of color. Labels are of the frame's own time. None: as the cameras say.
         time_code: show the stage as it is at this time code, without motion; None: it plays.

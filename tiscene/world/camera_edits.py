@@ -36,7 +36,7 @@ class CameraEdits(ABC):
 
         Args:
             frame: 0 or more.
-            camera: its name; None: the main camera.
+            camera: its name or prim path; None: the main camera.
 
         Raises:
             CameraNotFound: there is no such camera.
@@ -68,7 +68,7 @@ class CameraEdits(ABC):
             position: m, in the world.
             rotation: Euler angles in degrees, or a quaternion; None: unchanged.
             relative: `position` is an offset along the camera's own axes: x right, y up, -z forward.
-            camera: its name; None: the main camera.
+            camera: its name or prim path; None: the main camera.
 
         Raises:
             CameraNotFound: there is no such camera.
@@ -87,7 +87,7 @@ class CameraEdits(ABC):
         Args:
             yaw: turn about the vertical, degrees; positive: to the left.
             pitch: turn about the camera's own x axis, degrees; positive: up.
-            camera: its name; None: the main camera.
+            camera: its name or prim path; None: the main camera.
 
         Raises:
             CameraNotFound: there is no such camera.

@@ -122,7 +122,7 @@ class World(CameraEdits):
             instances=self._stage_objects.instances,
         )
         self.trajectories = PhysicsTrajectories(scenario, self._log, setting)
-        self._cameras = WorldCameras(self.cameras, self._log, self.trajectories)
+        self._cameras = WorldCameras(self.cameras, self._log, self.trajectories, stage.camera_names)
         first = registry.id_of(0)
         self.view_history = ViewHistory(self._log, self.trajectories, self._cameras, first, self.fps, aspect)
         eye, placed = self.cameras[0].position, self._stage_objects.instances

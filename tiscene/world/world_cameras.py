@@ -7,7 +7,7 @@ A camera that an edit has placed has left its trajectory: it stays until the nex
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from fractions import Fraction
 
@@ -32,6 +32,7 @@ class WorldCameras:
         cameras: the cameras at their start.
         log: the edit log, which may grow.
         trajectories: poses along trajectories.
+        names: names of the stage's cameras by prim path.
 
     Raises:
         CameraNotFound: an edit places a camera that the scenario does not have.
@@ -40,13 +41,17 @@ class WorldCameras:
     cameras: Sequence[Camera]
     log: EditLog
     trajectories: Trajectories
+    names: Mapping[str, str]
 
     def __post_init__(self) -> None:
         for name in self.log.cameras:
-            self.row(name)
+            self._row(name)
 
-    def row(self, name: str | None) -> int:
-        """Return the row of a camera; None: the main camera's. Raises CameraNotFound."""
+    def row(self, camera: str | None) -> int:
+        """Return the row of a camera by name or prim path; None: the main camera's. Raises CameraNotFound."""
+        return self._row(None if camera is None else self.names.get(camera, camera))
+
+    def _row(self, name: str | None) -> int:
         names = [camera.name for camera in self.cameras]
         if name is not None and name not in names:
             raise CameraNotFound("camera", name, names, " among those of the scenario")

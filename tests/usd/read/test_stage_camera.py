@@ -10,6 +10,7 @@ import pytest
 
 import tiscene as ts
 from tests.usd.helpers import problems_of, read, read_with_warning, write
+from tiscene.errors import CameraNotFound
 
 
 def camera(lines: str = "") -> str:
@@ -149,3 +150,65 @@ WRONG = [
 def test_invalid_cameras_are_problems(tmp_path, lines, expected):
     (problem,) = problems_of(tmp_path, camera(lines))
     assert problem.startswith(f"</Eye> {expected}")
+
+
+CAMERAS = """
+def Xform "A"
+{
+    def Camera "Main"
+    {
+        double3 xformOp:translate = (0, 0, 5)
+        uniform token[] xformOpOrder = ["xformOp:translate"]
+    }
+}
+def Xform "B"
+{
+    def Camera "Main"
+    {
+        double3 xformOp:translate = (0, 0, 6)
+        uniform token[] xformOpOrder = ["xformOp:translate"]
+    }
+    def Camera "Walks"
+    {
+        double3 xformOp:translate.timeSamples = { 0: (0, 0, 7), 24: (0, 0, 9) }
+        uniform token[] xformOpOrder = ["xformOp:translate"]
+    }
+    def Cube "Box"
+    {
+    }
+}
+"""
+PLACES = {"/A/Main": 5, "Main": 5, "/B/Main": 6, "B/Main": 6, "/B/Walks": 8, "Walks": 8}
+
+
+def at_second_12(scenario):
+    """Return where the cameras of a scenario are after half a second, along z."""
+    world = ts.Stream(scenario, width=8, height=6, buffers=("depth",), fps=24).world
+    return [world.camera_at(12, each.name).position[2] for each in world.cameras]
+
+
+@pytest.mark.parametrize("name", PLACES)
+def test_cameras_are_found_by_name_and_by_prim_path(tmp_path, name):
+    stage = str(write(tmp_path, CAMERAS))
+    assert at_second_12(ts.Scenario.load(stage, camera=name)) == [pytest.approx(PLACES[name])]
+    stream = ts.Stream(stage, camera=name, width=8, height=6, buffers=("depth",))
+    stream.world.move_camera((0, 0, 20), camera=name)
+    assert stream.world.camera_at(0, name).position == (0, 0, 20)
+    again = ts.Stream(stream.scenario, width=8, height=6, buffers=("depth",))
+    assert again.world.camera_at(0).position == (0, 0, 20)
+
+
+@pytest.mark.parametrize("name", ["/B/Main", "B/Main", "/A/Main", "Main"])
+def test_cameras_that_share_a_name_survive_layers(tmp_path, name):
+    """The layer named the first camera of that name, and baked motion left the second one out."""
+    stage = str(write(tmp_path, CAMERAS))
+    scenario = ts.Scenario(stage, camera=(name, "Walks"))
+    scenario.save(tmp_path / "run.usda")
+    assert at_second_12(ts.Scenario.load(tmp_path / "run.usda"))[0] == PLACES[name]
+    ts.Stream(scenario, width=8, height=6, buffers=("depth",)).to_usd(tmp_path / "motion.usda", 2)
+    assert at_second_12(ts.Scenario.load(tmp_path / "motion.usda"))[0] == PLACES[name]
+
+
+def test_unknown_camera_names_those_that_there_are(tmp_path):
+    with pytest.raises(CameraNotFound, match=r"Did you mean 'B/Main'|There are: B/Main, Main, Walks"):
+        ts.Stream(write(tmp_path, CAMERAS), camera="/C/Eye")

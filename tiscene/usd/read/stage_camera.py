@@ -6,7 +6,6 @@ from __future__ import annotations
 import functools
 import math
 from collections.abc import Sequence
-from dataclasses import replace
 from typing import Any
 
 from pxr import Sdf, Usd, UsdGeom
@@ -138,21 +137,21 @@ def exposure_scale(exposure: float, iso: float, time: float, f_stop: float, resp
         return math.nan
 
 
-def with_unique_names(cameras: Sequence[tuple[Sdf.Path, Camera]]) -> list[Camera]:
-    """Return cameras of different names.
+def unique_names(paths: Sequence[Sdf.Path]) -> dict[Sdf.Path, str]:
+    """Return different names for cameras, by path.
 
-    Of several with the same name, the one nearest to the stage's root keeps it. The others are named by their paths,
-    from the first prim in which the paths of all of them differ: "kitchen/Cameras/Main".
+    Of several prims with the same name, the one nearest to the stage's root keeps it. The others are named by their
+    paths, from the first prim in which the paths of all of them differ: "kitchen/Cameras/Main".
 
     Args:
-        cameras: cameras with their paths.
+        paths: of the cameras, the main one first.
     """
     groups: dict[str, list[Sdf.Path]] = {}
-    for path, camera in cameras:
-        groups.setdefault(camera.name, []).append(path)
+    for path in paths:
+        groups.setdefault(path.name, []).append(path)
     names: dict[Sdf.Path, str] = {}
-    for name, paths in groups.items():
-        shared = functools.reduce(lambda a, b: a.GetCommonPrefix(b), paths)
-        keeper = min(paths, key=lambda path: path.pathElementCount)
-        names |= {path: name if path == keeper else str(path.MakeRelativePath(shared)) for path in paths}
-    return [replace(camera, name=names[path]) for path, camera in cameras]
+    for name, same in groups.items():
+        shared = functools.reduce(lambda a, b: a.GetCommonPrefix(b), same)
+        keeper = min(same, key=lambda path: path.pathElementCount)
+        names |= {path: name if path == keeper else str(path.MakeRelativePath(shared)) for path in same}
+    return names

@@ -28,7 +28,7 @@ from tiscene.usd.read.instancer_reader import PointInstancerReader, PrototypeLig
 from tiscene.usd.read.mesh_table import MeshTable, is_drawable
 from tiscene.usd.read.object_builder import StageObject, StageObjectTable, collides, is_rigid_body
 from tiscene.usd.read.point_instancer import PrototypePart
-from tiscene.usd.read.stage_camera import read_camera, with_unique_names
+from tiscene.usd.read.stage_camera import read_camera, unique_names
 from tiscene.usd.read.stage_render_settings import read_render_settings
 from tiscene.usd.read.traversal_context import DEFINED, TraversalContext
 
@@ -66,6 +66,8 @@ class StageReader(PointInstancerReader):
 
     def description(self, name: str, templates: tuple[Template, ...] = ()) -> SceneDescription:
         """Return what has been read so far, with a name and templates."""
+        cameras = self._settings.main_first(self._cameras, lambda each: each[0])
+        names = unique_names([path for path, _ in cameras])
         return SceneDescription(
             name=name,
             meshes=tuple(self._meshes.meshes),
@@ -74,7 +76,8 @@ class StageReader(PointInstancerReader):
             instances=self._objects.instances(),
             objects=self._objects.objects(self.by_name),
             lights=tuple(self._lights.lights),
-            cameras=tuple(with_unique_names(self._settings.main_first(self._cameras, lambda each: each[0]))),
+            cameras=tuple(replace(camera, name=names[path]) for path, camera in cameras),
+            camera_paths=tuple(str(path) for path, _ in cameras),
             colliders=self._objects.colliders(),
             tracks=self._objects.tracks(),
             material_tracks=tuple(self._materials.tracks),

@@ -246,11 +246,11 @@ def _offset(start: Array, current: Array) -> Array:
 def _write_cameras(over: OverLayer, world: BakedWorld, recorded: _Recording) -> None:
     """Write the cameras of the world, except for static ones of the stage."""
     paths = []
-    on_stage = {prim.GetName(): prim for prim in over.stage.Traverse() if prim.IsA(UsdGeom.Camera)}
+    on_stage = {name: path for path, name in world.stage.camera_names.items()}
     for camera, poses in zip(world.cameras, recorded.cameras, strict=True):
         if camera.dynamic is None and camera in world.stage.cameras:
             if camera.name in on_stage:
-                paths.append(on_stage[camera.name].GetPath())
+                paths.append(Sdf.Path(on_stage[camera.name]))
             continue
         prim, operations = over.define_camera(camera)
         paths.append(prim.GetPath())

@@ -15,7 +15,6 @@ from typing import Any
 
 from pxr import Sdf, Usd, UsdGeom
 
-from tiscene.scene.camera import Camera
 from tiscene.usd.core import schema
 from tiscene.usd.core.keyframes import leaves_parts_behind, read_keyframes, read_lifespan
 from tiscene.usd.core.limits import Limits
@@ -27,7 +26,7 @@ from tiscene.usd.core.stage import Variants, open_stage, quiet, readable, readin
 from tiscene.usd.core.transform import to_matrix
 from tiscene.usd.core.units import Units
 from tiscene.usd.lights.light import is_light
-from tiscene.usd.read.stage_camera import read_camera, with_unique_names
+from tiscene.usd.read.stage_camera import read_camera, unique_names
 from tiscene.usd.read.stage_render_settings import read_render_settings
 from tiscene.usd.read.subprocess_reader import read_in_subprocess
 from tiscene.usd.scenario.joint_schema import read_joints
@@ -50,7 +49,8 @@ class AuthoredScenario:
     Attributes:
         content: members of the scenario's JSON object; without `scene` if the stage itself is the scene.
         prim_paths: prims of its objects, in their order.
-        cameras: the stage's cameras that move, JSON objects by name, for a choice of other cameras than the scenario's.
+        cameras: the stage's cameras that move, JSON objects by name and by path, for a choice of other cameras than the
+            scenario's.
     """
 
     content: dict[str, Any]
@@ -313,14 +313,20 @@ class _ScenarioReader:
         return [[each or index, time] for each, index, time in zip(ids, indices, times, strict=True)]
 
     def _moving_cameras(self, cameras: list[Usd.Prim]) -> dict[str, dict[str, Any]]:
-        """Return the JSON objects of the cameras that move, by the names that `read_stage` gives them."""
-        named = with_unique_names([(prim.GetPath(), Camera(name=prim.GetName())) for prim in cameras])
-        found = {each.name: self._one_camera(prim, False) for each, prim in zip(named, cameras, strict=True)}
+        """Return the JSON objects of the cameras that move, by the names that `read_stage` gives them, and by path."""
+        cameras = self._settings.main_first(cameras, Usd.Prim.GetPath)
+        names = unique_names([prim.GetPath() for prim in cameras])
+        moving = {}
+        for prim in cameras:
+            content = self._one_camera(prim, False)
+            if isinstance(content, dict):
+                path = prim.GetPath()
+                moving[names[path]] = moving[str(path)] = content | {"name": names[path]}
         for prim in cameras:
             if any(schema.has(parent, schema.MOTION) for parent in ancestors(prim)):
                 text = "a camera below a prim of TisceneMotionAPI does not follow it"
                 self._report.omission(prim.GetPath(), text)
-        return {name: content | {"name": name} for name, content in found.items() if isinstance(content, dict)}
+        return moving
 
     def _camera(self, root: Usd.Prim | None, cameras: list[Usd.Prim]) -> Any:
         """Return the camera, or a list of them if the scenario lists several.
@@ -345,7 +351,7 @@ class _ScenarioReader:
     def _one_camera(self, prim: Usd.Prim, is_listed: bool) -> dict[str, Any] | str | None:
         dynamic = self._dynamic(prim)
         if dynamic is None and not schema.has(prim, schema.CAMERA):
-            return str(prim.GetName()) if is_listed else None
+            return self._listed_name(prim) if is_listed else None
         world = UsdGeom.Xformable(prim).ComputeLocalToWorldTransform(self._time)
         meters = self._units.meters
         policy = self._settings.policy
@@ -354,6 +360,11 @@ class _ScenarioReader:
         if camera is None or isinstance(pose, str):
             return None
         return exact_camera(prim, camera, pose) | {"dynamic": dynamic}
+
+    def _listed_name(self, prim: Usd.Prim) -> str:
+        """Return a camera's name, or its path if others have that name too: the layer below may name them otherwise."""
+        same = [each for each in stage_cameras(self._stage) if each.GetName() == prim.GetName()]
+        return str(prim.GetName() if len(same) == 1 else prim.GetPath())
 
 
 def _authoring_layers(prim: Usd.Prim, layers: list[Sdf.Layer]) -> list[Sdf.Layer]:

@@ -8,7 +8,7 @@ import os
 from collections.abc import Mapping
 from typing import Any
 
-from pxr import Gf, Sdf, Usd, UsdGeom, Vt
+from pxr import Gf, Sdf, Usd, Vt
 
 from tiscene.errors import CameraNotFound
 from tiscene.scene.camera import Camera
@@ -16,11 +16,13 @@ from tiscene.usd.core import schema
 from tiscene.usd.core.pose import unit_rotation
 from tiscene.usd.core.report import StageReport
 from tiscene.usd.core.stage import quiet, readable
+from tiscene.usd.read.stage_camera import unique_names
+from tiscene.usd.read.stage_render_settings import read_render_settings
 from tiscene.usd.scenario.joint_schema import write_joints
 from tiscene.usd.scenario.layer import OverLayer
 from tiscene.usd.scenario.motion_schema import write_dynamic
 from tiscene.usd.scenario.rigid_body_schema import write_rigid_body
-from tiscene.usd.scenario.stage_cameras import CAMERA_VALUES
+from tiscene.usd.scenario.stage_cameras import CAMERA_VALUES, stage_cameras
 
 _TYPES = Sdf.ValueTypeNames
 
@@ -140,12 +142,14 @@ def _write_camera(over: OverLayer, content: Mapping[str, Any], report: StageRepo
 
 
 def _camera_named(over: OverLayer, name: str) -> Usd.Prim:
-    """Return the scene's first camera of a name, which is the one that a world chooses."""
-    cameras = [prim for prim in over.stage.Traverse() if prim.IsA(UsdGeom.Camera)]
-    for prim in cameras:
-        if prim.GetName() == name:
-            return prim
-    raise CameraNotFound("camera", name, [prim.GetName() for prim in cameras], " on the stage")
+    """Return the scene's camera of a name or prim path, which is the one that a world chooses."""
+    settings = read_render_settings(over.stage, StageReport(""))
+    cameras = [prim for prim in stage_cameras(over.stage) if not prim.GetPath().HasPrefix(over.root)]
+    names = unique_names([prim.GetPath() for prim in settings.main_first(cameras, Usd.Prim.GetPath)])
+    for path, each in names.items():
+        if name in (each, str(path)):
+            return over.stage.GetPrimAtPath(path)
+    raise CameraNotFound("camera", name, names.values(), " on the stage")
 
 
 def _set(prim: Usd.Prim, name: str, kind: Sdf.ValueTypeName, value: Any) -> None:
