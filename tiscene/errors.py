@@ -75,19 +75,19 @@ class UnknownName(TisceneError, LookupError):
         known: The known names, sorted.
     """
 
-    def __init__(self, kind: str, name: str, known: Iterable[str], where: str = "", hint: str = "") -> None:
+    def __init__(self, kind: str, name: str | int, known: Iterable[str], where: str = "", hint: str = "") -> None:
         """Compose the message; it suggests the nearest known name, or lists all if there are 30 or fewer.
 
         Args:
             kind: What was looked up, such as "template".
-            name: The name that was requested.
+            name: The name that was requested, or a number, which is never taken for a misspelt name.
             known: The names that exist.
             where: Where it was looked up, with a leading space, such as " in scene 'room_02'".
             hint: A closing sentence.
         """
         known = sorted(known)
-        message = f"no {kind} {name!r}{where}."
-        requested = str(name)  # `name` may be of any type
+        requested = name if isinstance(name, str) else ""  # `name` may be of any type
+        message = f"no {kind} {repr(name) if isinstance(name, str) else name}{where}."
         nearest = difflib.get_close_matches(requested, known, n=1, cutoff=0.5) or [
             candidate for candidate in known if candidate.casefold() == requested.casefold()
         ]

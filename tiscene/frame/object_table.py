@@ -217,7 +217,9 @@ class ObjectTable(Sequence[ObjectRow]):
         for row in self._rows:
             if row.id == id:
                 return row
-        raise ObjectNotFound("object", str(id), [str(row.id) for row in self._rows], " in this frame")
+        known = [f"{row.name} ({row.id})" for row in self._rows]
+        hint = "Ids are the values of the buffer `instance`, where 0 is the background."
+        raise ObjectNotFound("object", id, known, " in this frame", hint)
 
     def by_name(self, name: str) -> ObjectRow:
         """Return the object with a name.

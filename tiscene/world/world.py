@@ -373,7 +373,7 @@ class World(CameraEdits):
             if not isinstance(object, str):  # of many objects only the scenario's are listed
                 listed = names if len(on_stage) <= 20 else objects
                 known = [f"{name} ({number})" for number, name in listed.items()]
-            raise ObjectNotFound("object", str(object), known, f" at frame {frame}")
+            raise ObjectNotFound("object", object, known, f" at frame {frame}")
         return names[int(object)]
 
     def _edit(self, edit: Edit) -> None:

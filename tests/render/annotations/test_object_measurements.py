@@ -260,8 +260,8 @@ def test_table_access_by_row_name_and_column() -> None:
     np.testing.assert_array_equal(rows[0].world_from_object[:3, 3], (1, 2, 3))
     with pytest.raises(ObjectNotFound, match="Did you mean 'thing 1'"):
         rows.by_name("thing1")
-    with pytest.raises(ObjectNotFound, match="object '9' in this frame"):
-        rows.by_id(9)
+    with pytest.raises(ObjectNotFound, match=r"no object 19 in.*thing 1 \(1\), thing 2 \(2\)\. Ids"):
+        rows.by_id(np.int32(19))
     columns = rows.arrays()
     assert columns["id"].dtype == np.int32
     assert columns["visible_box"].shape == (2, 4)
