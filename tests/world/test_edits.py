@@ -10,7 +10,7 @@ import pytest
 
 import tiscene as ts
 from tests.world.test_collisions import EMPTY, STAGE, TEMPLATE, bouncer, path
-from tiscene.errors import ArgumentError, ObjectNotFound, ScenarioError, TemplateNotFound
+from tiscene.errors import ArgumentError, ArgumentTypeError, ObjectNotFound, ScenarioError, TemplateNotFound
 from tiscene.frame.events import Event
 from tiscene.scenario.edits import Despawn, Move, SetFrustumWalls, Spawn
 from tiscene.scene.placement import Placement
@@ -180,6 +180,8 @@ def test_a_path_stays_a_formula_while_edits_leave_it_free():
         (lambda made: made.spawn("Cube", id="a"), ScenarioError, "not reused"),
         (lambda made: made.spawn("Cube", scale=-1), ScenarioError, "scale"),
         (lambda made: made.spawn("Cube", dynamic="fast"), ScenarioError, "dynamic"),
+        (lambda made: made.spawn("Cube", colour=1), ArgumentTypeError, "colour: world.spawn has no .* collide, scale"),
+        (lambda made: made.spawn("Cube", first_frame=3), ArgumentTypeError, "first_frame: world.spawn has no such"),
     ],
 )
 def test_what_cannot_be_done_changes_nothing(edit, error, match):

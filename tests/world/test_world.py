@@ -15,7 +15,7 @@ import pytest
 import tiscene as ts
 from dynamics import Body, Dynamic, LookAt, Orbit, Simulation
 from dynamics.rotation import matrix_from_quaternion, quaternion
-from tiscene.errors import ArgumentError, CameraNotFound, ScenarioError, TemplateNotFound
+from tiscene.errors import ArgumentError, ArgumentTypeError, CameraNotFound, ScenarioError, TemplateNotFound
 from tiscene.scene.animation import InstanceTrack
 from tiscene.scene.description import Instance, Mesh, SceneDescription, SceneObject, Template
 from tiscene.world.category_ids import CategoryIds
@@ -370,9 +370,9 @@ def test_impossible_worlds_are_refused():
     for fps in (0, -1, math.inf, math.nan, True):
         with pytest.raises(ArgumentError, match="fps="):
             world(fps=fps)
-    with pytest.raises(ArgumentError, match="frame=-1: must be 0 or more"):
+    with pytest.raises(ArgumentError, match="frame=-1: must be at least 0"):
         world().state(-1)
-    with pytest.raises(TypeError):
+    with pytest.raises(ArgumentTypeError, match=r"frame=1\.5: must be a whole number"):
         world().state(1.5)
 
 

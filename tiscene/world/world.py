@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import functools
 import itertools
-import operator
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from fractions import Fraction
@@ -42,6 +41,11 @@ from tiscene.world.trajectories import TrajectoryContext
 from tiscene.world.view_history import ViewHistory
 from tiscene.world.world_cameras import WorldCameras
 from tiscene.world.world_state import CameraStep, ObjectBounds, WorldState
+
+_SPAWN_ARGUMENTS = (
+    *("template", "position", "rotation", "dynamic", "id", "free", "region", "depth"),
+    *("last_frame", "frustum_limited", "collide", "scale"),  # of `Object`
+)
 
 
 class World(CameraEdits):
@@ -192,7 +196,7 @@ class World(CameraEdits):
         Raises:
             ArgumentError: for a negative frame.
         """
-        frame = _frame_number(frame)
+        frame = argument_checks.integer(frame, "frame", 0)
         if self._last_state is None or self._last_state.frame != frame:
             self._last_state = self._compute_state(frame)
         return self._last_state
@@ -228,7 +232,7 @@ class World(CameraEdits):
             frame: 0 or more.
             shift: offset from `frame`, in frames, -1..1.
         """
-        frame = _frame_number(frame)
+        frame = argument_checks.integer(frame, "frame", 0)
         return self._evaluator.place(frame, shift), self._cameras.between(frame, shift)
 
     def planned_start(self) -> tuple[Placement, CameraStep]:
@@ -280,6 +284,7 @@ class World(CameraEdits):
         if id is None:
             first = len(self._log.lives) - len(self._scenario.objects) + 1
             id = next(name for n in itertools.count(first) if self._log.row(name := f"spawned_{n}") is None)
+        argument_checks.known_names(others, _SPAWN_ARGUMENTS, "world.spawn")
         start = (0.0, 0.0, 0.0) if position is None else position
         if dynamic is None and self.physics:
             dynamic = RigidBody()
@@ -389,10 +394,3 @@ class World(CameraEdits):
         if edit.frame == 0:
             self._evaluator.forget_starting_lights()
             self.start_edits += 1
-
-
-def _frame_number(frame: int) -> int:
-    number = operator.index(frame)
-    if number < 0:
-        raise ArgumentError(f"frame={frame}: must be 0 or more")
-    return number
