@@ -1,13 +1,15 @@
 # SPDX-License-Identifier: Apache-2.0
 """Rigid bodies of a scenario: on the stage, beside movers, spawned and moved while a stream runs."""
 
+import sys
+
 import numpy as np
 import pytest
 
 pytest.importorskip("mujoco")
 
 import tiscene as ts
-from tiscene.errors import ScenarioError
+from tiscene.errors import MissingExtra, ScenarioError
 from tiscene.world.physics.convex_parts import convex_parts
 
 CAMERA = ts.Camera.look_at((0.0, 1.2, 4.0), (0.0, 0.6, 0.0), (0.0, 1.0, 0.0))
@@ -169,3 +171,15 @@ def test_objects_that_are_too_small_are_named(template, scale, tmp_path, monkeyp
     stream = ts.Stream(ts.Scenario("object_view", [floor, grain], physics=True), width=8, height=6)
     with pytest.raises(ScenarioError, match="object 'grain' is too small"):
         stream.world.state(60)
+
+
+def test_missing_engine_is_named_at_once(monkeypatch):
+    """It was named at the next frame, when the spawned object was part of the scenario already."""
+    stream = ts.Stream("object_view", width=8, height=6, buffers=("depth",))
+    monkeypatch.setitem(sys.modules, "mujoco", None)
+    with pytest.raises(MissingExtra, match=r"tiscene\[physics\]"):
+        stream.world.spawn("Cube", (0, 1, 0), dynamic=ts.RigidBody())
+    assert stream.scenario.edits == ()
+    next(stream)
+    with pytest.raises(MissingExtra, match=r"tiscene\[physics\]"):
+        ts.Stream(ts.Scenario("object_view", [ts.Object("a", "Cube")], physics=True), width=8, height=6)

@@ -21,11 +21,12 @@ from dynamics.rotation import quaternion
 from tiscene.scenario.edits import Edit, EditLog
 from tiscene.scenario.joints import Joint
 from tiscene.scenario.objects import Object
+from tiscene.scenario.scenario import Scenario
 from tiscene.world.physics.joint_tree import WORLD, PhysicsJoint, compose, inverse
 from tiscene.world.physics.part_shapes import PartShape
 from tiscene.world.physics.parts_cache import PartsCache
 from tiscene.world.physics.physics_model import PhysicsBody, Surroundings
-from tiscene.world.physics.rigid_body_simulation import PhysicsFrame, RigidBodySimulation
+from tiscene.world.physics.rigid_body_simulation import PhysicsFrame, RigidBodySimulation, require_engine
 from tiscene.world.physics.stage_parts import StageParts
 from tiscene.world.trajectories import Array, Collision, Trajectories, TrajectoryContext, between_poses
 
@@ -43,6 +44,16 @@ class PhysicsTrajectories(Trajectories):
     progress: Callable[[str, float], None] | None = None
     _physics: RigidBodySimulation | None = None
     _physics_world: ScenarioPhysics | None = None
+
+    def __init__(self, scenario: Scenario, log: EditLog, setting: TrajectoryContext) -> None:
+        for history in log.lives:
+            self.check(history.spec)
+        super().__init__(scenario, log, setting)
+
+    def check(self, spec: Object) -> None:
+        """Raise MissingExtra if an object is a rigid body, and the physics engine is not installed."""
+        if isinstance(spec.dynamic, RigidBody):
+            require_engine()
 
     def amend(self, edit: Edit) -> None:
         changes = len(self._changes)

@@ -79,6 +79,7 @@ class World(CameraEdits):
 
     Raises:
         ScenarioError, CameraNotFound, LightNotFound, ArgumentError: the scenario does not fit the stage.
+        MissingExtra: it has rigid bodies, and MuJoCo is not installed.
     """
 
     def __init__(
@@ -279,7 +280,7 @@ class World(CameraEdits):
             The instance id.
 
         Raises:
-            ScenarioError, ArgumentError, TemplateNotFound: nothing has changed then.
+            ScenarioError, ArgumentError, TemplateNotFound, MissingExtra: nothing has changed then.
         """
         if id is None:
             first = len(self._log.lives) - len(self._scenario.objects) + 1
@@ -289,6 +290,7 @@ class World(CameraEdits):
         if dynamic is None and self.physics:
             dynamic = RigidBody()
         new = Object(id, template, start, rotation, dynamic, first_frame=self.next_frame, **others)  # type: ignore[arg-type]
+        self.trajectories.check(new)
         self._registry.template(new)
         if free:
             if position is not None:
