@@ -19,6 +19,13 @@ def test_preview_writes_a_page_and_prints_its_path(tmp_path, capsys):
     assert page.read_text().startswith("<!doctype html>")
 
 
+@pytest.mark.parametrize("name", ["page.txt", "page", "page.json"])
+def test_page_of_another_kind_is_refused_before_rendering(tmp_path, capsys, name):
+    assert cli.main(["preview", "solid_benchmark", "-o", str(tmp_path / name), *ARGUMENTS]) == 2
+    assert f"{name}': a page is a file that ends in .html or .htm" in capsys.readouterr().err
+    assert list(tmp_path.iterdir()) == []
+
+
 def test_unknown_buffer_is_explained(tmp_path, capsys):
     page = tmp_path / "page.html"
     assert cli.main(["preview", "solid_benchmark", "-o", str(page), "--buffers", "dept"]) == 2

@@ -12,7 +12,7 @@ from html import escape
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from tiscene.errors import export_errors
+from tiscene.errors import ArgumentError, export_errors
 from tiscene.export.preview.buffer_codec import ValueEncoder
 from tiscene.export.preview.frame_choice import frame_indices, page_buffers, sampled_frames
 from tiscene.export.preview.object_tracks import ObjectTracks
@@ -23,6 +23,7 @@ if TYPE_CHECKING:
     from tiscene.stream.stream import Stream
 
 FOLDER = Path(__file__).parent
+SUFFIXES = (".html", ".htm")
 SCRIPTS = ("values.js", "plan.js", "charts.js", "player.js")
 
 
@@ -39,15 +40,17 @@ def write_preview(
 
     Args:
         stream: the source of frames; its position stays.
-        path: the page.
+        path: the page, a file that ends in .html or .htm.
         frames: indices of its frames; None: all of a finite stream, the first 100 of an endless one.
         progress: called with the index of each frame after it was rendered.
 
     Raises:
-        ArgumentError: the stream does not have these frames.
+        ArgumentError: another suffix, or the stream does not have these frames.
         ExportError: the page cannot be written.
     """
     path = Path(path)
+    if path.suffix.lower() not in SUFFIXES and not path.is_dir():
+        raise ArgumentError(f"{str(path)!r}: a page is a file that ends in {' or '.join(SUFFIXES)}")
     frames = frame_indices(stream, frames)
     with export_errors(path):  # before minutes of rendering
         if path.is_dir():
