@@ -168,6 +168,10 @@ def test_find_scene_returns_the_path_of_an_existing_file(tmp_path, monkeypatch, 
 def test_unknown_scene_suggests_the_nearest_name_and_missing_folders(shelf, monkeypatch):
     with pytest.raises(SceneNotFound, match=r"no scene 'kitchn'\. Did you mean 'kitchen'\? `tiscene list` lists all"):
         catalog.find_scene("kitchn")
+    with pytest.raises(SceneNotFound, match=r"no scene ''\. .*`tiscene list` lists all"):
+        catalog.find_scene("")
+    with pytest.raises(SceneNotFound, match=r"Did you mean 'kitchen'"):
+        catalog.find_scene("KITCHN")
     monkeypatch.setenv("TISCENE_PATH", "/no/such/shelf")
     with pytest.raises(SceneNotFound, match=r"TISCENE_PATH names folders that do not exist: /no/such/shelf"):
         catalog.find_scene("kitchen")

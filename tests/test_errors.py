@@ -95,6 +95,7 @@ def test_unknown_name_suggests_the_nearest_known_name():
     message = str(UnknownName("buffer", "dept", ["rgb", "depth"], " in frame 3", "Ask for it."))
     assert message == "no buffer 'dept' in frame 3. Did you mean 'depth'? Ask for it."
     assert "Did you mean 'Chair 01'?" in str(UnknownName("template", "CHAIR 01", ["Chair 01", "Dish 01"]))
+    assert "Did you mean 'Chair 01'?" in str(UnknownName("template", "chair", ["Armchair 01", "Chair 01"]))
 
 
 def test_unknown_name_without_near_match_lists_known_names_if_few():

@@ -32,7 +32,7 @@ MAY_IMPORT = {
         "usd_scenes",
         "usd_scenes.author",
     },
-    "tiscene": {"dynamics"},  # the front door; its names are imported at first use
+    "tiscene": {"dynamics", "tiscene.errors"},  # the front door; its names are imported at first use
     "tiscene.errors": {"dynamics"},
     "tiscene.files": set(),
     "tiscene.catalog": {"tiscene.errors", "usd_scenes"},

@@ -89,7 +89,9 @@ __version__ = "0.1.0"
 
 def __getattr__(name: str) -> Any:
     if name not in _MODULES:
-        raise AttributeError(f"module 'tiscene' has no attribute {name!r}")
+        from tiscene.errors import did_you_mean
+
+        raise AttributeError(f"module 'tiscene' has no attribute {name!r}{did_you_mean(name, _MODULES)}")
     module = importlib.import_module(_MODULES[name])
     value = module if module.__name__.endswith(f".{name}") else getattr(module, name)
     globals()[name] = value

@@ -284,7 +284,7 @@ def _class_label(path: Path) -> str | None:
 def _existing_file(text: str | os.PathLike[str], suffixes: tuple[str, ...]) -> Path | None:
     """Return the file at a path, or None if the text is a name and no path."""
     path = Path(os.path.expanduser(text))
-    is_name = isinstance(text, str) and path.suffix.lower() not in suffixes and len(path.parts) == 1
+    is_name = text == "" or (isinstance(text, str) and path.suffix.lower() not in suffixes and len(path.parts) == 1)
     if is_name:
         return None
     if not os.path.exists(path):

@@ -88,11 +88,10 @@ class UnknownName(TisceneError, LookupError):
         known = sorted(known)
         requested = name if isinstance(name, str) else ""  # `name` may be of any type
         message = f"no {kind} {repr(name) if isinstance(name, str) else name}{where}."
-        nearest = difflib.get_close_matches(requested, known, n=1, cutoff=0.5) or [
-            candidate for candidate in known if candidate.casefold() == requested.casefold()
-        ]
+        folded = {candidate.casefold(): candidate for candidate in known}
+        nearest = difflib.get_close_matches(requested.casefold(), folded, n=1, cutoff=0.5)
         if nearest:
-            message += f" Did you mean {nearest[0]!r}?"
+            message += f" Did you mean {folded[nearest[0]]!r}?"
         elif 0 < len(known) <= 30:
             message += f" There are: {', '.join(known)}."
         if hint:
