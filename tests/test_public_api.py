@@ -2,6 +2,7 @@
 """Public names of `tiscene`, and the cost of importing it."""
 
 import importlib.metadata
+import re
 import subprocess
 import sys
 
@@ -73,8 +74,15 @@ def test_every_public_name_is_documented(name):
     assert value is getattr(tiscene, name)
 
 
+@pytest.mark.parametrize("name", [name for name in PUBLIC if name != "distributed"])
+def test_docstrings_of_public_names_refer_to_public_names(name):
+    """`help` of a joint referred to a class that `ts` does not have; others are given with their modules."""
+    referred = re.findall(r"[Ss]ee `([A-Z]\w+)", getattr(tiscene, name).__doc__)
+    assert set(referred) <= set(PUBLIC)
+
+
 def test_unknown_name_raises_attribute_error():
-    with pytest.raises(AttributeError, match="module 'tiscene' has no attribute 'Steram'"):
+    with pytest.raises(AttributeError, match="has no attribute 'Steram'; did you mean 'Stream'"):
         tiscene.Steram  # noqa: B018
 
 

@@ -64,7 +64,7 @@ class Joint:
 
 @dataclass(frozen=True)
 class FixedJoint(Joint):
-    """Holds two objects together; see `Joint`."""
+    """Holds two objects together. The attributes are in `tiscene.scenario.joints.Joint`."""
 
 
 @dataclass(frozen=True)
@@ -95,22 +95,41 @@ class AxialJoint(Joint):
 
 @dataclass(frozen=True)
 class RevoluteJoint(AxialJoint):
-    """A hinge: `body` turns about the axis; see `AxialJoint`. Limits are degrees that it has turned, right-handed."""
+    """A hinge: `body` turns about the axis. The other attributes are in `tiscene.scenario.joints.Joint`.
+
+    Attributes:
+        axis: "X", "Y" or "Z", of the frames.
+        lower_limit: least turn of `body`, degrees, right-handed; None: unlimited.
+        upper_limit: greatest turn of `body`; None: unlimited.
+    """
 
 
 @dataclass(frozen=True)
 class PrismaticJoint(AxialJoint):
-    """A slider: `body` moves along the axis without turning; see `AxialJoint`. Limits are meters."""
+    """A slider: `body` moves along the axis and does not turn.
+
+    The other attributes are in `tiscene.scenario.joints.Joint`.
+
+    Attributes:
+        axis: "X", "Y" or "Z", of the frames.
+        lower_limit: least way of `body`, m; None: unlimited.
+        upper_limit: greatest way of `body`, m; None: unlimited.
+    """
 
 
 @dataclass(frozen=True)
 class SphericalJoint(Joint):
-    """A ball in a socket: `body` turns about the origin of the frame, without limits; see `Joint`."""
+    """A ball in a socket: `body` turns about the origin of the frame, without limits.
+
+    The attributes are in `tiscene.scenario.joints.Joint`.
+    """
 
 
 @dataclass(frozen=True)
 class DistanceJoint(Joint):
-    """Bounds the distance of the origins of the two frames, as a rope or a rod does; see `Joint`.
+    """Bounds the distance of the origins of the two frames, as a rope or a rod does.
+
+    The other attributes are in `tiscene.scenario.joints.Joint`.
 
     Attributes:
         min_distance: m.
