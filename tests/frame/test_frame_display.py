@@ -4,11 +4,12 @@
 import builtins
 import io
 import re
+import sys
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from PIL import Image
+from PIL import Image, ImageShow
 
 from tests.export.fake_stream import FakeStream
 from tiscene.errors import ArgumentError, BufferNotFound, ExportError
@@ -100,11 +101,26 @@ def test_names_of_objects_are_escaped_in_html():
 
 def test_show_opens_the_viewer_of_the_desktop(frame, monkeypatch):
     shown = []
-    monkeypatch.setattr(Image.Image, "show", lambda image, title: shown.append((np.asarray(image), title)))
+    monkeypatch.setenv("DISPLAY", ":0")
+    monkeypatch.setattr(ImageShow, "show", lambda image, title: shown.append((np.asarray(image), title)) or True)
     frame.show("depth")
     ((image, title),) = shown
     np.testing.assert_array_equal(image, frame.picture("depth"))
     assert title == "frame 1"
+
+
+@pytest.mark.parametrize("display", ["", ":0"])
+def test_show_without_a_display_or_viewer_says_what_to_do(frame, monkeypatch, display):
+    """It was silent."""
+    for name in ("DISPLAY", "WAYLAND_DISPLAY"):
+        monkeypatch.setenv(name, display)
+    monkeypatch.setattr(sys, "platform", "linux")
+    opened = []
+    monkeypatch.setattr(ImageShow, "show", lambda image, title: bool(opened.append(title)))
+    with pytest.warns(UserWarning, match=r"frame 1 is not shown: there is no display.*frame\.save") as caught:
+        frame.show()
+    assert caught[0].filename == __file__
+    assert bool(opened) == bool(display)
 
 
 def test_show_displays_in_a_notebook(frame, monkeypatch):

@@ -6,6 +6,8 @@ from __future__ import annotations
 import base64
 import io
 import os
+import sys
+import warnings
 from collections.abc import Iterator, Mapping
 from html import escape
 from pathlib import Path
@@ -13,7 +15,7 @@ from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
-from PIL import Image
+from PIL import Image, ImageShow
 
 from tiscene.errors import ArgumentError, export_errors
 from tiscene.files import write_atomically
@@ -104,6 +106,8 @@ class FrameDisplay:
     def show(self: DisplayedFrame, buffer: str | None = None, *, flow_colors: str = "middlebury") -> None:
         """Show a picture of a buffer: below the cell in a notebook, else in the desktop's picture viewer.
 
+        Without a display it warns.
+
         Args:
             buffer: as of `picture`.
             flow_colors: as of `picture`.
@@ -114,7 +118,11 @@ class FrameDisplay:
 
             display(image)
         else:
-            image.show(f"frame {self.index}")
+            title = f"frame {self.index}"
+            if not (_has_display() and ImageShow.show(image, title)):
+                text = f"{title} is not shown: there is no display or picture viewer."
+                advice = "`frame.save('frame.png')` writes a file, `tiscene preview` a page for browsers."
+                warnings.warn(f"{text} {advice}", stacklevel=2)
 
     def _repr_png_(self: DisplayedFrame) -> bytes:
         return _png(_picture(self, _shown(self, None)).image)
@@ -173,6 +181,11 @@ def _object_rows(objects: ObjectTable) -> Iterator[str]:
     if len(visible) > LISTED_OBJECTS:
         yield f"<tr><td colspan=5>and {len(visible) - LISTED_OBJECTS} more: frame.objects has all</td></tr>"
     yield "</table></details>"
+
+
+def _has_display() -> bool:
+    """Return whether windows can open; a picture viewer that cannot open one fails without an error."""
+    return sys.platform in ("darwin", "win32") or any(map(os.environ.get, ("DISPLAY", "WAYLAND_DISPLAY")))
 
 
 def _in_notebook() -> bool:
