@@ -46,13 +46,17 @@ def add_verify(commands: Any) -> None:
     """Add the command `verify`."""
     verify = commands.add_parser(
         "verify",
-        help="check the files of an export, and render its frames again",
-        description="Compare the files of an export with its manifest, render frames again and compare their buffers. "
-        "The scene is found by its digest, also where its path is another. Exit status 2 if anything differs.",
+        help="check the files of an export or data set, and render its frames again",
+        description="Compare the files of an export, or of all scenarios of a data set, with their manifests, render "
+        "frames again and compare their buffers. The scene is found by its digest, also where its path is another. "
+        "Exit status 2 if anything differs.",
     )
-    verify.add_argument("folder", metavar="DIR", help="the folder of the export")
+    verify.add_argument("folder", metavar="DIR", help="the folder of the export or data set")
     verify.add_argument(
-        "--sample", metavar="N", type=int, help="frames to render again; 0: files alone are checked (default: all)"
+        "--sample",
+        metavar="N",
+        type=int,
+        help="frames to render again, of all scenarios together; 0: files alone are checked (default: all)",
     )
     verify.add_argument(
         "--search", metavar="DIR", action="append", default=[], help="folder with files of the scene; may be repeated"

@@ -1,20 +1,30 @@
 # SPDX-License-Identifier: Apache-2.0
-"""`tiscene verify`: check the files of an export, and render its frames again."""
+"""`tiscene verify`: check the files of an export or a data set, and render frames again."""
 
 from __future__ import annotations
 
 import argparse
-from collections.abc import Iterable
+from pathlib import Path
 
 from tiscene.cli.terminal import progress
 from tiscene.errors import ExportError
+from tiscene.export.generation.data_set_index import DataSet
+from tiscene.export.generation.data_set_verification import verify_data_set
 from tiscene.export.verification import verify
 
-MAX_LISTED = 8
+MAX_LISTED = 20
 
 
 def run(args: argparse.Namespace) -> None:
     """Verify, and print one line. Raises ExportError if anything differs."""
+    data_set = DataSet.load(Path(args.folder))
+    if data_set is None:
+        _verify_export(args)
+    else:
+        _verify_data_set(args, data_set.count)
+
+
+def _verify_export(args: argparse.Namespace) -> None:
     with progress(f"verifying {args.folder}", args.sample or 0) as step:
         found = verify(
             args.folder,
@@ -23,18 +33,25 @@ def run(args: argparse.Namespace) -> None:
             arch=args.arch,
             progress=lambda index: step(task=f"frame {index}"),
         )
-    problems = []
-    if found.damaged:
-        problems.append(f"files of {len(found.damaged)} frames are missing or damaged: {_listed(found.damaged)}")
-    if found.different:
-        names = sorted({name for buffers in found.different.values() for name in buffers})
-        frames = f"{len(found.different)} of {found.rendered} frames render otherwise ({', '.join(names)})"
-        problems.append(f"{frames}: {_listed(found.different)}")
-    if problems:
-        raise ExportError(f"{args.folder}: {'; '.join(problems)}")
+    if not found.is_good:
+        raise ExportError(f"{args.folder}: {'; '.join(found.problems())}")
     print(f"{found.frames} frames have their files; {found.rendered} rendered again are the same")
 
 
-def _listed(frames: Iterable[int]) -> str:
-    indices = list(frames)
-    return ", ".join(map(str, indices[:MAX_LISTED])) + (", ..." if len(indices) > MAX_LISTED else "")
+def _verify_data_set(args: argparse.Namespace, count: int) -> None:
+    with progress(f"verifying {args.folder}", count) as step:
+
+        def show(number: int, frame: int | None) -> None:
+            step(int(frame is None), task=f"scenario {number}" + ("" if frame is None else f", frame {frame}"))
+
+        found = verify_data_set(args.folder, sample=args.sample, search=args.search, arch=args.arch, progress=show)
+    if not found.is_good:
+        lines = [f"\n  {place}: {'; '.join(problems)}" for place, problems in found.problems.items()]
+        if len(lines) > MAX_LISTED:
+            lines[MAX_LISTED:] = [f"\n  and {len(lines) - MAX_LISTED} more"]
+        raise ExportError(f"{args.folder}: problems of the data set:{''.join(lines)}")
+    failed = f", {found.failed} of them with an error and without frames" if found.failed else ""
+    print(
+        f"{found.scenarios} scenarios{failed}: {found.frames} frames have their files; "
+        f"{found.rendered} rendered again are the same"
+    )

@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import contextlib
 import os
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -17,6 +17,8 @@ from tiscene.export.manifest import Manifest, buffer_digests
 from tiscene.export.manifest_difference import differences
 from tiscene.export.manifest_stream import stream_of
 from tiscene.files import FolderLockedError, lock_folder
+
+MAX_LISTED = 8  # frames in a message
 
 
 @dataclass(frozen=True)
@@ -40,6 +42,17 @@ class Verification:
         """Whether everything is as recorded."""
         return not self.damaged and not self.different
 
+    def problems(self) -> list[str]:
+        """Return what is wrong, as sentences."""
+        found = []
+        if self.damaged:
+            found.append(f"files of {len(self.damaged)} frames are missing or damaged: {_listed(self.damaged)}")
+        if self.different:
+            names = sorted({name for buffers in self.different.values() for name in buffers})
+            frames = f"{len(self.different)} of {self.rendered} frames render otherwise ({', '.join(names)})"
+            found.append(f"{frames}: {_listed(self.different)}")
+        return found
+
 
 def verify(
     folder: str | Path,
@@ -49,7 +62,7 @@ def verify(
     arch: str | None = None,
     progress: Callable[[int], None] | None = None,
 ) -> Verification:
-    """Compare an export with its manifest.
+    """Compare an export with its manifest. `verify_data_set` does so with all scenarios of a data set.
 
     Args:
         folder: The folder of the export.
@@ -63,12 +76,35 @@ def verify(
         ExportError: There is no export, another process writes into it, its stage is not here, or this version of
             tiscene or the files of the scene are not those that made it.
     """
-    folder = Path(folder)
     if sample is not None and sample < 0:
         raise ArgumentError(f"sample={sample}: must be 0 or more")
+    return verify_frames(folder, lambda indices: evenly(indices, sample), search=search, arch=arch, progress=progress)
+
+
+def verify_frames(
+    folder: str | Path,
+    choose: Callable[[Sequence[int]], Sequence[int]],
+    *,
+    search: Sequence[str | Path] = (),
+    arch: str | None = None,
+    progress: Callable[[int], None] | None = None,
+) -> Verification:
+    """Do as `verify`.
+
+    Args:
+        folder: The folder of the export.
+        choose: Returns those of the frames' indices that are rendered again.
+        search: As of `verify`.
+        arch: "cpu" or "cuda"; None for "cpu".
+        progress: Called with the index of each frame that was rendered.
+
+    Raises:
+        ExportError: As of `verify`.
+    """
+    folder = Path(folder)
     manifest = Manifest.load(folder)
     if manifest is None:
-        hint = "; of a data set, verify the folders of scenarios" if (folder / DATA_SET).is_file() else ""
+        hint = "; a data set is verified by `verify_data_set`" if (folder / DATA_SET).is_file() else ""
         raise ExportError(f"{str(folder)!r} is not an export: it has no tiscene.json{hint}")
     indices = list(manifest.frames)
     try:
@@ -78,7 +114,7 @@ def verify(
             damaged = tuple(index for index in indices if not writer.holds(index))
     except FolderLockedError as error:
         raise ExportError(f"cannot verify {str(folder)!r}: {error}") from error
-    chosen = indices if sample is None else _evenly(indices, sample)
+    chosen = choose(indices)
     different = {}
     if chosen:
         with stream_of(manifest, [*map(Path, search), folder], arch) as stream:
@@ -101,8 +137,13 @@ def verify(
     return Verification(len(indices), len(chosen), damaged, different)
 
 
-def _evenly(indices: Sequence[int], count: int) -> list[int]:
-    """Return some of the indices, evenly spaced, the first and the last among them."""
-    if count >= len(indices):
+def evenly(indices: Sequence[int], count: int | None) -> list[int]:
+    """Return some of the indices, evenly spaced, the first and the last among them; None: all."""
+    if count is None or count >= len(indices):
         return list(indices)
     return [indices[round(place * (len(indices) - 1) / max(1, count - 1))] for place in range(count)]
+
+
+def _listed(frames: Iterable[int]) -> str:
+    indices = list(frames)
+    return ", ".join(map(str, indices[:MAX_LISTED])) + (", ..." if len(indices) > MAX_LISTED else "")

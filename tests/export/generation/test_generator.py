@@ -18,6 +18,7 @@ from tiscene.export.generation.data_set_index import DataSet
 from tiscene.export.generation.generator import finish, generate, write_scenarios
 from tiscene.export.generation.recipe import Recipe
 from tiscene.export.manifest import Manifest
+from tiscene.export.verification import verify
 from tiscene.scenario.scenario import Scenario
 
 COUNT = 4
@@ -160,8 +161,10 @@ def test_commands_write_scenarios_and_data_sets(recipe, tmp_path, capsys):
     assert cli.main(["generate", str(file), "-n", "1", "-o", str(tmp_path / "data")]) == 0
     assert capsys.readouterr().out == f"{tmp_path / 'data'}\n"
     assert (tmp_path / "data" / "index.jsonl").is_file()
-    assert cli.main(["verify", str(tmp_path / "data")]) == 2
-    assert "verify the folders of scenarios" in capsys.readouterr().err
+    assert cli.main(["verify", str(tmp_path / "data"), "--sample", "2"]) == 0
+    assert capsys.readouterr().out == "1 scenarios: 3 frames have their files; 2 rendered again are the same\n"
+    with pytest.raises(ExportError, match="a data set is verified by `verify_data_set`"):
+        verify(tmp_path / "data")
 
 
 @pytest.mark.parametrize("number", ["0", "-2", "1.5"])

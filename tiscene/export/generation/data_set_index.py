@@ -80,20 +80,22 @@ class DataSet:
         """Return the numbers of the scenarios that are not done."""
         return [number for number, summary in self.summaries() if summary is None]
 
-    def write_index(self) -> None:
-        """Write index, statistics and contact sheet."""
+    def index_files(self) -> dict[str, bytes]:
+        """Return the contents of index and statistics by name of the file."""
         statistics = _Statistics()
         lines = []
-        done = []
-        for number, summary in self.summaries():
+        for _, summary in self.summaries():
             if summary is not None:
                 lines.append(json.dumps(summary, separators=(",", ":")))
                 statistics.add(summary)
-                if "error" not in summary:
-                    done.append(number)
-        write_atomically(self.folder / INDEX, ("\n".join(lines) + "\n").encode())
         text = json.dumps(statistics.result(), indent=1) + "\n"
-        write_atomically(self.folder / STATISTICS, text.encode())
+        return {INDEX: ("\n".join(lines) + "\n").encode(), STATISTICS: text.encode()}
+
+    def write_index(self) -> None:
+        """Write index, statistics and contact sheet."""
+        for name, content in self.index_files().items():
+            write_atomically(self.folder / name, content)
+        done = [number for number, summary in self.summaries() if summary is not None and "error" not in summary]
         shown = (
             [done[place * len(done) // MAX_THUMBNAILS] for place in range(MAX_THUMBNAILS)]
             if len(done) > MAX_THUMBNAILS

@@ -63,17 +63,22 @@ class ScenarioSummary:
         """Write summary and thumbnail into the folder of the scenario, the summary last: it says that all is done."""
         if self._thumbnail:
             write_atomically(folder / THUMBNAIL, self._thumbnail)
-        digests = "".join(manifest.frames[index]["digest"] for index in manifest.frames)
         content = {
             **about,
             "frames": len(manifest.frames),
-            "digest": hashlib.sha256(digests.encode()).hexdigest(),
+            "digest": frames_digest(manifest),
             "visible": dict(sorted(self._visible.items())),
             "sizes": {str(step): self._sizes[step] for step in sorted(self._sizes)},
             "mean_flow": float(np.mean(self._flow)) if self._flow else None,
             "difficulty": self._difficulty,
         }
         write_atomically(folder / FILE, (json.dumps(content, indent=1) + "\n").encode())
+
+
+def frames_digest(manifest: Manifest) -> str:
+    """Return the SHA-256 of the digests of all frames."""
+    digests = "".join(manifest.frames[index]["digest"] for index in manifest.frames)
+    return hashlib.sha256(digests.encode()).hexdigest()
 
 
 def read_summary(folder: Path) -> dict[str, Any] | None:
