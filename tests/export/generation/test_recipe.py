@@ -6,8 +6,10 @@ from collections import Counter
 
 import pytest
 
+from tiscene import catalog
 from tiscene.errors import ArgumentError, MissingFile, ScenarioError
 from tiscene.export.generation.recipe import Recipe
+from tiscene.stream.stream import Stream
 
 RECIPE = {
     "scenes": ["object_view", {"scene": "solid_benchmark", "weight": 0.5}],
@@ -102,3 +104,30 @@ def test_ranges_that_nothing_fits_are_reported_with_the_number():
     )
     with pytest.raises(ScenarioError, match=r"scenario 7 in 'object_view': .* fits nowhere .* \(8 seeds were tried\)"):
         recipe.scenario(7)
+
+
+@pytest.mark.parametrize(
+    ("size", "resolution", "aspect"),
+    [
+        ({}, "", 4 / 3),
+        ({}, "(320, 160)", 2.0),
+        ({"width": 64}, "(320, 160)", 2.0),
+        ({"height": 64}, "(320, 160)", 2.0),
+        ({"width": 384}, "", 2.0),
+        ({"width": 64, "height": 64}, "(320, 160)", 1.0),
+    ],
+)
+def test_scenarios_are_drawn_for_the_images_of_the_stream(size, resolution, aspect, tmp_path):
+    """Without both of width and height they were drawn for 4:3."""
+    head = f'subLayers = [@{catalog.find_scene("object_view").as_posix()}@]\ndefaultPrim = "ObjectView"'
+    settings = f'over "Render"\n{{\nover "Settings"\n{{\nuniform int2 resolution = {resolution}\n}}\n}}'
+    render = '\nrenderSettingsPrimPath = "/Render/Settings"' if resolution else ""
+    (tmp_path / "scene.usda").write_text(f"#usda 1.0\n(\n{head}{render}\n)\n{settings if resolution else ''}\n")
+    given = {"buffers": ["instance", "forward_flow"], **size}
+    recipe = Recipe.from_json(RECIPE | {"scenes": [str(tmp_path / "scene.usda")], "settings": given})
+    with Stream(recipe.scenario(0), **given) as stream:
+        assert stream.width / stream.height == pytest.approx(aspect)
+    chosen = Recipe.from_json(recipe.to_json() | {"ranges": {**RECIPE["ranges"], "aspect": aspect}})
+    assert recipe.scenario(0) == chosen.scenario(0)
+    other = Recipe.from_json(recipe.to_json() | {"ranges": {**RECIPE["ranges"], "aspect": 0.3}})
+    assert recipe.scenario(0) != other.scenario(0)

@@ -7,6 +7,7 @@ data set can be extended, and its parts can be made anywhere.
 
 from __future__ import annotations
 
+import functools
 import inspect
 import json
 import os
@@ -19,9 +20,12 @@ from typing import Any
 import numpy as np
 
 from dynamics.argument_checks import integer, not_negative
+from tiscene import catalog
 from tiscene.errors import ArgumentError, MissingFile, ScenarioError, did_you_mean
 from tiscene.export.formats import find_format
 from tiscene.scenario.scenario import Scenario
+from tiscene.stream.stage_cache import image_size
+from tiscene.usd.read.stage_render_settings import stage_resolution
 
 DRAWS = 8  # seeds that are tried for one scenario
 RANGES = tuple(  # arguments of `Scenario.sample` that a recipe may give
@@ -144,8 +148,8 @@ class Recipe:
         variants = {place: str(random.choice(list(names))) for place, names in sorted(choice.variants.items())}
         variants = {**self.settings.get("variants", {}), **variants}
         ranges = {**self.ranges, **choice.ranges}
-        if "width" in self.settings and "height" in self.settings:
-            ranges.setdefault("aspect", self.settings["width"] / self.settings["height"])
+        if "aspect" not in ranges:
+            ranges["aspect"] = self._aspect(choice.scene, variants)
         mistakes = []
         for seed in random.integers(0, 2**63, DRAWS).tolist():
             try:
@@ -156,6 +160,16 @@ class Recipe:
             except ScenarioError as error:
                 mistakes.append(str(error))
         raise ScenarioError(f"scenario {number} in {choice.scene!r}: {mistakes[-1]} ({DRAWS} seeds were tried)")
+
+    def _aspect(self, scene: str, variants: Mapping[str, str]) -> float:
+        """Return width / height of the images that the stream makes of a scene."""
+        width, height = self.settings.get("width"), self.settings.get("height")
+        resolution = None
+        if width is None or height is None:
+            file = catalog.find_scene(scene)
+            resolution = _resolution(file, file.stat().st_mtime_ns, json.dumps(variants, sort_keys=True))
+        width, height = image_size(width, height, resolution)
+        return width / height
 
     def _random(self, number: int, what: str) -> np.random.Generator:
         return np.random.default_rng([self.seed, number, *what.encode()])
@@ -191,6 +205,12 @@ class Recipe:
             not_negative(share, f"recipe: splits: {name}")
         if sum(self.splits.values()) <= 0 or sum(choice.weight for choice in self.scenes) <= 0:
             raise ArgumentError('recipe: the shares of "splits" and the weights of "scenes" must have a sum above 0')
+
+
+@functools.lru_cache(maxsize=64)
+def _resolution(file: Path, modified: int, variants: str) -> tuple[int, int] | None:
+    """Return the resolution that a stage asks for; `modified` invalidates the cache."""
+    return stage_resolution(file, json.loads(variants))
 
 
 def _check_choices(choice: SceneChoice, place: str) -> None:

@@ -8,11 +8,13 @@ are left to the caller: USD's fallback resolution is not the author's choice.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
 from pxr import Gf, Usd, UsdGeom, UsdRender
 
 from tiscene.usd.core.report import StageReport
+from tiscene.usd.core.stage import Variants, open_stage, quiet, readable
 
 DEFAULT_POLICY = "expandAperture"
 POLICIES = ("expandAperture", "cropAperture", "adjustApertureWidth", "adjustApertureHeight")
@@ -40,6 +42,16 @@ class StageRenderSettings:
             path_of: function that returns the path of one.
         """
         return sorted(cameras, key=lambda each: str(path_of(each)) != self.camera)
+
+
+def stage_resolution(path: str | Path, variants: Variants | None = None) -> tuple[int, int] | None:
+    """Return the width and height in px that a stage's RenderSettings author; None: none. Reads no geometry.
+
+    Raises:
+        MissingFile, StageError, UnknownName (variants): the stage cannot be opened.
+    """
+    with quiet(), readable(path):
+        return read_render_settings(open_stage(path, variants)).resolution
 
 
 def read_render_settings(stage: Usd.Stage, report: StageReport | None = None) -> StageRenderSettings:

@@ -143,7 +143,7 @@ def _write_camera(over: OverLayer, content: Mapping[str, Any], report: StageRepo
 
 def _camera_named(over: OverLayer, name: str) -> Usd.Prim:
     """Return the scene's camera of a name or prim path, which is the one that a world chooses."""
-    settings = read_render_settings(over.stage, StageReport(""))
+    settings = read_render_settings(over.stage)
     cameras = [prim for prim in stage_cameras(over.stage) if not prim.GetPath().HasPrefix(over.root)]
     names = unique_names([prim.GetPath() for prim in settings.main_first(cameras, Usd.Prim.GetPath)])
     for path, each in names.items():
