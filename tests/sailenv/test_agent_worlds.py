@@ -87,6 +87,25 @@ def test_agent_without_a_scene_of_its_own_enters_the_one_that_was_started_last(m
     assert second.environment is first.environment
 
 
+@pytest.mark.parametrize(
+    ("other", "message"),
+    [
+        ({"spp": 4}, "spp=4: the worlds of localhost:.* have spp=1"),
+        ({"quality": "photo"}, "quality='photo': the worlds of .* have quality='preview'"),
+        ({"scene": "room_02"}, "scene='room_02': the worlds of .* have scene='object_view/scene'"),
+        ({"together": True}, "together=True: .* share them. Leave together out, or choose another port"),
+    ],
+)
+def test_settings_that_contradict_those_of_the_port_are_refused(make_agent, other, message):
+    """They were ignored."""
+    make_agent(**LABELS)
+    with pytest.raises(ArgumentError, match=message):
+        make_agent(**LABELS, **other)
+    same = {"scene": "Object View", "fps": 25, "quality": "preview", "together": False}
+    agent = make_agent(**LABELS | {"width": 16, "height": 12, "object_frame_active": True}, **same)
+    assert agent.get_frame()["object"].shape == (12, 16, 3)  # sizes and views are those of each agent
+
+
 def test_together_all_agents_go_along(make_agent):
     first, second = (make_agent(together=True, **LABELS) for _ in range(2))
     second.get_frame()

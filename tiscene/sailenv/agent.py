@@ -24,6 +24,7 @@ from tiscene.errors import ArgumentError, TisceneError
 from tiscene.sailenv.agent_camera import AgentCamera
 from tiscene.sailenv.agent_objects import AgentObjects
 from tiscene.sailenv.agent_worlds import AgentWorlds
+from tiscene.sailenv.asset_names import catalog_scene
 from tiscene.sailenv.environment import Environment
 from tiscene.sailenv.frame_views import VIEWS
 from tiscene.sailenv.json_messages import rounded, single_precision
@@ -33,9 +34,12 @@ from tiscene.sailenv.scenario_classes import Vector3
 # By host and port. Worlds end with their last agent.
 _worlds: weakref.WeakValueDictionary[tuple[str, int], AgentWorlds] = weakref.WeakValueDictionary()
 _lock = threading.RLock()
-SETTINGS = tuple(
-    name for make in (AgentWorlds, Environment) for name in inspect.signature(make).parameters if name != "settings"
-)
+SETTINGS = {  # defaults by name
+    name: parameter.default
+    for make in (AgentWorlds, Environment)
+    for name, parameter in inspect.signature(make).parameters.items()
+    if name != "settings"
+}
 
 
 class FrameFlags(IntFlag):
@@ -93,9 +97,9 @@ class Agent(AgentObjects):
             height: Image height, px.
             use_gzip: Has no effect in process.
             strict: Raise a TisceneError where SAILenv prints a message.
-            settings: Arguments of `AgentWorlds` and `Environment` for the first agent of a port: scene, together,
-                world, fps, quality, spp, max_depth, denoise, incremental, seed, consecutive_flow, query_budget,
-                keep_clock, physics, arch.
+            settings: Arguments of `AgentWorlds` and `Environment`: scene, together, world, fps, quality, spp,
+                max_depth, denoise, incremental, seed, consecutive_flow, query_budget, keep_clock, physics, arch. The
+                first agent of a port decides them; others leave them out or give the same.
         """
         argument_checks.known_names(settings, SETTINGS, "Agent")
         self.main_frame_active = main_frame_active
@@ -141,14 +145,34 @@ class Agent(AgentObjects):
         return worlds.world_of(camera)
 
     def register(self) -> None:
-        """Add the agent; it enters a world with its next command. Raises a TisceneError for invalid settings."""
+        """Add the agent; it enters a world with its next command.
+
+        Raises:
+            ArgumentError: Agents with the same host and port have worlds with other settings than this one asks for.
+            TisceneError: Settings are invalid.
+        """
         with _lock:
             key = (self.host, int(self.port))
-            worlds = _worlds.get(key) or AgentWorlds(**self._settings)
+            worlds = _worlds.get(key)
+            if worlds is None:
+                worlds = AgentWorlds(**self._settings)
+            else:
+                self._check_settings(worlds)
             self._camera = worlds.register(int(self.width), int(self.height))
             self._worlds = _worlds[key] = worlds
             self.id = self._camera.id
             self.scenes = worlds.scenes()
+
+    def _check_settings(self, worlds: AgentWorlds) -> None:
+        """Raise ArgumentError if the agent asks for other settings than those of worlds that are there."""
+        for name, value in self._settings.items():
+            present = worlds.settings.get(name, SETTINGS[name])
+            same = catalog_scene(value) == catalog_scene(present) if name == "scene" and value else value == present
+            if value is not None and not same:  # None leaves the choice to the worlds
+                raise ArgumentError(
+                    f"{name}={value!r}: the worlds of {self.host}:{self.port} have {name}={present!r}, and agents with "
+                    f"the same host and port share them. Leave {name} out, or choose another port."
+                )
 
     def delete(self) -> None:
         """Remove the agent from its world."""

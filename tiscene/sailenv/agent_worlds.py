@@ -31,6 +31,7 @@ class AgentWorlds:
 
     Attributes:
         agents: The registered agents by id.
+        settings: Arguments of this and of `Environment`; those that are not there have their defaults.
         uploads: Models that agents have sent.
     """
 
@@ -53,7 +54,9 @@ class AgentWorlds:
         self.agents: dict[int, AgentCamera] = {}
         self._together = bool(together)
         self._home = None if world is None else asset_names.catalog_scene(world)
-        self._latest = Environment(scene or self._home, **settings)
+        first = scene or self._home or asset_names.default_scene()
+        self.settings = {"scene": first, "together": together, "world": world, **settings}
+        self._latest = Environment(first, **settings)
         self._worlds = [self._latest]
         self._place: dict[int, Environment] = {}  # by id of the agent; it is nowhere before its first command
         self._next_id = 0
