@@ -103,6 +103,14 @@ def test_broken_documents_are_named_and_the_rest_is_drawn(tmp_path, text, expect
     assert len(description.instances) == 1
 
 
+def test_missing_texture_is_named_with_its_document(tmp_path):
+    """The warning had the address of a layer in memory, which differs from run to run."""
+    text = document(linked("base_color", "picture"), nodes=picture(file="gone.png"))
+    (tmp_path / "doc.mtlx").write_text(text)
+    description = read_with_warning(tmp_path, REFERENCE, r"there is no texture @.*gone\.png@ \(named in .*/doc\.mtlx\)")
+    assert len(description.instances) == 1
+
+
 def test_missing_document_is_named(tmp_path):
     description = read_with_warning(tmp_path, REFERENCE, r"</Looks> composition: .*doc\.mtlx.*left out")
     assert len(description.instances) == 1

@@ -37,6 +37,7 @@ _VECTORS = {2: Gf.Vec2f, 3: Gf.Vec3f, 4: Gf.Vec4f}
 _MAX_NODES = 20_000  # of a material; a document that expands to more is damaged
 _MAX_DEPTH = 64
 _MAX_LAYERS = 256  # kept in memory, for stages that are open
+DOCUMENT = "materialx"  # in the customLayerData of a layer that was converted, the path of the .mtlx file
 _layers: OrderedDict[tuple[str, float], tuple[Sdf.Layer, tuple[str, ...]]] = OrderedDict()
 _substituted: set[str] = set()  # identifiers of layers that refer to converted documents
 
@@ -125,6 +126,7 @@ class _Converter:
             raise ValueError(f"it is not a MaterialX document: its root element is <{root.tag}>")
         self._root = root
         self._layer = Sdf.Layer.CreateAnonymous(".usda")  # a stage alone would not keep its layer
+        self._layer.customLayerData = {DOCUMENT: path}
         self._stage = Usd.Stage.Open(self._layer)
         self._top = self._scope(root, {}, "", None)
         self._definitions = {each.get("node", ""): each for each in root.findall("nodedef")}

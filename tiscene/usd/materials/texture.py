@@ -21,6 +21,7 @@ from tiscene.scene.description import FloatArray, Texture
 from tiscene.usd.core.package import split_package
 from tiscene.usd.core.report import StageReport
 from tiscene.usd.materials.image import ImageData, read_picture
+from tiscene.usd.materials.materialx_document import DOCUMENT
 
 Wrap = Literal["repeat", "clamp", "mirror", "black"]
 Encoding = Literal["srgb", "raw"]
@@ -195,7 +196,8 @@ def _describe_layer(attribute: Usd.Attribute) -> str:
     for spec in attribute.GetPropertyStack(Usd.TimeCode.Default()):
         if spec.layer == attribute.GetStage().GetSessionLayer():
             return "of its cards"
-        return f"named in {spec.layer.realPath or spec.layer.identifier}"
+        # The identifier of an anonymous layer has an address, which differs from run to run.
+        return f"named in {spec.layer.realPath or spec.layer.customLayerData.get(DOCUMENT) or 'a layer in memory'}"
     return "named nowhere"
 
 
