@@ -157,20 +157,22 @@ def test_missing_uv_primvar_is_reported(textures):
     reader = shader("Reader", "UsdPrimvarReader_float2", 'string inputs:varname = "UVMap"', "float2 outputs:result")
     st = 'texCoord2f[] primvars:st = [(0, 0), (1, 0), (1, 1), (0, 1)] (interpolation = "vertex")'
     body = texture(lines, reader).replace("rel material:binding", st + "\n    rel material:binding")
-    description = read_with_warning(textures, body, "no primvar 'UVMap'.*</M>")
-    np.testing.assert_array_equal(description.meshes[0].uv, description.meshes[0].positions[:, :2])
+    description = read_with_warning(textures, body, r"no primvar 'UVMap'.* are \(0, 0\): </M>")
+    assert description.meshes[0].uv is None  # as USD says, others are not used instead
 
 
 def test_fallback_of_a_reader_replaces_missing_texture_coordinates(textures):
     """One material on a mesh without texture coordinates and on one that has them."""
     lines = "asset inputs:file = @./textures/color.png@\nfloat2 inputs:st.connect = </Looks/L/Reader.outputs:result>"
-    given = 'string inputs:varname = "st"\nfloat2 inputs:fallback = (0.25, 0.75)'
+    given = 'string inputs:varname = "map"\nfloat2 inputs:fallback = (0.25, 0.75)'
     reader = shader("Reader", "UsdPrimvarReader_float2", given, "float2 outputs:result")
     body = texture(lines, reader)
     mesh = body[body.index("def Mesh") : body.index("def Scope")]
-    st = 'texCoord2f[] primvars:st = [(0, 0), (1, 0), (1, 1), (0, 1)] (interpolation = "vertex")\n'
-    other = mesh.replace('"M"', '"N"').replace("rel material:binding", st + "rel material:binding")
-    found = materials_of(read(textures, mesh + other + body[body.index("def Scope") :]))
+    st = 'texCoord2f[] primvars:%s = [(0, 0), (1, 0), (1, 1), (0, 1)] (interpolation = "vertex")\n'
+    other = mesh.replace('"M"', '"N"').replace("rel material:binding", st % "map" + "rel material:binding")
+    mesh = mesh.replace("rel material:binding", st % "st" + "rel material:binding")
+    expected = r"no primvar 'map', .* its texture coordinates are \(0\.25, 0\.75\): </M>$"
+    found = materials_of(read_with_warning(textures, mesh + other + body[body.index("def Scope") :], expected))
     assert found["M"].diffuse_color.uv_transform == (0, 0, 0.25, 0, 0, 0.75)
     assert found["N"].diffuse_color.uv_transform == (1, 0, 0, 0, 1, 0)
 
@@ -202,7 +204,7 @@ def test_missing_second_uv_primvar_is_reported(textures):
         + shader("R", "UsdPrimvarReader_float2", 'string inputs:varname = "st"', "float2 outputs:result")
         + shader("S", "UsdPrimvarReader_float2", 'string inputs:varname = "map2"', "float2 outputs:result")
     )
-    expected = "has no primvar 'map2', which its material reads; 'st' is used instead: </M>"
+    expected = "has no primvar 'map2', which its material reads; its texture coordinates are \\(0, 0\\): </M>"
     read_with_warning(textures, material(shaders, lines=ST), expected)
 
 
@@ -257,9 +259,6 @@ def test_mesh_without_the_texture_coordinates_that_its_material_reads_is_named(t
     body = texture(IMAGE + "float2 inputs:st.connect = </Looks/L/Reader.outputs:result>", reader)
     text = f"has no primvar '{name}', which its material reads; %s: </M>"
     read_with_warning(textures, body, text % r"its texture coordinates are \(0, 0\)")
-    if name != "st":
-        body = body.replace("rel material:binding", ST + "rel material:binding", 1)
-        read_with_warning(textures, body, text % "'st' is used instead")
 
 
 @pytest.mark.parametrize("inside", [False, True])

@@ -7,6 +7,7 @@ is returned as an `Attribute` of points or of face corners: constant and uniform
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
@@ -122,24 +123,27 @@ def read_normals(prim: Usd.Prim, topology: Topology, time: Usd.TimeCode, report:
 def read_uv(prim: Usd.Prim, name: str, topology: Topology, time: Usd.TimeCode, report: StageReport) -> Attribute | None:
     """Read the texture coordinates of that name; "" means `st`, else the first primvar of a texture-coordinate type.
 
-    A name that the mesh lacks falls back to `st`, which is reported. None if there are none, which is reported for a
-    name.
+    None if there are none. A name that the mesh lacks is reported: its texture coordinates are (0, 0), as of a primvar
+    reader without a fallback, whichever others the mesh has.
     """
     api = UsdGeom.PrimvarsAPI(prim)
     primvar = api.FindPrimvarWithInheritance(name or "st")
     if not (primvar and primvar.HasAuthoredValue()):
-        standard = api.FindPrimvarWithInheritance("st") if name else None
-        has_standard = bool(standard and standard.HasAuthoredValue())
         if name:
-            instead = "'st' is used instead" if has_standard else "its texture coordinates are (0, 0)"
-            report.omission(prim.GetPath(), f"has no primvar {name!r}, which its material reads; {instead}")
-        if has_standard:
-            return read_uv(prim, "st", topology, time, report)
+            report_missing_coordinates(prim, name, (0.0, 0.0), report)
+            return None
         others = [p for p in api.GetPrimvarsWithAuthoredValues() if p.GetTypeName() in _TEXTURE_COORDINATE_TYPES]
-        if name or not others:
+        if not others:
             return None
         primvar = others[0]
     return read_primvar(primvar, 2, topology, time, report)
+
+
+def report_missing_coordinates(prim: Usd.Prim, name: str, used: Sequence[float], report: StageReport) -> None:
+    """Report texture coordinates that a material reads and its mesh lacks, with those that are used."""
+    u, v = used
+    text = f"has no primvar {name!r}, which its material reads; its texture coordinates are ({u:g}, {v:g})"
+    report.omission(prim.GetPath(), text)
 
 
 def read_vertex_values(

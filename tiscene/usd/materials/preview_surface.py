@@ -18,7 +18,7 @@ from tiscene.scene.description import VERTEX_COLORS, ColorInput, FloatInput, Mat
 from tiscene.usd.core.report import StageReport
 from tiscene.usd.core.shader_network import ShaderConnection, Source, connections_of, shader_id
 from tiscene.usd.geometry.display_color import constant_primvar, varies_over_surface
-from tiscene.usd.geometry.primvar import NO_PRIMVARS, PrimvarNames
+from tiscene.usd.geometry.primvar import NO_PRIMVARS, PrimvarNames, report_missing_coordinates
 from tiscene.usd.materials.materialx_inputs import SurfaceInputs
 from tiscene.usd.materials.materialx_models import MODELS
 from tiscene.usd.materials.materialx_network import MaterialXNetwork, vertex_colors
@@ -320,14 +320,17 @@ class NetworkReader:
         return transform, ""
 
     def _missing_coordinates(self, name: str, fallback: ShaderConnection | None) -> tuple[float, ...] | None:
-        """Return a primvar reader's fallback if the mesh has neither its texture coordinates nor others to use."""
+        """Return a primvar reader's fallback if the mesh has not the texture coordinates that it reads."""
         value = None if fallback is None else self._numbers(fallback.value, "fallback")
         if value is None or len(value) != 2 or not self._gprim.IsA(UsdGeom.Mesh):
             return None  # other gprims have generated coordinates
-        self.constants += [each for each in ((name, 2), ("st", 2)) if each not in self.constants]
-        api = UsdGeom.PrimvarsAPI(self._gprim)
-        found = (api.FindPrimvarWithInheritance(each) for each in (name, "st"))
-        return None if any(each and each.HasAuthoredValue() for each in found) else value
+        if (name, 2) not in self.constants:
+            self.constants.append((name, 2))
+        found = UsdGeom.PrimvarsAPI(self._gprim).FindPrimvarWithInheritance(name)
+        if found and found.HasAuthoredValue():
+            return None
+        report_missing_coordinates(self._gprim, name, value, self._report)
+        return value
 
     def _transform2d(self, inputs: dict[str, ShaderConnection]) -> np.ndarray[Any, Any]:
         """Return the 3x3 matrix of a UsdTransform2d: scale, then rotate counter-clockwise, then translate."""
