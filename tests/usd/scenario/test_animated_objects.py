@@ -3,8 +3,11 @@
 
 from __future__ import annotations
 
+import warnings
+
 import numpy as np
 import pytest
+from pxr import Usd, UsdGeom
 
 import tiscene as ts
 from tests.usd.helpers import write
@@ -59,6 +62,36 @@ def test_object_within_an_object_moves(tmp_path):
     source = stream(write(tmp_path, COMPONENT % ("Desk", drawer + door), more=RANGE))
     for path in ("/Desk/Drawer", "/Desk/Door/Handle"):
         assert [middles(source, frame)[path][0] for frame in (0, 5, 10)] == [-1.0, 0.0, 1.0]
+
+
+GROWS = """double3 xformOp:translate.timeSamples = { 0: (-1, 0, 0), 10: (1, 0, 0) }
+    float xformOp:rotateZ.timeSamples = { 0: 0, 10: 90 }
+    float3 xformOp:scale.timeSamples = { 0: %s, 10: (1, 0.5, 2) }
+    uniform token[] xformOpOrder = ["xformOp:translate", "xformOp:rotateZ", "xformOp:scale"]"""
+
+
+@pytest.mark.parametrize("first", ["(0.1, 0.1, 0.1)", "(0, 0, 0)"])
+@pytest.mark.parametrize("inside", [False, True])
+def test_object_whose_scale_changes_has_the_size_that_usd_gives_it(tmp_path, first, inside):
+    """It kept its first scale. One that was flattened at any time stood still, and a part of an object was an error."""
+    thing = COMPONENT % ("Thing", GROWS % first)
+    path = write(tmp_path, (COMPONENT % ("Desk", thing) if inside else thing) + FLOOR, more=RANGE)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        source = stream(path)
+    assert source.scenario.objects == ()
+    prim = "/Desk/Thing" if inside else "/Thing"
+    stage = open_stage(path)
+    for frame in (1, 5, 10, 0, 5):
+        rows = [row for row in source[frame].objects if row.prim_path == prim]
+        if frame == 0 and "(0," in first:
+            assert rows == []  # it is flat
+            continue
+        cache = UsdGeom.BBoxCache(Usd.TimeCode(frame), [UsdGeom.Tokens.default_])
+        box = cache.ComputeWorldBound(stage.GetPrimAtPath(prim + "/Body"))
+        corners = np.array([box.GetMatrix().Transform(box.GetRange().GetCorner(k)) for k in range(8)])
+        expected = np.stack([corners.min(axis=0), corners.max(axis=0)])
+        np.testing.assert_allclose(rows[0].world_bounds, expected, atol=1e-5)
 
 
 def test_prototype_of_points_moves_with_all_its_points(tmp_path):

@@ -16,12 +16,14 @@ from pxr import Usd, UsdGeom
 from tiscene.usd.core.pose import read_pose
 from tiscene.usd.core.report import StageReport
 from tiscene.usd.core.time_samples import dense_times
+from tiscene.usd.core.transform import to_matrix
 from tiscene.usd.core.units import Units
 
 MAX_TIMES = 100_000  # longest range of time codes that is sampled at every whole time code
 _ROTATIONS = {UsdGeom.XformOp.TypeOrient} | {
     getattr(UsdGeom.XformOp, f"TypeRotate{axes}") for axes in ("X", "Y", "Z", "XYZ", "XZY", "YXZ", "YZX", "ZXY", "ZYX")
 }
+_RIGID = {UsdGeom.XformOp.TypeTranslate} | _ROTATIONS
 
 
 def sample_times(prim: Usd.Prim) -> list[float]:
@@ -45,15 +47,34 @@ def sample_times(prim: Usd.Prim) -> list[float]:
     return dense_times(times, MAX_TIMES) if turns else sorted(times)
 
 
-def leaves_parts_behind(prim: Usd.Prim) -> bool:
-    """Return whether a prim moves by time samples, but not all within it: `!resetXformStack!` keeps parts in place.
+def moves_in_parts(prim: Usd.Prim) -> bool:
+    """Return whether a prim moves by time samples, and no rigid trajectory of the whole prim is its motion.
 
-    No trajectory of the whole prim is its motion. It is played by the transforms of its parts.
+    Its scale changes, or `!resetXformStack!` keeps parts of it in place. It is played by the transforms of its parts.
     """
-    if len(sample_times(prim)) < 2:
+    times = sample_times(prim)
+    if len(times) < 2:
         return False
     inside = (UsdGeom.Xformable(each) for each in Usd.PrimRange(prim, Usd.TraverseInstanceProxies()))
-    return any(each.GetPrim() != prim and each.GetResetXformStack() for each in inside if each)
+    return _changes_scale(prim, times) or any(
+        each.GetPrim() != prim and each.GetResetXformStack() for each in inside if each
+    )
+
+
+def _changes_scale(prim: Usd.Prim, times: list[float]) -> bool:
+    """Return whether a prim's world transform changes more than its pose at some time codes."""
+    scaled, above = False, prim
+    while above and not scaled and not above.IsPseudoRoot():
+        xformable = UsdGeom.Xformable(above)
+        operations = xformable.GetOrderedXformOps() if xformable else ()
+        scaled = any(each.GetOpType() not in _RIGID and each.GetNumTimeSamples() > 1 for each in operations)
+        above = above.GetParent()
+    if not scaled:
+        return False
+    xformable = UsdGeom.Xformable(prim)
+    worlds = [to_matrix(xformable.ComputeLocalToWorldTransform(Usd.TimeCode(time)), 1.0)[:3, :3] for time in times]
+    products = np.array([world.T @ world for world in worlds])  # the same if only the rotation changes
+    return bool((np.abs(products - products[0]) > 1e-5 * max(1e-30, float(np.abs(products).max()))).any())
 
 
 def read_lifespan(prim: Usd.Prim, report: StageReport) -> tuple[int, int | None] | None:
@@ -92,8 +113,7 @@ def read_keyframes(prim: Usd.Prim, units: Units, report: StageReport, first_fram
     Args:
         prim: the prim.
         units: unit of length of its stage.
-        report: receives omissions: an animated scale, of which the first value is kept, and a prim without a valid
-            pose at some time, which is static then.
+        report: receives an omission: a prim without a valid pose at some time, which is static then.
         first_frame: frame at which the prim appears. Time 0 of the keyframes is that many time codes after the start of
             the stage's range.
     """
@@ -103,16 +123,13 @@ def read_keyframes(prim: Usd.Prim, units: Units, report: StageReport, first_fram
     start = prim.GetStage().GetStartTimeCode() + first_frame
     times = sorted({max(time, start) for time in times})
     rate = prim.GetStage().GetTimeCodesPerSecond()
-    waypoints, stretches = [], []
+    waypoints = []
     for time in times:
         pose = read_pose(prim, Usd.TimeCode(time), units)
         if isinstance(pose, str):
             report.omission(prim.GetPath(), f"{pose} at time code {time:g}, so that the prim stands still")
             return None
         waypoints.append({"position": list(pose.position), "rotation": list(pose.rotation)})
-        stretches.append(np.diag([*pose.scale, 1.0]) @ pose.stretch)
-    if any(not np.allclose(stretch, stretches[0], atol=1e-5) for stretch in stretches):
-        report.omission(prim.GetPath(), "an animated scale keeps its first value")
     if all(each == waypoints[0] for each in waypoints):
         return None
     seconds = [(time - start) / rate for time in times]

@@ -17,7 +17,7 @@ from pxr import Gf, Usd, UsdGeom
 
 from tiscene.scene.animation import InstanceTrack
 from tiscene.scene.description import Matrix
-from tiscene.usd.core.transform import to_matrix
+from tiscene.usd.core.transform import is_singular, to_matrix
 
 MAX_TIMES = 10_000  # longest range of time codes that is sampled at every whole time code
 
@@ -90,7 +90,7 @@ class TransformSamples:
     Attributes:
         times: the time codes, ascending.
         matrices: float64 [s, 4, 4], world from instance, meters.
-        present: bool [s], whether the instance is visible.
+        present: bool [s], whether the instance is visible, and not flattened.
     """
 
     times: tuple[float, ...]
@@ -116,7 +116,9 @@ class TransformSamples:
             return None
         codes = [Usd.TimeCode(time) for time in times]
         matrices = np.array([to_matrix(ancestors.world(code, static), meters) for code in codes])
-        samples = cls(tuple(times), matrices, np.array([ancestors.is_visible(code) for code in codes], bool))
+        # What its transform flattens is not drawn.
+        visible = [ancestors.is_visible(code) and not is_singular(m) for code, m in zip(codes, matrices, strict=True)]
+        samples = cls(tuple(times), matrices, np.array(visible, bool))
         return samples if samples.changes else None
 
 

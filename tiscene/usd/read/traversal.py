@@ -14,7 +14,7 @@ from pxr import Sdf, Tf, Usd, UsdGeom, UsdLux, UsdSkel
 
 from tiscene.scene.camera import Camera
 from tiscene.scene.description import Matrix, SceneDescription, Template
-from tiscene.usd.core.keyframes import leaves_parts_behind
+from tiscene.usd.core.keyframes import moves_in_parts
 from tiscene.usd.core.report import UNDRAWN, StageReport
 from tiscene.usd.core.semantics import direct_label, is_component, is_object_instance, taxonomies_of
 from tiscene.usd.core.time_samples import TransformSamples
@@ -145,8 +145,8 @@ class StageReader(PointInstancerReader):
     def _is_animated_by_scenario(self, prim: Usd.Prim, inherited: TraversalContext, is_object: bool) -> bool:
         """Return whether a scenario animates a prim, not an instance track: objects, lights and whole templates.
 
-        No scenario holds an object within another one or within an instance of several, a Scope, and an object that
-        leaves parts behind: they move by tracks.
+        No scenario holds an object within another one or within an instance of several, a Scope, and an object whose
+        motion is not that of a rigid whole: they move by tracks.
         """
         if self._parts is not None or prim.GetPath() in self._report.budget.baked_skins:
             return False
@@ -156,7 +156,7 @@ class StageReader(PointInstancerReader):
         if is_light(prim) and not is_gprim:
             return True
         is_outermost = (is_object or is_gprim) and inherited.owner is None and not prim.IsInstanceProxy()
-        return is_outermost and bool(prim.IsA(UsdGeom.Xformable)) and not leaves_parts_behind(prim)
+        return is_outermost and bool(prim.IsA(UsdGeom.Xformable)) and not moves_in_parts(prim)
 
     def _read(self, prim: Usd.Prim, here: TraversalContext, predicate: Any) -> bool:
         """Read one prim and return whether to traverse its children."""
@@ -224,9 +224,11 @@ class StageReader(PointInstancerReader):
             self._report.omission(prim.GetPath(), "a mesh bound to a skeleton is drawn without its skinning")
         matrix = to_matrix(here.world, self._meters)
         samples = TransformSamples.of(here.animated, here.world, self._meters) if self._parts is None else None
+        if samples is not None and is_singular(matrix):  # it has the size of its first time that shows it
+            matrix = next((each for each in samples.matrices if not is_singular(each)), matrix)
         if fault := range_fault(matrix if samples is None else samples.matrices):
             self._report.problem(prim.GetPath(), "transform", fault)
-        elif samples is None and not here.animated and is_singular(matrix):
+        elif is_singular(matrix) and (samples is not None or not here.animated):
             self._report.omission(prim.GetPath(), "geometry that its transform flattens is not drawn")
         elif self._parts is not None:
             names = self._part_names(prim, self._prototype_root)
