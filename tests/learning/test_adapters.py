@@ -72,8 +72,9 @@ def test_delayed_labels_come_with_the_patches_of_their_frames(course, patches):
 
 
 def test_patches_need_odd_sizes_colors_and_tests(course):
-    with pytest.raises(ArgumentError, match="size=8: must be an odd number"):
-        next(labeled_patches(course, size=8))
+    for size, match in ((8, "size=8: must be an odd number"), (9.0, "size=9.0: must be a whole number")):
+        with pytest.raises(ArgumentError, match=match):
+            next(labeled_patches(course, size=size))
     blind = Course([Phase("a", scenario("Cube"), frames=1)], buffers=("instance",), observed=("instance",))
     with pytest.raises(ArgumentError, match="need the buffer rgb"):
         next(labeled_patches(blind))
@@ -131,9 +132,10 @@ def test_avalanche_trains_and_evaluates_on_a_course(course):
 
     from tiscene.learning.adapters.avalanche_benchmark import avalanche_benchmark
 
-    benchmark = avalanche_benchmark(course, size=9)
+    benchmark = pickle.loads(pickle.dumps(avalanche_benchmark(course, size=9)))  # as spawned workers get it
     assert [len(each.dataset) for each in benchmark.train_stream] == [12, 12]
     assert [sorted(set(each.dataset.targets)) for each in benchmark.train_stream] == [[0, 1], [0, 2]]
+    assert [each.classes_seen_so_far for each in benchmark.train_stream] == [{0, 1}, {0, 1, 2}]
     assert len(benchmark.test_stream) == 2
     picture, target, *_ = benchmark.train_stream[0].dataset[0]
     first = next(labeled_patches(course, 9))
@@ -148,6 +150,18 @@ def test_avalanche_trains_and_evaluates_on_a_course(course):
     results = strategy.eval(benchmark.test_stream)
     accuracy = [value for name, value in results.items() if name.startswith("Top1_Acc_Exp")]
     assert accuracy[0] > accuracy[1]  # it has learned the ball, not the cube
+
+
+@pytest.mark.filterwarnings("ignore")
+def test_avalanche_refuses_a_test_without_pixels(course):
+    """Left out, it would give its number to the next test."""
+    pytest.importorskip("avalanche")
+    from tiscene.learning.adapters.avalanche_benchmark import avalanche_benchmark
+
+    still = Phase("still", Scenario("object_view"), frames=1)
+    tests = Course(course.phases, tests=[still, *course.test_phases], **course.settings)
+    with pytest.raises(ArgumentError, match="test 'still': the policy chooses no pixels"):
+        avalanche_benchmark(tests, size=9)
 
 
 @pytest.fixture(scope="module")

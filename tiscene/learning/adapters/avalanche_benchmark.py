@@ -8,6 +8,7 @@ shuffled within by default: for the order of the stream, pass `shuffle=False` to
 
 from __future__ import annotations
 
+from collections.abc import Iterable, Sequence
 from typing import Any
 
 import numpy as np
@@ -29,42 +30,49 @@ def avalanche_benchmark(course: Course, *, size: int = 33, policy: Policy | None
         policy: which pixels of the tests are classified; None: one of each moving object in each frame.
 
     Returns:
-        A `CLScenario` with `train_stream` and `test_stream`. Pictures are float32 [3, size, size], 0..1; classes are
-        category ids; the phases' numbers are in `experience.origin_stream` order.
+        A `CLScenario` with `train_stream` and `test_stream`, in the order of the course. Pictures are float32
+        [3, size, size], 0..1; classes are category ids. Experiences have `classes_in_this_experience` and the like.
 
     Raises:
         MissingExtra: Avalanche is not installed.
-        ArgumentError: the course has no labels or no tests.
+        ArgumentError: the course has no labels or no tests, or the policy chooses no pixels of a test.
     """
     with requires_extra("avalanche"):
-        import torch
-        from avalanche.benchmarks import benchmark_from_datasets
+        from avalanche.benchmarks import benchmark_from_datasets, with_classes_timeline
         from avalanche.benchmarks.utils import as_classification_dataset
 
-    def dataset(patches: list[LabeledPatch]) -> Any:
-        stacked = torch.from_numpy(np.stack([each.patch for each in patches])).permute(0, 3, 1, 2).contiguous()
-        targets = torch.tensor([each.category_id for each in patches])
-        return as_classification_dataset(_Pictures(stacked, targets))
+    def datasets(phases: dict[int, list[LabeledPatch]]) -> list[Any]:
+        return [as_classification_dataset(_Pictures(patches)) for _, patches in sorted(phases.items())]
 
-    class _Pictures(torch.utils.data.Dataset):  # type: ignore[misc]  # torch is not read
-        """Pictures of bytes, as floats."""
-
-        def __init__(self, pictures: Any, targets: Any) -> None:
-            self.pictures, self.targets = pictures, targets.tolist()
-
-        def __len__(self) -> int:
-            return len(self.pictures)
-
-        def __getitem__(self, index: int) -> Any:
-            return self.pictures[index].float() / 255.0, self.targets[index]
-
-    train = _by_phase(list(labeled_patches(course, size)))
-    test = _by_phase(list(patches_of_tests(course, size, policy)))
+    train = _by_phase(labeled_patches(course, size))
+    test = _by_phase(patches_of_tests(course, size, policy))
     if not train:
         raise ArgumentError("no phase of the course has labels: Phase(..., supervision=RandomPixels(4))")
-    return benchmark_from_datasets(train=[dataset(each) for each in train], test=[dataset(each) for each in test])
+    for number, phase in enumerate(course.test_phases):
+        if number not in test:  # the tests after it would take its number
+            raise ArgumentError(f"test {phase.name!r}: the policy chooses no pixels of it: policy=RandomPixels(4)")
+    return with_classes_timeline(benchmark_from_datasets(train=datasets(train), test=datasets(test)))
 
 
-def _by_phase(patches: list[LabeledPatch]) -> list[list[LabeledPatch]]:
-    numbers = sorted({each.phase for each in patches})
-    return [[each for each in patches if each.phase == number] for number in numbers]
+class _Pictures:
+    """A map-style data set of pictures, which are kept as bytes and returned as floats."""
+
+    def __init__(self, patches: Sequence[LabeledPatch]) -> None:
+        import torch
+
+        self.pictures = torch.from_numpy(np.stack([each.patch for each in patches])).permute(0, 3, 1, 2).contiguous()
+        self.targets = [each.category_id for each in patches]
+
+    def __len__(self) -> int:
+        return len(self.targets)
+
+    def __getitem__(self, index: int) -> tuple[Any, int]:
+        return self.pictures[index].float() / 255.0, self.targets[index]
+
+
+def _by_phase(patches: Iterable[LabeledPatch]) -> dict[int, list[LabeledPatch]]:
+    """Return the patches of each phase that has any, by its number."""
+    found: dict[int, list[LabeledPatch]] = {}
+    for each in patches:
+        found.setdefault(each.phase, []).append(each)
+    return found

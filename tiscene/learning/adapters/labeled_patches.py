@@ -9,6 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from dynamics import argument_checks
 from tiscene.errors import ArgumentError
 from tiscene.learning.course import Course
 from tiscene.learning.supervision import Answer, Pending, Supervision
@@ -101,7 +102,7 @@ def _patch(patch: NDArray[np.uint8], answer: Answer, phase: int, arrives: int) -
 
 
 def _check(course: Course, size: int) -> None:
-    if size < 1 or size % 2 == 0:
+    if argument_checks.integer(size, "size", 1) % 2 == 0:
         raise ArgumentError(f"size={size}: must be an odd number of pixels")
     if "rgb" not in course.settings["buffers"]:
         raise ArgumentError("patches need the buffer rgb: Course(..., buffers=('rgb', ...))")
