@@ -245,8 +245,26 @@ def test_environment_needs_a_scenario():
 
     with pytest.raises(ArgumentError, match="pass a Scenario"):
         LookAround()
-    with pytest.raises(ArgumentError, match="length=0"):
-        LookAround("object_view", length=0)
+    for name, value in (("length", 0), ("length", 2.5), ("turn", "a"), ("clearance", float("nan")), ("budget", -1)):
+        with pytest.raises(ArgumentError, match=f"{name}={value!r}: must"):
+            LookAround("object_view", **{name: value})
+
+
+@pytest.mark.parametrize("action", [7, -1, 2.5, "left"])
+def test_unknown_actions_are_refused(environment, action):
+    environment.reset()
+    with pytest.raises(ArgumentError, match=f"action={action!r}: must be"):
+        environment.unwrapped.step(action)
+
+
+def test_tiny_pictures_can_step_forward():
+    pytest.importorskip("gymnasium")
+    from tiscene.learning.adapters.look_around import LookAround
+
+    env = LookAround(scenario("Ball 01"), width=3, height=3, spp=1)
+    env.reset()
+    env.step(1)
+    env.close()
 
 
 @pytest.mark.filterwarnings("ignore")

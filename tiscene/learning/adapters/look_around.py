@@ -18,6 +18,7 @@ from typing import Any
 
 import numpy as np
 
+from dynamics import argument_checks
 from tiscene.errors import ArgumentError, requires_extra
 from tiscene.render.view import View
 from tiscene.scenario.scenario import Scenario
@@ -76,13 +77,14 @@ class LookAround(gymnasium.Env):  # type: ignore[misc]  # gymnasium is not read
             raise ArgumentError("scenario: pass a Scenario, a scene's name or a file")
         if render_mode not in (None, "rgb_array"):
             raise ArgumentError(f"render_mode={render_mode!r}: must be None or 'rgb_array'")
-        for name, value in (("length", length), ("turn", turn), ("stride", stride)):
-            if value <= 0:
-                raise ArgumentError(f"{name}={value!r}: must be greater than 0")
+        self.length = argument_checks.integer(length, "length", 1)
+        self.turn = math.radians(argument_checks.positive(turn, "turn"))
+        self.stride = argument_checks.positive(stride, "stride")
+        self.clearance = argument_checks.not_negative(clearance, "clearance")
+        self.question_cost = argument_checks.number(question_cost, "question_cost")
+        self.budget = None if budget is None else argument_checks.integer(budget, "budget", 0)
         self.render_mode = render_mode
         self.stream = Stream(scenario, width=width, height=height, buffers=BUFFERS, **({"quality": "fast"} | settings))
-        self.length, self.turn, self.stride, self.clearance = length, math.radians(turn), stride, clearance
-        self.question_cost, self.budget = question_cost, budget
         numbers = len(self.stream.categories) and max(self.stream.categories) + 1
         self.observation_space = gymnasium.spaces.Dict(
             {
@@ -104,7 +106,7 @@ class LookAround(gymnasium.Env):  # type: ignore[misc]  # gymnasium is not read
 
     def step(self, action: int) -> tuple[Any, float, bool, bool, dict[str, Any]]:
         """Make an action and show the next frame. Returns observation, reward, False, truncated and info."""
-        name = ACTIONS[int(action)]
+        name = ACTIONS[argument_checks.integer(action, "action", 0, len(ACTIONS) - 1)]
         reward, before = 0.0, self._camera
         if name == "ask" and (self.budget is None or self._asked < self.budget):
             self._asked += 1
@@ -131,7 +133,7 @@ class LookAround(gymnasium.Env):  # type: ignore[misc]  # gymnasium is not read
         axes = matrix_from_quaternion(camera.rotation)
         if name == "forward":
             height, width = self._frame.depth.shape
-            ahead = self._frame.depth[height // 4 : -(height // 4), width // 4 : -(width // 4)].min()
+            ahead = self._frame.depth[height // 4 : height - height // 4, width // 4 : width - width // 4].min()
             if ahead < self.stride + self.clearance:
                 return camera
             direction = -axes[:, 2] * np.array([1.0, 0.0, 1.0])  # level, whatever the pitch
