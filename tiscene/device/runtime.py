@@ -165,5 +165,6 @@ def check_process() -> None:
     if _process not in (None, os.getpid()):
         raise DeviceError(
             "this process was forked from one in which Taichi runs, whose threads do not exist here. Spawn workers "
-            "instead (multiprocessing_context='spawn' of a DataLoader), or make the first Stream in the worker"
+            "instead (multiprocessing_context='spawn' of a DataLoader, context='spawn' of an AsyncVectorEnv), or make "
+            "the first Stream in the worker"
         )
