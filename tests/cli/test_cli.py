@@ -49,6 +49,26 @@ def test_user_errors_are_one_message_and_status_2(tmp_path, monkeypatch, fake, c
     assert "Traceback" not in captured.err
 
 
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (
+            ["rendr", "room_02", "-o", "x"],
+            "error: no command 'rendr'; did you mean 'render'?\n`tiscene --help`",
+        ),
+        (["sailenv", "recrod"], "no action 'recrod'; did you mean 'record'?\n`tiscene sailenv --help`"),
+        (["list", "--jsn"], "tiscene list: error: unrecognized arguments: --jsn; did you mean '--json'?"),
+        (["render", "s", "-o", "x", "--zzz=1"], "unrecognized arguments: --zzz=1\n`tiscene render --help`"),
+    ],
+)
+def test_misspelt_commands_and_arguments_have_suggestions(capsys, arguments, message):
+    """Unknown arguments were reported with `tiscene --help`, which does not list them."""
+    with pytest.raises(SystemExit) as caught:
+        cli.main(arguments)
+    assert caught.value.code == 2
+    assert message in capsys.readouterr().err
+
+
 def test_list_prints_every_name_and_file(capsys):
     assert cli.main(["list"]) == 0
     printed = capsys.readouterr().out

@@ -7,7 +7,8 @@
 from __future__ import annotations
 
 import argparse
-from typing import NoReturn, TypeAlias
+import re
+from typing import Any, NoReturn, TypeAlias
 
 import tiscene
 from tiscene.cli.argument_types import frame_slice, name_list
@@ -24,14 +25,29 @@ from tiscene.cli.common_arguments import (
 )
 from tiscene.cli.data_set_arguments import add_generate, add_merge, add_sample, add_verify
 from tiscene.cli.render_arguments import add_render
+from tiscene.errors import did_you_mean
 
 Commands: TypeAlias = "argparse._SubParsersAction[argparse.ArgumentParser]"
 
 
 class _Parser(argparse.ArgumentParser):
-    """Reports errors in two lines; the usage of a command has up to twelve more. Its commands do so too."""
+    """Reports errors in two lines; the usage of a command has up to twelve more. Its commands do so too.
+
+    Unknown arguments are reported by the command that they were given to, and as unknown commands with the nearest one.
+    """
+
+    def parse_known_args(self, args: Any = None, namespace: Any = None) -> Any:
+        known, unknown = super().parse_known_args(args, namespace)
+        if unknown:
+            nearest = did_you_mean(unknown[0].partition("=")[0], self._option_string_actions)
+            self.error(f"unrecognized arguments: {' '.join(unknown)}{nearest}")
+        return known, unknown
 
     def error(self, message: str) -> NoReturn:
+        unknown = re.match(r"argument (COMMAND|ACTION): invalid choice: '(.*?)' \(choose from (.*)\)", message)
+        if unknown:
+            kind, name, choices = unknown.groups()
+            message = f"no {kind.lower()} {name!r}{did_you_mean(name, re.findall(r'[a-z]+', choices))}"
         self.exit(2, f"{self.prog}: error: {message}\n`{self.prog} --help` lists the arguments.\n")
 
 
