@@ -56,8 +56,18 @@ def test_view_records_every_buffer_of_every_frame(tmp_path, capsys):
 
 def test_view_of_several_cameras_is_refused(capsys):
     pytest.importorskip("rerun")
-    assert cli.main(["view", "room_01", "--camera", "Main,Chest", *ARGUMENTS]) == 2
+    assert cli.main(["view", "room_01", "--save", "run.rrd", "--camera", "Main,Chest", *ARGUMENTS]) == 2
     assert "one camera" in capsys.readouterr().err
+
+
+def test_view_without_a_display_says_what_to_do(monkeypatch, capsys):
+    """It ended with a traceback, after rendering."""
+    pytest.importorskip("rerun")
+    for name in ("DISPLAY", "WAYLAND_DISPLAY"):
+        monkeypatch.delenv(name, raising=False)
+    monkeypatch.setattr(sys, "platform", "linux")
+    assert cli.main(["view", "solid_benchmark", *ARGUMENTS]) == 2
+    assert "there is no display for the viewer: `--save run.rrd` writes a file" in capsys.readouterr().err
 
 
 def test_view_without_rerun_names_the_extra(monkeypatch, capsys):

@@ -119,7 +119,7 @@ class FrameDisplay:
             display(image)
         else:
             title = f"frame {self.index}"
-            if not (_has_display() and ImageShow.show(image, title)):
+            if not (has_display() and ImageShow.show(image, title)):
                 text = f"{title} is not shown: there is no display or picture viewer."
                 advice = "`frame.save('frame.png')` writes a file, `tiscene preview` a page for browsers."
                 warnings.warn(f"{text} {advice}", stacklevel=2)
@@ -183,7 +183,7 @@ def _object_rows(objects: ObjectTable) -> Iterator[str]:
     yield "</table></details>"
 
 
-def _has_display() -> bool:
+def has_display() -> bool:
     """Return whether windows can open; a picture viewer that cannot open one fails without an error."""
     return sys.platform in ("darwin", "win32") or any(map(os.environ.get, ("DISPLAY", "WAYLAND_DISPLAY")))
 
