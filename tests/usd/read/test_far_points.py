@@ -141,6 +141,12 @@ def test_poses_of_objects_are_those_of_their_prims(stages):
             np.testing.assert_allclose(objects[name].world_from_object, np.array(world).T, atol=1e-6)
 
 
+def test_parts_that_turn_stay_in_place_between_samples(stages):
+    near, far = (frame(path, 7, ("instance",), fps=16.0).objects for path in stages)
+    for name in ("Chair", "Scatter[0]", "Scatter[1]"):
+        np.testing.assert_allclose(far.by_name(name).world_bounds, near.by_name(name).world_bounds, atol=1e-6)
+
+
 def test_an_override_places_the_origin_of_the_prim(stages):
     near, far = (
         ts.Scenario(
