@@ -15,7 +15,7 @@ from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
-from PIL import Image, ImageShow
+from PIL import Image
 
 from tiscene.errors import ArgumentError, export_errors
 from tiscene.files import write_atomically
@@ -118,6 +118,8 @@ class FrameDisplay:
 
             display(image)
         else:
+            from PIL import ImageShow  # looks for viewers when it is imported
+
             title = f"frame {self.index}"
             if not (has_display() and ImageShow.show(image, title)):
                 text = f"{title} is not shown: there is no display or picture viewer."

@@ -105,11 +105,18 @@ def test_invalid_time_metadata_raises_stage_error(tmp_path, read, more, expected
         read(path)
 
 
-def test_object_with_a_singular_sample_is_reported_and_static(tmp_path):
-    scaled = """double3 xformOp:scale.timeSamples = { 0: (1, 1, 1), 10: (0, 0, 0) }
-    uniform token[] xformOpOrder = ["xformOp:scale"]"""
-    with pytest.warns(StageWarning, match="singular.*at time code 10.*stands still: </A>"):
-        assert Scenario.load(write(tmp_path, moved("A", scaled))).objects == ()
+FLAT = """double3 xformOp:translate.timeSamples = { 0: (0, 0, 0), 10: (1, 0, 0) }
+    double3 xformOp:scale = (0, 0, 0)
+    uniform token[] xformOpOrder = ["xformOp:translate", "xformOp:scale"]"""
+
+
+@pytest.mark.parametrize(
+    ("operations", "text"),
+    [(FLAT, "singular.*at time code 0"), (MOVED % "0: (0, 0, 0), 10: (nan, 0, 0)", "not finite at time code 10")],
+)
+def test_object_without_a_pose_at_some_sample_is_reported_and_static(tmp_path, operations, text):
+    with pytest.warns(StageWarning, match=f"{text}.*stands still: </A>"):
+        assert Scenario.load(write(tmp_path, moved("A", operations))).objects == ()
 
 
 def test_samples_far_apart_are_not_densified(tmp_path):

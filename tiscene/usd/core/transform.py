@@ -33,9 +33,10 @@ def range_fault(matrices: NDArray[np.float64]) -> str:
 
 
 def is_singular(matrix: Matrix) -> bool:
-    """Return whether a transform flattens objects: a scale is zero, or axes coincide."""
-    scale = np.linalg.norm(matrix[:3, :3], axis=0)
-    return not scale.all() or bool(abs(np.linalg.det(matrix[:3, :3] / scale)) < 1e-9)
+    """Return whether a transform flattens objects: a scale is zero, or axes coincide; False if it is not finite."""
+    with np.errstate(invalid="ignore"):
+        scale = np.linalg.norm(matrix[:3, :3], axis=0)
+        return not scale.all() or bool(abs(np.linalg.det(matrix[:3, :3] / scale)) < 1e-9)
 
 
 def transform_fault(matrix: Matrix) -> str:

@@ -11,6 +11,7 @@
     subdivision_maps  its rules as sparse matrices
     catmull_clark  control cages, refinement and limit rules
     vertex_weld    welded meshes: one normal and uv per vertex
+    recentering    points far from the origin of their prim, relative to their own center
     gprim          cube, sphere, cylinder, cone, capsule, plane
     curve_evaluation  points, widths and colors along curves
     curves         curves as tubes or ribbons, points as spheres
