@@ -70,12 +70,27 @@ def test_frames_are_those_of_a_stream_without_worker_after_seeks_and_edits(ahead
 def test_worker_waits_while_enough_frames_are_ready(ahead):
     ahead.seek(0)
     next(ahead)
-    deadline = time.monotonic() + 20
-    while not ahead._ahead._results.full() and time.monotonic() < deadline:
-        time.sleep(0.02)
-    time.sleep(0.2)
-    assert ahead._ahead._results.qsize() == 3
-    assert next(ahead).index == 1
+    results, requests = ahead._ahead._results, ahead._ahead._requests
+    taken = []
+    while results.poll(20 if len(taken) < 3 else 0.5):
+        taken.append(results.recv())
+    assert len(taken) == 3
+    for _ in taken:
+        requests.send(None)
+    ahead.seek(0)  # the worker renders again what this test has taken
+    assert next(ahead).index == 0
+
+
+def test_interrupted_wait_for_a_frame_can_be_continued(ahead, monkeypatch):
+    def interrupt(timeout):
+        raise KeyboardInterrupt
+
+    ahead.seek(3)
+    next(ahead)
+    monkeypatch.setattr(ahead._ahead._results, "poll", interrupt)
+    with pytest.raises(KeyboardInterrupt):
+        next(ahead)
+    assert next(ahead).index == 4
 
 
 def test_iteration_ends_with_the_stream_and_can_start_again(ahead):
@@ -105,6 +120,17 @@ def test_killed_worker_is_an_error_and_the_next_frame_starts_another(ahead):
     assert next(ahead).index == 7
 
 
+def test_worker_that_is_killed_while_it_sends_a_frame_is_an_error():
+    """Frames larger than the buffer of a pipe are sent while they are read: the rest of one never arrives."""
+    settings = SETTINGS | {"width": 160, "height": 120}
+    with Stream(scenario(), prefetch=2, **settings) as stream:
+        next(stream)
+        assert stream._ahead._results.poll(20)
+        os.kill(stream._ahead._worker.pid, signal.SIGKILL)
+        with pytest.raises(DeviceError, match="exit code -9"):
+            list(stream)
+
+
 @pytest.mark.parametrize("prefetch", [-1, 1.5, "2"])
 def test_invalid_prefetch_is_refused(prefetch):
     with pytest.raises(ArgumentError, match="prefetch"):
@@ -131,6 +157,7 @@ if __name__ == "__main__":
     ("when", "sent"),
     [
         ("rendering", signal.SIGINT),
+        pytest.param("rendering", signal.SIGTERM, marks=pytest.mark.slow),
         pytest.param("rendering", signal.SIGKILL, marks=pytest.mark.slow),
         pytest.param("starting", signal.SIGKILL, marks=pytest.mark.slow),
     ],
@@ -147,10 +174,11 @@ def test_worker_ends_with_its_owner(tmp_path, when, sent):
             if sent == signal.SIGINT:
                 os.killpg(owner.pid, sent)
             else:
-                owner.kill()
+                owner.send_signal(sent)
             _, errors = owner.communicate(timeout=30)
             assert owner.returncode == -sent
             assert errors.count("Traceback") == (sent == signal.SIGINT), errors
+            assert "leaked" not in errors
             deadline = time.monotonic() + 10
             while runs(worker) and time.monotonic() < deadline:
                 time.sleep(0.05)

@@ -11,6 +11,8 @@ import signal
 import threading
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager, suppress
+from multiprocessing import resource_tracker
+from multiprocessing.connection import Connection
 from typing import Any, Protocol
 
 from tiscene.errors import ArgumentError, DeviceError
@@ -39,8 +41,8 @@ class RenderAhead:
     """Renders frames of a stream ahead of its position, in one worker process that starts with the first frame.
 
     The worker has a copy of the stream and sends arrays of pixels; the owner computes objects and events.
-    It waits while `count` frames are ready. After a seek or an edit of the world, frames that were rendered ahead in
-    vain are dropped. The frames have the same bytes as without a worker.
+    It waits while `count` frames are ready; the owner acknowledges each one it receives. After a seek or an edit of
+    the world, frames that were rendered ahead in vain are dropped. The frames have the same bytes as without a worker.
 
     Args:
         count: number of frames that may be ready; 0 for no worker.
@@ -99,11 +101,13 @@ class RenderAhead:
 
     def _start(self, stream: AheadSource) -> None:
         context = multiprocessing.get_context("spawn")
-        end, self._requests = context.Pipe(duplex=False)
-        self._results = context.Queue(self.count)
+        # Pipes, not a Queue: that keeps an end for writing open here, so that this process would wait for ever for the
+        # rest of a frame whose sender was killed. Its semaphores have names, which a killed process leaves behind.
+        requests, self._requests = context.Pipe(duplex=False)
+        self._results, results = context.Pipe(duplex=False)
         copied = pickle.dumps(stream)  # not read before the worker watches its owner: that takes seconds
         self._worker = context.Process(
-            target=_render_ahead, args=(copied, end, self._results), name="tiscene prefetch", daemon=True
+            target=_render_ahead, args=(copied, self.count, requests, results), name="tiscene prefetch", daemon=True
         )
         try:
             with _interrupts_blocked():  # the worker inherits this: Ctrl-C is for the process that owns it
@@ -111,7 +115,8 @@ class RenderAhead:
         except BaseException:
             self._worker = None
             raise
-        end.close()
+        requests.close()
+        results.close()
 
     def _request(self, stream: AheadSource, version: int, scenario: Scenario | None) -> None:
         """Ask for the frames from the stream's position on.
@@ -127,41 +132,70 @@ class RenderAhead:
             self._requests.send((self._number, stream.position, scenario))
 
     def _receive(self) -> tuple[int, Any]:
-        while True:
-            try:
-                received: tuple[int, Any] = self._results.get(timeout=POLL_SECONDS)
-            except queue.Empty:
+        try:
+            while not self._results.poll(POLL_SECONDS):
                 if not self._worker.is_alive():
-                    code = self._worker.exitcode
-                    self.close()
-                    raise DeviceError(
-                        f"the process that renders ahead has ended (exit code {code}). It may have run out of memory: "
-                        "make the stream with prefetch=0 or a smaller number"
-                    ) from None
-                continue
-            return received
+                    raise EOFError
+            received: tuple[int, Any] = self._results.recv()
+            with suppress(OSError):  # the worker is dead; the next call reports that
+                self._requests.send(None)
+        except (EOFError, OSError):
+            self._worker.join(JOIN_SECONDS)
+            code = self._worker.exitcode
+            self.close()
+            raise DeviceError(
+                f"the process that renders ahead has ended (exit code {code}). It may have run out of memory: "
+                "make the stream with prefetch=0 or a smaller number"
+            ) from None
+        except BaseException:  # Ctrl-C, perhaps in the middle of a result: the next frame starts another worker
+            self.close()
+            raise
+        return received
 
 
-def _render_ahead(copied: bytes, requests: Any, results: Any) -> None:
-    """Render frames of a pickled stream, in the worker: from the position of the last request to the stream's end."""
+def _render_ahead(copied: bytes, count: int, requests: Connection, results: Connection) -> None:
+    """Render frames of a pickled stream, in the worker: from the position of the last request to the stream's end.
+
+    Args:
+        copied: The stream.
+        count: Number of results that may wait for the owner.
+        requests: Gives (number, position, changed scenario or None), and None when the owner has received a result.
+        results: Takes (number of the request, pixels or error).
+    """
     threading.Thread(target=_exit_with_owner, daemon=True).start()
+    ready: queue.SimpleQueue[tuple[int, Any]] = queue.SimpleQueue()
+    threading.Thread(target=_send, args=(ready, results), daemon=True).start()
     stream = pickle.loads(copied)
-    number, position = 0, None
+    number, position, free = 0, None, count
     while True:
-        while position is None or requests.poll():
+        while position is None or not free or requests.poll():
             try:
-                number, position, scenario = requests.recv()
+                request = requests.recv()
             except EOFError:  # the owner has ended
-                os._exit(1)  # an ordinary exit would wait until the frames that nobody reads have been sent
+                os._exit(1)
+            if request is None:
+                free += 1
+                continue
+            number, position, scenario = request
             if scenario is not None:
                 stream.restart(scenario)
         try:
             result: Any = [Pixels.of(view) for view in stream[position].views.values()]
         except Exception as error:
             result = _picklable(error)
-        results.put((number, result))
+        ready.put((number, result))
+        free -= 1
         is_last = isinstance(result, Exception) or position + 1 == stream.frames
         position = None if is_last else position + 1
+
+
+def _send(ready: queue.SimpleQueue[tuple[int, Any]], results: Connection) -> None:
+    """Send results while the next ones are rendered: a pipe takes no more than a small frame before it is read."""
+    while True:
+        try:
+            results.send(ready.get())
+        except OSError:  # the owner has ended
+            os._exit(1)
 
 
 def _picklable(error: Exception) -> Exception:
@@ -189,6 +223,7 @@ def _interrupts_blocked() -> Iterator[None]:
     if not hasattr(signal, "pthread_sigmask"):
         yield
         return
+    resource_tracker.ensure_running()  # the first process starts it, which unblocks SIGINT
     before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
     try:
         yield
