@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import contextlib
 import os
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Collection, Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -58,6 +58,7 @@ def verify(
     folder: str | Path,
     *,
     sample: int | None = None,
+    frames: Collection[int] | None = None,
     search: Sequence[str | Path] = (),
     arch: str | None = None,
     progress: Callable[[int], None] | None = None,
@@ -68,6 +69,7 @@ def verify(
         folder: The folder of the export.
         sample: How many frames are rendered again, evenly from the first to the last; 0: none, files alone are
             compared; None: all.
+        frames: Indices of the frames that are rendered again, as far as the export has them; None: as `sample` says.
         search: Folders, beside the export's own, in which files of the scene are looked for by their digest.
         arch: "cpu" or "cuda"; None for "cpu".
         progress: Called with the index of each frame that was rendered.
@@ -78,29 +80,6 @@ def verify(
     """
     if sample is not None and sample < 0:
         raise ArgumentError(f"sample={sample}: must be 0 or more")
-    return verify_frames(folder, lambda indices: evenly(indices, sample), search=search, arch=arch, progress=progress)
-
-
-def verify_frames(
-    folder: str | Path,
-    choose: Callable[[Sequence[int]], Sequence[int]],
-    *,
-    search: Sequence[str | Path] = (),
-    arch: str | None = None,
-    progress: Callable[[int], None] | None = None,
-) -> Verification:
-    """Do as `verify`.
-
-    Args:
-        folder: The folder of the export.
-        choose: Returns those of the frames' indices that are rendered again.
-        search: As of `verify`.
-        arch: "cpu" or "cuda"; None for "cpu".
-        progress: Called with the index of each frame that was rendered.
-
-    Raises:
-        ExportError: As of `verify`.
-    """
     folder = Path(folder)
     manifest = Manifest.load(folder)
     if manifest is None:
@@ -114,7 +93,7 @@ def verify_frames(
             damaged = tuple(index for index in indices if not writer.holds(index))
     except FolderLockedError as error:
         raise ExportError(f"cannot verify {str(folder)!r}: {error}") from error
-    chosen = choose(indices)
+    chosen = evenly(indices, sample) if frames is None else [index for index in indices if index in frames]
     different = {}
     if chosen:
         with stream_of(manifest, [*map(Path, search), folder], arch) as stream:

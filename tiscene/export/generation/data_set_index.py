@@ -9,10 +9,10 @@ from __future__ import annotations
 import json
 import math
 from collections import Counter
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeAlias
 
 import numpy as np
 from PIL import Image, ImageDraw, ImageFont
@@ -27,6 +27,7 @@ DATA_SET, INDEX, STATISTICS, SHEET = "dataset.json", "index.jsonl", "statistics.
 MAX_THUMBNAILS = 48
 GAP, TEXT = 8, 16  # px
 BACKGROUND, INK = (16, 17, 21), (200, 202, 206)
+Summary: TypeAlias = dict[str, Any] | None  # of a scenario; None: it is not done
 
 
 @dataclass(frozen=True)
@@ -71,7 +72,7 @@ class DataSet:
         """Return the number of scenarios that are done."""
         return sum(1 for split in self.recipe.splits for _ in (self.folder / split).glob(f"*/{FILE}"))
 
-    def summaries(self) -> Iterator[tuple[int, dict[str, Any] | None]]:
+    def summaries(self) -> Iterator[tuple[int, Summary]]:
         """Yield the number and the summary of each scenario; None for one that is not done."""
         for number in range(self.count):
             yield number, read_summary(self.scenario_folder(number))
@@ -80,22 +81,12 @@ class DataSet:
         """Return the numbers of the scenarios that are not done."""
         return [number for number, summary in self.summaries() if summary is None]
 
-    def index_files(self) -> dict[str, bytes]:
-        """Return the contents of index and statistics by name of the file."""
-        statistics = _Statistics()
-        lines = []
-        for _, summary in self.summaries():
-            if summary is not None:
-                lines.append(json.dumps(summary, separators=(",", ":")))
-                statistics.add(summary)
-        text = json.dumps(statistics.result(), indent=1) + "\n"
-        return {INDEX: ("\n".join(lines) + "\n").encode(), STATISTICS: text.encode()}
-
     def write_index(self) -> None:
         """Write index, statistics and contact sheet."""
-        for name, content in self.index_files().items():
+        summaries = list(self.summaries())
+        for name, content in index_files(summaries).items():
             write_atomically(self.folder / name, content)
-        done = [number for number, summary in self.summaries() if summary is not None and "error" not in summary]
+        done = with_frames(summaries)
         shown = (
             [done[place * len(done) // MAX_THUMBNAILS] for place in range(MAX_THUMBNAILS)]
             if len(done) > MAX_THUMBNAILS
@@ -120,6 +111,23 @@ class DataSet:
             draw.text((x, y + height + TEXT - 3), f"{self.recipe.split(number)} {number}", INK, font, anchor="ls")
             image.close()
         return np.asarray(sheet)
+
+
+def with_frames(summaries: Iterable[tuple[int, Summary]]) -> list[int]:
+    """Return the numbers of the scenarios that have frames: they are done, without an error."""
+    return [number for number, summary in summaries if summary is not None and "error" not in summary]
+
+
+def index_files(summaries: Iterable[tuple[int, Summary]]) -> dict[str, bytes]:
+    """Return the contents of index and statistics by name of the file, from numbers and summaries of scenarios."""
+    statistics = _Statistics()
+    lines = []
+    for _, summary in summaries:
+        if summary is not None:
+            lines.append(json.dumps(summary, separators=(",", ":")))
+            statistics.add(summary)
+    text = json.dumps(statistics.result(), indent=1) + "\n"
+    return {INDEX: ("\n".join(lines) + "\n").encode(), STATISTICS: text.encode()}
 
 
 class _Statistics:

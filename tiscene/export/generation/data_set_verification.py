@@ -10,11 +10,11 @@ from pathlib import Path
 from typing import Any
 
 from tiscene.errors import ArgumentError, DeviceError, ExportError, TisceneError
-from tiscene.export.generation.data_set_index import DATA_SET, DataSet
+from tiscene.export.generation.data_set_index import DATA_SET, DataSet, index_files, with_frames
 from tiscene.export.generation.generator import SCENARIO
 from tiscene.export.generation.scenario_summary import frames_digest
 from tiscene.export.manifest import Manifest
-from tiscene.export.verification import evenly, verify_frames
+from tiscene.export.verification import evenly, verify
 from tiscene.scenario.scenario import Scenario
 
 
@@ -72,13 +72,14 @@ def verify_data_set(
     if data_set is None:
         raise ExportError(f"{str(folder)!r} has no data set: it has no {DATA_SET}")
     length = data_set.recipe.frames
-    made = [number for number, summary in data_set.summaries() if summary is not None and "error" not in summary]
+    summaries = list(data_set.summaries())
+    made = with_frames(summaries)
     chosen: dict[int, list[int]] = {}
     for place in evenly(range(len(made) * length), sample):
         chosen.setdefault(made[place // length], []).append(place % length)
     problems: dict[str, tuple[str, ...]] = {}
     failed = frames = rendered = 0
-    for number, summary in data_set.summaries():
+    for number, summary in summaries:
         scenario = data_set.scenario_folder(number)
         found: list[str] = []
         if summary is None:
@@ -88,9 +89,9 @@ def verify_data_set(
         else:
             shown = None if progress is None else functools.partial(progress, number)
             found = list(_contradictions(scenario, summary, length))
-            choose = functools.partial(_present, [] if found else chosen.get(number, []))
+            again = [] if found else chosen.get(number, [])
             try:
-                verified = verify_frames(scenario, choose, search=search, arch=arch, progress=shown)
+                verified = verify(scenario, frames=again, search=search, arch=arch, progress=shown)
             except (ArgumentError, DeviceError):
                 raise
             except TisceneError as error:
@@ -103,16 +104,11 @@ def verify_data_set(
             problems[scenario.relative_to(data_set.folder).as_posix()] = tuple(dict.fromkeys(found))
         if progress is not None:
             progress(number, None)
-    for name, content in data_set.index_files().items():
+    for name, content in index_files(summaries).items():
         path = data_set.folder / name
         if not path.is_file() or path.read_bytes() != content:
             problems[name] = (f"is not that of the scenarios; `tiscene merge {folder}` writes it again",)
     return DataSetVerification(data_set.count, failed, frames, rendered, problems)
-
-
-def _present(wanted: Sequence[int], indices: Sequence[int]) -> list[int]:
-    """Return those of the indices that are wanted."""
-    return [index for index in indices if index in wanted]
 
 
 def _contradictions(folder: Path, summary: dict[str, Any], length: int) -> Iterator[str]:
@@ -120,7 +116,7 @@ def _contradictions(folder: Path, summary: dict[str, Any], length: int) -> Itera
     try:
         manifest = Manifest.load(folder)
         if manifest is None:
-            return  # `verify_frames` says so
+            return  # `verify` says so
         if list(manifest.frames) != list(range(length)):
             yield f"has {len(manifest.frames)} frames in place of {length}"
         if summary.get("digest") != frames_digest(manifest):
