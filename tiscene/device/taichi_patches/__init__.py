@@ -7,14 +7,15 @@ patches off, and any other version of Taichi does so with a warning; the results
 
 ::
 
-    fence            which packages are patched; the switch and the version check
-    patched_kernel   PatchedKernel, the class of this project's kernels
-    launch           launch a compiled kernel with less Python
-    frontend         parse each function once while kernels compile
-    ast_recorder     record AST builder calls and replay them in later processes
-    recorded_calls   the calls that are recorded
-    recording_file   recorded calls as files
-    fingerprint      identify a kernel by everything its source depends on
-    memcpy           copy arrays without kernels
-    tracebacks       make arrays without the text of the call stack
+    fence             which packages are patched; the switch and the version check
+    patched_kernel    PatchedKernel, the class of this project's kernels
+    launch            launch a compiled kernel with less Python
+    frontend          parse each function once while kernels compile
+    ast_recorder      record AST builder calls and replay them in later processes
+    recorded_calls    the calls that are recorded
+    simplified_calls  leave out calls that the compiler would have to undo
+    recording_file    recorded calls as files
+    fingerprint       identify a kernel by everything its source depends on
+    memcpy            copy arrays without kernels
+    tracebacks        make arrays without the text of the call stack
 """

@@ -1,10 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Record the calls that build a kernel's AST; replay them in later processes.
+"""Record the calls that build a kernel's AST; replay them, simplified, now and in later processes.
 
 Taichi 1.7.4 finds a kernel in its offline cache by the AST, which its Python front end builds from the sources at every
 start. Here the calls into Taichi's C++ library that build it are recorded the first time, in a file named by the
 `fingerprint` of the sources, and replayed where the fingerprint is the same: the same AST, hence the same cache entry,
-in a tenth of the time.
+in a tenth of the time. What `simplified_calls` leaves out, the compiler need not remove.
 
 What cannot be recorded (fields, prints, functions that are not inlined) is left to Taichi. A recording that fails to
 replay is deleted, and Taichi builds the AST.
@@ -39,8 +39,11 @@ from tiscene.device.taichi_patches.recording_file import (
     read_recording,
     write_recording,
 )
+from tiscene.device.taichi_patches.simplified_calls import CHECK, SimplifiedCalls
 
 FOLDER = "front_end"  # in the folder of Taichi's cache
+
+_TYPED = ("expr_", "make_const_expr_", "value_cast", "ASTBuilder.expr_var", "ASTBuilder.expr_subscript")
 
 _NATIVE = core.Expr.__mro__[-2]  # the base class of all objects of Taichi's library
 
@@ -60,12 +63,20 @@ def materialize(kernel: Kernel, key: Any, args: Any, features: Any) -> None:
         Kernel.materialize(kernel, key=key, args=args, arg_features=features)
         return
     path = Path(impl.current_cfg().offline_cache_file_path, FOLDER, f"{identity.text}.calls")
-    if _materialize_from(path, kernel, key):
-        return
+    recording = read_recording(path)
+    if recording is not None:
+        if _materialize_from(recording, kernel, key):
+            return
+        with suppress(OSError):  # whatever is wrong with the file, Taichi can still build the AST
+            path.unlink(missing_ok=True)
     with _recording() as recorder:
         Kernel.materialize(kernel, key=key, args=args, arg_features=features)
-    if recorder.complete and not kernel.has_print and identity.is_current():
-        write_recording(path, recorder.recording())
+    if recorder.complete and not kernel.has_print:
+        recording = recorder.recording()
+        if (
+            _materialize_from(recording, kernel, key) and identity.is_current()
+        ):  # in place of the kernel that Taichi made
+            write_recording(path, recording)
 
 
 def _fingerprint_of(kernel: Kernel, key: Any, args: Any, features: Any) -> Fingerprint | None:
@@ -80,17 +91,12 @@ def _fingerprint_of(kernel: Kernel, key: Any, args: Any, features: Any) -> Finge
         return None
 
 
-def _materialize_from(path: Path, kernel: Kernel, key: Any) -> bool:
-    """Replay a recording; return False, and delete it, if it fails."""
-    recording = read_recording(path)
-    if recording is None:
-        return False
+def _materialize_from(recording: CallRecording, kernel: Kernel, key: Any) -> bool:
+    """Replay a recording; return whether it succeeds."""
     name = f"{kernel.func.__name__}_c{kernel.kernel_counter}_{key[1]}"
     try:
         compiled = impl.get_runtime().prog.create_kernel(partial(_replay, recording), name, kernel.autodiff_mode)
-    except Exception:  # whatever is wrong with the file, Taichi can still build the AST
-        with suppress(OSError):
-            path.unlink(missing_ok=True)
+    except Exception:  # of whatever type: the recording may be damaged
         return False
     kernel.compiled_kernels[key] = compiled
     return True
@@ -147,7 +153,7 @@ class CallRecorder:
         return recorded
 
     def _add(self, name: str, values: list[Any], result: Any) -> None:
-        if name == "Expr.type_check":  # has no effect the second time
+        if name == CHECK:  # has no effect the second time
             if id(values[0]) in self._checked:
                 return
             self._checked.add(id(values[0]))
@@ -177,15 +183,28 @@ class CallRecorder:
             return "result", self._add_row("list", list(value))
         return "constant", json.dumps(encode(value))
 
+    def _types(self) -> dict[int, str]:
+        """Return the types of expressions that hold numbers, by row."""
+        types: dict[int, str] = {}
+        for value in self._alive:
+            row = self._row_of_result[id(value)]
+            if isinstance(value, core.Expr) and self._rows[row][0].startswith(_TYPED):
+                types[row] = value.get_rvalue_type().to_string()
+        return types
+
     def recording(self) -> CallRecording:
         """Return the recording, without calls that have neither side effects nor used results."""
-        needed = [name.split()[0] in SIDE_EFFECTS for name, _ in self._rows]
-        for row in range(len(self._rows) - 1, -1, -1):
+        rows = SimplifiedCalls(self._rows, self._types()).rows
+        needed = [name.split()[0] in SIDE_EFFECTS and name != CHECK for name, _ in rows]
+        for row in range(len(rows) - 1, -1, -1):
             if needed[row]:
-                for kind, content in self._rows[row][1]:
+                for kind, content in rows[row][1]:
                     if kind == "result":
                         needed[content] = True
-        rows = [row for row, is_needed in zip(self._rows, needed, strict=True) if is_needed]
+        for row, (name, arguments) in enumerate(rows):
+            if name == CHECK:
+                needed[row] = needed[arguments[0][1]]
+        rows = [row for row, is_needed in zip(rows, needed, strict=True) if is_needed]
         constants = dict.fromkeys(content for _, arguments in rows for kind, content in arguments if kind == "constant")
         places = {text: FIRST_CONSTANT + k for k, text in enumerate(constants)}
         results = FIRST_CONSTANT + len(places) + np.cumsum([False, *needed])

@@ -37,7 +37,7 @@ _BY_VERSION = {"taichi", "numpy", *_PURE}
 _VERSIONS = (sys.version, sys.byteorder, ti.__version__, core.get_commit_hash(), np.__version__)
 _WRITERS = tuple(
     f"tiscene.device.taichi_patches.{name}"
-    for name in ("fingerprint", "ast_recorder", "recorded_calls", "recording_file")
+    for name in ("fingerprint", "ast_recorder", "recorded_calls", "recording_file", "simplified_calls")
 )
 # Parts of names of configuration entries that concern how Taichi runs, not what it compiles.
 _RUN_OPTIONS = ("cache", "print", "verbose", "threads", "timeline", "memory", "random_seed")
