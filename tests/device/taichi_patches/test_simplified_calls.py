@@ -142,7 +142,29 @@ def constants():
     return kernel
 
 
-KERNELS = [copies, changed_copies, atomics, loops, branches, constants]
+def order():
+    @ti.kernel
+    def kernel(values: values1):
+        for _ in range(1):
+            x = values[0]
+            old = x
+            y = ti.atomic_add(x, 2.0) + old  # `old` is read before x changes
+            z = ti.atomic_add(x, 1.0)
+            w = x + z  # x is read afterwards
+            element = values[1]
+            values[1] = element + y
+            v = vec3(w, y, z)
+            values[2] = v[1]
+            large = values[3] * 1e30
+            found = values[4] > 100.0 and large > 1.0
+            values[3] = 1.0 if found else w
+            row = values.shape[0] - 1
+            values[row] = old + 10.0 * z
+
+    return kernel
+
+
+KERNELS = [copies, changed_copies, atomics, loops, branches, constants, order]
 
 
 def result(kernel):
@@ -188,6 +210,12 @@ def by_hand():
 
 def test_functions_cost_no_variables(folder):
     assert recorded(copies, folder) == recorded(by_hand, folder)
+
+
+def test_values_that_the_next_statement_reads_need_no_variable(folder):
+    calls = recorded(order, folder)
+    # x, the results of two atomic additions and the variables for them, old, y, v, large
+    assert calls["ASTBuilder.expr_var"] == 9
 
 
 def test_integers_are_computed_and_cast_beforehand(folder):

@@ -20,13 +20,12 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 from taichi._lib import core
 from taichi.lang import impl
 from taichi.lang.kernel_impl import AutodiffMode, Kernel
 
 from tiscene.device.taichi_patches.fingerprint import Fingerprint, NoFingerprint, fingerprint
-from tiscene.device.taichi_patches.recorded_calls import CALLS, FUNCTIONS, METHODS, SIDE_EFFECTS
+from tiscene.device.taichi_patches.recorded_calls import CALLS, FUNCTIONS, METHODS
 from tiscene.device.taichi_patches.recording_file import (
     CONFIG,
     DEBUG_INFO,
@@ -39,7 +38,7 @@ from tiscene.device.taichi_patches.recording_file import (
     read_recording,
     write_recording,
 )
-from tiscene.device.taichi_patches.simplified_calls import CHECK, SimplifiedCalls
+from tiscene.device.taichi_patches.simplified_calls import CHECK, simplified
 
 FOLDER = "front_end"  # in the folder of Taichi's cache
 
@@ -193,28 +192,18 @@ class CallRecorder:
         return types
 
     def recording(self) -> CallRecording:
-        """Return the recording, without calls that have neither side effects nor used results."""
-        rows = SimplifiedCalls(self._rows, self._types()).rows
-        needed = [name.split()[0] in SIDE_EFFECTS and name != CHECK for name, _ in rows]
-        for row in range(len(rows) - 1, -1, -1):
-            if needed[row]:
-                for kind, content in rows[row][1]:
-                    if kind == "result":
-                        needed[content] = True
-        for row, (name, arguments) in enumerate(rows):
-            if name == CHECK:
-                needed[row] = needed[arguments[0][1]]
-        rows = [row for row, is_needed in zip(rows, needed, strict=True) if is_needed]
+        """Return the recording, without calls that the compiler would have to undo."""
+        rows = simplified(self._rows, self._types())
         constants = dict.fromkeys(content for _, arguments in rows for kind, content in arguments if kind == "constant")
         places = {text: FIRST_CONSTANT + k for k, text in enumerate(constants)}
-        results = FIRST_CONSTANT + len(places) + np.cumsum([False, *needed])
+        first_result = FIRST_CONSTANT + len(places)
         recording = CallRecording([json.loads(text) for text in places])
         for name, arguments in rows:
             recording.calls.append(name)
             recording.counts.append(len(arguments))
             for kind, content in arguments:
                 if kind == "result":
-                    content = int(results[content])
+                    content += first_result
                 elif kind == "constant":
                     content = places[content]
                 recording.arguments.append(content)

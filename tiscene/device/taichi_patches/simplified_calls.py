@@ -12,17 +12,19 @@ from __future__ import annotations
 import json
 import operator
 from collections import defaultdict
-from collections.abc import Mapping, Sequence
+from collections.abc import Container, Mapping, Sequence
 from typing import Any
 
 import numpy as np
 
+from tiscene.device.taichi_patches.recorded_calls import SIDE_EFFECTS
 from tiscene.device.taichi_patches.recording_file import CONFIG
 
 # A call as `ast_recorder.CallRecorder` keeps it: its name, and its arguments as pairs of kind and content.
 Row = tuple[str, list[tuple[str, Any]]]
 
-CHECK, VARIABLE, CAST = "Expr.type_check", "ASTBuilder.expr_var", "value_cast"
+CHECK, CAST = "Expr.type_check", "value_cast"
+VARIABLE, ASSIGNMENT, BRANCH = "ASTBuilder.expr_var", "ASTBuilder.expr_assign", "ASTBuilder.begin_frontend_if"
 
 _CONSTANTS = {"i32": "make_const_expr_int", "u32": "make_const_expr_int", "f32": "make_const_expr_fp"}
 _ARITHMETIC = {"expr_add": operator.add, "expr_sub": operator.sub, "expr_mul": operator.mul}
@@ -33,11 +35,33 @@ _PROMOTING |= {f"expr_cmp_{name}" for name in ("eq", "ne", "lt", "le", "gt", "ge
 _WHOLES = {"ASTBuilder.expr_subscript": 1, "subscript_with_multiple_indices": 0}  # which argument the result is part of
 _MEMBERS = {"list": 0, "ExprGroup.push_back": 1}  # the first of the arguments that become members
 # Calls that only read their arguments, besides all others that make an expression of expressions.
-_READERS = {CHECK, VARIABLE, CAST, "bits_cast", "ASTBuilder.make_matrix_expr", "ASTBuilder.begin_frontend_if"}
-_READERS |= {*_WHOLES, *_MEMBERS}
+_READERS = {CHECK, CAST, VARIABLE, BRANCH, "bits_cast", "ASTBuilder.make_matrix_expr", *_WHOLES, *_MEMBERS}
+_LEAVES = {"ExprGroup", "make_arg_load_expr", "make_external_tensor_expr", "get_external_tensor_shape_along_axis"}
+_LEAVES |= {"Kernel.ast_builder", "Kernel.insert_ndarray_param", "Kernel.insert_scalar_param"}
+_LAZY = {"expr_ifte", "expr_logical_and", "expr_logical_or"}  # may leave out operands
+_EXPRESSIONS = {"ASTBuilder.expr_subscript", "ASTBuilder.make_matrix_expr", "ASTBuilder.make_id_expr"}
 
 
-class SimplifiedCalls:
+def simplified(rows: Sequence[Row], types: Mapping[int, str]) -> list[Row]:
+    """Return calls that build the same kernel with fewer variables and expressions.
+
+    Args:
+        rows: All calls that build the kernel's AST.
+        types: The type of each expression, by the row that made it.
+    """
+    rows = _used(_SimplerCalls(rows, types).rows)
+    values = passed_values(rows)
+    substituted = []
+    for name, arguments in rows:
+        for place, (kind, content) in enumerate(arguments):
+            while kind == "result" and content in values:
+                content = values[content]
+            arguments[place] = kind, content
+        substituted.append((name, arguments))
+    return _used(substituted, values)
+
+
+class _SimplerCalls:
     """Calls that build the same kernel with fewer variables and expressions.
 
     Args:
@@ -53,7 +77,6 @@ class SimplifiedCalls:
         self._types: dict[int, str] = {}  # by new row, as all that follow
         self._values: dict[int, int | float] = {}  # of constants
         self._stable: set[int] = set()  # variables that keep their first value
-        self._checked: dict[int, int] = {}  # where the type of an expression is checked
         written = written_rows(rows)
         places: list[int] = []  # the new row of each
         for row, (name, given) in enumerate(rows):
@@ -72,8 +95,6 @@ class SimplifiedCalls:
     def _simpler(self, name: str, arguments: list[tuple[str, Any]], is_stable: bool) -> int | None:
         """Return a row, perhaps a new one, that takes the place of a call; None if the call is needed."""
         operands = [content for kind, content in arguments if kind == "result"]
-        if name == CHECK:
-            return self._checked.get(operands[0])
         if is_stable:
             start = operands[-1]
             return start if start in self._values or start in self._stable else None
@@ -112,8 +133,6 @@ class SimplifiedCalls:
             self._types[place] = type_name
         if name in _CONSTANTS.values() and type_name in _CONSTANTS:
             self._values[place] = json.loads(arguments[1][1])
-        if name == CHECK:
-            self._checked[arguments[0][1]] = place
         return place
 
     def _promoted(self, operand: int, other: int) -> int:
@@ -132,11 +151,11 @@ def written_rows(rows: Sequence[Row]) -> set[int]:
         if name in _MEMBERS:
             group = row if name == "list" else operands[0]
             members[group] += operands[_MEMBERS[name] :]
-        if name == "ASTBuilder.expr_assign":
+        if name == ASSIGNMENT:
             pending = [arguments[1][1]]
         elif name.startswith("expr_atomic_"):
             pending = [arguments[0][1]]
-        elif name in _READERS or name.startswith(("expr_", "make_const_expr_")):
+        elif _only_reads(name):
             pending = []
         else:
             pending = operands
@@ -148,6 +167,87 @@ def written_rows(rows: Sequence[Row]) -> set[int]:
                 if rows[place][0] in _WHOLES:
                     pending.append(rows[place][1][_WHOLES[rows[place][0]]][1])
     return written
+
+
+def passed_values(rows: Sequence[Row]) -> dict[int, int]:
+    """Find variables that one expression of the next statement reads, and nothing else.
+
+    Args:
+        rows: All calls that build the kernel's AST.
+
+    Returns:
+        The row of the value that can be used in place of each such variable, by its row.
+    """
+    users: dict[int, list[int]] = defaultdict(list)
+    harmless = [True] * len(rows)  # whether evaluating an expression changes nothing
+    statements = []
+    for row, (name, arguments) in enumerate(rows):
+        operands = [content for kind, content in arguments if kind == "result"]
+        if name == "ExprGroup.push_back":
+            group, member = operands
+            users[member].append(group)
+            harmless[group] = harmless[group] and harmless[member]
+        elif name != CHECK:
+            for operand in operands:
+                users[operand].append(row)
+            if name.startswith("ASTBuilder.") and name not in _EXPRESSIONS:
+                statements.append(row)
+            else:
+                known = _only_reads(name) or name.split()[0] in _LEAVES
+                harmless[row] = known and all(harmless[operand] for operand in operands)
+    written = written_rows(rows)
+    values: dict[int, int] = {}
+
+    def reader(row: int) -> int | None:
+        """Return the statement that evaluates an expression, if it does so once and for certain."""
+        while len(users[row]) == 1:
+            (row,) = users[row]
+            name = rows[row][0]
+            if name in (VARIABLE, ASSIGNMENT, BRANCH) and row not in values:
+                return row
+            if name in _LAZY or not harmless[row]:
+                break
+        return None
+
+    following: int | None = None  # the next statement that is not left out
+    for row in reversed(statements):
+        name, arguments = rows[row]
+        if name == VARIABLE and following is not None and row not in written and reader(row) == following:
+            value, (user, *_) = arguments[1][1], users[row]
+            read = [content for kind, content in rows[following][1] if kind == "result"]
+            if rows[user][0] not in _WHOLES and harmless[value] and all(harmless[each] for each in read):
+                values[row] = value
+                continue
+        following = row
+    return values
+
+
+def _used(rows: Sequence[Row], unused: Container[int] = ()) -> list[Row]:
+    """Return the calls with side effects and those whose results are used. unused: variables that nothing reads."""
+    needed = [name.split()[0] in SIDE_EFFECTS and name != CHECK for name, _ in rows]
+    for row in range(len(rows) - 1, -1, -1):
+        needed[row] = needed[row] and row not in unused
+        if needed[row]:
+            for kind, content in rows[row][1]:
+                if kind == "result":
+                    needed[content] = True
+    places: dict[int, int] = {}
+    checked: set[int] = set()
+    result: list[Row] = []
+    for row, (name, arguments) in enumerate(rows):
+        if name == CHECK:
+            expression = arguments[0][1]
+            needed[row] = needed[expression] and expression not in checked
+            checked.add(expression)
+        if needed[row]:
+            places[row] = len(result)
+            result.append((name, [(kind, places[each] if kind == "result" else each) for kind, each in arguments]))
+    return result
+
+
+def _only_reads(name: str) -> bool:
+    is_expression = name.startswith(("expr_", "make_const_expr_")) and not name.startswith("expr_atomic_")
+    return is_expression or name in _READERS or name in _EXPRESSIONS
 
 
 def _type_name(argument: tuple[str, Any]) -> str | None:
