@@ -25,12 +25,14 @@ def scene() -> SurroundedBalls:
     return scene
 
 
-def filled(scene: SurroundedBalls, known: np.ndarray, value: float, spp: int = 16) -> tuple[list[np.ndarray], Hidden]:
+def filled(
+    scene: SurroundedBalls, known: np.ndarray, value: float, spp: int = 16, key: int = 3
+) -> tuple[list[np.ndarray], Hidden]:
     """Fill images of one value."""
     images = [np.full(SHAPE, value, np.float32) for _ in range(4)]
     radiance, denoised, albedo, normal = images
     paths = SubpixelPaths(PathPass(scene.device, VIEW.width, VIEW.height))
-    return images, paths.fill(VIEW, known, (radiance, denoised, albedo, normal), spp=spp, key=3, max_depth=4)
+    return images, paths.fill(VIEW, known, (radiance, denoised, albedo, normal), spp=spp, key=key, max_depth=4)
 
 
 def test_known_pixels_stay(scene: SurroundedBalls) -> None:
@@ -64,10 +66,20 @@ def test_known_and_traced_subpixels_add_up(scene: SurroundedBalls) -> None:
     np.testing.assert_array_equal(hidden.pixels, np.arange(VIEW.width * VIEW.height))
     noise, raw = ((each.reshape(SHAPE)[8:16, 8:16] - images[0].mean()) ** 2 for each in (hidden.light, images[0]))
     assert noise.mean() < raw.mean()  # a wall, where the average is over many alike
-    surface = whole[3].any(axis=-1).ravel()
+    surface = hidden.normal.any(axis=-1)
     relative = hidden.relative_variance[surface]
     assert 0.0 < relative.min() < relative.mean() < 0.2
     assert not hidden.variance[~surface].any()  # the background has no noise
+
+
+def test_paths_see_the_points_that_are_hidden(scene: SurroundedBalls) -> None:
+    """Not what is beside them: surfaces do not depend on the random numbers, but where a pixel is something else."""
+    known = np.full(SHAPE[:2], 1, np.int32)
+    known[:, ::2] = NONE_KNOWN
+    (one, hidden), (other, again) = (filled(scene, known, 0.0, spp=1, key=key) for key in (3, 4))
+    np.testing.assert_array_equal(hidden.normal, again.normal)
+    np.testing.assert_array_equal(one[3][:, 1::2], other[3][:, 1::2])
+    assert (one[3][:, ::2] != other[3][:, ::2]).any()
 
 
 def test_variance_falls_with_the_number_of_paths(scene: SurroundedBalls) -> None:

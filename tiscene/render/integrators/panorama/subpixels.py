@@ -18,13 +18,17 @@ from tiscene.render.film.upsample import ALBEDO_OFFSET
 from tiscene.render.integrators.panorama.reprojection_kernels import (
     ALL_KNOWN,
     NONE_KNOWN,
+    PLACES,
     SIDE,
     SUBPIXELS,
     known_subpixels,
 )
 from tiscene.render.integrators.path.path_pass import PathPass
 from tiscene.render.integrators.path.path_scene import PathScene
-from tiscene.render.view import View
+from tiscene.render.integrators.path.path_state import PathState
+from tiscene.render.intersect.ray_queue import ROW, Pixels, Rays, write_ray
+from tiscene.render.view import View, camera_ray
+from tiscene.scene.placement import CURRENT
 
 FloatImage = NDArray[np.float32]
 
@@ -112,7 +116,13 @@ class SubpixelPaths:
         lengths = (3, 3, 3, 1, 1)
         parts = [np.zeros((len(pixels), length), np.float32) for length in lengths]
         if len(pixels):
-            sums = self._paths.sums(enlarged, subpixels, spp=spp, key=key, max_depth=max_depth, scene=scene)
+
+            def aim(state: PathState, first: int, count: int) -> None:
+                _aim_at_points(known, view.array(), self._paths.pixels, first, count, spp, state.rays)
+
+            sums = self._paths.sums(
+                enlarged, subpixels, spp=spp, key=key, max_depth=max_depth, scene=scene, on_start=aim
+            )
             samples = sums / np.float32(spp)
             rows = np.full((enlarged.height, enlarged.width), -1, np.int32)
             rows.reshape(-1)[subpixels] = np.arange(len(subpixels), dtype=np.int32)
@@ -156,6 +166,32 @@ def _spread(
     ratio = sums[0] / np.maximum(sums[1], 1e-12 * float(exponential.sum()) + 1e-30)
     spread: FloatImage = np.maximum(ratio + (ratio - 1.0) / spp, 1.0).astype(np.float32)
     return spread
+
+
+@ti.kernel
+def _aim_at_points(known: Ints2, view: Floats2, pixels: Pixels, first: ti.i32, count: ti.i32, spp: ti.i32, rays: Rays):
+    """Replace camera rays through hidden subpixels by rays through the points that were found to be hidden.
+
+    Elsewhere in a subpixel there may be the surface whose edge hides the point.
+
+    Args:
+        known: i32 [h, w], as of `_fill`. Pixels that show something else altogether keep their rays.
+        view: The view, of a pinhole camera.
+        pixels: The subpixels that are traced.
+        first: Number of the path in row 0.
+        count: Number of paths.
+        spp: Paths per subpixel.
+        rays: Input and output.
+    """
+    height, width = known.shape[0], known.shape[1]
+    for i in range(count):
+        y, x = pixels[(first + i) // spp][ROW] // (SIDE * width), pixels[(first + i) // spp][ROW] % (SIDE * width)
+        if known[y // SIDE, x // SIDE] != NONE_KNOWN:
+            for s in ti.static(range(SUBPIXELS)):
+                if s == y % SIDE * SIDE + x % SIDE:
+                    right, down = PLACES[s]
+                    origin, direction = camera_ray(view, CURRENT, x // SIDE + right, y // SIDE + down, width, height)
+                    write_ray(rays, i, origin, direction, ti.math.inf)
 
 
 @ti.kernel
