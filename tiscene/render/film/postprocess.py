@@ -11,9 +11,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tiscene.render.film.denoise import denoise, start_denoising
+from tiscene.render.film.light_nearby import light_nearby
 from tiscene.render.film.smooth_light import apply_reduced_light
 from tiscene.render.film.steady_change import steadied
-from tiscene.render.film.upsample import demodulate, upsample, upsample_at
+from tiscene.render.film.upsample import demodulate, upsample
 from tiscene.render.integrators.incremental.base_image import IncrementalBase
 from tiscene.render.integrators.incremental.changed_regions import MARGIN, NARROW_MARGIN, Region, regions_of
 from tiscene.render.integrators.incremental.incremental_pass import IncrementalImage
@@ -107,9 +108,9 @@ class Postprocessor:
 
     def _add_hidden(self, image: PanoramaImage, irradiance: FloatImage, shown: FloatImage) -> None:
         """Add the light of parts of pixels that are hidden from the panorama's center, in place."""
-        hidden, width = image.hidden, image.traced.shape[1]
-        expected = upsample_at(
-            hidden.pixels, irradiance, image.reduced_normal, hidden.albedo, hidden.normal, width, REDUCTION
+        hidden, known = image.hidden, (image.denoised, image.static_mask, image.albedo, image.normal)
+        expected = light_nearby(
+            hidden.pixels, hidden.albedo, hidden.normal, known, irradiance, image.reduced_normal, REDUCTION
         )
         expected *= 1.0 - image.static_mask.reshape(-1, 1)[hidden.pixels]
         shown.reshape(-1, 3)[hidden.pixels] += hidden.estimate(expected)

@@ -10,7 +10,7 @@ import numpy as np
 import taichi as ti
 from numpy.typing import NDArray
 
-from tiscene.device.kernel_types import Floats2, Floats3, Ints1, Template, vec3
+from tiscene.device.kernel_types import Floats3, Template, vec3
 
 FloatImage = NDArray[np.float32]
 
@@ -76,35 +76,6 @@ def upsample(
         first_y = first_x = 0.5 * scale - 0.5
     radiance = np.empty_like(full_albedo)
     _upsample(irradiance, normal, full_albedo, full_normal, scale, first_y, first_x, radiance)
-    return radiance
-
-
-def upsample_at(
-    pixels: NDArray[np.int32],
-    irradiance: FloatImage,
-    normal: FloatImage,
-    albedo: FloatImage,
-    pixel_normal: FloatImage,
-    width: int,
-    downscale: int,
-) -> FloatImage:
-    """Upsample irradiance at some pixels, and multiply it by albedo.
-
-    Args:
-        pixels: int32 [n], y * width + x.
-        irradiance: float32 [h', w', 3], of `demodulate`.
-        normal: float32 [h', w', 3], of the lower resolution.
-        albedo: Of the pixels, float32 [n, 3].
-        pixel_normal: Of the pixels, float32 [n, 3]; zero where there is no surface.
-        width: Width of the full resolution, px.
-        downscale: Of `demodulate`.
-
-    Returns:
-        Radiance, float32 [n, 3].
-    """
-    radiance = np.empty_like(albedo)
-    scale = 1.0 / downscale
-    _upsample_at(pixels, irradiance, normal, albedo, pixel_normal, width, scale, 0.5 * scale - 0.5, radiance)
     return radiance
 
 
@@ -180,28 +151,6 @@ def _upsample(
         result = upsampled(irradiance, normal, first_y + y * scale, first_x + x * scale, n, white)
         for c in ti.static(range(3)):
             radiance[y, x, c] = result[c]
-
-
-@ti.kernel
-def _upsample_at(
-    pixels: Ints1,
-    irradiance: Floats3,
-    normal: Floats3,
-    albedo: Floats2,
-    pixel_normal: Floats2,
-    width: ti.i32,
-    scale: ti.f32,
-    first: ti.f32,
-    radiance: Floats2,
-):
-    """Kernel of `upsample_at`; first: position of the first pixel's center in the lower resolution."""
-    for i in range(pixels.shape[0]):
-        y, x = pixels[i] // width, pixels[i] % width
-        n = vec3(pixel_normal[i, 0], pixel_normal[i, 1], pixel_normal[i, 2])
-        white = vec3(albedo[i, 0], albedo[i, 1], albedo[i, 2])
-        result = upsampled(irradiance, normal, first + y * scale, first + x * scale, n, white)
-        for c in ti.static(range(3)):
-            radiance[i, c] = result[c]
 
 
 @ti.func
