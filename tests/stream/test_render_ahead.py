@@ -7,6 +7,7 @@ import pickle
 import signal
 import subprocess
 import sys
+import threading
 import time
 from pathlib import Path
 
@@ -129,6 +130,45 @@ def test_worker_that_is_killed_while_it_sends_a_frame_is_an_error():
         os.kill(stream._ahead._worker.pid, signal.SIGKILL)
         with pytest.raises(DeviceError, match="exit code -9"):
             list(stream)
+
+
+def test_closing_the_stream_ends_a_thread_that_waits_for_a_frame():
+    stream, errors, seen = Stream(scenario(), prefetch=2, **SETTINGS | {"frames": None}), [], threading.Event()
+
+    def iterate():
+        try:
+            for _ in stream:
+                seen.set()
+        except BaseException as error:
+            errors.append(error)
+
+    thread = threading.Thread(target=iterate)
+    thread.start()
+    assert seen.wait(60)
+    stream.close()
+    thread.join()
+    (error,) = errors
+    assert isinstance(error, ArgumentError)
+    assert "closed" in str(error)
+
+
+THREAD = """
+import atexit, threading, time
+
+if __name__ == "__main__":
+    atexit.register(time.sleep, 1)  # called last: the thread sees the end of the worker
+    import tiscene as ts
+    stream = ts.Stream("solid_benchmark", width=16, height=12, buffers=("depth",), prefetch=2)
+    next(stream)
+    threading.Thread(target=list, args=(stream,), daemon=True).start()
+"""
+
+
+def test_thread_that_iterates_at_the_end_of_the_program_prints_nothing(tmp_path):
+    script = tmp_path / "script.py"
+    script.write_text(THREAD)
+    done = subprocess.run([sys.executable, str(script)], capture_output=True, text=True, timeout=300)
+    assert (done.returncode, done.stdout, done.stderr) == (0, "", "")
 
 
 @pytest.mark.parametrize("prefetch", [-1, 1.5, "2"])

@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import atexit
 import multiprocessing
 import os
 import pickle
@@ -22,6 +23,9 @@ from tiscene.world.world import World
 
 POLL_SECONDS = 0.5  # between two checks that the worker lives
 JOIN_SECONDS = 5.0
+
+_interpreter_exits = threading.Event()
+atexit.register(_interpreter_exits.set)  # after `resource_tracker` was imported: before multiprocessing ends workers
 
 
 class AheadSource(Protocol):
@@ -60,9 +64,8 @@ class RenderAhead:
     def pixels(self, stream: AheadSource) -> Sequence[Pixels]:
         """Return the pixels of the frame at the stream's position, one for each camera.
 
-        Raises:
-            DeviceError: the worker has died.
-            TisceneError: whatever rendering the frame has raised in the worker.
+            Raises:
+        X: whatever rendering the frame has raised in the worker.
         """
         version = stream.world.edit_count
         if self._worker is None:
@@ -134,14 +137,19 @@ class RenderAhead:
     def _receive(self) -> tuple[int, Any]:
         try:
             while not self._results.poll(POLL_SECONDS):
-                if not self._worker.is_alive():
+                if self._worker is None or not self._worker.is_alive():
                     raise EOFError
             received: tuple[int, Any] = self._results.recv()
             with suppress(OSError):  # the worker is dead; the next call reports that
                 self._requests.send(None)
         except (EOFError, OSError):
-            self._worker.join(JOIN_SECONDS)
-            code = self._worker.exitcode
+            if _interpreter_exits.is_set():
+                raise SystemExit from None  # a daemon thread that goes on: this ends it, and prints nothing
+            worker = self._worker
+            if worker is None:
+                raise ArgumentError("another thread closed the stream while this one waited for a frame") from None
+            worker.join(JOIN_SECONDS)
+            code = worker.exitcode
             self.close()
             raise DeviceError(
                 f"the process that renders ahead has ended (exit code {code}). It may have run out of memory: "

@@ -237,9 +237,9 @@ class Stream(FixedSettings, BatchedFrames, LoaderMethods, StreamOutput, SavedSta
 
     def _release(self) -> None:
         """End the present world; the trees of its stage are kept."""
+        vars(self).pop("world", None)  # first: a thread that iterates meanwhile would start another worker
         self._ahead.close()
         self._batches.clear()
-        vars(self).pop("world", None)
         renderer = vars(self).pop("_renderer", None)
         if renderer is not None:
             self.stages.trees.keep(renderer)
