@@ -10,6 +10,7 @@ import pytest
 
 import tiscene as ts
 from tiscene.cli import main as cli
+from tiscene.cli import terminal
 from tiscene.errors import ExportError
 from tiscene.export import export
 from tiscene.export.manifest_stream import render_arguments
@@ -165,3 +166,12 @@ def test_search_looks_in_the_folder_of_the_export(exported, tmp_path):
     text = (tmp_path / "out/tiscene.json").read_text().replace(str(exported), str(Path("/somebody/else")))
     (tmp_path / "out/tiscene.json").write_text(text)
     assert verify(tmp_path / "out", sample=1).is_good
+
+
+def test_progress_counts_the_files_and_the_frames_that_are_rendered(exported, capsys, monkeypatch):
+    monkeypatch.setattr(terminal, "LINE_EVERY", 0.0)
+    assert cli.main(["verify", str(exported / "out"), "--sample", "2"]) == 0
+    lines = capsys.readouterr().err.splitlines()
+    assert lines[0] == "files of frame 0: 1 of 6"
+    assert lines[-1] == "frame 3: 6 of 6"
+    assert len(lines) == 6

@@ -19,7 +19,7 @@ def progress(task: str, total: int) -> Iterator[Callable[..., None]]:
 
     Args:
         task: The text beside the bar.
-        total: The number of steps.
+        total: The number of steps; 0: unknown.
 
     Yields:
         `step(advance=1, task=None)`, to be called after each step; `task` replaces the text.
@@ -33,7 +33,7 @@ def progress(task: str, total: int) -> Iterator[Callable[..., None]]:
     )
     console = Console(stderr=True)
     with Progress(*columns, console=console, transient=True, disable=not console.is_terminal) as bar:
-        bar_task = bar.add_task(task, total=total)
+        bar_task = bar.add_task(task, total=total or None)
         next_line = time.monotonic() + LINE_EVERY
 
         def step(advance: int = 1, task: str | None = None) -> None:

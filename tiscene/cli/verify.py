@@ -10,7 +10,8 @@ from tiscene.cli.terminal import progress
 from tiscene.errors import ExportError
 from tiscene.export.generation.data_set_index import DataSet
 from tiscene.export.generation.data_set_verification import verify_data_set
-from tiscene.export.verification import verify
+from tiscene.export.manifest import Manifest
+from tiscene.export.verification import evenly, verify
 
 MAX_LISTED = 20
 
@@ -25,14 +26,14 @@ def run(args: argparse.Namespace) -> None:
 
 
 def _verify_export(args: argparse.Namespace) -> None:
-    with progress(f"verifying {args.folder}", args.sample or 0) as step:
-        found = verify(
-            args.folder,
-            sample=args.sample,
-            search=args.search,
-            arch=args.arch,
-            progress=lambda index: step(task=f"frame {index}"),
-        )
+    manifest = Manifest.load(Path(args.folder))
+    indices = [] if manifest is None else list(manifest.frames)
+    with progress(f"verifying {args.folder}", len(indices) + len(evenly(indices, args.sample))) as step:
+
+        def show(index: int, is_rendered: bool) -> None:
+            step(task=f"frame {index}" if is_rendered else f"files of frame {index}")
+
+        found = verify(args.folder, sample=args.sample, search=args.search, arch=args.arch, progress=show)
     if not found.is_good:
         raise ExportError(f"{args.folder}: {'; '.join(found.problems())}")
     print(f"{found.frames} frames have their files; {found.rendered} rendered again are the same")

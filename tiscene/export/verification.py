@@ -61,7 +61,7 @@ def verify(
     frames: Collection[int] | None = None,
     search: Sequence[str | Path] = (),
     arch: str | None = None,
-    progress: Callable[[int], None] | None = None,
+    progress: Callable[[int, bool], None] | None = None,
 ) -> Verification:
     """Compare an export with its manifest. `verify_data_set` does so with all scenarios of a data set.
 
@@ -72,7 +72,7 @@ def verify(
         frames: Indices of the frames that are rendered again, as far as the export has them; None: as `sample` says.
         search: Folders, beside the export's own, in which files of the scene are looked for by their digest.
         arch: "cpu" or "cuda"; None for "cpu".
-        progress: Called with the index of each frame that was rendered.
+        progress: Called with the index of a frame, and whether it was rendered; else its files were compared.
 
     Raises:
         ExportError: There is no export, another process writes into it, its stage is not here, or this version of
@@ -85,12 +85,16 @@ def verify(
     if manifest is None:
         hint = "; a data set is verified by `verify_data_set`" if (folder / DATA_SET).is_file() else ""
         raise ExportError(f"{str(folder)!r} is not an export: it has no tiscene.json{hint}")
-    indices = list(manifest.frames)
+    indices, damaged = list(manifest.frames), []
     try:
         # Nothing writes into a folder that is read-only, as those of archives are.
         with lock_folder(folder) if os.access(folder, os.W_OK) else contextlib.nullcontext():
             writer = FolderWriter(folder, manifest)
-            damaged = tuple(index for index in indices if not writer.holds(index))
+            for index in indices:
+                if not writer.holds(index):
+                    damaged.append(index)
+                if progress is not None:
+                    progress(index, False)
     except FolderLockedError as error:
         raise ExportError(f"cannot verify {str(folder)!r}: {error}") from error
     chosen = evenly(indices, sample) if frames is None else [index for index in indices if index in frames]
@@ -112,8 +116,8 @@ def verify(
                 if names:
                     different[index] = names
                 if progress is not None:
-                    progress(index)
-    return Verification(len(indices), len(chosen), damaged, different)
+                    progress(index, True)
+    return Verification(len(indices), len(chosen), tuple(damaged), different)
 
 
 def evenly(indices: Sequence[int], count: int | None) -> list[int]:

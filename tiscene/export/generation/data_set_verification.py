@@ -87,7 +87,7 @@ def verify_data_set(
         elif "error" in summary:
             failed += 1
         else:
-            shown = None if progress is None else functools.partial(progress, number)
+            shown = None if progress is None else functools.partial(_show_rendered, progress, number)
             found = list(_contradictions(scenario, summary, length))
             again = [] if found else chosen.get(number, [])
             try:
@@ -109,6 +109,12 @@ def verify_data_set(
         if not path.is_file() or path.read_bytes() != content:
             problems[name] = (f"is not that of the scenarios; `tiscene merge {folder}` writes it again",)
     return DataSetVerification(data_set.count, failed, frames, rendered, problems)
+
+
+def _show_rendered(progress: Callable[[int, int | None], None], number: int, index: int, is_rendered: bool) -> None:
+    """Report a frame of a scenario, unless only its files were compared."""
+    if is_rendered:
+        progress(number, index)
 
 
 def _contradictions(folder: Path, summary: dict[str, Any], length: int) -> Iterator[str]:
