@@ -18,6 +18,7 @@ from tiscene.learning.supervision import SupervisionRules
 from tiscene.learning.teaching_policies import Combined, OnePixelPerMovingObject, RandomPixels
 from tiscene.scenario.objects import Object
 from tiscene.scenario.scenario import Scenario
+from tiscene.scene.camera import Camera
 
 TAUGHT = SupervisionRules(Combined([OnePixelPerMovingObject(), RandomPixels(1)]))
 
@@ -248,6 +249,32 @@ def test_environment_needs_a_scenario():
     for name, value in (("length", 0), ("length", 2.5), ("turn", "a"), ("clearance", float("nan")), ("budget", -1)):
         with pytest.raises(ArgumentError, match=f"{name}={value!r}: must"):
             LookAround("object_view", **{name: value})
+
+
+@pytest.mark.parametrize(
+    ("argument", "cure"),
+    [
+        ({"frames": 3}, "pass `length`"),
+        ({"prefetch": 2}, "ahead"),
+        ({"batch": 2}, "ahead"),
+        ({"buffers": ("rgb",)}, "have"),
+    ],
+)
+def test_arguments_without_effect_on_the_environment_are_refused(argument, cure):
+    pytest.importorskip("gymnasium")
+    from tiscene.learning.adapters.look_around import LookAround
+
+    with pytest.raises(ArgumentError, match=f"{next(iter(argument))}=.*{cure}"):
+        LookAround("object_view", **argument)
+
+
+def test_environment_with_several_cameras_is_refused():
+    pytest.importorskip("gymnasium")
+    from tiscene.learning.adapters.look_around import LookAround
+
+    cameras = [Camera((0, 1, 0), (1, 0, 0, 0), 1.0, "Left"), Camera((0, 1, 2), (1, 0, 0, 0), 1.0, "Right")]
+    with pytest.raises(ArgumentError, match=r"one camera, not 2 \(Left, Right\): pass one as camera="):
+        LookAround("object_view", camera=cameras)
 
 
 @pytest.mark.parametrize("action", [7, -1, 2.5, "left"])

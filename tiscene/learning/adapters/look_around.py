@@ -31,6 +31,12 @@ with requires_extra("gymnasium"):
 
 ACTIONS = ("stay", "forward", "left", "right", "up", "down", "ask")
 BUFFERS = ("rgb", "semantic", "instance", "depth")
+UNUSED = {  # arguments of `Stream` that change nothing here, and why
+    "buffers": f"an agent sees the observation; the frames have {', '.join(BUFFERS)}",
+    "frames": "pass `length`, the frames of an episode",
+    "prefetch": "frames depend on the actions, and cannot be rendered ahead",
+    "batch": "frames depend on the actions, and cannot be rendered ahead",
+}
 MAX_PITCH = math.radians(80.0)
 
 
@@ -53,7 +59,10 @@ class LookAround(gymnasium.Env):  # type: ignore[misc]  # gymnasium is not read
         question_cost: subtracted from the reward for each question.
         budget: questions of an episode; the environment does not answer more. None: unlimited.
         render_mode: None or "rgb_array".
-        **settings: further arguments of `Stream`, such as quality="preview".
+        **settings: further arguments of `Stream`, such as quality="preview". `camera` is where the agent starts.
+
+    Raises:
+        ArgumentError: an argument is invalid, has no effect here, or there are several cameras to start from.
     """
 
     metadata = {"render_modes": ["rgb_array"], "render_fps": 25}  # noqa: RUF012  # Gymnasium's interface
@@ -77,6 +86,8 @@ class LookAround(gymnasium.Env):  # type: ignore[misc]  # gymnasium is not read
             raise ArgumentError("scenario: pass a Scenario, a scene's name or a file")
         if render_mode not in (None, "rgb_array"):
             raise ArgumentError(f"render_mode={render_mode!r}: must be None or 'rgb_array'")
+        for name in UNUSED.keys() & settings.keys():
+            raise ArgumentError(f"{name}={settings[name]!r}: {UNUSED[name]}")
         self.length = argument_checks.integer(length, "length", 1)
         self.turn = math.radians(argument_checks.positive(turn, "turn"))
         self.stride = argument_checks.positive(stride, "stride")
@@ -85,6 +96,13 @@ class LookAround(gymnasium.Env):  # type: ignore[misc]  # gymnasium is not read
         self.budget = None if budget is None else argument_checks.integer(budget, "budget", 0)
         self.render_mode = render_mode
         self.stream = Stream(scenario, width=width, height=height, buffers=BUFFERS, **({"quality": "fast"} | settings))
+        cameras = self.stream.scenario.cameras
+        if len(cameras) > 1:
+            names = ", ".join(str(getattr(each, "name", each)) for each in cameras)
+            self.close()
+            raise ArgumentError(
+                f"the agent looks through one camera, not {len(cameras)} ({names}): pass one as camera="
+            )
         numbers = len(self.stream.categories) and max(self.stream.categories) + 1
         self.observation_space = gymnasium.spaces.Dict(
             {
