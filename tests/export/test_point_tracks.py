@@ -42,6 +42,18 @@ def test_clip_has_the_arrays_of_tap_vid(stream, tracks):
     assert set(np.unique(tracks["instance"])) == {row.id for row in stream[0].objects if row.visible_pixels}
 
 
+@pytest.mark.parametrize(("frames", "query_frames"), [(range(5), {0}), (range(8, 16, 2), {2}), (range(13, 15), set())])
+def test_queries_are_in_frames_that_a_part_of_a_clip_has(stream, tmp_path, frames, query_frames):
+    export(stream, tmp_path, format="tracks", frames=frames)
+    with np.load(tmp_path / "tracks" / "000000.npz") as clip:
+        query, target, occluded = clip["query_points"], clip["target_points"], clip["occluded"]
+        assert len(clip["instance"]) == len(query) == len(occluded)
+    assert set(query[:, 0]) == query_frames
+    rows, place = np.arange(len(query)), query[:, 0].astype(int)
+    np.testing.assert_array_equal(target[rows, place], query[:, :0:-1])
+    assert not occluded[rows, place].any()
+
+
 def first(tracks):
     """The rows of the points that were chosen in frame 0, and their pixels."""
     rows = np.flatnonzero(tracks["query_points"][:, 0] == 0)

@@ -3,7 +3,7 @@
 
 =====================  =======================================================================================
 `video`                uint8 [frames, h, w, 3], if the stream has `rgb`
-`query_points`         float32 [points, 3]: frame of the clip, y, x, px; pixel centers at halves
+`query_points`         float32 [points, 3]: frame (its place in the arrays), y, x, px; pixel centers at halves
 `target_points`        float32 [points, frames, 2]: x, y, px; also where the point is hidden or out of view
 `occluded`             bool [points, frames]: True where the point is not visible
 `instance`             int32 [points]: id of the object that the point is on
@@ -13,7 +13,7 @@
 Points are chosen in the first and in the middle frame of a clip, as many of each visible object, by random numbers that
 depend on seed and clip alone. Each is a point of a surface, which moves and deforms with it. Where it is in another
 frame, and whether it is visible there, is decided as flow and occlusion are in the label pass: by a ray, without a
-comparison of depths. A clip has those of its 24 frames that are exported.
+comparison of depths. A clip has those of its 24 frames that are exported, and the points that were chosen in them.
 Doersch et al., "TAP-Vid: A Benchmark for Tracking Any Point in a Video", 2022.
 """
 
@@ -142,13 +142,17 @@ def chosen_pixels(
 def pack(frames: Iterable[FramePieces], run: ExportRun, folder: Path) -> None:
     """Write one clip."""
     clip = [(frame.index, {name: from_npy(data) for name, data in frame.members.items()}) for frame in frames]
-    first = clip[0][1]
+    first, indices = clip[0][1], np.array([index for index, _ in clip], np.int64)
+    query = first["query"].copy()
+    chosen_in = indices[0] // FRAMES_PER_FILE * FRAMES_PER_FILE + query[:, 0].astype(np.int64)
+    query[:, 0] = np.searchsorted(indices, chosen_in)
+    exported = np.isin(chosen_in, indices)
     arrays = {
-        "query_points": first["query"],
-        "target_points": np.stack([each["target"] for _, each in clip], axis=1),
-        "occluded": np.stack([each["occluded"] for _, each in clip], axis=1),
-        "instance": first["instance"],
-        "frames": np.array([index for index, _ in clip], np.int64),
+        "query_points": query[exported],
+        "target_points": np.stack([each["target"] for _, each in clip], axis=1)[exported],
+        "occluded": np.stack([each["occluded"] for _, each in clip], axis=1)[exported],
+        "instance": first["instance"][exported],
+        "frames": indices,
     }
     if "rgb" in first:
         arrays["video"] = np.stack([each["rgb"] for _, each in clip])
