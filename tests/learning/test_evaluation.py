@@ -347,6 +347,20 @@ def test_checkpoints_of_others_are_refused(course, tmp_path):
         evaluate(NearestAlbedo(), course, checkpoint=tmp_path / "c")
 
 
+def test_checkpoints_of_other_metrics_or_another_clock_are_refused(course, tmp_path):
+    def stop(text, done, total):
+        if done == 6:
+            raise KeyboardInterrupt
+
+    metrics, file = [OnlineAccuracy(), NearFutureAccuracy(2)], {"checkpoint": tmp_path / "state"}
+    with pytest.raises(KeyboardInterrupt):
+        evaluate(NearestAlbedo(), course, metrics, **file, checkpoint_every=2, progress=stop)
+    for others, clock in ((metrics[:1], 0), (metrics[::-1], 0), ([metrics[0], NearFutureAccuracy(3)], 0), (metrics, 2)):
+        with pytest.raises(ArgumentError, match="of other metrics or of another clock; delete it"):
+            evaluate(NearestAlbedo(), course, others, clock=Clock(clock), **file)
+    evaluate(NearestAlbedo(), course, metrics, **file)
+
+
 def test_wrong_learners_are_refused(course):
     class Wrong(Constant):
         def predict(self, frame):

@@ -12,7 +12,10 @@ import hashlib
 import os
 import pickle
 from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import is_dataclass
+from fractions import Fraction
 from pathlib import Path
+from types import NoneType
 from typing import Any
 
 import numpy as np
@@ -113,9 +116,10 @@ class _Run:
         names = [each.name for each in self.metrics]
         if len(set(names)) < len(names):
             raise ArgumentError(f"metrics: {', '.join(names)}: two metrics share a name")
+        self.clock = copy.deepcopy(clock)
+        self.options = [_options(each) for each in (*self.metrics, self.clock)]
         for metric in self.metrics:
             metric.begin(course)
-        self.clock = copy.deepcopy(clock)
         self.teacher = Supervision(course)
         self.usage = ResourceUsage()
         self.matrix = TaskMatrix(course)
@@ -166,6 +170,7 @@ class _Run:
         if not hasattr(self.learner, "state_dict") or not hasattr(self.learner, "load_state_dict"):
             raise ArgumentError(f"{self.name}: a checkpoint needs a learner with state_dict and load_state_dict")
         return {
+            "options": self.options,
             "learner": self.learner.state_dict(),
             "metrics": [each.state_dict() for each in self.metrics],
             "clock": self.clock.state_dict(),
@@ -286,6 +291,8 @@ class _Evaluation:
             or list(state["runs"]) != [r.name for r in self.runs]
         ):
             raise ArgumentError(f"checkpoint {str(path)!r}: is of another course or of other learners; delete it")
+        if any(state["runs"][run.name].get("options") != run.options for run in self.runs):
+            raise ArgumentError(f"checkpoint {str(path)!r}: is of other metrics or of another clock; delete it")
         for run in self.runs:
             run.load_state_dict(state["runs"][run.name])
         self.next_frame, self.digests, self._tested = state["next_frame"], state["digests"], True
@@ -320,6 +327,13 @@ class _Evaluation:
             digests=list(self.digests),
             examples=run.matrix.examples,
         )
+
+
+def _options(part: object) -> tuple[str, dict[str, str]]:
+    """Return the type of a metric or clock that has not begun, and its options, to be compared with a checkpoint's."""
+    plain = (bool, int, float, str, Fraction, NoneType)
+    options = {name: value for name, value in vars(part).items() if isinstance(value, plain) or is_dataclass(value)}
+    return type(part).__qualname__, {name: repr(value) for name, value in options.items()}
 
 
 def _digest(frame: CourseFrame) -> str:
