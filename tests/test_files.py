@@ -83,6 +83,21 @@ def test_lock_of_a_killed_process_is_free_and_its_partial_files_are_removed(tmp_
         assert own.exists()
 
 
+def test_partial_files_of_a_process_that_writes_into_a_subfolder_stay(tmp_path):
+    """A merge may follow a killed one while a shard is being rendered."""
+    shard = tmp_path / "shards" / "0"
+    shard.mkdir(parents=True)
+    (tmp_path / LOCK_NAME).write_text("process 1, which was killed")
+    partial = shard / ".000001.png.2.part"
+    with lock_folder(shard):
+        partial.write_bytes(b"half a file")
+        with lock_folder(tmp_path):
+            assert partial.exists()
+    (tmp_path / LOCK_NAME).write_text("process 3, which was killed")
+    with lock_folder(tmp_path):
+        assert not partial.exists()
+
+
 def test_one_of_many_threads_at_a_time_holds_a_lock(tmp_path):
     """The lock file is deleted at each release, while other threads try to lock it."""
     holders, most, taken = [], [], []

@@ -67,8 +67,12 @@ def lock_folder(folder: Path) -> Iterator[None]:
 
 
 def remove_partial_files(folder: Path) -> None:
-    """Delete the files in a folder and its subfolders that an interrupted `write_atomically` has left."""
-    for root, _, names in os.walk(folder):
+    """Delete the files in a folder and its subfolders that an interrupted `write_atomically` has left.
+
+    Subfolders with a lock of their own, such as shards, are left to its next holder: a process may write into them.
+    """
+    for root, subfolders, names in os.walk(folder):
+        subfolders[:] = [each for each in subfolders if not Path(root, each, LOCK_NAME).exists()]
         for name in filter(_PARTIAL.fullmatch, names):
             Path(root, name).unlink(missing_ok=True)
 
