@@ -9,7 +9,6 @@ import os
 import signal
 import subprocess
 import sys
-import time
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -94,15 +93,3 @@ def kill_group(process: subprocess.Popen[str]) -> None:
     """Kill a process of `start` and its children."""
     with contextlib.suppress(ProcessLookupError):
         os.killpg(process.pid, signal.SIGKILL)
-
-
-def ended_within(process: subprocess.Popen[str], seconds: float) -> float | None:
-    """Return how long a process takes to end, s; None, and kill it, after `seconds`."""
-    began = time.monotonic()
-    try:
-        process.communicate(timeout=seconds)
-    except subprocess.TimeoutExpired:
-        kill_group(process)
-        process.communicate()
-        return None
-    return time.monotonic() - began

@@ -200,7 +200,6 @@ def interrupt_often(
 
 SCENARIO, MODEL = "scenario.json", "model"
 FRAMES = ("render", SCENARIO, *SIZE, "--quality", "fast", "--frames", "0:24")
-DEMO = ("demo", "--frames", "2", "--width", "64", "--height", "48", "--quality", "fast")
 
 
 class Use(NamedTuple):

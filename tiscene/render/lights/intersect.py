@@ -15,7 +15,6 @@ from tiscene.render.lights.lane_ops import lowest_set_bit
 from tiscene.render.lights.light_sample import header, is_linked
 from tiscene.scene.lights.light_bvh import BLOCK_ROWS, BLOCKS, REFERENCE
 from tiscene.scene.lights.light_table import (
-    LIT,
     ON_DIFFUSE,
     ON_INDIRECT,
     ON_SPECULAR,
@@ -188,7 +187,7 @@ def weighted_emission(
                 radiance = vec3(0.0)
         is_sampled_alone = mis == 0
         if ti.static(lights.with_links):
-            if depth > 0 and is_linked(lights, row, LIT, link_class) == 0:
+            if depth > 0 and is_linked(lights, row, link_class) == 0:
                 radiance = vec3(0.0)
             is_sampled_alone = is_sampled_alone or lights.values[row, SHADOWING] >= 0.0
         if pdf > 0.0 and radiance.max() > 0.0:

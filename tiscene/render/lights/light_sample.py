@@ -6,7 +6,7 @@ from typing import Any, NamedTuple
 import taichi as ti
 
 from tiscene.device.kernel_types import Template, float8, vec3
-from tiscene.scene.lights.light_table import RADIANCE, TRANSFORM
+from tiscene.scene.lights.light_table import LIT, RADIANCE, TRANSFORM
 from tiscene.scene.lights.light_tree import LANE_BITS, LANES, ROW, ROWS
 
 FAR = 1e30  # finite stand-in for the distance to lights at infinity, m
@@ -70,9 +70,9 @@ def integer(array: Template, row: ti.i32, column: Template) -> ti.i32:
 
 
 @ti.func
-def is_linked(lights: Template, row: ti.i32, column: Template, link_class: ti.i32):
-    """Return 1 if the light in a row lights (column LIT) or shadows (SHADOWING) the meshes of a link class, else 0."""
-    table = integer(lights.values, row, column)
+def is_linked(lights: Template, row: ti.i32, link_class: ti.i32):
+    """Return 1 if the light in a row lights the meshes of a link class, else 0."""
+    table = integer(lights.values, row, LIT)
     result = 1
     if table >= 0:
         result = ti.cast(lights.distribution[table + link_class], ti.i32)

@@ -122,15 +122,6 @@ def disk(u: vec2) -> vec2:
 
 
 @ti.func
-def disk_pdf(p: vec2) -> ti.f32:
-    """Return the density of `disk`."""
-    density = 0.0
-    if p.dot(p) <= 1.0:
-        density = INV_PI
-    return density
-
-
-@ti.func
 def cosine_hemisphere(u: vec2) -> vec3:
     """Sample a cosine-weighted hemisphere."""
     p = disk(u)
@@ -255,12 +246,6 @@ def visible_normal(u: vec2, wo: vec3, alpha: ti.f32) -> vec3:
     z = (1.0 - u.y) * (1.0 + stretched.z) - stretched.z
     half = vec3(ti.sqrt(ti.max(1.0 - z * z, 0.0)) * circle(u.x), z) + stretched
     return vec3(alpha * half.x, alpha * half.y, ti.max(half.z, 1e-12)).normalized()
-
-
-@ti.func
-def visible_normal_pdf(m: vec3, wo: vec3, alpha: ti.f32) -> ti.f32:
-    """Return the density of `visible_normal`."""
-    return ggx_masking(wo, alpha) * ggx_density(m, alpha) * ti.max(wo.dot(m), 0.0) / ti.max(wo.z, 1e-9)
 
 
 @ti.func

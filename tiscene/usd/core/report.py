@@ -22,7 +22,6 @@ from tiscene.usd.core.limits import Limits, ReadingBudget, RootFolder
 _INTERNAL_NAMESPACE = re.compile(r"\bpxrInternal\w*::")
 _SESSION_LAYER = re.compile(r",?@anon:0x[0-9a-f]+:[^@]*@")  # its name has an address
 UNDRAWN = "are not drawn"  # ends the omission of prims of a type
-_OF_DAMAGED_VALUES = (TypeError, ValueError, ArithmeticError, MemoryError, RuntimeError, AttributeError, LookupError)
 _MAX_PATHS = 5  # prims listed per line of the warning
 _MAX_PROBLEMS = 100  # problems listed by an error
 _MAX_DIAGNOSTICS = 20  # lines of USD's diagnostics per failure; a damaged file can give a million

@@ -18,8 +18,6 @@ from tiscene.usd.materials.materialx_models import MODELS
 from tiscene.usd.materials.materialx_network import category_of
 from tiscene.usd.materials.materialx_signal import Signal
 
-_WHITE = (1.0, 1.0, 1.0)
-
 
 class MaterialXSurface:
     """Maps the inputs of one surface shader to a material.

@@ -5,7 +5,6 @@ from __future__ import annotations
 
 from collections.abc import Collection
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
 from pxr import Sdf, Usd, UsdGeom
@@ -37,9 +36,9 @@ class RemainderReader(StageReader):
         super().__init__(stage, time, report, taxonomy)
         self._extracted = frozenset(extract)
 
-    def _read(self, prim: Usd.Prim, here: TraversalContext, predicate: Any) -> bool:
+    def _read(self, prim: Usd.Prim, here: TraversalContext) -> bool:
         if not self._extracted or not any(str(path) in self._extracted for path in prim.GetPath().GetPrefixes()):
-            return super()._read(prim, here, predicate)
+            return super()._read(prim, here)
         if prim.IsA(UsdGeom.Camera):  # no template holds it
             self._read_camera(prim, here)
         return not prim.IsA(UsdGeom.PointInstancer)

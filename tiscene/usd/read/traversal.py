@@ -103,7 +103,7 @@ class StageReader(PointInstancerReader):
             self._report.budget.add_prim()
             with self._report.guard(prim):
                 here = self._enter(prim, inherited)
-                if self._read(prim, here, predicate):
+                if self._read(prim, here):
                     pending += [(child, here) for child in reversed(prim.GetFilteredChildren(predicate))]
 
     def _enter(self, prim: Usd.Prim, inherited: TraversalContext) -> TraversalContext:
@@ -158,7 +158,7 @@ class StageReader(PointInstancerReader):
         is_outermost = (is_object or is_gprim) and inherited.owner is None and not prim.IsInstanceProxy()
         return is_outermost and bool(prim.IsA(UsdGeom.Xformable)) and not moves_in_parts(prim)
 
-    def _read(self, prim: Usd.Prim, here: TraversalContext, predicate: Any) -> bool:
+    def _read(self, prim: Usd.Prim, here: TraversalContext) -> bool:
         """Read one prim and return whether to traverse its children."""
         if prim.IsA(UsdGeom.Camera):
             self._read_camera(prim, here)

@@ -54,7 +54,7 @@ from tiscene.render.lights.light_sample import is_linked, lights_of
 from tiscene.render.sampling.sobol import combine, draw, set_key, set_keys
 from tiscene.render.texture_lookup import Textures
 from tiscene.scene.lights.light_kinds import MESH
-from tiscene.scene.lights.light_table import KIND, LIT, SHADOWING, SHADOWLESS
+from tiscene.scene.lights.light_table import KIND, SHADOWING, SHADOWLESS
 from tiscene.scene.material_table import COVERAGE, EMITS, FLAGS, GLASS, MATTE, TRANSLUCENT, UNSEEN
 from tiscene.scene.placement import CURRENT
 
@@ -225,7 +225,7 @@ def shade(
                     lit_normal = normal * ti.cast((material.flags & (GLASS | TRANSLUCENT)) == 0, ti.f32)
                     light_sample = dispatch.sample(lights, textures, surface.position, lit_normal, light_u)
                     if ti.static(any_links):
-                        light_sample.pdf *= is_linked(lights, light_sample.row, LIT, link_class)
+                        light_sample.pdf *= is_linked(lights, light_sample.row, link_class)
                     bsdf_u = draw(set_keys(key, first_set + DIRECTION_SET), index)
                     lobe_and_survival = vec2(0.0)
                     if (material.flags & MATTE) == 0 or depth >= RUSSIAN_ROULETTE_DEPTH:
