@@ -5,13 +5,10 @@ import inspect
 from typing import NamedTuple
 
 import numpy as np
-import pytest
 import taichi as ti
 
 from tiscene.device.argument_bundles import bundled
 from tiscene.device.kernel_types import Floats1, Ints1
-
-pytestmark = pytest.mark.usefixtures("taichi")
 
 
 class Columns(NamedTuple):

@@ -2,11 +2,8 @@
 """Arrays that travel as one arrive as they were sent."""
 
 import numpy as np
-import pytest
 
 from tiscene.device.packed_copies import PackedCopies, empty_on_device
-
-pytestmark = pytest.mark.usefixtures("taichi")
 
 
 def test_arrays_return_as_they_were_sent() -> None:

@@ -13,8 +13,6 @@ from tiscene.scene.description import Material, Mesh, SceneDescription
 from tiscene.scene.device_scene import HAS_NORMALS, HAS_UV, MIRRORED, DeviceScene
 from tiscene.scene.placement import CURRENT, NEXT, PREVIOUS
 
-pytestmark = pytest.mark.usefixtures("taichi")
-
 TRIANGLE = mesh([[0, 0, 0], [1, 0, 0], [0, 1, 0]], [[0, 1, 2]], "triangle")
 SQUARE = mesh([[-1, -1, 0], [1, -1, 0], [1, 1, 0], [-1, 1, 0]], [[0, 1, 2], [0, 2, 3]], "square")
 EMPTY = mesh([], [], "empty")

@@ -13,7 +13,6 @@ from tiscene.scene import device_scene
 from tiscene.scene.bvh import layout_kernels
 from tiscene.scene.placement import CURRENT, NEXT, PREVIOUS, Placement
 
-pytestmark = pytest.mark.usefixtures("taichi")
 ARRAYS = ("instance_info", "world_from_instance", "instance_from_world", "box_from_instance")
 MESHES = (shape(trimesh.creation.box()), shape(trimesh.creation.icosphere(subdivisions=1)))
 

@@ -10,8 +10,6 @@ import taichi as ti
 from tiscene.device.kernel_types import Ints1
 from tiscene.device.taichi_patches import ast_recorder, fence
 
-pytestmark = pytest.mark.usefixtures("taichi")
-
 
 @ti.kernel
 def double(values: Ints1):

@@ -10,8 +10,6 @@ from numpy.typing import NDArray
 from tiscene.render.film.smooth_light import apply_reduced_light
 from tiscene.render.film.upsample import demodulate
 
-pytestmark = pytest.mark.usefixtures("taichi")
-
 SIZE = 32, 48
 Image = NDArray[np.float32]
 NORMAL = np.broadcast_to(np.array([0.0, 0.0, 1.0], np.float32), (*SIZE, 3)).copy()

@@ -9,8 +9,6 @@ from numpy.typing import NDArray
 
 from tiscene.render.film.steady_change import steadied
 
-pytestmark = pytest.mark.usefixtures("taichi")
-
 SIZE = 48, 64
 Image = NDArray[np.float32]
 NORMAL = np.broadcast_to(np.array([0.0, 0.0, 1.0], np.float32), (*SIZE, 3)).copy()

@@ -12,7 +12,6 @@ import sys
 from pathlib import Path
 
 import numpy as np
-import pytest
 import taichi as ti
 import trimesh
 
@@ -77,12 +76,10 @@ def test_compiler_sees_no_product_in_a_difference_of_the_traversal(tmp_path: Pat
     assert fusible == 0
 
 
-@pytest.mark.usefixtures("taichi")
 def test_reversed_edges_have_opposite_functions_without_fusing() -> None:
     assert count_asymmetries() == [0, 0]
 
 
-@pytest.mark.usefixtures("taichi")
 def test_unused_column_of_triangles_is_zero() -> None:
     """Its bits are part of every product: anything else would change hits."""
     scene = scene_of((shape(trimesh.creation.icosphere(subdivisions=2)),), placed([0]), "bvh2")

@@ -38,7 +38,6 @@ from tiscene.scene.placement import CURRENT, NEXT, PREVIOUS
 SQUARE = mesh([[-1, -1, 0], [1, -1, 0], [1, 1, 0], [-1, 1, 0]], [[0, 1, 2], [0, 2, 3]])
 ROOT = Path(__file__).parents[3]
 
-pytestmark = pytest.mark.usefixtures("taichi")
 both_layouts = pytest.mark.parametrize("traversal", ["bvh8", "bvh2"])
 
 

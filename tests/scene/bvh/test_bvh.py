@@ -16,7 +16,6 @@ from tiscene.scene.bvh import bvh, layout_kernels
 from tiscene.scene.bvh.bvh import Bvh
 from tiscene.scene.bvh.workspace import Workspace
 
-pytestmark = pytest.mark.usefixtures("taichi")
 both_layouts = pytest.mark.parametrize("layout", ["bvh8", "bvh2"])
 Child = tuple[NDArray[np.float32], int]
 

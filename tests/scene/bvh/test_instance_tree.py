@@ -60,7 +60,6 @@ def test_every_instance_is_in_one_leaf_inside_all_boxes_above(sizes: list[int]) 
         assert sorted(found) == sorted(rows[start : start + size].tolist())
 
 
-@pytest.mark.usefixtures("taichi")
 def test_placing_instances_builds_nothing_in_a_kernel(monkeypatch: pytest.MonkeyPatch) -> None:
     random = np.random.default_rng(2)
     scene = scene_of((BALL,), placed([0] * 50, random_matrices(random, 50, 4.0)), "bvh2")
@@ -82,7 +81,6 @@ def test_placing_instances_builds_nothing_in_a_kernel(monkeypatch: pytest.Monkey
     assert len(writes) <= 1
 
 
-@pytest.mark.usefixtures("taichi")
 def test_refitting_by_level_equals_refitting_from_last_to_first() -> None:
     tree = Bvh("bvh2")
     blas = tree.add_mesh(BALL.positions, BALL.triangles, 0, deforms=True)

@@ -9,8 +9,6 @@ from tiscene.scene.bvh.bvh import Bvh
 from tiscene.scene.bvh.template_trees import add_meshes_of
 from tiscene.scene.description import Mesh, SceneDescription
 
-pytestmark = pytest.mark.usefixtures("taichi")
-
 
 def mesh_of(shape: trimesh.Trimesh, scale: float = 1.0) -> Mesh:
     triangles = np.array(shape.faces, np.int32)

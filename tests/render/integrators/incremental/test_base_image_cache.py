@@ -17,8 +17,6 @@ from tiscene.render.integrators.incremental.base_image_cache import BaseImageCac
 from tiscene.render.integrators.incremental.incremental_pass import IncrementalPass
 from tiscene.scene.description import SceneDescription, Texture, TextureLookup
 
-pytestmark = pytest.mark.usefixtures("taichi")
-
 SETTINGS = {"seed": 1, "spp": 4, "max_depth": 5}
 IMAGE = np.arange(24.0, dtype=np.float32).reshape(2, 4, 3)
 

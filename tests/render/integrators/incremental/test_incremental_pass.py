@@ -34,8 +34,6 @@ from tiscene.render.integrators.incremental.path_cache import BLOCK
 from tiscene.scene.description import Material
 from tiscene.scene.placement import CURRENT
 
-pytestmark = pytest.mark.usefixtures("taichi")
-
 
 @pytest.mark.parametrize("mover", MOVERS)
 @pytest.mark.parametrize(

@@ -4,7 +4,6 @@
 from __future__ import annotations
 
 import numpy as np
-import pytest
 from numpy.typing import NDArray
 
 from tests.render.incremental_scenes import BALLS, LENS, RADII, RED, SIZE, MovingBalls
@@ -19,8 +18,6 @@ from tiscene.render.integrators.incremental.changed_regions import (
     regions_of,
 )
 from tiscene.render.integrators.incremental.mover_coverage import NO_MOVER_NEAR, SUBPIXELS
-
-pytestmark = pytest.mark.usefixtures("taichi")
 
 WIDTH, HEIGHT = SIZE
 

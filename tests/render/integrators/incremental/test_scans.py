@@ -12,7 +12,6 @@ from tiscene.render.integrators.incremental.path_recording import RESTART_COLUMN
 from tiscene.render.integrators.path.path_state import PathState, chunks_for
 from tiscene.render.intersect.ray_queue import upload_rays
 
-pytestmark = pytest.mark.usefixtures("taichi")
 COUNTS = (1, 7, 1000, 40_000, 300_000)
 both_scans = pytest.mark.parametrize("in_blocks", [False, True])
 

@@ -30,8 +30,6 @@ from tiscene.render.view import CubeView
 from tiscene.scene.camera import Vector3
 from tiscene.scene.description import Material
 
-pytestmark = pytest.mark.usefixtures("taichi")
-
 CENTER = (0.0, 0.0, 0.0)
 ONE_GROUP = np.ones((1, 3), np.float32)
 

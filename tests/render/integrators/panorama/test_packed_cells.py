@@ -9,8 +9,6 @@ from numpy.typing import NDArray
 from tiscene.device.kernel_types import Floats1, Ints2
 from tiscene.render.integrators.panorama.packed_cells import UNIT, pack, unpacked, words
 
-pytestmark = pytest.mark.usefixtures("taichi")
-
 LARGEST = 2.0**33 * (1.0 - 2.0**-10)
 
 

@@ -29,8 +29,6 @@ from tiscene.render.sampling.cube import cell_of
 from tiscene.render.view import TANGENT, CubeView, View, camera_ray
 from tiscene.scene.placement import CURRENT
 
-pytestmark = pytest.mark.usefixtures("taichi")
-
 
 @ti.kernel
 def cells_of_pixels(view: Floats2, width: ti.i32, height: ti.i32, size: ti.i32, cells: Ints2):

@@ -37,8 +37,6 @@ from tiscene.render.integrators.path.path_pass import PathPass
 from tiscene.render.view import CubeView, View
 from tiscene.scene.description import Material
 
-pytestmark = pytest.mark.usefixtures("taichi")
-
 DEPTH = 5
 ONE = BALLS[:1]
 

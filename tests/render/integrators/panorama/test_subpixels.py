@@ -12,8 +12,6 @@ from tiscene.render.integrators.panorama.reprojection_kernels import ALL_KNOWN, 
 from tiscene.render.integrators.panorama.subpixels import Hidden, SubpixelPaths
 from tiscene.render.integrators.path.path_pass import PathPass
 
-pytestmark = pytest.mark.usefixtures("taichi")
-
 VIEW = view_at(0.0)
 SHAPE = VIEW.height, VIEW.width, 3
 

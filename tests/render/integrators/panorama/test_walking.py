@@ -28,8 +28,6 @@ from tiscene.render.view import View
 from tiscene.scene.camera import Vector3
 from tiscene.scene.description import Material
 
-pytestmark = pytest.mark.usefixtures("taichi")
-
 SLOW = (0.01, 0.0, -0.02)  # m per frame
 
 

@@ -8,8 +8,6 @@ from tiscene.device.memory import upload
 from tiscene.render.integrators.path.path_state import LIGHT_PENDING, LIVE, chunks_for
 from tiscene.render.integrators.path.wavefront_kernels import compact_queue
 
-pytestmark = pytest.mark.usefixtures("taichi")
-
 
 @pytest.mark.parametrize("in_blocks", [False, True])
 def test_compacted_queues_keep_their_order(in_blocks: bool) -> None:

@@ -13,7 +13,6 @@ from tiscene.scene.camera import Camera
 SQUARE = mesh([[-1, -1, 0], [1, -1, 0], [1, 1, 0], [-1, 1, 0]], [[0, 1, 2], [0, 2, 3]])
 
 
-@pytest.mark.usefixtures("taichi")
 def test_full_hd_at_64_samples_is_traced_in_bounded_batches(monkeypatch: pytest.MonkeyPatch) -> None:
     width, height, spp = 1920, 1080, 64
     paths = PathPass(scene_of((SQUARE,), placed([0])), width, height)

@@ -17,7 +17,6 @@ from tiscene.scene.description import DomeLight, Material, SceneDescription, Sph
 from tiscene.scene.device_scene import DeviceScene
 from tiscene.scene.placement import Placement
 
-pytestmark = pytest.mark.usefixtures("taichi")
 SIZE = 13, 7  # paths of a frame are no multiple of the lanes in which camera rays are made
 SAMPLING = {"seed": 5, "spp": 3, "max_depth": 4}
 INDICES = (7, 8, 9, 30, 2)
