@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,24 +17,10 @@ from numpy.typing import NDArray
 from tiscene.frame.frame import Frame
 from tiscene.render.view import CENTER, HALF_HEIGHT, POSITION, RIGHT, TANGENT, UP, View
 from tiscene.scene.placement import CURRENT, NEXT, PREVIOUS
-from tiscene.world.world import World
+from tiscene.stream.stream import Stream
 from tiscene.world.world_state import WorldState
 
 LABELS = ("semantic", "instance", "part", "depth")
-
-
-class LabelSource(Protocol):
-    """A stream, as far as labels of pixels need it."""
-
-    @property
-    def width(self) -> int: ...
-    @property
-    def height(self) -> int: ...
-    @property
-    def world(self) -> World: ...
-    @property
-    def categories(self) -> Mapping[int, str]: ...
-    def render_view(self, index: int, view: View, buffers: tuple[str, ...] | None = None, /) -> Frame: ...
 
 
 @dataclass(frozen=True)
@@ -113,7 +99,7 @@ def has_labels(frame: Frame) -> bool:
     return all(name in frame for name in LABELS)
 
 
-def render_label(source: LabelSource, index: int, y: int, x: int) -> PixelLabel:
+def render_label(source: Stream, index: int, y: int, x: int) -> PixelLabel:
     """Return the label of a pixel of frame `index` with one ray, without rendering the frame.
 
     Args:

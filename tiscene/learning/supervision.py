@@ -11,7 +11,7 @@ import math
 from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 
@@ -19,15 +19,9 @@ from dynamics import argument_checks
 from tiscene.errors import ArgumentError, ArgumentTypeError
 from tiscene.frame.frame import Frame
 from tiscene.learning.label_ledger import LabelLedger, LedgerRow
-from tiscene.learning.pixel_labels import (
-    LabelSource,
-    PixelLabel,
-    has_labels,
-    label_in_frame,
-    moving_instances,
-    render_label,
-)
+from tiscene.learning.pixel_labels import PixelLabel, has_labels, label_in_frame, moving_instances, render_label
 from tiscene.learning.teaching_policies import Asked, Moment, Pixel, Policy, check_policy
+from tiscene.stream.stream import Stream
 
 VERSION = 1
 _NOISE, _POLICY = 0x401, 0x402  # keys of random numbers
@@ -117,13 +111,6 @@ class Refused:
 
     def __bool__(self) -> bool:
         return False
-
-
-class Phased(Protocol):
-    """A source of frames in phases with rules of their own: a course."""
-
-    def source(self, index: int) -> tuple[LabelSource, int]: ...
-    def rules(self, index: int) -> tuple[int, SupervisionRules | None, int, int | None]: ...
 
 
 class Supervision:
@@ -240,9 +227,9 @@ class Supervision:
         length = len(self._stream) if hasattr(self._stream, "rules") else self._stream.frames
         return 0, self._rules, index, length
 
-    def _source(self, index: int) -> tuple[LabelSource, int]:
+    def _source(self, index: int) -> tuple[Stream, int]:
         if hasattr(self._stream, "source"):
-            source: tuple[LabelSource, int] = self._stream.source(index)
+            source: tuple[Stream, int] = self._stream.source(index)
             return source
         return self._stream, index
 

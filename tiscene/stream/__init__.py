@@ -4,6 +4,7 @@
 ::
 
     stream          Stream
+    stream_interface  a Stream as the modules below see it
     frame_slice     the frames of `stream[a:b]`
     frame_batches   several frames rendered at once
     view_renderer   render views of a world; owns the device arrays

@@ -8,31 +8,14 @@ when the frame is asked for.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Protocol
 
 from tiscene.device import runtime
 from tiscene.frame.frame import Frame
-from tiscene.stream.view_renderer import Prepared, ViewRenderer, render_all_cameras
-from tiscene.world.world import World
+from tiscene.stream.stream_interface import StreamInterface
+from tiscene.stream.view_renderer import Prepared, render_all_cameras
 from tiscene.world.world_state import WorldState
 
 MAX_PIXELS = 1 << 22  # of a batch; rays, hits and buffers of a pixel take about 200 bytes
-
-
-class BatchSource(Protocol):
-    """What batches need of a Stream."""
-
-    _batches: FrameBatches
-    _renderer: ViewRenderer
-
-    @property
-    def world(self) -> World: ...
-    @property
-    def width(self) -> int: ...
-    @property
-    def height(self) -> int: ...
-    @property
-    def buffers(self) -> tuple[str, ...]: ...
 
 
 class FrameBatches:
@@ -56,34 +39,30 @@ class FrameBatches:
         self._edits = 0
         self._ready: dict[int, tuple[WorldState, list[Prepared]]] = {}
 
-    def take(self, source: BatchSource, indices: Sequence[int]) -> tuple[WorldState, list[Prepared]]:
-        """Return the state of the world at the first of some frames, and what is rendered of it for each camera.
+    @runtime.one_thread_at_a_time
+    def first_of(self, stream: StreamInterface, indices: Sequence[int]) -> Frame:
+        """Return the first of some frames; if the stream renders in batches, together with the following ones.
 
         Args:
-            source: the stream.
+            stream: the stream.
             indices: of the frames that will probably be asked for next.
         """
-        edits = source.world.edit_count
+        stream._renderer.check_session()
+        size = stream.width, stream.height
+        if self.size == 1:
+            return render_all_cameras(stream._renderer, stream.world.state(indices[0]), stream.buffers, *size)
+        state, prepared = self._take(stream, indices)
+        return render_all_cameras(stream._renderer, state, stream.buffers, *size, prepared=prepared)
+
+    def _take(self, stream: StreamInterface, indices: Sequence[int]) -> tuple[WorldState, list[Prepared]]:
+        """Return the state of the world at the first of some frames, and what is rendered of it for each camera."""
+        edits = stream.world.edit_count
         if edits != self._edits or indices[0] not in self._ready:
-            count = max(1, min(self.size, MAX_PIXELS // (source.width * source.height)))
+            count = max(1, min(self.size, MAX_PIXELS // (stream.width * stream.height)))
             chosen = indices[:count]
             self.clear()
-            states = [source.world.state(index) for index in chosen]
-            rendered = source._renderer.render_batch(states, source.buffers, source.width, source.height)
+            states = [stream.world.state(index) for index in chosen]
+            rendered = stream._renderer.render_batch(states, stream.buffers, stream.width, stream.height)
             self._ready = dict(zip(chosen, rendered, strict=True))
             self._edits = edits
         return self._ready.pop(indices[0])
-
-
-class BatchedFrames:
-    """Frames of a stream that are read one after the other."""
-
-    @runtime.one_thread_at_a_time
-    def first_of(self: BatchSource, indices: range) -> Frame:
-        """Return the first of some frames; if the stream renders in batches, together with the following ones."""
-        self._renderer.check_session()
-        size = self.width, self.height
-        if self._batches.size == 1:
-            return render_all_cameras(self._renderer, self.world.state(indices[0]), self.buffers, *size)
-        state, prepared = self._batches.take(self, indices)
-        return render_all_cameras(self._renderer, state, self.buffers, *size, prepared=prepared)

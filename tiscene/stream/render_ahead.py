@@ -14,31 +14,18 @@ from collections.abc import Iterator, Sequence
 from contextlib import contextmanager, suppress
 from multiprocessing import resource_tracker
 from multiprocessing.connection import Connection
-from typing import Any, Protocol
+from typing import Any
 
 from tiscene.errors import ArgumentError, DeviceError
 from tiscene.scenario.scenario import Scenario
+from tiscene.stream.stream_interface import StreamInterface
 from tiscene.stream.view_renderer import Pixels
-from tiscene.world.world import World
 
 POLL_SECONDS = 0.5  # between two checks that the worker lives
 JOIN_SECONDS = 5.0
 
 _interpreter_exits = threading.Event()
 atexit.register(_interpreter_exits.set)  # after `resource_tracker` was imported: before multiprocessing ends workers
-
-
-class AheadSource(Protocol):
-    """What rendering ahead needs of a Stream."""
-
-    @property
-    def world(self) -> World: ...
-    @property
-    def scenario(self) -> Scenario: ...
-    @property
-    def position(self) -> int: ...
-    @property
-    def frames(self) -> int | None: ...
 
 
 class RenderAhead:
@@ -61,7 +48,7 @@ class RenderAhead:
     def __getstate__(self) -> dict[str, Any]:
         return {"count": 0, "_worker": None}  # a copy in a worker process renders by itself
 
-    def pixels(self, stream: AheadSource) -> Sequence[Pixels]:
+    def pixels(self, stream: StreamInterface) -> Sequence[Pixels]:
         """Return the pixels of the frame at the stream's position, one for each camera.
 
             Raises:
@@ -102,7 +89,7 @@ class RenderAhead:
         self._requests.close()
         self._results.close()
 
-    def _start(self, stream: AheadSource) -> None:
+    def _start(self, stream: StreamInterface) -> None:
         context = multiprocessing.get_context("spawn")
         # Pipes, not a Queue: that keeps an end for writing open here, so that this process would wait for ever for the
         # rest of a frame whose sender was killed. Its semaphores have names, which a killed process leaves behind.
@@ -121,7 +108,7 @@ class RenderAhead:
         requests.close()
         results.close()
 
-    def _request(self, stream: AheadSource, version: int, scenario: Scenario | None) -> None:
+    def _request(self, stream: StreamInterface, version: int, scenario: Scenario | None) -> None:
         """Ask for the frames from the stream's position on.
 
         Args:

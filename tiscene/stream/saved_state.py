@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Any, Protocol
+from typing import Any
 
 from tiscene.device import runtime
 from tiscene.errors import ArgumentError
@@ -13,7 +13,7 @@ from tiscene.stream.frame_batches import FrameBatches
 from tiscene.stream.progress import ProgressBar
 from tiscene.stream.render_ahead import RenderAhead
 from tiscene.stream.stage_cache import file_digests
-from tiscene.world.world import World
+from tiscene.stream.stream_interface import StreamInterface
 
 VERSION = 1
 
@@ -25,26 +25,10 @@ _CURES = {
 _OTHER_CURE = "Pass the saved {0} to Stream(...)."
 
 
-class StatefulSource(Protocol):
-    """What saving a state needs of a Stream."""
-
-    @property
-    def position(self) -> int: ...
-    @property
-    def scenario(self) -> Scenario: ...
-    @property
-    def world(self) -> World: ...
-    def settings(self) -> dict[str, Any]: ...
-    @property
-    def arch(self) -> str | None: ...
-    def restart(self, scenario: Scenario) -> None: ...
-    def seek(self, index: int) -> Any: ...
-
-
 class SavedState:
     """The methods of a stream for checkpoints, for worker processes, and for further streams."""
 
-    def another(self: StatefulSource, scenario: Scenario) -> Any:
+    def another(self: StreamInterface, scenario: Scenario) -> Any:
         """Return a stream of another scenario with the same settings, which shares the stages and trees that are kept.
 
         Raises:
@@ -57,23 +41,23 @@ class SavedState:
         other.restart(scenario)
         return other
 
-    def __getstate__(self: StatefulSource) -> dict[str, Any]:
+    def __getstate__(self: StreamInterface) -> dict[str, Any]:
         """Return everything except device arrays, which are made anew, and the progress callback."""
         kept = {name: value for name, value in vars(self).items() if name not in ("world", "_renderer")}
         return kept | {"_progress": ProgressBar(), "scenario": self.scenario}
 
-    def __setstate__(self: StatefulSource, state: dict[str, Any]) -> None:
+    def __setstate__(self: StreamInterface, state: dict[str, Any]) -> None:
         scenario, position = state.pop("scenario"), state["_position"]
         vars(self).update(state)
         runtime.start(self.arch)
         self.restart(scenario)
         self.seek(position)
 
-    def state_dict(self: StatefulSource) -> dict[str, Any]:
+    def state_dict(self: StreamInterface) -> dict[str, Any]:
         """Return the stream's position and settings as JSON-ready values below 1 kB."""
         return {"version": VERSION, "position": self.position, "settings": self.settings()}
 
-    def load_state_dict(self: StatefulSource, state: Mapping[str, Any]) -> None:
+    def load_state_dict(self: StreamInterface, state: Mapping[str, Any]) -> None:
         """Continue where `state_dict` was taken.
 
         Raises:
@@ -82,7 +66,7 @@ class SavedState:
         check_state(state, self.settings())
         self.seek(state["position"])
 
-    def file_digests(self: StatefulSource) -> dict[str, str]:
+    def file_digests(self: StreamInterface) -> dict[str, str]:
         """Return the SHA-256 of every file that the scene and the scenario's templates consist of.
 
         Returns:

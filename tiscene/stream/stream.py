@@ -32,7 +32,7 @@ from tiscene.scenario.scenario import Scenario
 from tiscene.scene.camera import Camera
 from tiscene.scene.description import Light
 from tiscene.stream.fixed_settings import FixedSettings
-from tiscene.stream.frame_batches import BatchedFrames, FrameBatches
+from tiscene.stream.frame_batches import FrameBatches
 from tiscene.stream.frame_slice import FrameSlice
 from tiscene.stream.loaders.loader_methods import LoaderMethods
 from tiscene.stream.progress import ProgressBar
@@ -50,7 +50,7 @@ from tiscene.world.world import World
 DEFAULT_BUFFERS = ("rgb", "semantic", "instance", "depth", "forward_flow")
 
 
-class Stream(FixedSettings, BatchedFrames, LoaderMethods, StreamOutput, SavedState, Iterator[Frame]):
+class Stream(FixedSettings, LoaderMethods, StreamOutput, SavedState, Iterator[Frame]):
     """An endless or finite, exactly repeatable sequence of labeled frames.
 
     A stream is an iterator with a position, as an open file is: a second `for` continues where the first stopped,
@@ -281,7 +281,7 @@ class Stream(FixedSettings, BatchedFrames, LoaderMethods, StreamOutput, SavedSta
 
     def seek(self, index: int) -> Stream:
         """Make frame `index` the next one; costs nothing. Returns the stream."""
-        self._position = integer(index, "index", 0, self.frames if self.frames is not None else sys.maxsize)
+        self._position = integer(index, "index", 0, self.frames or sys.maxsize)
         self.world.next_frame = self._position
         return self
 
@@ -294,7 +294,7 @@ class Stream(FixedSettings, BatchedFrames, LoaderMethods, StreamOutput, SavedSta
         if self._ahead.count:
             frame = self._render(self._position, self._ahead.pixels(self))
         else:
-            frame = self.first_of(range(self._position, sys.maxsize if self.frames is None else self.frames))
+            frame = self._batches.first_of(self, range(self._position, self.frames or sys.maxsize))
         self.seek(self._position + 1)
         return frame
 
@@ -310,12 +310,12 @@ class Stream(FixedSettings, BatchedFrames, LoaderMethods, StreamOutput, SavedSta
     def __getitem__(self, index: slice) -> FrameSlice: ...
 
     def __getitem__(self, index: int | slice) -> Frame | FrameSlice:
-        end = sys.maxsize if self.frames is None else self.frames
+        end = self.frames or sys.maxsize
         if isinstance(index, slice):
             bounds = index.start, index.stop, index.step if index.start is None else None  # backwards from the end
             if self.frames is None and any(bound is not None and bound < 0 for bound in bounds):
                 raise ArgumentError(f"{index}: an endless stream cannot be counted from its end")
-            return FrameSlice(self, range(end)[index], self.first_of)
+            return FrameSlice(self, range(end)[index], partial(self._batches.first_of, self))
         place = operator.index(index)
         if place < 0 and self.frames is not None:
             place += self.frames

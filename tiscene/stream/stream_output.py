@@ -6,52 +6,20 @@ from __future__ import annotations
 import os
 from collections.abc import Iterable
 from html import escape
-from typing import TYPE_CHECKING, Any, Protocol
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from tiscene.device import runtime
 from tiscene.errors import ArgumentError
-from tiscene.frame.frame import Frame
-from tiscene.render.render_settings import RenderSettings
-from tiscene.scenario.scenario import Scenario
+from tiscene.stream.stream_interface import StreamInterface
 from tiscene.usd.scenario.bake import write_motion
-from tiscene.world.world import World
 
 if TYPE_CHECKING:
     from tiscene.render.integrators.labels.point_pass import SurfacePoints
     from tiscene.render.view import View
     from tiscene.scene.placement import Placement
-    from tiscene.stream.view_renderer import ViewRenderer
-
-
-class OutputSource(Protocol):
-    """What the methods need of a Stream."""
-
-    @property
-    def world(self) -> World: ...
-    @property
-    def scenario(self) -> Scenario: ...
-    @property
-    def frames(self) -> int | None: ...
-    @property
-    def fps(self) -> float: ...
-    @property
-    def width(self) -> int: ...
-    @property
-    def height(self) -> int: ...
-    @property
-    def seed(self) -> int: ...
-    @property
-    def position(self) -> int: ...
-    @property
-    def buffers(self) -> tuple[str, ...]: ...
-    @property
-    def render_settings(self) -> RenderSettings: ...
-    @property
-    def _renderer(self) -> ViewRenderer: ...
-    def __getitem__(self, index: int, /) -> Frame: ...
 
 
 class StreamOutput:
@@ -59,7 +27,7 @@ class StreamOutput:
 
     @runtime.one_thread_at_a_time
     def surface_points(
-        self: OutputSource, placement: Placement, view: View, x: NDArray[np.int64], y: NDArray[np.int64]
+        self: StreamInterface, placement: Placement, view: View, x: NDArray[np.int64], y: NDArray[np.int64]
     ) -> SurfacePoints:
         """Return the points of surfaces at the centers of pixels, to `follow` them through frames.
 
@@ -73,7 +41,7 @@ class StreamOutput:
 
     @runtime.one_thread_at_a_time
     def follow(
-        self: OutputSource, points: SurfacePoints, placement: Placement, view: View
+        self: StreamInterface, points: SurfacePoints, placement: Placement, view: View
     ) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
         """Return where points of surfaces are in another frame, and whether they are hidden there: exactly, by a ray.
 
@@ -88,7 +56,7 @@ class StreamOutput:
         """
         return self._renderer.follow(points, placement, view)
 
-    def to_usd(self: OutputSource, path: str | os.PathLike[str], frames: int | Iterable[int] | None = None) -> None:
+    def to_usd(self: StreamInterface, path: str | os.PathLike[str], frames: int | Iterable[int] | None = None) -> None:
         """Write the motion as a USD layer over the scene (.usda, .usdc, .usd), to be played by any USD program.
 
         Objects are references to their templates, with time samples of pose and visibility. Nothing is rendered.
@@ -102,7 +70,7 @@ class StreamOutput:
             raise ArgumentError("frames=None: an endless stream cannot be written whole; pass frames=N")
         write_motion(self.world, path, frames)
 
-    def _repr_html_(self: OutputSource) -> str:
+    def _repr_html_(self: StreamInterface) -> str:
         """Return a table for notebooks: scene, size, length, objects and settings. Nothing is rendered."""
         settings = self.render_settings
         objects = ", ".join(f"{each.id} ({each.template})" for each in self.scenario.objects) or "those of the stage"

@@ -6,34 +6,15 @@ from __future__ import annotations
 import sys
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any, Protocol, TypeAlias
+from typing import Any, TypeAlias
 
 import numpy as np
 
 from tiscene.errors import ArgumentError
 from tiscene.frame.frame import Frame
-from tiscene.scenario.scenario import Scenario
+from tiscene.stream.stream_interface import StreamInterface
 
 Sample: TypeAlias = dict[str, Any]
-
-
-class FrameSource(Protocol):
-    """What loaders need of a Stream."""
-
-    @property
-    def position(self) -> int: ...
-    @property
-    def buffers(self) -> tuple[str, ...]: ...
-    @property
-    def width(self) -> int: ...
-    @property
-    def height(self) -> int: ...
-    @property
-    def frames(self) -> int | None: ...
-    @property
-    def scenario(self) -> Scenario: ...
-    def __getitem__(self, index: int, /) -> Frame: ...
-    def settings(self) -> dict[str, Any]: ...
 
 
 @dataclass(frozen=True)
@@ -75,7 +56,7 @@ class FrameSamples:
         return sample
 
 
-def frame_range(frames: range | None, stream: FrameSource) -> range:
+def frame_range(frames: range | None, stream: StreamInterface) -> range:
     """Return the indices of the frames that a data set has; `sys.maxsize` as their end if there is none.
 
     Args:
@@ -85,7 +66,7 @@ def frame_range(frames: range | None, stream: FrameSource) -> range:
     Raises:
         ArgumentError: `frames` is not a range, or the stream has no such frames.
     """
-    end = sys.maxsize if stream.frames is None else stream.frames
+    end = stream.frames or sys.maxsize
     if frames is None:
         return range(stream.position, end)
     if not isinstance(frames, range):

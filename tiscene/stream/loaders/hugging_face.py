@@ -12,12 +12,13 @@ import datasets
 from dynamics import argument_checks
 from tiscene.errors import ArgumentError
 from tiscene.frame.buffers import BUFFERS
-from tiscene.stream.loaders.frame_samples import FrameSamples, FrameSource, Sample, frame_range, is_endless
+from tiscene.stream.loaders.frame_samples import FrameSamples, Sample, frame_range, is_endless
+from tiscene.stream.stream_interface import StreamInterface
 
 _ARRAYS = {2: datasets.Array2D, 3: datasets.Array3D, 4: datasets.Array4D}
 
 
-def iterable_dataset(stream: FrameSource, frames: range | None, samples: FrameSamples, shards: int) -> Any:
+def iterable_dataset(stream: StreamInterface, frames: range | None, samples: FrameSamples, shards: int) -> Any:
     """Return a `datasets.IterableDataset`.
 
     Its state_dict is a position among indices, so that continuing renders no frame twice.
@@ -62,7 +63,7 @@ def _indices(shards: list[tuple[int, int, int]]) -> Iterator[dict[str, int]]:
 class _Render:
     """Maps an index to a sample."""
 
-    def __init__(self, stream: FrameSource, samples: FrameSamples) -> None:
+    def __init__(self, stream: StreamInterface, samples: FrameSamples) -> None:
         self._stream, self._samples = stream, samples
 
     def __call__(self, example: dict[str, int]) -> Sample:
@@ -70,7 +71,7 @@ class _Render:
         return sample
 
 
-def _features(stream: FrameSource) -> Any:
+def _features(stream: StreamInterface) -> Any:
     """Return the types of the columns."""
     columns: dict[str, Any] = {"index": datasets.Value("int64"), "time": datasets.Value("float64")}
     for name in stream.buffers:

@@ -7,7 +7,8 @@ from collections.abc import Sequence
 from typing import Any
 
 from tiscene.errors import ArgumentError
-from tiscene.stream.loaders.frame_samples import FrameSamples, FrameSource, frame_range, is_endless
+from tiscene.stream.loaders.frame_samples import FrameSamples, frame_range, is_endless
+from tiscene.stream.stream_interface import StreamInterface
 
 
 class IndexedDataset:
@@ -24,7 +25,7 @@ class IndexedDataset:
         ArgumentError: the stream is endless and `frames` is None.
     """
 
-    def __init__(self, stream: FrameSource, frames: range | None, samples: FrameSamples) -> None:
+    def __init__(self, stream: StreamInterface, frames: range | None, samples: FrameSamples) -> None:
         self.stream = stream
         self.frames = frame_range(frames, stream)
         self.samples = samples

@@ -8,8 +8,9 @@ from typing import TYPE_CHECKING, Any
 
 from tiscene.errors import requires_extra
 from tiscene.frame.frame import Frame
-from tiscene.stream.loaders.frame_samples import FrameSamples, FrameSource
+from tiscene.stream.loaders.frame_samples import FrameSamples
 from tiscene.stream.loaders.indexed_dataset import IndexedDataset
+from tiscene.stream.stream_interface import StreamInterface
 
 if TYPE_CHECKING:
     from tiscene.stream.loaders.torch_stream import TorchStream
@@ -19,7 +20,7 @@ class LoaderMethods:
     """Data sets of a stream for PyTorch, Grain and Hugging Face."""
 
     def torch(
-        self: FrameSource,
+        self: StreamInterface,
         *,
         frames: range | None = None,
         objects: bool = False,
@@ -61,7 +62,7 @@ class LoaderMethods:
         )
 
     def dataset(
-        self: FrameSource,
+        self: StreamInterface,
         *,
         frames: range | None = None,
         objects: bool = False,
@@ -80,7 +81,7 @@ class LoaderMethods:
         return IndexedDataset(self, frames, FrameSamples(objects, transform))
 
     def huggingface(
-        self: FrameSource,
+        self: StreamInterface,
         *,
         frames: range | None = None,
         objects: bool = False,

@@ -17,7 +17,8 @@ from torch.utils.data import IterableDataset, default_collate, get_worker_info
 
 from dynamics import argument_checks
 from tiscene.errors import ArgumentError
-from tiscene.stream.loaders.frame_samples import FrameSamples, FrameSource, frame_range, is_endless
+from tiscene.stream.loaders.frame_samples import FrameSamples, frame_range, is_endless
+from tiscene.stream.stream_interface import StreamInterface
 
 STATE_VERSION = 1
 
@@ -37,7 +38,7 @@ class TorchStream(IterableDataset):  # type: ignore[misc]  # mypy does not read 
 
     def __init__(
         self,
-        stream: FrameSource,
+        stream: StreamInterface,
         frames: range | None,
         samples: FrameSamples,
         *,
