@@ -28,7 +28,7 @@ from tiscene.world.physics.parts_cache import PartsCache
 from tiscene.world.physics.physics_model import PhysicsBody, Surroundings
 from tiscene.world.physics.rigid_body_simulation import PhysicsFrame, RigidBodySimulation, require_engine
 from tiscene.world.physics.stage_parts import StageParts
-from tiscene.world.trajectories import Array, Collision, Trajectories, TrajectoryContext, between_poses
+from tiscene.world.trajectories import Array, Collision, Trajectories, TrajectoryContext, between_poses, replace_rows
 
 GRAVITY = 9.81  # m/s2
 KEPT_SHAPES = 64
@@ -63,12 +63,11 @@ class PhysicsTrajectories(Trajectories):
             if len(self._changes) != changes:
                 self._physics.surroundings_changed()
 
-    def poses(self, frame: int, rows: Sequence[int] | None = None) -> Array:
+    def _at(self, frame: int, rows: Sequence[int] | None, kind: str) -> Array:
         rows = self._rows(frame, rows)
-        poses, rigid = super().poses(frame, rows), self._rigid_rows(rows)
-        if rigid:
-            state = self._simulated(frame)
-            _fill(poses, rows, state, state.poses)
+        poses = super()._at(frame, rows, kind)
+        if self._rigid_rows(rows):
+            replace_rows(poses, rows, self._simulated(frame), kind)
         return poses
 
     def between(self, frame: int, shift: Fraction, rows: Sequence[int] | None = None) -> Array:
@@ -81,14 +80,6 @@ class PhysicsTrajectories(Trajectories):
             poses[rigid] = rigid_poses[rigid]
         elif rigid:
             poses[rigid] = self.poses(frame, rows)[rigid]
-        return poses
-
-    def arrivals(self, frame: int, rows: Sequence[int] | None = None) -> Array:
-        rows = self._rows(frame, rows)
-        poses, rigid = super().arrivals(frame, rows), self._rigid_rows(rows)
-        if rigid:
-            state = self._simulated(frame)
-            _fill(poses, rows, state, state.arrivals)
         return poses
 
     def collisions(self, frame: int) -> list[Collision]:
@@ -118,11 +109,11 @@ class PhysicsTrajectories(Trajectories):
 
     def kinematic_poses(self, frame: int, rows: Sequence[int]) -> tuple[Array, Array]:
         """Return the poses of objects that are no rigid bodies, at a frame and as planned for the next."""
-        return Trajectories.poses(self, frame, rows), Trajectories.arrivals(self, frame + 1, rows)
+        return Trajectories._at(self, frame, rows, "poses"), Trajectories._at(self, frame + 1, rows, "arrivals")
 
     def kinematic_begin(self, frame: int, row: int) -> Array:
         """Return the pose [7] of an object that is no rigid body at a frame, before the edits of that frame."""
-        begin: Array = Trajectories.arrivals(self, frame, (row,))[0]
+        begin: Array = Trajectories._at(self, frame, (row,), "arrivals")[0]
         return begin
 
     def stage_epoch(self, frame: int) -> int:
@@ -231,9 +222,3 @@ class ScenarioPhysics:
             self._parts[key] = disk.parts(surface, min(max(0.02 * size, 0.001), 0.01), min(0.02 * size, 0.004))
             disk.save()
         return self._parts[key]
-
-
-def _fill(poses: Array, rows: Sequence[int], state: PhysicsFrame, simulated: Array) -> None:
-    """Replace poses of rigid bodies, in place; those that do not exist yet keep theirs."""
-    _, into, source = np.intersect1d(rows, state.numbers, assume_unique=True, return_indices=True)
-    poses[into] = simulated[source]

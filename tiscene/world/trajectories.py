@@ -33,6 +33,7 @@ from tiscene.scene.description import Instance, SceneDescription
 from tiscene.scene.walking import STILL, Axes
 from tiscene.world.collision_onset import CollisionOnset
 from tiscene.world.object_movers import ObjectMovers
+from tiscene.world.physics.rigid_body_simulation import PhysicsFrame
 
 Array = NDArray[np.float64]
 WALLS = ("left", "right", "bottom", "top", "near", "far")
@@ -153,12 +154,19 @@ class Trajectories:
 
     def poses(self, frame: int, rows: Sequence[int] | None = None) -> Array:
         """Return the poses of objects at a frame. Before frame 0 everything stands at its start."""
+        return self._at(frame, rows, "poses")
+
+    def arrivals(self, frame: int, rows: Sequence[int] | None = None) -> Array:
+        """Return the poses of objects at a frame before its edits, as planned when the frame before was made."""
+        return self._at(frame, rows, "arrivals")
+
+    def _at(self, frame: int, rows: Sequence[int] | None, kind: str) -> Array:
+        """Return the poses at a frame; kind: "poses" or "arrivals", attributes of a simulated frame."""
         rows = self._rows(frame, rows)
         poses = self._closed_form(Fraction(frame), rows)
         stepped = self._stepping(frame)
         if stepped is not None:
-            state = stepped.frame(max(frame, 0))
-            _replace_rows(poses, rows, state, state.poses)
+            replace_rows(poses, rows, stepped.frame(max(frame, 0)), kind)
         return poses
 
     def between(self, frame: int, shift: Fraction, rows: Sequence[int] | None = None) -> Array:
@@ -182,22 +190,11 @@ class Trajectories:
         strayed = np.zeros(len(rows), np.bool_)
         ends = []
         for number, name in ((start, "poses"), (start + 1, "arrivals")):
-            state = stepped.frame(number)
             path = self._closed_form(Fraction(number), rows)
-            ends.append(_replace_rows(path.copy(), rows, state, getattr(state, name)))
+            ends.append(replace_rows(path.copy(), rows, stepped.frame(number), name))
             strayed |= (ends[-1] != path).any(axis=1)
         before, after = ends
         poses[strayed] = between_poses(before[strayed], after[strayed], float(time - start))
-        return poses
-
-    def arrivals(self, frame: int, rows: Sequence[int] | None = None) -> Array:
-        """Return the poses of objects at a frame before its edits, as planned when the frame before was made."""
-        rows = self._rows(frame, rows)
-        poses = self._closed_form(Fraction(frame), rows)
-        stepped = self._stepping(frame)
-        if stepped is not None:
-            state = stepped.frame(max(frame, 0))
-            _replace_rows(poses, rows, state, state.arrivals)
         return poses
 
     def camera_poses(self, frame: Fraction | int) -> Array:
@@ -362,8 +359,9 @@ def between_poses(before: Array, after: Array, part: float) -> Array:
     return poses
 
 
-def _replace_rows(poses: Array, rows: tuple[int, ...], state: CollisionState, simulated: Array) -> Array:
-    """Replace poses of objects, in place, by those that are simulated; not all of them may be."""
+def replace_rows(poses: Array, rows: tuple[int, ...], state: CollisionState | PhysicsFrame, kind: str) -> Array:
+    """Replace poses of objects, in place, by the `kind` of poses that are simulated; not all of them may be."""
+    simulated: Array = getattr(state, kind)
     if rows == state.numbers:
         poses[:] = simulated
     else:
