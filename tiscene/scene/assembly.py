@@ -71,6 +71,12 @@ def object_axes(description: SceneDescription, meshes: Sequence[int], matrices: 
     return rigid(with_origin(matrices, origins))
 
 
+def authored_axes(description: SceneDescription, row: int) -> Matrix:
+    """Return the authored pose of the object in a row, which has meshes, as `object_axes` does: [4, 4]."""
+    first = next(each for each in description.instances if each.object == row)
+    return object_axes(description, [first.mesh], first.world_from_object[None]).reshape(4, 4)
+
+
 def bounding_box(description: SceneDescription, meshes: Sequence[int], matrices: Sequence[Matrix]) -> Matrix:
     """Return the bounding box of meshes, each transformed by its 4x4 matrix: [2, 3], m; zeros if there are none."""
     boxes = mesh_boxes(description.meshes, meshes, np.array(matrices).reshape(-1, 4, 4))

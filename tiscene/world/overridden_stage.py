@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from dynamics.rotation import matrix_from_quaternion, quaternion
 from tiscene.errors import LightNotFound, MaterialNotFound, ObjectNotFound, ScenarioError
 from tiscene.scenario.overrides import CameraOverride, LightOverride, MaterialOverride, ObjectOverride, Override
-from tiscene.scene.assembly import object_axes
+from tiscene.scene.assembly import authored_axes
 from tiscene.scene.camera import Camera
 from tiscene.scene.description import Collider, Instance, Light, Material, SceneDescription, TextureLookup
 from tiscene.scene.input_track import InputTrack
@@ -178,8 +178,7 @@ def _arranged(stage: SceneDescription, override: ObjectOverride) -> SceneDescrip
         return _without(stage, number, own)
     if not own.any() or (override.position is None and override.rotation is None):
         return stage
-    first = stage.instances[int(own.argmax())]
-    start = object_axes(stage, [first.mesh], first.world_from_object[None])[0]
+    start = authored_axes(stage, number)
     pose = start.copy()
     if override.position is not None:
         pose[:3, 3] = override.position
