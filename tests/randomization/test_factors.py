@@ -130,7 +130,7 @@ def test_order_of_factors_does_not_matter(drawn):
         scenario = drawn
         for factor in order:
             scenario = scenario.with_factor(factor, {"lighting": ()} if factor == "illumination" else None, seed=5)
-        made.append(replace(scenario, overrides=sorted(scenario.overrides, key=repr)))
+        made.append(scenario)
     assert made[0] == made[1]
 
 

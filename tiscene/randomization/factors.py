@@ -12,7 +12,7 @@ import hashlib
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from numbers import Integral
-from typing import Any
+from typing import Any, get_args
 
 from tiscene.errors import ArgumentError, UnknownName
 from tiscene.randomization.clutter_factor import with_clutter
@@ -37,14 +37,12 @@ class Factor:
     Attributes:
         name: its name.
         value: what values it takes, in words.
-        is_numeric: whether a value may be one number, so that it can be ramped.
         keeps_motion: whether objects keep their trajectories.
         apply: returns a scenario with the factor drawn anew.
     """
 
     name: str
     value: str
-    is_numeric: bool
     keeps_motion: bool
     apply: Apply
 
@@ -52,16 +50,16 @@ class Factor:
 FACTORS: dict[str, Factor] = {
     each.name: each
     for each in (
-        Factor("categories", "names of categories to draw from; None: all", False, True, with_categories),
-        Factor("instances", "templates to draw from; None: others of its category", False, True, with_instances),
-        Factor("views", "degrees of a turn, a camera, or ranges; None: typical", True, True, with_view),
-        Factor("clutter", "number of distractors, (low, high), or ranges; None: typical", True, True, with_clutter),
-        Factor("occlusion", "fraction of the path, or (low, high); None: (0.1, 0.5)", True, False, with_occlusion),
-        Factor("rooms", "scenes to draw from; None: all others", False, False, with_room),
-        Factor("illumination", "lighting ('night'), stops, or ranges; None: typical", True, True, with_illumination),
-        Factor("materials", "how far they change, 0..1, or ranges; None: typical", True, True, with_materials_drawn),
-        Factor("furniture", "how far it is moved, m, or ranges; None: typical", True, True, with_furniture),
-        Factor("speed", "factor of speeds, or (low, high); None: (0.5, 2)", True, True, with_speed),
+        Factor("categories", "names of categories to draw from; None: all", True, with_categories),
+        Factor("instances", "templates to draw from; None: others of its category", True, with_instances),
+        Factor("views", "degrees of a turn, a camera, or ranges; None: typical", True, with_view),
+        Factor("clutter", "number of distractors, (low, high), or ranges; None: typical", True, with_clutter),
+        Factor("occlusion", "fraction of the path, or (low, high); None: (0.1, 0.5)", False, with_occlusion),
+        Factor("rooms", "scenes to draw from; None: all others", False, with_room),
+        Factor("illumination", "lighting ('night'), stops, or ranges; None: typical", True, with_illumination),
+        Factor("materials", "how far they change, 0..1, or ranges; None: typical", True, with_materials_drawn),
+        Factor("furniture", "how far it is moved, m, or ranges; None: typical", True, with_furniture),
+        Factor("speed", "factor of speeds, or (low, high); None: (0.5, 2)", True, with_speed),
     )
 }  # fmt: skip
 
@@ -89,7 +87,10 @@ def with_factor(scenario: Scenario, name: str, value: Any = None, *, seed: int =
 
 
 def without_missing(scenario: Scenario) -> Scenario:
-    """Return a scenario without overrides of lights and materials that its variants and templates do not have."""
+    """Return a scenario without overrides of lights and materials that its variants and templates do not have.
+
+    The others are ordered by their kind, so that the order in which factors are applied does not matter.
+    """
     stage = stage_of(scenario)
     lights = {name for each in stage.lights for name in (each.prim_path, each.name)}
     descriptions = [stage, *templates_of(scenario, stage.up_axis)]
@@ -102,7 +103,8 @@ def without_missing(scenario: Scenario) -> Scenario:
             return any(each.prim in names and each.like in (None, *names) for names in materials)
         return True
 
-    return replace(scenario, overrides=[each for each in scenario.overrides if exists(each)])
+    kept = [each for each in scenario.overrides if exists(each)]
+    return replace(scenario, overrides=sorted(kept, key=lambda each: get_args(Override).index(type(each))))
 
 
 def factor_draws(seed: int, factor: str, part: str = "") -> Draws:
