@@ -19,6 +19,7 @@ import taichi as ti
 import tiscene as ts
 from tests.benchmarks.room import room, static_placement
 from tiscene.frame.buffers import LABELS, times_needed
+from tiscene.frame.object_table import ObjectState
 from tiscene.render.annotations.object_measurements import Measurer
 from tiscene.render.integrators.labels.label_pass import LabelPass
 from tiscene.render.view import View
@@ -79,7 +80,10 @@ def main() -> None:
         cpu = milliseconds(lambda name=name: labels.render(view, ("instance", name)))[1]  # type: ignore[misc]
         print(f"{name:>20}: {max(cpu - alone, 0.0):.1f} ms of CPU time in addition to instance ({alone:.1f})")
     began = time.perf_counter()
-    rows = Measurer(scene).table(placement, view, [_BareObject(int(id)) for id in np.unique(placement.instance_id)])
+    zero = (0.0, 0.0, 0.0)
+    bare = ObjectState(0, "", "", "", 0, "", zero, (1.0, 0.0, 0.0, 0.0), zero, (zero, zero), 0, None)
+    states = [replace(bare, id=id) for id in np.unique(placement.instance_id).tolist()]
+    rows = Measurer(scene).table(placement, view, states)
     rows.columns()
     print(f"every column of {len(rows)} objects, at first access: {1e3 * (time.perf_counter() - began):.0f} ms")
     frames()
@@ -102,21 +106,6 @@ def frames() -> None:
             stream.seek(0)
             wall, cpu = milliseconds(lambda stream=stream, access=access: access(next(stream)))  # type: ignore[misc]
             print(f"{'room_02':>10} {name:>20} {label:>24} {wall:>9.1f} {cpu:>9.1f}")
-
-
-class _BareObject:
-    """An object of the world with an id and default values."""
-
-    name = template = category = prim_path = asset = ""
-    category_id = first_frame = 0
-    last_frame = None
-    blocked = False
-    parts = ()
-    position = velocity = (0.0, 0.0, 0.0)
-    rotation = (1.0, 0.0, 0.0, 0.0)
-
-    def __init__(self, id: int) -> None:
-        self.id = id
 
 
 if __name__ == "__main__":

@@ -13,11 +13,11 @@ from tiscene.export.formats import FORMATS
 from tiscene.frame.buffers import BUFFERS
 from tiscene.frame.frame import Frame, FrameCamera
 from tiscene.frame.measurements import OrientedBox
-from tiscene.frame.object_table import ObjectTable
+from tiscene.frame.object_table import ObjectState, ObjectTable
 from tiscene.scene.camera import Camera
 
 FRAMES = 4  # that `exported` writes
-CHAIR = SimpleNamespace(
+CHAIR = ObjectState(
     id=3,
     name="chair",
     template="Chair 01",
@@ -27,10 +27,9 @@ CHAIR = SimpleNamespace(
     position=(1.0, 0.5, 0.0),
     rotation=(1.0, 0.0, 0.0, 0.0),
     velocity=(0.0, 0.0, 0.25),
+    box=((-0.5, -0.5, -0.5), (0.5, 0.5, 0.5)),
     first_frame=0,
     last_frame=None,
-    blocked=False,
-    room="",
     parts=("Seat", "Back"),
     asset="Chair 01",
 )

@@ -53,9 +53,7 @@ def test_object_row_has_every_column_and_null_for_none():
 def test_objects_selects_moving_or_visible_or_all_rows():
     still = {"template": "", "velocity": (0.0, 0.0, 0.0)}
     rows = {"spawned": {"velocity": (0.0, 0.0, 0.0)}, "playing": {"template": ""}, "hidden": still, "seen": still}
-    states = [
-        SimpleNamespace(**vars(CHAIR) | {"id": k, "name": name} | row) for k, (name, row) in enumerate(rows.items())
-    ]
+    states = [replace(CHAIR, id=k, name=name, **row) for k, (name, row) in enumerate(rows.items())]
     measured = SimpleNamespace(
         visible_pixels=np.array([0, 3, 0, 1]),
         pixels_in_frame=np.full(4, 3),

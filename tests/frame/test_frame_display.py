@@ -5,17 +5,19 @@ import builtins
 import io
 import re
 import sys
+from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
 from PIL import Image, ImageShow
 
-from tests.export.fake_stream import FakeStream
+from tests.export.fake_stream import CHAIR, ChairMeasurements, FakeStream
 from tiscene.errors import ArgumentError, BufferNotFound, ExportError
 from tiscene.frame import visualize
 from tiscene.frame.buffers import BUFFERS
 from tiscene.frame.frame import Frame
+from tiscene.frame.object_table import ObjectTable
 from tiscene.sailenv.unity_coordinates import flow_of
 from tiscene.sailenv.utilities import draw_flow_map
 
@@ -89,12 +91,9 @@ def test_notebook_shows_every_buffer_and_the_visible_objects(frame):
 
 
 def test_names_of_objects_are_escaped_in_html():
-    from tests.export.fake_stream import CHAIR, ChairMeasurements
-    from tiscene.frame.object_table import ObjectTable
-
-    state = SimpleNamespace(**{**vars(CHAIR), "name": "<script>"})
     frame = FakeStream()[0]
-    frame = Frame(0, 0.0, frame.camera, {"depth": frame.depth}, ObjectTable([state], ChairMeasurements()))
+    objects = ObjectTable([replace(CHAIR, name="<script>")], ChairMeasurements())
+    frame = Frame(0, 0.0, frame.camera, {"depth": frame.depth}, objects)
     assert "<script>" not in frame._repr_html_()
     assert "&lt;script&gt;" in frame._repr_html_()
 

@@ -12,7 +12,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, fields
 from functools import cached_property
 from operator import attrgetter
-from typing import Any, Protocol, overload
+from typing import Any, overload
 
 import numpy as np
 from numpy.typing import NDArray
@@ -25,39 +25,45 @@ Box = tuple[float, float, float, float]
 SHOWN_NAMES = 10  # in the representation of a table
 
 
-class ObjectState(Protocol):
-    """A live object at a frame, as a world describes it."""
+@dataclass(frozen=True)
+class ObjectState:
+    """A live object at one frame, as a world gives it.
 
-    @property
-    def id(self) -> int: ...
-    @property
-    def name(self) -> str: ...
-    @property
-    def template(self) -> str: ...
-    @property
-    def category(self) -> str: ...
-    @property
-    def category_id(self) -> int: ...
-    @property
-    def prim_path(self) -> str: ...
-    @property
-    def position(self) -> Vector3: ...
-    @property
-    def rotation(self) -> Quaternion: ...
-    @property
-    def velocity(self) -> Vector3: ...
-    @property
-    def first_frame(self) -> int: ...
-    @property
-    def last_frame(self) -> int | None: ...
-    @property
-    def blocked(self) -> bool: ...
-    @property
-    def parts(self) -> tuple[str, ...]: ...
-    @property
-    def asset(self) -> str: ...
-    @property
-    def room(self) -> str: ...
+    Attributes:
+        id: value in the `instance` buffer.
+        name: the scenario's id, or the prim's name.
+        template: name of its template; "" for objects of the stage.
+        category: semantic label; "" for none.
+        category_id: value in the `semantic` buffer.
+        prim_path: "" for objects of the scenario.
+        position: origin of the object's axes, m.
+        rotation: unit quaternion (w, x, y, z). Scale is part of the box, not of the axes.
+        velocity: of the origin, from this frame to the next along its trajectory, m/s.
+        box: lowest and highest corner around the object in its own axes, m.
+        first_frame: first frame of its lifespan.
+        last_frame: last frame of its lifespan; None: no end.
+        blocked: whether an obstacle kept it from its trajectory since the frame before.
+        parts: names of the values 1, 2, ... in the `part` buffer; () for an object of one part.
+        asset: name of the asset that it is a copy of; "" for none.
+        room: name of the room that it is in; "" for none.
+    """
+
+    id: int
+    name: str
+    template: str
+    category: str
+    category_id: int
+    prim_path: str
+    position: Vector3
+    rotation: Quaternion
+    velocity: Vector3
+    box: tuple[Vector3, Vector3]
+    first_frame: int
+    last_frame: int | None
+    blocked: bool = False
+    parts: tuple[str, ...] = ()
+    asset: str = ""
+    room: str = ""
 
 
 @dataclass(frozen=True)

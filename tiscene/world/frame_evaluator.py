@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from dynamics.rotation import matrix_from_quaternion
 from tiscene.frame.events import Event
+from tiscene.frame.object_table import ObjectState
 from tiscene.scenario.edits import EditLog
 from tiscene.scene.description import Light
 from tiscene.scene.lights.light_groups import LightGroups
@@ -23,7 +24,7 @@ from tiscene.scene.placement import Placement
 from tiscene.world.event_detector import detect_changes
 from tiscene.world.lights import WorldLights, same_lights
 from tiscene.world.material_animation import MaterialAnimation
-from tiscene.world.object_registry import ObjectRegistry, ObjectSelection, WorldObject
+from tiscene.world.object_registry import ObjectRegistry, ObjectSelection
 from tiscene.world.overlap_detector import OverlapDetector
 from tiscene.world.room_finder import RoomFinder
 from tiscene.world.stage_objects import StageObjects, matrix
@@ -109,7 +110,7 @@ class FrameEvaluator:
                 array.setflags(write=False)
         return placement
 
-    def objects(self, frame: int) -> list[WorldObject]:
+    def objects(self, frame: int) -> list[ObjectState]:
         """Return the rows of all live objects at a frame, by id."""
         objects = self.stage_objects.rows(frame)
         selection = self._selection(frame)

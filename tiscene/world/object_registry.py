@@ -10,11 +10,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tiscene.errors import ScenarioError
+from tiscene.frame.object_table import ObjectState
 from tiscene.scenario.edits import ObjectHistory
 from tiscene.scenario.objects import Object
 from tiscene.scene.animation import quaternions
 from tiscene.scene.assembly import ObjectParts, box_matrices, corners, joined, object_axes
-from tiscene.scene.camera import Quaternion, Vector3
+from tiscene.scene.camera import Vector3
 from tiscene.scene.description import SceneDescription, Template, mesh_boxes
 from tiscene.world.category_ids import CategoryIds
 from tiscene.world.lights import AttachedLight
@@ -24,47 +25,6 @@ from tiscene.world.stage_animation import AnimatedInstances, box_over_time, chan
 Array = NDArray[np.float64]
 MAX_GEOMETRIES = 256  # of templates and scales; the least recently made ones are dropped first
 MAX_SURFACES = 16  # likewise
-
-
-@dataclass(frozen=True)
-class WorldObject:
-    """A live object at one frame.
-
-    Attributes:
-        id: value in the `instance` buffer.
-        name: the scenario's id, or the prim's name.
-        template: name of its template; "" for objects of the stage.
-        category: semantic label; "" for none.
-        category_id: value in the `semantic` buffer.
-        prim_path: "" for objects of the scenario.
-        position: origin of the object's axes, m.
-        rotation: unit quaternion (w, x, y, z). Scale is part of the box, not of the axes.
-        velocity: of the origin, from this frame to the next along its trajectory, m/s.
-        box: lowest and highest corner around the object in its own axes, m.
-        first_frame: first frame of its lifespan.
-        last_frame: last frame of its lifespan; None: no end.
-        blocked: whether an obstacle kept it from its trajectory since the frame before.
-        parts: names of the values 1, 2, ... in the `part` buffer; () for an object of one part.
-        asset: name of the asset that it is a copy of; "" for none.
-        room: name of the room that it is in; "" for none.
-    """
-
-    id: int
-    name: str
-    template: str
-    category: str
-    category_id: int
-    prim_path: str
-    position: Vector3
-    rotation: Quaternion
-    velocity: Vector3
-    box: tuple[Vector3, Vector3]
-    first_frame: int
-    last_frame: int | None
-    blocked: bool = False
-    parts: tuple[str, ...] = ()
-    asset: str = ""
-    room: str = ""
 
 
 @dataclass(frozen=True, eq=False)
@@ -104,7 +64,7 @@ class ObjectSelection:
     """
 
     rows: tuple[int, ...]
-    objects: tuple[WorldObject, ...]
+    objects: tuple[ObjectState, ...]
     columns: PlacementColumns
     owner: NDArray[np.int32]
     matrix: Array
@@ -169,7 +129,7 @@ class ObjectRegistry:
         self._settled = 0
         self._geometries: dict[tuple[str, Vector3], ObjectGeometry] = {}
         self._surfaces: dict[tuple[object, ...], Array] = {}
-        self._entries: dict[int, tuple[WorldObject, ObjectGeometry]] = {}
+        self._entries: dict[int, tuple[ObjectState, ObjectGeometry]] = {}
         self._selection: ObjectSelection | None = None
         self.settle()
 
@@ -201,7 +161,7 @@ class ObjectRegistry:
             triangles.append((mesh.positions.astype(np.float64) @ matrix[:, :3].T + matrix[:, 3])[mesh.triangles])
         return np.concatenate(triangles)
 
-    def _settle_stage(self) -> tuple[list[WorldObject], ObjectParts]:
+    def _settle_stage(self) -> tuple[list[ObjectState], ObjectParts]:
         """Return rows and parts of the stage's objects. An object's axes are those of its first mesh, without scale."""
         stage = self.stage
         instance_owner = np.array([instance.object for instance in stage.instances], np.int32)
@@ -228,7 +188,7 @@ class ObjectRegistry:
                 boxes[number] = box_over_time(stage, meshes[rows].tolist(), moments, own=True)
         poses = zip(axes[:, :3, 3].tolist(), quaternions(axes[:, :3, :3]).tolist(), boxes, strict=True)
         objects = [
-            WorldObject(
+            ObjectState(
                 id=number + 1,
                 name=each.name,
                 template="",
@@ -316,12 +276,12 @@ class ObjectRegistry:
             lights=tuple(lights),
         )
 
-    def _entry(self, row: int) -> tuple[WorldObject, ObjectGeometry]:
+    def _entry(self, row: int) -> tuple[ObjectState, ObjectGeometry]:
         if row not in self._entries:
             spec = self._histories[row].spec
             template, geometry = self.template(spec), self._geometry(spec)
             whole = template.description.objects
-            world_object = WorldObject(
+            world_object = ObjectState(
                 id=self.id_of(row),
                 name=spec.id,
                 template=template.name,

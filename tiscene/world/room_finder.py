@@ -9,8 +9,8 @@ from dataclasses import replace
 import numpy as np
 
 from dynamics.rotation import matrix_from_quaternion
+from tiscene.frame.object_table import ObjectState
 from tiscene.scene.room_volume import RoomVolume, rooms_at
-from tiscene.world.object_registry import WorldObject
 
 
 class RoomFinder:
@@ -24,9 +24,9 @@ class RoomFinder:
 
     def __init__(self, volumes: Sequence[RoomVolume]) -> None:
         self._volumes = volumes
-        self._known: dict[int, tuple[WorldObject, WorldObject]] = {}  # by id: an object without and with its room
+        self._known: dict[int, tuple[ObjectState, ObjectState]] = {}  # by id: an object without and with its room
 
-    def assign(self, objects: Sequence[WorldObject]) -> list[WorldObject]:
+    def assign(self, objects: Sequence[ObjectState]) -> list[ObjectState]:
         """Return objects with their rooms."""
         if not self._volumes:
             return list(objects)

@@ -11,12 +11,12 @@ from numpy.typing import NDArray
 
 from dynamics.rotation import matrix_from_quaternion, quaternion
 from tiscene.errors import ScenarioError, did_you_mean
+from tiscene.frame.object_table import ObjectState
 from tiscene.scenario.edits import Move, StageObjectHistory
 from tiscene.scene.affine_maps import with_origin
 from tiscene.scene.animation import polar, quaternions
 from tiscene.scene.camera import quaternion_from_matrix
 from tiscene.scene.description import Instance, SceneDescription
-from tiscene.world.object_registry import WorldObject
 from tiscene.world.stage_animation import AnimatedInstances
 
 Array = NDArray[np.float64]
@@ -40,7 +40,7 @@ class StageObjects:
     def __init__(
         self,
         stage: SceneDescription,
-        rows: Sequence[WorldObject],
+        rows: Sequence[ObjectState],
         owner: NDArray[np.int32],
         tracks: AnimatedInstances,
         fps: float,
@@ -139,9 +139,9 @@ class StageObjects:
         ]
         return np.isin(self._owner, edited)
 
-    def rows(self, frame: int) -> list[WorldObject]:
+    def rows(self, frame: int) -> list[ObjectState]:
         """Return the objects that are alive at a frame."""
-        rows: list[WorldObject | None] = list(self._rows)
+        rows: list[ObjectState | None] = list(self._rows)
         if self._tracks:
             for number, posed in self._posed(frame).items():
                 rows[number] = posed
@@ -153,7 +153,7 @@ class StageObjects:
                 rows[number] = self._moved(number, row, move, frame)
         return [row for row in rows if row is not None]
 
-    def _moved(self, number: int, row: WorldObject, move: Move, frame: int) -> WorldObject:
+    def _moved(self, number: int, row: ObjectState, move: Move, frame: int) -> ObjectState:
         """Return an object that an edit has moved, given where it is without edits."""
         by = self.moved_by(number, frame, frame)
         if by is None or number not in self._tracked:
@@ -167,7 +167,7 @@ class StageObjects:
             velocity=tuple((by[:3, :3] @ row.velocity).tolist()),
         )
 
-    def _posed(self, frame: int) -> dict[int, WorldObject | None]:
+    def _posed(self, frame: int) -> dict[int, ObjectState | None]:
         """Return the animated objects at a frame, by row; None for one that is absent."""
         matrices, present = self._tracks.at(frame / self._fps)
         following = self._tracks.at((frame + 1) / self._fps)[0]
@@ -176,7 +176,7 @@ class StageObjects:
         now, after = (with_origin(each[first], self._origins[first]) for each in (matrices, following))
         rotations = quaternions(polar(now[:, :, :3])[0])
         velocities = (after[:, :, 3] - now[:, :, 3]) * self._fps
-        result: dict[int, WorldObject | None] = {}
+        result: dict[int, ObjectState | None] = {}
         poses = zip(now[:, :, 3].tolist(), rotations.tolist(), velocities.tolist(), strict=True)
         for number, (position, rotation, velocity) in zip(self._tracked.tolist(), poses, strict=True):
             posed = {"position": tuple(position), "rotation": tuple(rotation), "velocity": tuple(velocity)}
@@ -204,7 +204,7 @@ class StageObjects:
         return instances, [self.is_alive(instance.object, frame) for instance in instances]
 
 
-def _matrix_of(row: WorldObject) -> Array:
+def _matrix_of(row: ObjectState) -> Array:
     return matrix(np.array([*row.position, *row.rotation]))
 
 

@@ -18,6 +18,7 @@ import numpy as np
 
 from dynamics import Dynamic, RigidBody, argument_checks
 from tiscene.errors import ArgumentError, ObjectNotFound, ScenarioError
+from tiscene.frame.object_table import ObjectState
 from tiscene.scenario.edits import Despawn, Edit, Move, PlaceCamera, SetFrustumWalls, Spawn
 from tiscene.scenario.objects import Frustum, Object
 from tiscene.scenario.scenario import Scenario
@@ -30,7 +31,7 @@ from tiscene.world.category_ids import CategoryIds
 from tiscene.world.frame_evaluator import FrameEvaluator
 from tiscene.world.lights import WorldLights
 from tiscene.world.material_animation import MaterialAnimation
-from tiscene.world.object_registry import ObjectRegistry, WorldObject
+from tiscene.world.object_registry import ObjectRegistry
 from tiscene.world.overlap_detector import OverlapDetector
 from tiscene.world.overridden_stage import check_materials, overridden, with_materials
 from tiscene.world.physics_trajectories import PhysicsTrajectories
@@ -180,7 +181,7 @@ class World(CameraEdits):
         return self._registry.category_ids
 
     @property
-    def initial_objects(self) -> list[WorldObject]:
+    def initial_objects(self) -> list[ObjectState]:
         """The stage's objects as they are authored, before any edit."""
         return list(self._registry.stage_rows)
 

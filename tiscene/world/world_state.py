@@ -17,12 +17,12 @@ from numpy.typing import NDArray
 
 from dynamics.rotation import matrix_from_quaternion
 from tiscene.frame.events import Event
+from tiscene.frame.object_table import ObjectState
 from tiscene.scene.camera import Camera
 from tiscene.scene.description import Light
 from tiscene.scene.placement import Placement
 from tiscene.scene.room_volume import RoomVolume, rooms_at
 from tiscene.world.frustum_test import in_view
-from tiscene.world.object_registry import WorldObject
 
 
 class CameraStep(NamedTuple):
@@ -45,7 +45,7 @@ class ObjectBounds:
         poses: float64 [n, 3, 4], from each object's axes to the world.
     """
 
-    def __init__(self, objects: Sequence[WorldObject], earlier: ObjectBounds | None = None):
+    def __init__(self, objects: Sequence[ObjectState], earlier: ObjectBounds | None = None):
         """Collect the bounds of live objects.
 
         Args:
@@ -126,7 +126,7 @@ class WorldState:
     aspect: float
     cameras: tuple[CameraStep, ...]
     placement: Placement
-    objects: tuple[WorldObject, ...]
+    objects: tuple[ObjectState, ...]
     lights: tuple[Light, ...]
     movers: NDArray[np.bool_]
     has_dynamic_lights: bool

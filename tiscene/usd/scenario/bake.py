@@ -32,7 +32,7 @@ Offsets = dict[int, Array]  # by frame: float64 [4, 4], from the authored pose t
 
 
 class BakedObject(Protocol):
-    """A live object at one frame. Attributes as of `tiscene.world.object_registry.WorldObject`."""
+    """A live object at one frame. Attributes as of `tiscene.frame.object_table.ObjectState`."""
 
     @property
     def id(self) -> int: ...
@@ -124,7 +124,7 @@ def write_motion(world: BakedWorld, path: str | os.PathLike[str], frames: int | 
         over.set_time(numbers[0], numbers[-1], world.fps)
         recorded = _Recording(world, numbers)
         _write_objects(over, scenario, recorded, numbers)
-        _write_edited_stage_objects(over, scenario, recorded, numbers)
+        _write_edited_stage_objects(over, recorded, numbers)
         _write_lights(over, world, recorded)
         _write_cameras(over, world, recorded)
         over.export(path)
@@ -192,9 +192,7 @@ def _disable_schema_motion(prim: Usd.Prim) -> None:
         prim.CreateAttribute(f"tiscene:object:{name}", boolean, False, Sdf.VariabilityUniform).Set(False)
 
 
-def _write_edited_stage_objects(
-    over: OverLayer, scenario: BakedScenario, recorded: _Recording, frames: Sequence[int]
-) -> None:
+def _write_edited_stage_objects(over: OverLayer, recorded: _Recording, frames: Sequence[int]) -> None:
     for path, offsets in recorded.stage_objects.items():
         prim = _write_offsets(over, path, offsets)
         _write_visibility(prim, [frame in offsets for frame in frames], frames)
