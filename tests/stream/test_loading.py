@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 from pxr import Sdf
 
-from tests.usd.helpers import write
+from tests.usd.helpers import preview_material, write
 from tiscene.catalog import find_scene
 from tiscene.errors import StageError, StageWarning
 from tiscene.frame.buffers import BUFFERS
@@ -30,20 +30,20 @@ BOX = 'def Cube "Box" (kind = "component")\n{\n}\ndef Volume "Smoke"\n{\n}'
 COMPILED = """
 import sys
 import tiscene as ts
-from tiscene import loading, stream
-from tiscene.device import recordings
-warm_up_steps, prepare, told = loading.warm_up_steps, recordings.prepare, []
+from tiscene.device.taichi_patches import ast_recorder
+from tiscene.stream import loading
+warm_up_steps, materialize, told = loading.warm_up_steps, ast_recorder.materialize, []
 def whole(*args):
     for each in warm_up_steps(*args):
         pass  # to its end, however soon the stage is read
     print("rehearsed")
     told.append(True)
     yield
-def prepared(kernel, *args):
+def materialized(kernel, *args):
     if told:
         print(kernel.func.__name__)
-    prepare(kernel, *args)
-loading.warm_up_steps, recordings.prepare = whole, prepared
+    materialize(kernel, *args)
+loading.warm_up_steps, ast_recorder.materialize = whole, materialized
 stream = ts.Stream("room_02", width=32, height=24, quality=sys.argv[1], frames=1)
 stream[0]
 print("rendered")
@@ -144,15 +144,7 @@ def test_after_a_rehearsal_a_first_frame_has_nothing_to_compile(quality):
     assert done.stdout.split() == ["rehearsed", "rendered"]
 
 
-GLOWING = """
-def Material "Lamp" {
-    token outputs:surface.connect = </Lamp/Surface.outputs:surface>
-    def Shader "Surface" {
-        uniform token info:id = "UsdPreviewSurface"
-        color3f inputs:emissiveColor = (%s, 0, 0)
-        token outputs:surface
-    }
-}"""
+GLOWING = preview_material("/Lamp", "color3f inputs:emissiveColor = (%s, 0, 0)")
 
 
 @pytest.mark.parametrize(("text", "glows"), [(GLOWING % 2, True), (GLOWING % 0, False), (BOX, False)])

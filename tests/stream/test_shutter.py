@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 import tiscene as ts
-from tests.usd.helpers import write
+from tests.usd.helpers import preview_material, write
 from tests.world.test_collisions import EMPTY, STAGE, bouncer, path, world
 from tiscene.errors import ArgumentError, StageWarning
 from tiscene.render.integrators.incremental.incremental_pass import IncrementalPass
@@ -27,17 +27,6 @@ def Camera "Camera"
     double3 xformOp:translate = (0, 0, 5)
     uniform token[] xformOpOrder = ["xformOp:translate"]
 }
-def Material "Glow"
-{
-    token outputs:surface.connect = </Glow/Surface.outputs:surface>
-    def Shader "Surface"
-    {
-        uniform token info:id = "UsdPreviewSurface"
-        color3f inputs:emissiveColor = (4, 4, 4)
-        color3f inputs:diffuseColor = (0, 0, 0)
-        token outputs:surface
-    }
-}
 class "Templates"
 {
     def Xform "Square"
@@ -52,6 +41,9 @@ class "Templates"
     }
 }
 """
+SQUARE += preview_material(
+    "/Glow", "color3f inputs:emissiveColor = (4, 4, 4)", "color3f inputs:diffuseColor = (0, 0, 0)"
+)
 WIDTH, HEIGHT, FRAME = 100, 50, 5
 SPEED = 10.0  # px a frame
 CROSSING = ts.Keyframes(

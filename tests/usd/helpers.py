@@ -63,6 +63,28 @@ def problems_of(folder: Path, body: str) -> tuple[str, ...]:
     return caught.value.problems
 
 
+def preview_material(path: str, *inputs: str, shaders: str = "") -> str:
+    """Return a material with a UsdPreviewSurface as text.
+
+    Args:
+        path: its prim path.
+        inputs: attributes of the surface.
+        shaders: further prims of the material.
+    """
+    return f"""def Material "{path.rpartition("/")[2]}"
+{{
+    token outputs:surface.connect = <{path}/Surface.outputs:surface>
+    def Shader "Surface"
+    {{
+        uniform token info:id = "UsdPreviewSurface"
+        {chr(10).join(inputs)}
+        token outputs:surface
+    }}
+    {shaders}
+}}
+"""
+
+
 def area(positions: np.ndarray, triangles: np.ndarray) -> float:
     """Return the total area of a mesh."""
     a, b, c = (positions[triangles[:, k]].astype(float) for k in range(3))

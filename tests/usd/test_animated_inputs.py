@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 import tiscene as ts
-from tests.usd.helpers import QUAD, read, write
+from tests.usd.helpers import QUAD, preview_material, read, write
 
 RANGE = "startTimeCode = 0\n    endTimeCode = 10\n    timeCodesPerSecond = 10"
 SQUARE = QUAD.replace("(0, 0, 0), (1, 0, 0), (1, 1, 0), (0, 1, 0)", "(-9, -9, 0), (9, -9, 0), (9, 9, 0), (-9, 9, 0)")
@@ -22,17 +22,7 @@ def Mesh "Wall" (
     %s
     rel material:binding = </Paint>
 }
-def Material "Paint"
-{
-    token outputs:surface.connect = </Paint/Surface.outputs:surface>
-    def Shader "Surface"
-    {
-        uniform token info:id = "UsdPreviewSurface"
-        %s
-        token outputs:surface
-    }
-}
-"""
+""" + preview_material("/Paint", "%s")
 
 
 def material_at(description, seconds):

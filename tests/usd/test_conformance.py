@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from pxr import Usd, UsdUtils, UsdValidation
 
-from tests.usd.helpers import QUAD, STAGES, read, read_with_warning, write
+from tests.usd.helpers import QUAD, STAGES, preview_material, read, read_with_warning, write
 from tiscene.errors import StageWarning
 from tiscene.scene.description import SphereLight, TextureLookup
 from tiscene.usd.read.stage_reader import read_stage
@@ -229,31 +229,10 @@ def test_unit_square_is_read_with_unusual_attributes(tmp_path, line, warning):
 
 def test_instanced_prototypes_with_subsets(tmp_path):
     """Each instance has the materials of its subsets, and its own where it has a stronger binding."""
-    body = """
-def Scope "Looks"
-{
-    def Material "A"
-    {
-        token outputs:surface.connect = </Looks/A/S.outputs:surface>
-        def Shader "S"
-        {
-            uniform token info:id = "UsdPreviewSurface"
-            color3f inputs:diffuseColor = (1, 0, 0)
-            token outputs:surface
-        }
-    }
-    def Material "B"
-    {
-        token outputs:surface.connect = </Looks/B/S.outputs:surface>
-        def Shader "S"
-        {
-            uniform token info:id = "UsdPreviewSurface"
-            color3f inputs:diffuseColor = (0, 0, 1)
-            token outputs:surface
-        }
-    }
-}
-class Xform "Proto"
+    red = preview_material("/Looks/A", "color3f inputs:diffuseColor = (1, 0, 0)")
+    blue = preview_material("/Looks/B", "color3f inputs:diffuseColor = (0, 0, 1)")
+    body = f'def Scope "Looks"\n{{\n{red}{blue}}}\n'
+    body += """class Xform "Proto"
 {
     def Mesh "M"
     {

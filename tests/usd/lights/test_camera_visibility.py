@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 import tiscene as ts
-from tests.usd.helpers import read, write
+from tests.usd.helpers import preview_material, read, write
 
 LAMP = """def RectLight "Lamp"
 {
@@ -62,19 +62,10 @@ def centers(tmp_path_factory):
     int[] faceVertexIndices = [0, 1, 2, 3]
     point3f[] points = [(-9, -9, -4), (9, -9, -4), (9, 9, -4), (-9, 9, -4)]
 }
-def Material "Silver"
-{
-    token outputs:surface.connect = </Silver/S.outputs:surface>
-    def Shader "S"
-    {
-        uniform token info:id = "UsdPreviewSurface"
-        color3f inputs:diffuseColor = (1, 1, 1)
-        float inputs:metallic = 1
-        float inputs:roughness = 0
-        token outputs:surface
-    }
-}
 """
+    mirror += preview_material(
+        "/Silver", "color3f inputs:diffuseColor = (1, 1, 1)", "float inputs:metallic = 1", "float inputs:roughness = 0"
+    )
     hidden = LAMP % HIDDEN[0]
     back = hidden.replace('"Lamp"', '"Back"').replace("(0, 180, 0)", "(0, 0, 0)")
     dome = (

@@ -10,7 +10,7 @@ import OpenEXR
 import pytest
 
 import tiscene as ts
-from tests.usd.helpers import write
+from tests.usd.helpers import preview_material, write
 from tests.usd.lights.test_ies import ies
 from tiscene.usd.lights.light import color_of_temperature
 
@@ -24,18 +24,7 @@ def Mesh "Floor" (prepend apiSchemas = ["MaterialBindingAPI"])
     point3f[] points = [(-1000, 0, 1000), (1000, 0, 1000), (1000, 0, -1000), (-1000, 0, -1000)]
     rel material:binding = </Gray>
 }
-def Material "Gray"
-{
-    token outputs:surface.connect = </Gray/Surface.outputs:surface>
-    def Shader "Surface"
-    {
-        uniform token info:id = "UsdPreviewSurface"
-        color3f inputs:diffuseColor = (0.5, 0.5, 0.5)
-        float inputs:ior = 1
-        token outputs:surface
-    }
-}
-"""
+""" + preview_material("/Gray", "color3f inputs:diffuseColor = (0.5, 0.5, 0.5)", "float inputs:ior = 1")
 # A light above the origin, pointing down; the stage's unit is `meters`.
 DOWN = """
     double3 xformOp:translate = (%g, %g, 0)

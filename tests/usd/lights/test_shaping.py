@@ -8,7 +8,7 @@ import math
 import numpy as np
 import pytest
 
-from tests.usd.helpers import QUAD, problems_of, read_with_warning, write
+from tests.usd.helpers import QUAD, preview_material, problems_of, read_with_warning, write
 from tests.usd.lights.test_ies import ies
 from tiscene.scene.description import Light, Shaping, TextureLookup
 from tiscene.usd.read.stage_reader import read_stage
@@ -119,25 +119,18 @@ def Mesh "M" (prepend apiSchemas = ["MeshLightAPI", "MaterialBindingAPI"])
     %s
     rel material:binding = </Look>
 }
-def Material "Look"
-{
-    token outputs:surface.connect = </Look/Surface.outputs:surface>
-    def Shader "Surface"
-    {
-        uniform token info:id = "UsdPreviewSurface"
-        color3f inputs:diffuseColor = (0.1, 0.2, 0.3)
-        color3f inputs:emissiveColor%s
-        token outputs:surface
-    }
-    def Shader "Image"
+""" + preview_material(
+    "/Look",
+    "color3f inputs:diffuseColor = (0.1, 0.2, 0.3)",
+    "color3f inputs:emissiveColor%s",
+    shaders="""def Shader "Image"
     {
         uniform token info:id = "UsdUVTexture"
         asset inputs:file = @emission.png@
         float4 inputs:bias = (1, 1, 1, 0)
         float3 outputs:rgb
-    }
-}
-"""
+    }""",
+)
 
 
 def read_emissive(folder, mode: str = "", emission: str = " = (3, 3, 3)"):

@@ -11,7 +11,7 @@ import pytest
 from PIL import Image
 from pxr import Sdf, UsdUtils
 
-from tests.usd.helpers import write
+from tests.usd.helpers import preview_material, write
 from tiscene.usd.materials.image import read_picture, read_radiance
 from tiscene.usd.read.stage_reader import read_stage
 
@@ -187,23 +187,14 @@ def Cube "C" (prepend apiSchemas = ["MaterialBindingAPI"])
 {
     rel material:binding = </M>
 }
-def Material "M"
-{
-    token outputs:surface.connect = </M/S.outputs:surface>
-    def Shader "S"
-    {
-        uniform token info:id = "UsdPreviewSurface"
-        color3f inputs:diffuseColor.connect = </M/T.outputs:rgb>
-        token outputs:surface
-    }
-    def Shader "T"
+"""
+    texture = """def Shader "T"
     {
         uniform token info:id = "UsdUVTexture"
         asset inputs:file = @color.png@
         float3 outputs:rgb
-    }
-}
-"""
+    }"""
+    body += preview_material("/M", "color3f inputs:diffuseColor.connect = </M/T.outputs:rgb>", shaders=texture)
     stage = write(tmp_path, body)
     from pxr import UsdUtils
 

@@ -6,9 +6,9 @@ from __future__ import annotations
 import pytest
 from PIL import Image
 
-from tests.usd.helpers import problems_of, read, read_with_warning
+from tests.usd.helpers import preview_material, problems_of, read, read_with_warning
 
-STAGE = """
+MESH = """
 def Mesh "M" (prepend apiSchemas = ["MaterialBindingAPI"])
 {
     uniform token subdivisionScheme = "none"
@@ -19,15 +19,8 @@ def Mesh "M" (prepend apiSchemas = ["MaterialBindingAPI"])
     rel material:binding = </Look>
     %s
 }
-def Material "Look"
-{
-    token outputs:surface.connect = </Look/Surface.outputs:surface>
-    def Shader "Surface"
-    {
-        uniform token info:id = "UsdPreviewSurface"
-        color3f inputs:diffuseColor.connect = </Look/Image.outputs:rgb>
-        token outputs:surface
-    }
+"""
+NODES = """
     def Shader "Image"
     {
         uniform token info:id = "UsdUVTexture"
@@ -49,17 +42,9 @@ def Material "Look"
         string inputs:varname = "st"
         float2 outputs:result
     }
-}
-def Material "Plain"
-{
-    token outputs:surface.connect = </Plain/Surface.outputs:surface>
-    def Shader "Surface"
-    {
-        uniform token info:id = "UsdPreviewSurface"
-        token outputs:surface
-    }
-}
 """
+TEXTURED = "color3f inputs:diffuseColor.connect = </Look/Image.outputs:rgb>"
+STAGE = MESH + preview_material("/Look", TEXTURED, shaders=NODES) + preview_material("/Plain")
 UNIT = '[(0, 0), (1, 0), (1, 1), (0, 1)] (interpolation = "vertex")'
 WIDE = '[(0, 0), (2, 0), (2, 1), (0, 1)] (interpolation = "vertex")'
 SECOND_FACE_WIDE = '[(0, 0), (1, 0), (1, 1), (0, 0), (2, 1), (0, 1)] (interpolation = "faceVarying")'

@@ -15,6 +15,7 @@ import pytest
 from numpy.typing import NDArray
 
 import tiscene as ts
+from tests.usd.helpers import preview_material
 from tiscene.cli import demo
 
 pytestmark = pytest.mark.slow
@@ -73,26 +74,18 @@ def Xform "Ball"
         double radius = 0.3
         rel material:binding = </Ball/Glass>
     }
-    def Material "Glass"
-    {
-        token outputs:surface.connect = </Ball/Glass/Surface.outputs:surface>
-        def Shader "Surface"
-        {
-            uniform token info:id = "UsdPreviewSurface"
-            float inputs:opacity = 0
-            float inputs:roughness = 0
-            float inputs:ior = 1.5
-            token outputs:surface
-        }
-    }
+    %s
 }
 """
+GLASS = preview_material(
+    "/Ball/Glass", "float inputs:opacity = 0", "float inputs:roughness = 0", "float inputs:ior = 1.5"
+)
 
 
 def glass_ball(folder: Path) -> ts.Scenario:
     """Return a clear glass ball before the window, through which the demo's chair is sometimes visible."""
     file = folder / "glass_ball.usda"
-    file.write_text(GLASS_BALL)
+    file.write_text(GLASS_BALL % GLASS)
     orbit = ts.Orbit((-0.6, 1.1, -2.2), 3.0)
     return living_room(1, ts.Object("glass", str(file), (-0.3, 1.1, -2.2), dynamic=orbit, collide=False))
 
