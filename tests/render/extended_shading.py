@@ -7,7 +7,9 @@ import numpy as np
 import taichi as ti
 from numpy.typing import NDArray
 
-from tests.render.shading import Bsdf, Floats1, Floats2, Ints1, Ints2, row_of, vec2
+from tests.render.shading import Bsdf, row_of
+from tiscene.device.argument_bundles import bundled
+from tiscene.device.kernel_types import Floats1, Floats2, vec2
 from tiscene.device.memory import upload
 from tiscene.render.bsdfs import extended_surface_bsdf as bsdf
 from tiscene.render.bsdfs.energy_tables import energy_tables
@@ -20,13 +22,10 @@ from tiscene.scene.textures.atlas import TextureAtlas
 
 
 @ti.kernel
+@bundled
 def scatter(
-    material_values: Floats2,
-    material_info: Ints2,
-    material_lookups: Floats2,
-    texture_info: Ints2,
-    texture_words: Ints1,
-    texture_floats: Floats1,
+    materials: Materials,
+    textures: Textures,
     energy: Floats1,
     front: ti.i32,
     samples: ti.i32,
@@ -36,8 +35,6 @@ def scatter(
     values: Floats2,
 ):
     """Evaluate material 0: (f |cos|, density) of the directions `incoming` into `values`; samples: 1: sample them."""
-    materials = ti.static(Materials(material_values, material_info, material_lookups))
-    textures = ti.static(Textures(texture_info, texture_words, texture_floats))
     for i in range(outgoing.shape[0]):
         surface = VisibleSurface(material=0, uv=vec2(0.5, 0.5))
         point = material_at(materials, textures, surface, ALL_INPUTS, Footprint())

@@ -8,7 +8,8 @@ import numpy as np
 import taichi as ti
 from numpy.typing import NDArray
 
-from tiscene.device.kernel_types import Float8s1
+from tiscene.device.argument_bundles import bundled
+from tiscene.device.kernel_types import Float8s1, Floats1, Floats2, vec2, vec3
 from tiscene.device.memory import upload
 from tiscene.render.bsdfs import preview_surface_bsdf as bsdf
 from tiscene.render.bsdfs.energy_tables import energy_tables
@@ -25,12 +26,6 @@ from tiscene.scene.lights.light_tree import MAX_ENTRIES
 from tiscene.scene.material_table import MaterialTable
 from tiscene.scene.textures.atlas import TextureAtlas
 
-vec2, vec3 = ti.math.vec2, ti.math.vec3
-Floats1 = ti.types.ndarray(dtype=ti.f32, ndim=1)
-Floats2 = ti.types.ndarray(dtype=ti.f32, ndim=2)
-Ints1 = ti.types.ndarray(dtype=ti.i32, ndim=1)
-Ints2 = ti.types.ndarray(dtype=ti.i32, ndim=2)
-
 
 @ti.func
 def row_of(array: ti.template(), i: ti.i32) -> vec3:
@@ -39,13 +34,10 @@ def row_of(array: ti.template(), i: ti.i32) -> vec3:
 
 
 @ti.kernel
+@bundled
 def scatter(
-    material_values: Floats2,
-    material_info: Ints2,
-    material_lookups: Floats2,
-    texture_info: Ints2,
-    texture_words: Ints1,
-    texture_floats: Floats1,
+    materials: Materials,
+    textures: Textures,
     energy: Floats1,
     row: ti.i32,
     front: ti.i32,
@@ -61,8 +53,6 @@ def scatter(
     Args:
         samples: 1: first sample `incoming` from `numbers`.
     """
-    materials = ti.static(Materials(material_values, material_info, material_lookups))
-    textures = ti.static(Textures(texture_info, texture_words, texture_floats))
     for i in range(outgoing.shape[0]):
         surface = VisibleSurface(material=row, uv=vec2(uv[i, 0], uv[i, 1]))
         point = material_at(materials, textures, surface, ALL_INPUTS, Footprint())
@@ -121,13 +111,12 @@ class Bsdf:
 
 
 @ti.kernel
+@bundled
 def illuminate(
     light_values: Floats2,
     light_nodes: Float8s1,
     light_distribution: Floats1,
-    texture_info: Ints2,
-    texture_words: Ints1,
-    texture_floats: Floats1,
+    textures: Textures,
     samples: ti.i32,
     origins: Floats2,
     numbers: Floats2,
@@ -143,7 +132,6 @@ def illuminate(
         results: Columns 3-5 always receive (density, distance, green radiance) of a ray in each direction.
     """
     lights = ti.static(LightTables(light_values, light_nodes, light_distribution))
-    textures = ti.static(Textures(texture_info, texture_words, texture_floats))
     for i in range(directions.shape[0]):
         origin = row_of(origins, 0)
         if samples != 0:

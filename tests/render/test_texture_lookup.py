@@ -5,15 +5,12 @@ import numpy as np
 import pytest
 import taichi as ti
 
+from tiscene.device.kernel_types import Floats1, Floats2, Ints1, Ints2
 from tiscene.render.texture_lookup import Textures, lookup, lookup_stochastic, mip_level
 from tiscene.scene.description import Texture
 from tiscene.scene.textures.atlas import COARSER, HEIGHT, LEVELS, WIDTH, TextureAtlas, linear_pixels
 from tiscene.scene.textures.mipmaps import coarser_copies
 
-Floats1 = ti.types.ndarray(dtype=ti.f32, ndim=1)
-Floats2 = ti.types.ndarray(dtype=ti.f32, ndim=2)
-Ints1 = ti.types.ndarray(dtype=ti.i32, ndim=1)
-Ints2 = ti.types.ndarray(dtype=ti.i32, ndim=2)
 WRAPS = ("repeat", "clamp", "mirror", "black")
 
 

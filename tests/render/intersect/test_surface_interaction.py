@@ -4,7 +4,8 @@ import pytest
 import taichi as ti
 
 from tests.render.label_scenes import PlacedMesh, Stage, plate, pose
-from tiscene.device.kernel_types import Floats1, Floats2, Floats3, Ints1, Ints2, vec3
+from tiscene.device.argument_bundles import bundled
+from tiscene.device.kernel_types import Floats1, vec3
 from tiscene.render.intersect.surface_interaction import (
     Geometry,
     VisibleSurface,
@@ -20,33 +21,16 @@ FRONT, MAGNITUDE = 20, 21
 
 
 @ti.kernel
+@bundled
 def describe(
-    vertex_position: Floats2,
-    vertex_normal: Floats2,
-    vertex_uv: Floats2,
-    triangle_vertices: Ints2,
-    triangle_material: Ints1,
-    instance_info: Ints2,
-    world_from_instance: Floats3,
-    instance_from_world: Floats3,
+    geometry: Geometry,
     time: ti.i32,
     b1: ti.f32,
     b2: ti.f32,
     direction: Floats1,
     result: Floats1,
 ):
-    geometry = ti.static(
-        Geometry(
-            vertex_position,
-            vertex_normal,
-            vertex_uv,
-            triangle_vertices,
-            triangle_material,
-            instance_info,
-            world_from_instance,
-            instance_from_world,
-        )
-    )
+    """Write what `surface_at` returns for triangle 0 of instance 0."""
     for _ in range(1):
         s = surface_at(geometry, 0, 0, b1, b2, time, vec3(direction[0], direction[1], direction[2]))
         for c in ti.static(range(3)):

@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 import taichi as ti
 
-from tiscene.device.kernel_types import Float8s1
+from tiscene.device.kernel_types import Float8s1, Floats1, Floats2, Ints2
 from tiscene.device.vector_mode import vector_mode
 from tiscene.render.lights import dispatch
 from tiscene.render.lights.intersect import is_blocked_by_light, nearest_intersected
@@ -16,15 +16,12 @@ from tiscene.scene.lights.light_table import LightTable
 from tiscene.scene.lights.light_tree import LANES
 from tiscene.scene.textures.atlas import TextureAtlas
 
-FLOATS_1D = ti.types.ndarray(dtype=ti.f32, ndim=1)
-FLOATS_2D = ti.types.ndarray(dtype=ti.f32, ndim=2)
-INTS = ti.types.ndarray(dtype=ti.i32, ndim=2)
 WHITE = (1.0, 1.0, 1.0)
 
 
 @ti.kernel
 def intersect_all(
-    values: FLOATS_2D, nodes: Float8s1, distribution: FLOATS_1D, rays: FLOATS_2D, rows: INTS, distances: FLOATS_2D
+    values: Floats2, nodes: Float8s1, distribution: Floats1, rays: Floats2, rows: Ints2, distances: Floats2
 ):
     """Intersect rays (origin, direction, t_max) with all lights: even columns by the BVH, odd ones by brute force.
 

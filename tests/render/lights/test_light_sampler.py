@@ -7,7 +7,7 @@ import taichi as ti
 from scipy import stats
 
 from tests.reference.chi_square import MIN_P_VALUE
-from tiscene.device.kernel_types import Float8s1
+from tiscene.device.kernel_types import Float8s1, Floats1, Floats2
 from tiscene.render.lights.importance import weigh_entries
 from tiscene.render.lights.light_sample import LightTables
 from tiscene.render.lights.light_sampler import choose_light, light_probabilities
@@ -32,25 +32,22 @@ from tiscene.scene.lights.light_tree import (
 )
 from tiscene.scene.textures.atlas import TextureAtlas
 
-VALUES = ti.types.ndarray(dtype=ti.f32, ndim=2)
-NUMBERS = ti.types.ndarray(dtype=ti.f32, ndim=1)
-
 
 @ti.kernel
 def choices(
-    values: VALUES,
+    values: Floats2,
     nodes: Float8s1,
-    distribution: NUMBERS,
+    distribution: Floats1,
     x: ti.f32,
     y: ti.f32,
     z: ti.f32,
     normal: ti.math.vec3,
-    probabilities: NUMBERS,
-    counts: NUMBERS,
-    mismatch: NUMBERS,
-    numbers: NUMBERS,
-    left: NUMBERS,
-    chosen_with: NUMBERS,
+    probabilities: Floats1,
+    counts: Floats1,
+    mismatch: Floats1,
+    numbers: Floats1,
+    left: Floats1,
+    chosen_with: Floats1,
 ):
     lights = ti.static(LightTables(values, nodes, distribution))
     point = ti.math.vec3(x, y, z)

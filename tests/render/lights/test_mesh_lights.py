@@ -11,7 +11,8 @@ from tests.benchmarks.room import static_placement
 from tests.reference.chi_square import MIN_P_VALUE, chi_square
 from tests.reference.ray_casting import cast
 from tests.render.path_scenes import BOX_CAMERA, CORNELL, ball, box, described, device_scene, matte, quad, render
-from tiscene.device.kernel_types import Float8s1, Floats3
+from tiscene.device.argument_bundles import bundled
+from tiscene.device.kernel_types import Float8s1, Floats1, Floats2, Ints1
 from tiscene.render.bsdfs.material_inputs import Materials
 from tiscene.render.integrators.path.path_pass import PathPass
 from tiscene.render.intersect.surface_interaction import Geometry
@@ -148,26 +149,12 @@ def test_mean_emission_of_texture_is_its_mean_luminance() -> None:
     assert mean_emission(matte("gray", (0.5, 0.5, 0.5)), ()) == 0.0
 
 
-Floats1, Floats2 = ti.types.ndarray(dtype=ti.f32, ndim=1), ti.types.ndarray(dtype=ti.f32, ndim=2)
-Ints1, Ints2 = ti.types.ndarray(dtype=ti.i32, ndim=1), ti.types.ndarray(dtype=ti.i32, ndim=2)
-
-
 @ti.kernel
+@bundled
 def from_origin(
-    vertex_position: Floats2,
-    vertex_normal: Floats2,
-    vertex_uv: Floats2,
-    triangle_vertices: Ints2,
-    triangle_material: Ints1,
-    instance_info: Ints2,
-    world_from_instance: Floats3,
-    instance_from_world: Floats3,
-    material_values: Floats2,
-    material_info: Ints2,
-    material_lookups: Floats2,
-    texture_info: Ints2,
-    texture_words: Ints1,
-    texture_floats: Floats1,
+    geometry: Geometry,
+    materials: Materials,
+    textures: Textures,
     light_values: Floats2,
     light_nodes: Float8s1,
     light_distribution: Floats1,
@@ -180,20 +167,6 @@ def from_origin(
 
     Where `triangles` is not negative, write only the density of the given direction and distance for that triangle.
     """
-    geometry = ti.static(
-        Geometry(
-            vertex_position,
-            vertex_normal,
-            vertex_uv,
-            triangle_vertices,
-            triangle_material,
-            instance_info,
-            world_from_instance,
-            instance_from_world,
-        )
-    )
-    materials = ti.static(Materials(material_values, material_info, material_lookups))
-    textures = ti.static(Textures(texture_info, texture_words, texture_floats))
     lights = ti.static(lights_of(light_values, light_nodes, light_distribution, geometry, materials, True))
     for i in range(rays.shape[0]):
         origin = ti.math.vec3(0.0)

@@ -6,15 +6,13 @@ import pytest
 import taichi as ti
 from scipy import stats
 
+from tiscene.device.kernel_types import Floats2, Ints1
 from tiscene.device.memory import upload
 from tiscene.render.sampling import sobol
 
-Rows = ti.types.ndarray(dtype=ti.f32, ndim=2)
-Ints = ti.types.ndarray(dtype=ti.i32, ndim=1)
-
 
 @ti.kernel
-def draw(frame_key: ti.i32, number: ti.i32, bits: ti.i32, positions: Ints, points: Rows):
+def draw(frame_key: ti.i32, number: ti.i32, bits: ti.i32, positions: Ints1, points: Floats2):
     """Write all points of each pixel."""
     each = points.shape[0] // positions.shape[0]
     keys = sobol.set_keys(frame_key, number)
@@ -26,7 +24,7 @@ def draw(frame_key: ti.i32, number: ti.i32, bits: ti.i32, positions: Ints, point
 
 
 @ti.kernel
-def draw_of_frames(number: ti.i32, index: ti.u32, points: Rows):
+def draw_of_frames(number: ti.i32, index: ti.u32, points: Floats2):
     for frame in range(points.shape[0]):
         p = sobol.draw(sobol.set_keys(ti.cast(sobol.mix(ti.cast(frame, ti.u32)), ti.i32), number), index)
         points[frame, 0] = p.x
@@ -34,7 +32,7 @@ def draw_of_frames(number: ti.i32, index: ti.u32, points: Rows):
 
 
 @ti.kernel
-def unstratified(points: Rows):
+def unstratified(points: Floats2):
     for i in range(points.shape[0]):
         points[i, 0] = sobol.uniform(ti.cast(i, ti.u32))
 

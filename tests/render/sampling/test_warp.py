@@ -15,12 +15,10 @@ from tests.reference.chi_square import (
     directions_of,
     sphere_coordinates,
 )
+from tiscene.device.kernel_types import Floats1, Floats2, vec2, vec3
 from tiscene.render.sampling import warp
 
 COUNT = 100_000
-vec2, vec3 = ti.math.vec2, ti.math.vec3
-Rows = ti.types.ndarray(dtype=ti.f32, ndim=2)
-Values = ti.types.ndarray(dtype=ti.f32, ndim=1)
 
 
 @ti.func
@@ -85,7 +83,7 @@ FUNCTIONS = tuple(PAIRS.values())
 
 
 @ti.kernel
-def sample_all(pair: ti.template(), numbers: Rows, parameter: ti.f32, directions: Rows):
+def sample_all(pair: ti.template(), numbers: Floats2, parameter: ti.f32, directions: Floats2):
     for i in range(numbers.shape[0]):
         w = FUNCTIONS[pair][0](vec2(numbers[i, 0], numbers[i, 1]), parameter)
         for c in ti.static(range(3)):
@@ -93,7 +91,7 @@ def sample_all(pair: ti.template(), numbers: Rows, parameter: ti.f32, directions
 
 
 @ti.kernel
-def density_all(pair: ti.template(), directions: Rows, parameter: ti.f32, density: Values):
+def density_all(pair: ti.template(), directions: Floats2, parameter: ti.f32, density: Floats1):
     for i in range(directions.shape[0]):
         density[i] = FUNCTIONS[pair][1](vec3(directions[i, 0], directions[i, 1], directions[i, 2]), parameter)
 
@@ -130,7 +128,7 @@ def test_directions_follow_density(name: str, parameter: float) -> None:
 
 
 @ti.kernel
-def sample_disk(numbers: Rows, points: Rows):
+def sample_disk(numbers: Floats2, points: Floats2):
     for i in range(numbers.shape[0]):
         p = warp.disk(vec2(numbers[i, 0], numbers[i, 1]))
         points[i, 0], points[i, 1] = p.x, p.y
@@ -147,7 +145,9 @@ def test_disk_is_uniform() -> None:
 
 
 @ti.kernel
-def sample_rectangle(x0: ti.f32, x1: ti.f32, y0: ti.f32, y1: ti.f32, z: ti.f32, numbers: Rows, points: Rows) -> ti.f32:
+def sample_rectangle(
+    x0: ti.f32, x1: ti.f32, y0: ti.f32, y1: ti.f32, z: ti.f32, numbers: Floats2, points: Floats2
+) -> ti.f32:
     view = warp.rectangle_view(x0, x1, y0, y1, z)
     for i in range(numbers.shape[0]):
         p = warp.rectangle(view, vec2(numbers[i, 0], numbers[i, 1]))
@@ -185,7 +185,7 @@ def test_rectangle_is_uniform_in_solid_angle(name: str) -> None:
 
 
 @ti.kernel
-def frames(normals: Rows, errors: Values):
+def frames(normals: Floats2, errors: Floats1):
     for i in range(normals.shape[0]):
         n = vec3(normals[i, 0], normals[i, 1], normals[i, 2])
         s, t = warp.tangents(n)
