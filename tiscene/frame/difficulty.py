@@ -23,26 +23,6 @@ LUMINANCE = 0.2126, 0.7152, 0.0722  # Rec.709
 NEVER_SHOWN = 180.0  # degrees
 
 
-class MeasuredFrame(Protocol):
-    """What of a frame is measured."""
-
-    @property
-    def buffers(self) -> Mapping[str, NDArray[Any]]: ...
-    @property
-    def objects(self) -> ObjectTable: ...
-    @property
-    def camera(self) -> ImageSize: ...
-
-
-class ImageSize(Protocol):
-    """The size of an image, px."""
-
-    @property
-    def width(self) -> int: ...
-    @property
-    def height(self) -> int: ...
-
-
 class ViewNovelty(Protocol):
     """The novelty of the views of a frame's objects, computed on demand (`tiscene.world.view_history`)."""
 
@@ -84,18 +64,20 @@ class Difficulty:
 MEASURES = tuple(each.name for each in fields(Difficulty))
 
 
-def difficulty_of(frame: MeasuredFrame, novelty: ViewNovelty | None) -> Difficulty:
+def difficulty_of(
+    buffers: Mapping[str, NDArray[Any]], objects: ObjectTable, pixels: int, novelty: ViewNovelty | None
+) -> Difficulty:
     """Measure a frame.
 
     Args:
-        frame: the frame.
+        buffers: of the frame, by name.
+        objects: of the frame.
+        pixels: number of its pixels.
         novelty: of the views of its objects; None: unknown.
     """
-    visible = [row for row in frame.objects if row.visible_pixels]
-    has_scenario = any(row.template for row in frame.objects)
+    visible = [row for row in objects if row.visible_pixels]
+    has_scenario = any(row.template for row in objects)
     targets = [row for row in visible if row.template or not has_scenario]
-    pixels = frame.camera.width * frame.camera.height
-    buffers = frame.buffers
     flow = buffers.get("forward_flow", buffers.get("backward_flow"))
     motion = moving = None
     if flow is not None:
@@ -111,7 +93,7 @@ def difficulty_of(frame: MeasuredFrame, novelty: ViewNovelty | None) -> Difficul
     return Difficulty(
         instances=len(visible),
         categories=len({row.category for row in visible if row.category}),
-        visibility=_mean(frame.objects.fractions_visible(targets)),
+        visibility=_mean(objects.fractions_visible(targets)),
         size=_mean(row.visible_pixels / pixels for row in targets),
         motion=motion,
         moving=moving,

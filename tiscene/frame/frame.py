@@ -122,7 +122,8 @@ class Frame(FrameDisplay, Mapping[str, NDArray[Any]]):
 
         Computed at first access, from `objects`, a buffer of flow and `rgb`, as far as the frame has them.
         """
-        return difficulty_of(self, self._novelty)
+        pixels = self.camera.width * self.camera.height
+        return difficulty_of(self.buffers, self.objects, pixels, self._novelty)
 
     def __getitem__(self, name: str) -> NDArray[Any]:
         """Return a buffer.

@@ -6,22 +6,14 @@ With them are kept the arrays of the last scene of each stage, so that meshes an
 
 from __future__ import annotations
 
-from typing import Any, Protocol
+from typing import Any
 
 from tiscene.device import runtime
 from tiscene.scene.bvh.obstacle_tree import MeshTrees
 from tiscene.scene.description import SceneDescription
+from tiscene.stream.view_renderer import ViewRenderer
 
 TREE_BYTES = 1 << 29  # 512 MB
-
-
-class TreeSource(Protocol):
-    """What keeping trees needs of a ViewRenderer."""
-
-    world: Any
-
-    def stage_trees(self) -> MeshTrees | None:
-        """Return the trees of the stage's meshes alone, if there are any."""
 
 
 class WarmTrees:
@@ -56,11 +48,11 @@ class WarmTrees:
                 self._kept[other][1].drop_arrays()
         return self._kept[key][1] if key in self._kept else None
 
-    def keep(self, source: TreeSource) -> None:
+    def keep(self, renderer: ViewRenderer) -> None:
         """Keep the trees of the stage of a renderer that is about to end."""
-        meshes = source.world.stage.meshes
-        if self.get(source.world.stage) is None and (trees := source.stage_trees()) is not None:
-            self._kept[id(meshes)] = meshes, trees, runtime.session()
+        stage = renderer.world.stage
+        if self.get(stage) is None and (trees := renderer.stage_trees()) is not None:
+            self._kept[id(stage.meshes)] = stage.meshes, trees, runtime.session()
         while self.nbytes > self.limit:
             del self._kept[next(iter(self._kept))]
 
