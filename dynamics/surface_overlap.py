@@ -23,17 +23,17 @@ def surfaces_cross(a: Array, b: Array) -> bool:
         a: float64 [n, 3, 3], corners of triangles, m.
         b: float64 [m, 3, 3], the same of the other surface.
     """
-    a = a[_touching(_boxes(a), _bounds(b))]
-    b = b[_touching(_boxes(b), _bounds(a))]
+    a = a[boxes_touch(_boxes(a), _bounds(b))]
+    b = b[boxes_touch(_boxes(b), _bounds(a))]
     if not len(a) or not len(b):
         return False
     a, b = _in_blocks(a), _in_blocks(b)
     boxes_a, boxes_b = _boxes(a), _boxes(b)
     blocks_a, blocks_b = _bounds(a), _bounds(b)
-    pairs = np.argwhere(_touching(blocks_a[:, None], blocks_b[None]))
+    pairs = np.argwhere(boxes_touch(blocks_a[:, None], blocks_b[None]))
     for first in range(0, len(pairs), PAIRS):
         rows_a, rows_b = pairs[first : first + PAIRS].T
-        near = np.argwhere(_touching(boxes_a[rows_a][:, :, None], boxes_b[rows_b][:, None]))
+        near = np.argwhere(boxes_touch(boxes_a[rows_a][:, :, None], boxes_b[rows_b][:, None]))
         pair, place_a, place_b = near.T
         if _any_crossing(a[rows_a[pair], place_a], b[rows_b[pair], place_b]):
             return True
@@ -86,8 +86,8 @@ def _bounds(triangles: Array) -> Array:
     return np.stack([low, high], axis=-2)
 
 
-def _touching(a: Array, b: Array) -> NDArray[np.bool_]:
-    """Return which boxes [..., 2, 3] touch."""
+def boxes_touch(a: Array, b: Array) -> NDArray[np.bool_]:
+    """Return which boxes [..., 2, 3] touch; boxes of NaN touch nothing."""
     return np.asarray(((a[..., 0, :] <= b[..., 1, :]) & (b[..., 0, :] <= a[..., 1, :])).all(axis=-1), np.bool_)
 
 

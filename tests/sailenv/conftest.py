@@ -2,16 +2,19 @@
 """Agents and clients of a server in the object view, which is quick to read and to render."""
 
 import contextlib
+import io
+import zipfile
 
 import pytest
 
 from tests.sailenv.client import Client
 from tests.sailenv.served import served
-from tiscene.sailenv import Agent, CatmullWaypoints, Object, Waypoint
+from tiscene.sailenv import Agent, CatmullWaypoints, LinearWaypoints, Object, Waypoint
 
 SCENE = "object_view/scene"
 HOME = (0.0, 1.0, 0.0)  # agents look along +z
 SETTINGS = {"scene": SCENE, "spp": 1}
+VIEWS = ("main", "category", "object", "flow", "depth")
 WAIT = 2.0  # s: for how long the server's clock waits for a slow client
 
 
@@ -50,6 +53,19 @@ def connect(server):
 
         assert connect().change_scene(SCENE) == "ok"
         yield connect
+
+
+def path(*positions, seconds=4.0):
+    return LinearWaypoints([Waypoint(position) for position in positions], seconds)
+
+
+def zipped(members):
+    """Return a ZIP file of contents by name."""
+    data = io.BytesIO()
+    with zipfile.ZipFile(data, "w", zipfile.ZIP_DEFLATED) as archive:
+        for name, content in members.items():
+            archive.writestr(name, content)
+    return data.getvalue()
 
 
 def circling(**others):

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 import tiscene as ts
-from tests.sailenv.conftest import HOME, SCENE
+from tests.sailenv.conftest import HOME, SCENE, VIEWS, path
 from tests.world.test_edit_costs import count_calls
 from tiscene.errors import ArgumentError, SceneNotFound, TemplateNotFound
 from tiscene.sailenv import (
@@ -16,22 +16,15 @@ from tiscene.sailenv import (
     CatmullWaypoints,
     DictTimings,
     FrameFlags,
-    LinearWaypoints,
     Object,
     Scenario,
     UniformMovementRandomBounce,
     Vector3,
     WaitUntilCompleteTimings,
-    Waypoint,
 )
 from tiscene.sailenv.unity_coordinates import mirrored
 
 START = (0.0, 0.2, -2.5)  # the start position in the object view
-ACTIVE = ("main", "category", "object", "flow", "depth")
-
-
-def path(*positions, seconds=4.0):
-    return LinearWaypoints([Waypoint(position) for position in positions], seconds)
 
 
 def center(mask):
@@ -48,8 +41,8 @@ def projected(x, y, z, width=64, height=48):
 def test_frame_has_all_views_in_their_types_and_sizes(make_agent):
     agent = make_agent()
     frame = agent.get_frame()
-    assert set(frame) == {*ACTIVE, "sizes", "deltaTime"}
-    assert {name: (frame[name].dtype, frame[name].shape) for name in ACTIVE} == {
+    assert set(frame) == {*VIEWS, "sizes", "deltaTime"}
+    assert {name: (frame[name].dtype, frame[name].shape) for name in VIEWS} == {
         "main": (np.float32, (48, 64, 3)),
         "category": (np.uint8, (48, 64)),
         "object": (np.float32, (48, 64, 3)),
@@ -71,7 +64,7 @@ def test_inactive_views_are_none(make_agent):
     assert agent.active_frames == {"main": False, "category": True, "object": False, "flow": True, "depth": False}
     assert agent.flags == FrameFlags.CATEGORY | FrameFlags.OPTICAL == 20
     frame = agent.get_frame()
-    assert [name for name in ACTIVE if frame[name] is not None] == ["category", "flow"]
+    assert [name for name in VIEWS if frame[name] is not None] == ["category", "flow"]
     assert frame["sizes"] == {"main": 0, "category": 3072, "object": 0, "flow": 24576, "depth": 0}
 
 
@@ -259,7 +252,7 @@ def test_same_calls_give_the_same_bytes(make_agent):
         return frames + [agent.get_frame() for _ in range(3)]
 
     for here, there in zip(run(1), run(2), strict=True):
-        for name in ACTIVE:
+        for name in VIEWS:
             assert here[name].tobytes() == there[name].tobytes()
 
 

@@ -4,14 +4,8 @@
 import numpy as np
 import pytest
 
-from tests.sailenv.conftest import SCENE
-from tiscene.sailenv import AllTogetherTimings, LinearWaypoints, Object, Scenario, Waypoint
-
-VIEWS = ("main", "category", "object", "flow", "depth")
-
-
-def path(*positions, seconds=4.0):
-    return LinearWaypoints([Waypoint(position) for position in positions], seconds)
+from tests.sailenv.conftest import SCENE, VIEWS, path
+from tiscene.sailenv import AllTogetherTimings, Object, Scenario
 
 
 def moving_cube():

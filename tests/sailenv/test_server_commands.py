@@ -1,17 +1,15 @@
 # SPDX-License-Identifier: Apache-2.0
 """The TCP server: every command of the protocol, frames, and messages of clients of all versions."""
 
-import io
 import json
 import struct
-import zipfile
 
 import numpy as np
 import pytest
 
 from tests.sailenv import client as wire
 from tests.sailenv.client import ALL, MAIN, OBJECT, text
-from tests.sailenv.conftest import SCENE, circling
+from tests.sailenv.conftest import SCENE, circling, zipped
 from tiscene.sailenv import (
     AllTogetherTimings,
     LinearWaypoints,
@@ -26,14 +24,6 @@ CUBE = b"v 0 0 0\nv 1 0 0\nv 1 1 0\nv 0 1 0\nv 0 0 1\nv 1 0 1\nv 1 1 1\nv 0 1 1\
     b"f %d %d %d %d\n" % face
     for face in ((1, 4, 3, 2), (5, 6, 7, 8), (1, 2, 6, 5), (3, 4, 8, 7), (1, 5, 8, 4), (2, 3, 7, 6))
 )
-
-
-def zipped(**members):
-    data = io.BytesIO()
-    with zipfile.ZipFile(data, "w") as archive:
-        for name, content in members.items():
-            archive.writestr(name.replace("__", "."), content)
-    return data.getvalue()
 
 
 def test_every_command_of_the_protocol(connect):
@@ -102,7 +92,7 @@ def test_every_command_of_the_protocol(connect):
     assert c.clear_flags(255, 0, 127) == "ok"
     np.testing.assert_array_equal(np.rint(c.frame(MAIN)["main"][0, 0] * 255), (255, 0, 127))
     assert c.toggle_follow() == "ok"
-    path = c.send_obj_zip("cube.zip", zipped(cube__obj=CUBE))
+    path = c.send_obj_zip("cube.zip", zipped({"cube.obj": CUBE}))
     assert path.endswith("cube.zip")
     uploaded = c.spawn("file:" + path, (-0.5, 0.5, 3.0))
     assert int(uploaded) > 0
@@ -159,7 +149,7 @@ def test_messages_may_arrive_byte_by_byte(connect):
     spawned = slow.spawn("Cube", (0.4, 1.0, 3.0), dynamic=LinearWaypoints([Waypoint((0, 1, 3)), Waypoint((1, 1, 3))]))
     assert int(spawned) > 0
     assert slow.set_light(0x0F, "Main Light", "<3i", 1, 2, 3) == "ok"
-    path = slow.send_obj_zip("c.zip", zipped(c__obj=CUBE))
+    path = slow.send_obj_zip("c.zip", zipped({"c.obj": CUBE}))
     assert int(slow.spawn("file:" + path, (0, 0, 3))) > 0
     one, two = slow.frame(), plain.frame()
     for name in ("main", "category", "object", "flow", "depth"):

@@ -15,6 +15,7 @@ import numpy as np
 import pytest
 from PIL import Image
 
+from tests.sailenv.conftest import zipped
 from tiscene.errors import ArgumentError, MissingFile, StageError, StageWarning
 from tiscene.sailenv import uploaded_models
 from tiscene.sailenv.uploaded_models import UploadedModels
@@ -29,14 +30,6 @@ def uploads():
     uploads = UploadedModels()
     yield uploads
     uploads.close()
-
-
-def zipped(members):
-    data = io.BytesIO()
-    with zipfile.ZipFile(data, "w", zipfile.ZIP_DEFLATED) as archive:
-        for name, content in members.items():
-            archive.writestr(name, content)
-    return data.getvalue()
 
 
 def png(color):

@@ -24,6 +24,13 @@ def mesh(triangles: np.ndarray) -> Mesh:
     return Mesh("m", triangles.reshape(-1, 3).astype(np.float32), rows, np.zeros(len(triangles), np.int32))
 
 
+def at(x: float, y: float, z: float) -> np.ndarray:
+    """Return a translation, 4x4."""
+    matrix = np.eye(4)
+    matrix[:3, 3] = x, y, z
+    return matrix
+
+
 STAGE = SceneDescription(
     "room",
     (mesh(PILLAR), mesh(ROOM)),

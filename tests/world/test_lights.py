@@ -7,17 +7,10 @@ import numpy as np
 import pytest
 
 import tiscene as ts
-from tests.world.test_collisions import CUBE, TEMPLATE, mesh
+from tests.world.test_collisions import CUBE, TEMPLATE, at, mesh
 from tiscene.errors import CameraNotFound, LightNotFound, ScenarioError
 from tiscene.scene.description import Instance, RectLight, SceneDescription, SceneObject, SphereLight, Template
 from tiscene.world.world import World
-
-
-def at(x, y, z):
-    matrix = np.eye(4)
-    matrix[:3, 3] = x, y, z
-    return matrix
-
 
 STAGE = SceneDescription(
     "room",

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 import tiscene as ts
-from tests.world.test_collisions import CUBE, TEMPLATE, mesh
+from tests.world.test_collisions import CUBE, TEMPLATE, at, mesh
 from tiscene.errors import CameraNotFound, LightNotFound, MaterialNotFound, ObjectNotFound, ScenarioError
 from tiscene.scenario.overrides import CameraOverride, LightOverride, MaterialOverride, ObjectOverride
 from tiscene.scene.animation import InstanceTrack
@@ -23,13 +23,6 @@ from tiscene.scene.description import (
 )
 from tiscene.world.overridden_stage import overridden
 from tiscene.world.world import World
-
-
-def at(x, y, z):
-    matrix = np.eye(4)
-    matrix[:3, 3] = x, y, z
-    return matrix
-
 
 STAGE = SceneDescription(
     "room",

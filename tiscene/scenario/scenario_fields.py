@@ -37,7 +37,7 @@ _DYNAMICS = DerivedClasses(
         dynamics.UniformMovementRandomBounce,
     ),
 )
-# Which classes a field holds, by its name; see `scenario_json`.
+# Which classes a field holds, by its name; see `serialization.encode`.
 FIELDS: dict[str, Mapping[str, type]] = {
     "camera": classes(Camera),
     "dynamic": _DYNAMICS,

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynamics.rotation import matrix_from_quaternion
-from dynamics.surface_overlap import shrunk, surfaces_cross, winding_number
+from dynamics.surface_overlap import boxes_touch, shrunk, surfaces_cross, winding_number
 from tiscene.scenario.edits import EditLog
 from tiscene.scenario.objects import Object
 from tiscene.scene.description import Instance, SceneDescription
@@ -77,7 +77,7 @@ class OverlapDetector:
             if len(surface):
                 found += self._on_stage(row, surface, frame)
                 for other in rows:
-                    if other != row and _touch(boxes[row], boxes[other]):
+                    if other != row and boxes_touch(boxes[row], boxes[other]):
                         if _overlap(surface, _at(self._surface(self._log.lives[other].spec), poses[other])):
                             found.append(Collision(row, "object", other))
         return found
@@ -122,7 +122,7 @@ class OverlapDetector:
         local = self._mesh_boxes[[each.mesh for each in instances]]
         centers = np.einsum("ijk,ik->ij", matrices[:, :, :3], local.mean(axis=1)) + matrices[:, :, 3]
         halves = np.einsum("ijk,ik->ij", np.abs(matrices[:, :, :3]), 0.5 * (local[:, 1] - local[:, 0]))
-        near = _touch(np.stack([centers - halves, centers + halves], axis=1), _box(surface))
+        near = boxes_touch(np.stack([centers - halves, centers + halves], axis=1), _box(surface))
         owners, hidden = set(), set()
         for number in np.flatnonzero(near).tolist():
             instance = instances[number]
@@ -161,7 +161,7 @@ def _overlap(a: Array, b: Array) -> bool:
 
 def _is_inside(point: Array, triangles: Array) -> bool:
     """Return whether a point [3] lies inside a closed surface."""
-    return bool(_touch(_box(triangles), np.stack([point, point]))) and winding_number(point, triangles) > 0.5
+    return bool(boxes_touch(_box(triangles), np.stack([point, point]))) and winding_number(point, triangles) > 0.5
 
 
 def _near(
@@ -202,8 +202,3 @@ def _box_at(box: Array, pose: Array) -> Array:
     center = axes @ (0.5 * (low + high)) + pose[:3]
     half = np.abs(axes) @ (0.5 * (high - low))
     return np.stack([center - half, center + half])
-
-
-def _touch(a: Array, b: Array) -> NDArray[np.bool_]:
-    """Return which boxes [..., 2, 3] touch; boxes of NaN touch nothing."""
-    return np.asarray(((a[..., 0, :] <= b[..., 1, :]) & (b[..., 0, :] <= a[..., 1, :])).all(axis=-1), np.bool_)
