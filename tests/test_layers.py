@@ -21,7 +21,7 @@ PACKAGES = ("tiscene", "dynamics", "usd_scenes", "docs")
 MAY_IMPORT = {
     "dynamics": set(),
     "usd_scenes": set(),
-    "usd_scenes.author": {"tiscene.usd", "usd_scenes"},
+    "usd_scenes.author": {"tiscene.usd"},
     "docs": {
         "tiscene.learning",
         "tiscene",
@@ -29,7 +29,6 @@ MAY_IMPORT = {
         "tiscene.cli",
         "tiscene.export",
         "tiscene.usd",
-        "usd_scenes",
         "usd_scenes.author",
     },
     "tiscene": {"dynamics", "tiscene.errors"},  # the front door; its names are imported at first use
@@ -37,7 +36,7 @@ MAY_IMPORT = {
     "tiscene.files": set(),
     "tiscene.catalog": {"tiscene.errors", "usd_scenes"},
     "tiscene.device": {"tiscene.errors", "tiscene.files"},
-    "tiscene.scene": {"dynamics", "tiscene.device", "tiscene.errors"},
+    "tiscene.scene": {"tiscene.device", "tiscene.errors"},
     "tiscene.scenario": {"dynamics", "tiscene.catalog", "tiscene.errors", "tiscene.files", "tiscene.scene"},
     "tiscene.frame": {"tiscene.errors", "tiscene.files", "tiscene.scene"},
     "tiscene.usd": {"dynamics", "tiscene.catalog", "tiscene.errors", "tiscene.files", "tiscene.scene"},
@@ -68,15 +67,7 @@ MAY_IMPORT = {
         *("tiscene.catalog", "tiscene.render", "tiscene.scenario", "tiscene.usd"),  # to render an export again
     },
     "tiscene.learning": {
-        *(
-            "dynamics",
-            "tiscene",
-            "tiscene.catalog",
-            "tiscene.errors",
-            "tiscene.files",
-            "tiscene.frame",
-            "tiscene.render",
-        ),
+        *("dynamics", "tiscene", "tiscene.errors", "tiscene.files", "tiscene.frame", "tiscene.render"),
         *("tiscene.scenario", "tiscene.scene", "tiscene.stream", "tiscene.world"),
         "tiscene.randomization",
     },
@@ -111,7 +102,7 @@ CALLED_BY_NAME = {
 ONLY_IN = {
     "pxr": ("tiscene/usd/", "usd_scenes/author/"),
     "pyoidn": ("tiscene/render/",),
-    "OpenEXR": ("tiscene/usd/", "tiscene/export/", "usd_scenes/author/"),
+    "OpenEXR": ("tiscene/usd/", "tiscene/export/"),
     "PIL": (
         "tiscene/usd/",
         "tiscene/export/",
