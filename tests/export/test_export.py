@@ -14,7 +14,7 @@ import pytest
 from tests.export.fake_stream import FAKE_FORMATS, FakeStream, fake_stream_for, skip_without_extra
 from tiscene.errors import ArgumentError, ExportError
 from tiscene.export import FORMATS, export
-from tiscene.export.manifest import NAME, Manifest, buffer_digest, frame_digest
+from tiscene.export.manifest import NAME, Manifest, buffer_digest, frame_entry
 from tiscene.export.manifest_difference import cure, differences
 from tiscene.export.rerun_recording import content_digest as rrd_digest
 from tiscene.frame.buffers import BUFFERS
@@ -89,7 +89,7 @@ def test_manifest_has_provenance_and_digests(tmp_path):
     assert list(raw["frames"]) == ["2", "4"]
     entry = raw["frames"]["4"]
     frame = stream[4]
-    assert entry["digest"] == frame_digest(frame)
+    assert entry["digest"] == frame_entry(frame, {})["digest"]
     assert entry["buffers"] == {name: buffer_digest(buffer) for name, buffer in frame.buffers.items()}
     png = (tmp_path / "rgb" / "000004.png").read_bytes()
     assert entry["files"]["rgb/000004.png"] == hashlib.sha256(png).hexdigest()
@@ -296,7 +296,7 @@ def test_several_cameras_have_one_folder_each(tmp_path, format):
             assert found[f"Main/{name}"] == data
     different = [name.removeprefix("Main/") for name in found if name.startswith("Main/") and "labels" not in name]
     assert any(found[f"Main/{name}"] != found[f"a_b_._/{name}"] for name in different)
-    assert manifest.frames[0]["digest"] == frame_digest(ThreeCameraStream(buffers)[0])
+    assert manifest.frames[0]["digest"] == frame_entry(ThreeCameraStream(buffers)[0], {})["digest"]
 
 
 def test_export_of_several_cameras_is_continued_and_replaced(tmp_path):

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 import tiscene as ts
+from tests.randomization.test_free_space import is_free
 from tests.render.annotations.test_object_measurements import table
 from tests.render.label_scenes import PlacedMesh, Stage, plate, pose, static_view
 from tiscene.errors import ArgumentError
@@ -147,7 +148,7 @@ def test_free_space():
     np.testing.assert_allclose(points, [(0, 0, 4), (3.2, 2.4, 1)], atol=1e-12)
     np.testing.assert_allclose(space.project(points), [(0.5, 1.0), (0.5, 0.0), (1.0, 4.0)])
     assert space.in_view(np.array([(3.1, 0, 1), (3.3, 0, 1), (0, 0, 6)])).tolist() == [True, False, False]
-    assert space.is_free(np.array([(0, 0, 2.0), (0, 0, 0.2)]), 0.5).tolist() == [True, False]
+    assert is_free(space, np.array([(0, 0, 2.0), (0, 0, 0.2)]), 0.5).tolist() == [True, False]
 
 
 def test_invalid_orthographic_cameras_raise():

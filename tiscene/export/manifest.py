@@ -132,8 +132,9 @@ def frame_entry(frame: Frame, files: Mapping[str, bytes]) -> dict[str, Any]:
         files: The contents of its files, by path relative to the folder.
     """
     buffers = buffer_digests(frame)
+    lines = [f"{name} {digest}\n" for name, digest in sorted(buffers.items())]
     return {
-        "digest": _digest_of(buffers),
+        "digest": hashlib.sha256("".join(lines).encode()).hexdigest(),
         "buffers": buffers,
         "files": {name: hashlib.sha256(data).hexdigest() for name, data in files.items()},
     }
@@ -145,11 +146,6 @@ def buffer_digest(buffer: NDArray[Any]) -> str:
     digest = hashlib.sha256(f"{array.dtype.str} {array.shape}\n".encode())
     digest.update(array.data)
     return digest.hexdigest()
-
-
-def frame_digest(frame: Frame) -> str:
-    """Return the digest of the names and digests of a frame's buffers, sorted by name."""
-    return _digest_of(buffer_digests(frame))
 
 
 def views_by_folder(frame: Frame) -> dict[str, Frame]:
@@ -179,11 +175,6 @@ def buffer_digests(frame: Frame) -> dict[str, str]:
         for folder, view in views_by_folder(frame).items()
         for name, buffer in view.buffers.items()
     }
-
-
-def _digest_of(buffers: dict[str, str]) -> str:
-    lines = [f"{name} {digest}\n" for name, digest in sorted(buffers.items())]
-    return hashlib.sha256("".join(lines).encode()).hexdigest()
 
 
 def file_digest(path: Path) -> str | None:

@@ -118,13 +118,6 @@ class FreeSpace:
         from_near_plane = np.where(self.in_view(points), depth, from_camera) - self.camera.near
         return np.minimum(columns[:, 3].astype(np.float64), from_near_plane)
 
-    def is_free(self, points: Array, radius: float) -> Mask:
-        """Return at which of the points [n, 3] a ball touches no surface and is reachable from the camera."""
-        result: Mask = self.distances(points, 2.0 * radius) > radius
-        rows = np.flatnonzero(result)
-        result[rows] = self.is_reachable(points[rows])
-        return result
-
     def is_reachable(self, points: Array) -> Mask:
         """Return which of the points [n, 3] are connected to the camera by free space.
 

@@ -131,4 +131,4 @@ def test_loaded_base_gives_same_bytes_and_is_not_rendered_again(tmp_path: Path) 
     images.save(path.stem, np.full((SIZE[1], SIZE[0], 9), 7.0, np.float32))
     scene.incremental = IncrementalPass(scene.device, *SIZE, images=images)
     assert (scene.render().hdr == 7.0).all()
-    assert QUALITY["spp"] == scene.incremental.cached_spp
+    assert QUALITY["spp"] == scene.incremental._prepared()[0].cache.spp

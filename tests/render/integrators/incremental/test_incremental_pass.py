@@ -109,7 +109,7 @@ def test_frame_is_linear_in_light_intensity_and_shares_one_base() -> None:
         scene.dim(*((factor, factor, factor) for factor in factors))
         images.append(scene.render(*BALLS, base_spp=4).hdr)
     sky, bulb, both, sun = images
-    assert scene.incremental.base_count == 1
+    assert len(scene.incremental._bases) == 1
     np.testing.assert_allclose(both, 0.25 * (sky - sun) + 2.0 * (bulb - sun) + sun, rtol=1e-4, atol=1e-4)
     assert (sky.mean(), bulb.mean()) > (1.2 * sun.mean(), 1.2 * sun.mean())
 
@@ -217,14 +217,14 @@ def test_filter_outliers_limits_what_it_distributes() -> None:
 def test_memory_limit_reduces_cached_spp() -> None:
     scene = MovingBalls()
     scene.render(*BALLS)
-    assert scene.incremental.cached_spp == 4
+    assert scene.incremental._prepared()[0].cache.spp == 4
     one_base = scene.incremental.cached_bytes
     scene.render(*BALLS, seed=2)
     assert scene.incremental.cached_bytes > 1.9 * one_base  # both are in memory
     scene.incremental = IncrementalPass(scene.device, *SIZE, memory_limit=one_base * 6 // 10)
     scene.render(*BALLS, seed=2)
     scene.render(*BALLS)
-    assert scene.incremental.cached_spp == 2
+    assert scene.incremental._prepared()[0].cache.spp == 2
     assert scene.incremental.cached_bytes <= one_base * 6 // 10
     corrected = stacked(scene.incremental.corrected_path_mean())
     np.testing.assert_allclose(corrected, stacked(scene.trace(*BALLS, spp=2)), rtol=1e-4, atol=1e-4)

@@ -116,19 +116,9 @@ class IncrementalPass:
         self._path_state: PathState | None = None
 
     @property
-    def base_count(self) -> int:
-        """Number of bases in memory."""
-        return len(self._bases)
-
-    @property
     def cached_bytes(self) -> int:
         """Memory of all cached paths."""
         return sum(base.bytes for base in self._bases.values())
-
-    @property
-    def cached_spp(self) -> int:
-        """Cached paths per pixel of the base prepared last, 0 before the first one."""
-        return next(reversed(self._bases.values())).cache.spp if self._bases else 0
 
     def prepare(
         self,
