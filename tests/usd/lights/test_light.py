@@ -101,6 +101,24 @@ def test_uneven_scale_of_round_light_is_averaged(tmp_path):
     assert uneven.radius == pytest.approx(1.0)
 
 
+def sheared(prim: str, shear: float) -> str:
+    """Return a light whose transform adds `shear` times y to x."""
+    rows = f"( (1, 0, 0, 0), ({shear}, 1, 0, 0), (0, 0, 1, 0), (0, 0, 0, 1) )"
+    lines = f'matrix4d xformOp:transform = {rows}\nuniform token[] xformOpOrder = ["xformOp:transform"]\n'
+    return prim.replace("{\n", "{\n" + lines, 1)
+
+
+@pytest.mark.parametrize(("kind", "sizes"), [("RectLight", ["width", "height"]), ("DiskLight", ["radius"])])
+def test_sheared_light_keeps_its_area_and_is_reported(tmp_path, kind, sizes):
+    lines = "bool inputs:normalize = 1\nfloat inputs:intensity = 12\nfloat inputs:width = 3\nfloat inputs:height = 2"
+    upright = only_light(read(tmp_path, light(kind, lines)))
+    leaning = only_light(read_with_warning(tmp_path, sheared(light(kind, lines), 1.0), "a light's shear .*: </L>"))
+    for name in ("radiance", *sizes):
+        assert getattr(leaning, name) == pytest.approx(getattr(upright, name), rel=1e-6)
+    np.testing.assert_allclose(leaning.world_from_light, upright.world_from_light, atol=1e-12)
+    assert only_light(read(tmp_path, sheared(light(kind, lines), 1e-4))).radiance == pytest.approx(upright.radiance)
+
+
 def test_sphere_treated_as_point_keeps_its_power(tmp_path):
     lines = "float inputs:radius = 0.1\nbool treatAsPoint = 1\nfloat inputs:intensity = 5"
     point = only_light(read(tmp_path, light("SphereLight", lines)))
@@ -279,6 +297,12 @@ def test_dome_has_its_portals(tmp_path, kind):
     expected = np.eye(4)
     expected[1, 3] = 0.01
     np.testing.assert_allclose(portal.world_from_portal, expected)
+
+
+def test_sheared_portal_keeps_its_area_and_is_reported(tmp_path):
+    body = light("DomeLight", "rel portals = </P>") + sheared('def PortalLight "P"\n{\n}', 2.0)
+    (portal,) = only_light(read_with_warning(tmp_path, body, "a portal's shear is not applied: </P>")).portals
+    assert (portal.width, portal.height) == pytest.approx((1.0, 1.0))
 
 
 def test_invalid_portal_targets_are_reported(tmp_path):

@@ -70,3 +70,19 @@ def unscaled(matrix: Matrix) -> Matrix | None:
     result[:3, :3] = np.column_stack([right, np.cross(normal, right), normal])
     result[:3, 3] = matrix[:3, 3]
     return result
+
+
+def scale_along(matrix: Matrix, pose: Matrix) -> NDArray[np.float64]:
+    """Return the scale [3] along the axes of `pose`, which is `unscaled` of the transform.
+
+    Without shear it is the length of each axis. With shear it keeps the areas of rectangles in the xy plane.
+    """
+    lengths = np.linalg.norm(matrix[:3, :3], axis=0)
+    across = np.abs((pose[:3, :3] * matrix[:3, :3]).sum(axis=0))
+    return np.asarray(across if is_sheared(matrix) else lengths)
+
+
+def is_sheared(matrix: Matrix) -> bool:
+    """Return whether any two axes of a transform are not perpendicular, by 0.6 degrees or more."""
+    axes = matrix[:3, :3] / np.linalg.norm(matrix[:3, :3], axis=0)
+    return bool(np.abs(axes.T @ axes - np.eye(3)).max() > 0.01)

@@ -29,7 +29,7 @@ from tiscene.scene.description import (
 )
 from tiscene.scene.lights.light_kinds import UsdLightInputs, usd_reader
 from tiscene.usd.core.report import StageReport
-from tiscene.usd.core.transform import to_matrix, unscaled
+from tiscene.usd.core.transform import is_sheared, scale_along, to_matrix, unscaled
 from tiscene.usd.lights.light_linking import links_of
 from tiscene.usd.lights.shaping import is_seen_by_camera, light_input, read_shaping, report_unsupported
 from tiscene.usd.materials.texture import TextureTable
@@ -84,7 +84,9 @@ class LightReader:
             self._report.problem(path, "light", "its transform is singular or not finite")
             return
         kind = str(prim.GetTypeName())
-        scale = [float(s) for s in np.linalg.norm(world_from_prim[:3, :3], axis=0)]
+        if is_sheared(world_from_prim):
+            self._report.omission(path, "a light's shear is not applied")
+        scale = scale_along(world_from_prim, pose).tolist()
         reader = {
             "RectLight": self._rect,
             "DiskLight": self._disk,
@@ -265,7 +267,9 @@ class LightReader:
             if pose is None:
                 self._report.problem(path, "portal", "its transform is singular or not finite")
                 continue
-            scale = np.linalg.norm(matrix[:3, :3], axis=0) * self._meters
+            if is_sheared(matrix):
+                self._report.omission(path, "a portal's shear is not applied")
+            scale = scale_along(matrix, pose) * self._meters
             width, height = (
                 float(self._size(prim, "width", 1.0) * scale[0]),
                 float(self._size(prim, "height", 1.0) * scale[1]),
