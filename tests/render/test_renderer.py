@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from tests.benchmarks.room import static_placement
-from tests.render.path_scenes import BOX_CAMERA, CORNELL, box, described, device_scene, towards
+from tests.render.path_scenes import BOX_CAMERA, CORNELL, box, described, device_scene, matte, quad, towards
 from tiscene.render.film.tone_map import tone_map
 from tiscene.render.render_settings import RenderSettings
 from tiscene.render.renderer import Renderer
@@ -49,3 +49,18 @@ def test_color_buffers_are_consistent_and_independent() -> None:
     assert error(found["denoised"]) < 0.5 * error(raw["hdr"])
     alone = color_buffers(denoise=True, buffers=("denoised",))
     assert alone["denoised"].tobytes() == found["denoised"].tobytes()
+
+
+def test_black_lamp_is_no_surface_in_much_light() -> None:
+    """At reduced size, its light does not make a wall that faces like it brighter than the lamp."""
+    lamp = quad((-0.5, -0.4, 0.2), (0.1, -0.4, 0.2), (0.1, 0.6, 0.2), (-0.5, 0.6, 0.2))
+    wall = quad((-2.0, -2.0, -0.8), (2.0, -2.0, -0.8), (2.0, 2.0, -0.8), (-2.0, 2.0, -0.8), material=1)
+    shining = matte("lamp", (0.0, 0.0, 0.0), emissive_color=(3.0, 3.0, 3.0))
+    room = described([lamp, wall], [shining, matte("wall", (0.5, 0.5, 0.5))], [])
+    settings = RenderSettings(spp=4, max_depth=4, denoiser="fast", downscale=2)
+    view = View(BOX_CAMERA, BOX_CAMERA, BOX_CAMERA, 64, 48)
+    found = Renderer(device_scene(room), 64, 48, settings).render(
+        view, static_placement(room), ("hdr", "denoised"), frame_index=0, seed=1, exposure=0.0
+    )
+    assert found["denoised"].max() < 1.5 * 3.0
+    assert found["denoised"].mean() == pytest.approx(found["hdr"].mean(), rel=0.06)

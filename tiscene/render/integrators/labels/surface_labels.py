@@ -43,11 +43,11 @@ from tiscene.render.intersect.surface_interaction import (
 )
 from tiscene.render.texture_lookup import Textures
 from tiscene.render.view import FORWARD, HALF_HEIGHT, RIGHT, TANGENT, UP, view_vector
-from tiscene.scene.material_table import DIFFUSE, FLAGS, MAY_MIRROR, METALLIC, NORMAL, ROUGHNESS, SPECULAR
+from tiscene.scene.material_table import DIFFUSE, EMISSIVE, FLAGS, MAY_MIRROR, METALLIC, NORMAL, ROUGHNESS, SPECULAR
 from tiscene.scene.placement import CURRENT, NEXT, PREVIOUS
 
 # The buffers that `surface_labels` writes, in the order of its arguments. A buffer's index in `wanted` is OF_<NAME>.
-FILTERED_ALBEDO = "filtered_albedo"  # approximate mean over the pixel: guides upsampling, and is not a label
+FILTERED_ALBEDO = "filtered_albedo"  # as of a PathImage, mean over the pixel: guides upsampling, and is not a label
 MATERIAL_BUFFERS = ("albedo", "roughness", "metallic", FILTERED_ALBEDO)  # of the first surface that is no mirror
 SURFACE_BUFFERS = (
     "depth",
@@ -249,7 +249,8 @@ def surface_labels(
                     for filtered in range(2):  # not unrolled: texture lookups compile slowly
                         is_needed, reads, footprint = unfiltered != 0 or may_mirror, inputs, Footprint()
                         if filtered == 1:
-                            is_needed, reads = wanted[OF_FILTERED_ALBEDO] != 0 and not is_mirror, 1 << DIFFUSE
+                            is_needed = wanted[OF_FILTERED_ALBEDO] != 0 and not is_mirror
+                            reads = 1 << DIFFUSE | 1 << EMISSIVE
                             footprint_width = (
                                 2.0 * (view[first + CURRENT, TANGENT] + view[first + CURRENT, HALF_HEIGHT]) / height
                             )
@@ -259,7 +260,7 @@ def surface_labels(
                         if is_needed:
                             material = material_at(materials, textures, surface, reads, footprint)
                             if filtered == 1:
-                                filtered_color = material.diffuse_color
+                                filtered_color = ti.min(material.diffuse_color + material.emissive_color, 1.0)
                             else:
                                 color, rough, metal = material.diffuse_color, material.roughness, material.metallic
                                 is_mirror = may_mirror and is_mirror_like(material) != 0

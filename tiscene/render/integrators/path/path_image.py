@@ -15,7 +15,8 @@ class PathImage:
 
     Attributes:
         hdr: Scene-linear Rec.709 radiance, W/m²/sr.
-        albedo: Denoiser feature, 0..1: diffuse albedo of the first surface that is neither mirror nor clear glass.
+        albedo: Denoiser feature, 0..1: diffuse albedo of the first surface that is neither mirror nor clear glass, plus
+            what it emits, at most 1.
         normal: Denoiser feature: shading normal of that surface, world space, of unit length before averaging.
     """
 

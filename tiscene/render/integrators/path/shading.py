@@ -217,7 +217,8 @@ def shade(
                 normal = shading_normal(surface, material, wo)
                 if (status_bits & FEATURES_WRITTEN) == 0 and is_mirror_like(material) == 0:
                     status_bits |= FEATURES_WRITTEN
-                    write3(features, i, ALBEDO, material.diffuse_color)
+                    # Bright as it shines: else black lamps would count as surfaces in very much light.
+                    write3(features, i, ALBEDO, ti.min(material.diffuse_color + emission, 1.0))
                     write3(features, i, NORMAL, normal)
                 if depth < max_depth:
                     light_u = draw(set_keys(key, first_set + LIGHT_SET), index)
