@@ -306,6 +306,8 @@ def test_node_graphs_interfaces_and_definitions_are_expanded(tmp_path):
     ("surface", "nodes", "text"),
     [
         (given("coat_anisotropy", "1"), "", "MaterialX inputs that are not applied: coat_anisotropy: </Looks/Mat/SR>"),
+        (given("transmission_dispersion", "40"), "", "not applied: transmission_dispersion: </Looks/Mat/SR>"),
+        (given("coat_affect_roughness", "1"), "", "not applied: coat_affect_roughness: </Looks/Mat/SR>"),
         (given("subsurface", "1"), "", "subsurface scattering is drawn as diffuse"),
         (linked("base_color", "N"), node("fractal3d", "color3"), "'fractal3d' is not computed; its mean"),
         (linked("base_color", "N"), node("toon", "color3"), "'ND_toon_color3' is not supported; it counts as 0.5"),

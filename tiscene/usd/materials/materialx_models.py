@@ -117,9 +117,11 @@ MODELS: dict[str, SurfaceModel] = {
         unsupported={
             "diffuse_roughness": 0.0,
             "transmission_scatter": 0.0,
+            "transmission_dispersion": 0.0,
             "transmission_extra_roughness": 0.0,
             "coat_anisotropy": 0.0,
             "coat_affect_color": 0.0,
+            "coat_affect_roughness": 0.0,
             "thin_film_thickness": 0.0,
         },
         specular_color=("specular_color", _WHITE),
@@ -153,6 +155,7 @@ MODELS: dict[str, SurfaceModel] = {
         unsupported={
             "base_diffuse_roughness": 0.0,
             "transmission_scatter": 0.0,
+            "transmission_dispersion_scale": 0.0,
             "coat_roughness_anisotropy": 0.0,
             "thin_film_weight": 0.0,
         },
