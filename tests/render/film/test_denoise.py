@@ -10,7 +10,7 @@ import pytest
 
 from tiscene.errors import ArgumentError
 from tiscene.render.film import denoise as module
-from tiscene.render.film.denoise import QUALITIES, denoise, start_denoising
+from tiscene.render.film.denoise import QUALITIES, denoise
 
 
 def noisy() -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
@@ -51,7 +51,7 @@ def test_images_in_device_memory_give_the_same_bytes(clean: bool, monkeypatch: p
     _, image, albedo, normal = noisy()
     expected = denoise(image, albedo, normal, clean=clean)
     device, _ = module._oidn_device()
-    monkeypatch.setattr(module, "_idle", [])
+    monkeypatch.setattr(module, "_denoisers", {})
     monkeypatch.setattr(module, "_device", (device, module._DeviceImage))
     assert module.denoiser_device() == "cuda"
     for _ in range(2):
@@ -72,38 +72,13 @@ def test_filters_that_are_dropped_are_released(monkeypatch: pytest.MonkeyPatch) 
     released = []
     release = pyoidn.Filter.release
     monkeypatch.setattr(pyoidn.Filter, "release", lambda self: released.append(self) or release(self))
-    monkeypatch.setattr(module, "_idle", [])
+    monkeypatch.setattr(module, "_denoisers", {})
     monkeypatch.setattr(module, "MAX_FILTERS", 2)
     _, image, albedo, normal = noisy()
     for height in (16, 17, 18, 19):
         denoise(image[:height], albedo[:height], normal[:height])
     gc.collect()
     assert len(released) == 2
-
-
-def test_images_of_any_size_are_denoised_at_once() -> None:
-    _, image, albedo, normal = noisy()
-    parts = [np.s_[: 48 - 16 * (k % 2), : 64 - k // 2] for k in range(6)]
-    guides = [(image[part] * (k + 1), albedo[part], normal[part]) for k, part in enumerate(parts)]
-    started = [start_denoising(*each) for each in guides]
-    images = [result() for result in reversed(started)][::-1]
-    for each, one in zip(images, guides, strict=True):
-        np.testing.assert_array_equal(each, denoise(*one))
-
-
-def test_filters_that_are_dropped_while_they_work_finish_first(monkeypatch: pytest.MonkeyPatch) -> None:
-    import pyoidn
-
-    calls = []
-    release, wait = pyoidn.Filter.release, pyoidn.Device.wait
-    monkeypatch.setattr(pyoidn.Filter, "release", lambda self: calls.append("release") or release(self))
-    monkeypatch.setattr(pyoidn.Device, "wait", lambda self: calls.append("wait") or wait(self))
-    monkeypatch.setattr(module, "_idle", [])
-    _, image, albedo, normal = noisy()
-    start_denoising(image, albedo, normal)  # its result is not asked for
-    gc.collect()
-    assert calls == ["wait", "release"]
-    assert not module._idle
 
 
 def test_denoising_prints_nothing() -> None:

@@ -2,7 +2,7 @@
 """Intel Open Image Denoise, through pyoidn, which is imported at the first use.
 
 One device, and a cache of filters by image size. The result is bitwise reproducible on one machine; other processors
-may round differently. The library has threads of its own, so that images can be denoised while kernels run.
+may round differently.
 
 Where Taichi runs on CUDA, so does the denoiser, if the library finds the card: its images are then in buffers in the
 card's memory, which are written and read once a frame. They belong to the library: memory of Taichi may be in another
@@ -11,9 +11,7 @@ CUDA context.
 
 from __future__ import annotations
 
-import atexit
 import weakref
-from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -24,7 +22,7 @@ from tiscene.errors import ArgumentError, DeviceError
 
 FloatImage = NDArray[np.float32]
 QUALITIES = ("fast", "balanced", "high")
-MAX_FILTERS = 48  # that are kept, each with its images
+MAX_FILTERS = 48  # in the cache, each with its images
 
 
 class _HostImage:
@@ -72,7 +70,7 @@ class _Denoiser:
         self.device = device
         self.color, self.albedo, self.normal, self.output = (image(device, height, width) for _ in range(4))
         self.filter = pyoidn.Filter(device, pyoidn.OIDN_FILTER_TYPE_RT)
-        weakref.finalize(self, _release, self.filter, device).atexit = False
+        weakref.finalize(self, self.filter.release).atexit = False
         for name, each in (
             (pyoidn.OIDN_IMAGE_COLOR, self.color),
             (pyoidn.OIDN_IMAGE_ALBEDO, self.albedo),
@@ -86,26 +84,17 @@ class _Denoiser:
         self.filter.commit()
         _check(device)
 
-    def start(self, hdr: FloatImage, albedo: FloatImage, normal: FloatImage) -> None:
+    def __call__(self, hdr: FloatImage, albedo: FloatImage, normal: FloatImage) -> FloatImage:
         for image, values in ((self.color, hdr), (self.albedo, albedo), (self.normal, normal)):
             image.write(values)
-        self.filter.execute_async()
-
-    def result(self) -> FloatImage:
-        self.device.wait()
+        self.filter.execute()
         result = self.output.read()
         _check(self.device)
         return result
 
 
-def _release(filter: Any, device: Any) -> None:
-    """Release a filter once it is done, before its images are freed."""
-    device.wait()
-    filter.release()
-
-
 _device: tuple[Any, type[_HostImage | _DeviceImage]] | None = None  # and where its images are
-_idle: list[tuple[tuple[int, int, str, bool], _Denoiser]] = []  # least recently used first
+_denoisers: dict[tuple[int, int, str, bool], _Denoiser] = {}
 
 
 def denoise(
@@ -127,34 +116,17 @@ def denoise(
         ArgumentError: The shapes differ, or there is no such quality.
         DeviceError: The library failed.
     """
-    return start_denoising(hdr, albedo, normal, quality, clean=clean)()
-
-
-def start_denoising(
-    hdr: FloatImage, albedo: FloatImage, normal: FloatImage, quality: str = "high", *, clean: bool = True
-) -> Callable[[], FloatImage]:
-    """Start to denoise radiance, in threads of the library; arguments and errors as of `denoise`.
-
-    Returns:
-        A function that waits for the image and returns it, to be called once.
-    """
     if quality not in QUALITIES:
         raise ArgumentError(f"quality={quality!r}: must be one of {', '.join(QUALITIES)}")
     if hdr.ndim != 3 or hdr.shape[2] != 3 or not hdr.shape == albedo.shape == normal.shape:
         raise ArgumentError(f"images of shapes {hdr.shape}, {albedo.shape} and {normal.shape}: all must be (h, w, 3)")
     height, width, _ = hdr.shape
     key = (height, width, quality, clean)
-    place = next((k for k, (idle, _) in enumerate(_idle) if idle == key), None)
-    denoiser = _Denoiser(*_oidn_device(), height, width, quality, clean) if place is None else _idle.pop(place)[1]
-    denoiser.start(hdr, albedo, normal)
-
-    def result() -> FloatImage:
-        image = denoiser.result()
-        _idle.append((key, denoiser))
-        del _idle[:-MAX_FILTERS]
-        return image
-
-    return result
+    filter = _denoisers.pop(key, None) or _Denoiser(*_oidn_device(), height, width, quality, clean)
+    _denoisers[key] = filter
+    if len(_denoisers) > MAX_FILTERS:
+        del _denoisers[next(iter(_denoisers))]  # least recently used
+    return filter(hdr, albedo, normal)
 
 
 def denoiser_device() -> str:
@@ -175,7 +147,6 @@ def _oidn_device() -> tuple[Any, type[_HostImage | _DeviceImage]]:
             device.set_bool("setAffinity", False)  # Taichi's threads share the cores: pinning would slow both
         device.commit()
         _check(device)
-        atexit.register(device.wait)  # for what was started and is not asked for any more
         _device = device, image
     return _device
 

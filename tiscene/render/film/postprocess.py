@@ -4,13 +4,12 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
-from tiscene.render.film.denoise import denoise, start_denoising
+from tiscene.render.film.denoise import denoise
 from tiscene.render.film.light_nearby import light_nearby
 from tiscene.render.film.smooth_light import apply_reduced_light
 from tiscene.render.film.steady_change import steadied
@@ -81,24 +80,18 @@ class Postprocessor:
             return np.maximum(image.hdr, 0.0)
         shown = image.denoised.copy()
         traced, (height, width) = image.traced[..., None], image.traced.shape
-        regions = regions_of(image.traced)
-        started = [
-            self._started(image.static[here], image.albedo[here], image.normal[here], self.sharp) for here in regions
-        ]
-        reduced = image.white, image.reduced_normal
-        irradiance = self._started(image.before, *reduced, False)
-        changed = None if image.after is None else self._started(image.after, *reduced, False)
-        for here, result in zip(regions, started, strict=True):
+        for here in regions_of(image.traced):
+            clean = self._denoised(image.static[here], image.albedo[here], image.normal[here], self.sharp)
             weight = blend_weights(here, height, width, NARROW_MARGIN)  # rectangles may overlap
-            shown[here] += np.where(traced[here], weight, np.float32(0.0)) * (result() - shown[here])
-        before = irradiance()
+            shown[here] += np.where(traced[here], weight, np.float32(0.0)) * (clean - shown[here])
+        before = self._denoised(image.before, image.white, image.reduced_normal, False)
         if len(image.hidden.pixels):
             self._add_hidden(image, before, shown)
         guides = image.albedo, image.normal
         own, _, _ = demodulate(shown, *guides, REDUCTION)
         change = np.zeros_like(before)
-        if image.after is not None and changed is not None:
-            change = changed() - before
+        if image.after is not None:
+            change = self._denoised(image.after, image.white, image.reduced_normal, False) - before
             change = steadied(change, image.after - image.before, image.reduced_normal)
         apply_reduced_light(
             shown, own, before, image.before, change, image.reduced_normal, guides, image.traced, image.static_mask,
@@ -142,14 +135,9 @@ class Postprocessor:
         return upsample(self._denoised(irradiance, white, coarse, False), coarse, albedo, normal, smaller)
 
     def _denoised(self, radiance: FloatImage, albedo: FloatImage, normal: FloatImage, clean: bool) -> FloatImage:
-        return self._started(radiance, albedo, normal, clean)()
-
-    def _started(
-        self, radiance: FloatImage, albedo: FloatImage, normal: FloatImage, clean: bool
-    ) -> Callable[[], FloatImage]:
         if self.denoiser is None:
-            return lambda: radiance
-        return start_denoising(radiance, albedo, normal, self.denoiser, clean=clean)
+            return radiance
+        return denoise(radiance, albedo, normal, self.denoiser, clean=clean)
 
 
 def blend_weights(region: Region, height: int, width: int, margin: int = MARGIN) -> FloatImage:

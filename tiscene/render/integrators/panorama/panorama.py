@@ -13,8 +13,6 @@ mean of 2 x 2 cells: where these and the cells around lie on one surface, a pixe
 from __future__ import annotations
 
 import math
-from collections import deque
-from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import NamedTuple
 
@@ -22,7 +20,7 @@ import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
 
-from tiscene.render.film.denoise import start_denoising
+from tiscene.render.film.denoise import denoise
 from tiscene.render.film.upsample import ALBEDO_OFFSET
 from tiscene.render.integrators.incremental.base_image import ProgressCallback, scene_under_group, under_each_group
 from tiscene.render.integrators.incremental.path_recording import AUXILIARY, light_column
@@ -59,7 +57,6 @@ FINE_SPP = 128  # samples per pixel from which the denoiser's best quality pays
 _MAX_CELLS = (1 << 31) - 1  # whose numbers are int32
 _BATCH = 64  # blocks whose cells are copied at once
 _TILES_AT_ONCE = 1024  # whose paths are traced at once
-_WINDOWS_AT_ONCE = 16  # that are denoised while kernels run
 
 
 @dataclass(frozen=True)
@@ -172,9 +169,6 @@ class Panorama:
         # Blocks have all that views need: the columns of tiles, with the denoised light before the distance.
         self._shown_columns = self._columns + 3 * self.groups
         self._blocks = CellStore((FACES, blocks, blocks), BLOCK_ROWS, self._shown_columns + 1, files, f"{key}-blocks")
-        # Blocks that are being denoised, with their windows; and the images of these that are not there yet.
-        self._unfinished: list[tuple[NDArray[np.int64], FloatImage]] = []
-        self._denoising: deque[tuple[FloatImage, Callable[[], FloatImage]]] = deque()
 
     @property
     def bytes(self) -> int:
@@ -189,7 +183,6 @@ class Panorama:
 
     def clear(self) -> None:
         """Forget all cells."""
-        self._finish()
         if self._tiles:
             self._tiles.clear()
         self._blocks.clear()
@@ -201,7 +194,6 @@ class Panorama:
             view: The view.
             points: What it shows, if it is seen from elsewhere than the center; None: it is seen from there.
         """
-        self._finish()
         found = np.zeros(self._blocks.slots.shape, np.int32)
         if points is None:
             kernels.find_blocks(view.array(), view.width, view.height, self.settings.faces, found)
@@ -225,7 +217,6 @@ class Panorama:
             float32 [n, h, w, 3]: three columns each, see `light_column`; then the denoised light of the groups.
             int32 [h, w], which subpixels are known, see `reproject`: all of them, seen from the center.
         """
-        self._finish()
         blocks, columns = self._blocks, self._shown_columns
         images = np.empty((columns // 3, view.height, view.width, 3), np.float32)
         cells = *kernels.Blocks(self.settings.faces, blocks.slots, blocks.cells), columns, images
@@ -239,9 +230,7 @@ class Panorama:
         return None if missing.any() else (images, np.full((view.height, view.width), ALL_KNOWN, np.int32))
 
     def complete(self, missing: Missing, view: View, progress: ProgressCallback) -> None:
-        """Trace what is missing and start to denoise it. Changes what the scene has placed.
-
-        What follows waits for the denoiser where it needs the cells: kernels run beside it.
+        """Trace and denoise what is missing. Changes what the scene has placed.
 
         Args:
             missing: Of `missing()`.
@@ -250,7 +239,6 @@ class Panorama:
         """
         self._trace(missing.tiles, view, progress)
         for first in range(0, len(missing.blocks), _BATCH):
-            self._finish()
             self._denoise(missing.blocks[first : first + _BATCH])
 
     def _trace(self, tiles: NDArray[np.int64], view: View, progress: ProgressCallback) -> None:
@@ -324,34 +312,20 @@ class Panorama:
         return signed.reshape(len(tiles), -1)
 
     def _denoise(self, blocks: NDArray[np.int64]) -> None:
-        """Start to denoise blocks whose windows are traced."""
+        """Denoise blocks whose windows are traced."""
         tiles, traced = self._tile_store(), self._columns
         windows = np.empty((len(blocks), WINDOW * WINDOW, self._blocks.columns), np.float32)
         kernels.gather_windows(blocks.astype(np.int32), tiles.slots, tiles.cells, tiles.columns, windows)
-        self._unfinished.append((blocks, windows))
         for window in windows.reshape(-1, WINDOW, WINDOW, self._blocks.columns):
             albedo, normal = (window[..., first : first + 3] for first in (AUXILIARY, AUXILIARY + 3))
             for group in range(self.groups):
-                self._wait_for_windows(_WINDOWS_AT_ONCE - 1)
                 column, clean_column = light_column(group), traced + 3 * group
-                radiance, clean = (window[..., first : first + 3] for first in (column, clean_column))
-                result = start_denoising(radiance, albedo, normal, self.settings.denoiser, clean=False)
-                self._denoising.append((clean, result))
-
-    def _wait_for_windows(self, most: int) -> None:
-        """Wait until at most so many images of windows are being denoised."""
-        while len(self._denoising) > most:
-            clean, result = self._denoising.popleft()
-            clean[...] = result()
-
-    def _finish(self) -> None:
-        """Wait for the blocks that are being denoised, and add them."""
-        self._wait_for_windows(0)
-        for blocks, windows in self._unfinished:
-            cells = np.empty((len(blocks), BLOCK_ROWS, self._blocks.columns), np.float32)
-            kernels.fill_blocks(windows, AUXILIARY + 3, cells)
-            self._blocks.add(blocks, cells)
-        self._unfinished.clear()
+                window[..., clean_column : clean_column + 3] = denoise(
+                    window[..., column : column + 3], albedo, normal, self.settings.denoiser, clean=False
+                )
+        cells = np.empty((len(blocks), BLOCK_ROWS, self._blocks.columns), np.float32)
+        kernels.fill_blocks(windows, AUXILIARY + 3, cells)
+        self._blocks.add(blocks, cells)
 
     def _tile_store(self) -> CellStore:
         """Return the tiles. Views whose blocks are on disk do not need them: the first other view loads them."""

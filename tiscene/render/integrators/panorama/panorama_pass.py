@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """The panorama pass: radiance of a frame whose camera turns or walks.
 
-1. `PanoramaPass.prepare` completes the panorama around the camera's center or around an anchor nearby, from which the
-   light of the static scene is resampled, and traces a few paths through that scene in an image of reduced size.
+1. `PanoramaPass.prepare` resamples the light of the static scene from a panorama around the camera's center or around
+   an anchor nearby, and traces a few paths through the static scene in an image of reduced size.
 2. `PanoramaPass.render` traces those of them again that movers invalidate, as the incremental pass does. The mean
    change of each pixel is what movers add to or take from the light of static surfaces.
 3. Pixels in which a mover is visible, and those that the panorama does not know, are path traced.
@@ -190,7 +190,7 @@ class PanoramaPass:
             self._anchored = anchor != view.current.position
             if self._anchored:
                 self._points.trace(view, anchor)
-            self._panorama, self._shown = self._completed(view, static, settings, contents)
+            self._shown, self._known = self._static_images(view, static, settings, contents)
             self._shown_for = shown if view.rests else None
         self.static_hits = None
         if self._anchored:
@@ -221,6 +221,13 @@ class PanoramaPass:
         """
         groups = self.scene.placement.light_groups
         factors = np.ones((1, 3), np.float32) if groups is None else groups.factors
+        images = self._shown.copy() if self._view.rests else self._shown  # what follows changes them
+        radiance, *others = (images[light_column(group) // 3] for group in range(len(factors)))
+        denoised, *others_denoised = images[-len(factors) :]
+        for light, clean, factor in zip(others, others_denoised, factors[1:], strict=True):
+            radiance += factor * light
+            denoised += factor * clean
+        albedo, normal = images[AUXILIARY // 3], images[AUXILIARY // 3 + 1]
         moving = moving & self.scene.placement.present[CURRENT]
         traced = np.zeros(instance.shape, bool)
         correction = None
@@ -232,20 +239,13 @@ class PanoramaPass:
             found = block_means(movers[..., None].astype(np.float32), REDUCTION)[..., 0] > 0.0
             # Parts of movers between the pixels' centers are in no label.
             traced = dilated(movers | _enlarged(hits & ~found, instance.shape))
-        images, known = self._static_images()
-        radiance, *others = (images[light_column(group) // 3] for group in range(len(factors)))
-        denoised, *others_denoised = images[-len(factors) :]
-        for light, clean, factor in zip(others, others_denoised, factors[1:], strict=True):
-            radiance += factor * light
-            denoised += factor * clean
-        albedo, normal = images[AUXILIARY // 3], images[AUXILIARY // 3 + 1]
-        known_share = _SHARES[known]
+        known_share = _SHARES[self._known]
         unknown = known_share < 0.5
         if unknown.any():
             traced |= unknown & dilated(dilated(~dilated(dilated(~unknown))))  # not strips beside edges
         static_mask = np.where(traced, np.float32(0.0), known_share)[..., None]
         hidden = self._subpixels.fill(
-            self._view, np.where(traced, np.int32(NONE_KNOWN), known), (radiance, denoised, albedo, normal),
+            self._view, np.where(traced, np.int32(NONE_KNOWN), self._known), (radiance, denoised, albedo, normal),
             spp=spp, key=self._movers_key, max_depth=self._max_depth,
             scene=replace(self._paths.scene_arrays(), cache=self._probe.cache(factors)),
         )  # fmt: skip
@@ -288,17 +288,14 @@ class PanoramaPass:
             self.scene.materials.any_emission,
         )
 
-    def _completed(
-        self, view: View, static: Placement, settings: PanoramaSettings, contents: tuple[Any, ...]
-    ) -> tuple[Panorama, tuple[FloatImage, NDArray[np.int32]] | None]:
-        """Return the panorama that serves a view, with all that the view needs, and its images if they are there.
-
-        Args:
-            view: The view.
-            static: Placement without the movers.
-            settings: Of the panorama.
-            contents: Of `_contents`.
-        """
+    def _static_images(
+        self,
+        view: View,
+        static: Placement,
+        settings: PanoramaSettings,
+        contents: tuple[Any, ...],
+    ) -> tuple[FloatImage, NDArray[np.int32]]:
+        """Return `Panorama.images` of a view, and complete its panorama if needed; `contents` of `_contents`."""
         points = self._points if self._anchored else None
         key = settings, *contents
         panorama = self._panoramas.pop(key, None)
@@ -313,17 +310,11 @@ class PanoramaPass:
                 panorama.clear()
                 missing = panorama.missing(view, points)
             panorama.complete(missing, view, self._progress)
+            images = panorama.images(view, points)
+            assert images is not None, "complete() adds all that is missing"
         self._panoramas[key] = panorama
         self._probe = panorama.probe
-        return panorama, images
-
-    def _static_images(self) -> tuple[FloatImage, NDArray[np.int32]]:
-        """Return `Panorama.images` of the view prepared last; the images may be changed."""
-        if self._shown is None:
-            self._shown = self._panorama.images(self._view, self._points if self._anchored else None)
-            assert self._shown is not None, "prepare() adds all that is missing"
-        images, known = self._shown
-        return (images.copy() if self._view.rests else images), known
+        return images
 
     def _new_panorama(
         self, view: View, static: Placement, settings: PanoramaSettings, contents: tuple[Any, ...]
