@@ -6,6 +6,7 @@ import io
 import json
 import os
 import warnings
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -108,7 +109,7 @@ def test_panoptic_pictures_have_the_ids_of_their_segments(exported):
 def test_stuff_has_panoptic_segments_but_no_instances(tmp_path, monkeypatch):
     from tests.export import fake_stream
 
-    monkeypatch.setattr(fake_stream.CHAIR, "category", "wall")
+    monkeypatch.setattr(fake_stream, "CHAIR", replace(fake_stream.CHAIR, category="wall"))
     export(FakeStream(("rgb", "instance")), tmp_path, format="coco", frames=[0])
     instances = json.loads((tmp_path / "annotations" / "instances.json").read_text())
     panoptic = json.loads((tmp_path / "annotations" / "panoptic.json").read_text())
