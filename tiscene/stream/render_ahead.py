@@ -51,8 +51,10 @@ class RenderAhead:
     def pixels(self, stream: StreamInterface) -> Sequence[Pixels]:
         """Return the pixels of the frame at the stream's position, one for each camera.
 
-            Raises:
-        X: whatever rendering the frame has raised in the worker.
+        Raises:
+            ArgumentError: another thread closed the stream meanwhile.
+            DeviceError: the worker has died.
+            TisceneError: whatever rendering the frame has raised in the worker.
         """
         version = stream.world.edit_count
         if self._worker is None:

@@ -13,7 +13,6 @@ import taichi as ti
 from taichi._lib import core
 from taichi.lang.kernel_impl import Kernel
 
-from tiscene.device import runtime
 from tiscene.device.taichi_patches import ast_recorder, recorded_calls, recording_file
 from tiscene.device.taichi_patches.recording_file import (
     CallRecording,
@@ -29,14 +28,6 @@ values1 = ti.types.ndarray(ti.f32, 1)
 vectors1 = ti.types.ndarray(vec3, 1)
 
 RECORDING = CallRecording(["x", 1.5], ["expr_add", "expr_sub", "expr_add"], [1, 0, 2], [3, 4, 70000])
-
-
-@pytest.fixture
-def folder(tmp_path, monkeypatch):
-    """An empty folder of recordings."""
-    runtime.start()
-    monkeypatch.setattr(ti.cfg, "offline_cache_file_path", str(tmp_path))
-    return tmp_path / ast_recorder.FOLDER
 
 
 @pytest.fixture

@@ -38,10 +38,11 @@ from tiscene.device.taichi_patches.recording_file import (
     read_recording,
     write_recording,
 )
-from tiscene.device.taichi_patches.simplified_calls import CHECK, simplified
+from tiscene.device.taichi_patches.simplified_calls import simplified
 
 FOLDER = "front_end"  # in the folder of Taichi's cache
 
+# Calls whose results have a type of their own; beginnings of their names.
 _TYPED = ("expr_", "make_const_expr_", "value_cast", "ASTBuilder.expr_var", "ASTBuilder.expr_subscript")
 
 _NATIVE = core.Expr.__mro__[-2]  # the base class of all objects of Taichi's library
@@ -72,9 +73,8 @@ def materialize(kernel: Kernel, key: Any, args: Any, features: Any) -> None:
         Kernel.materialize(kernel, key=key, args=args, arg_features=features)
     if recorder.complete and not kernel.has_print:
         recording = recorder.recording()
-        if (
-            _materialize_from(recording, kernel, key) and identity.is_current()
-        ):  # in place of the kernel that Taichi made
+        # The replayed kernel takes the place of the one that was recorded: it compiles faster.
+        if _materialize_from(recording, kernel, key) and identity.is_current():
             write_recording(path, recording)
 
 
@@ -135,7 +135,6 @@ class CallRecorder:
         self._rows: list[tuple[str, list[tuple[str, Any]]]] = []
         self._row_of_result: dict[int, int] = {}  # by id
         self._alive: list[Any] = []  # results, so that no id is used twice
-        self._checked: set[int] = set()  # ids of expressions whose types were checked
 
     def wrap(self, name: str, call: Callable[..., Any]) -> Callable[..., Any]:
         """Return a function that makes a call and records it under a name."""
@@ -152,10 +151,6 @@ class CallRecorder:
         return recorded
 
     def _add(self, name: str, values: list[Any], result: Any) -> None:
-        if name == CHECK:  # has no effect the second time
-            if id(values[0]) in self._checked:
-                return
-            self._checked.add(id(values[0]))
         self._add_result(result, self._add_row(name, values))
         if isinstance(result, list):
             for k, item in enumerate(result):

@@ -52,22 +52,21 @@ def simplified(rows: Sequence[Row], types: Mapping[int, str]) -> list[Row]:
     """
     rows = _used(_SimplerCalls(rows, types).rows)
     values = passed_values(rows)
-    substituted = []
-    for name, arguments in rows:
-        for place, (kind, content) in enumerate(arguments):
-            while kind == "result" and content in values:
-                content = values[content]
-            arguments[place] = kind, content
-        substituted.append((name, arguments))
-    return _used(substituted, values)
+
+    def value_of(row: int) -> int:
+        while row in values:
+            row = values[row]
+        return row
+
+    rows = [
+        (name, [(kind, value_of(content) if kind == "result" else content) for kind, content in arguments])
+        for name, arguments in rows
+    ]
+    return _used(rows, values)
 
 
 class _SimplerCalls:
-    """Calls that build the same kernel with fewer variables and expressions.
-
-    Args:
-        rows: All calls that build the kernel's AST.
-        types: The type of each expression, by the row that made it.
+    """Calls without copies, casts and constant expressions; arguments as of `simplified`.
 
     Attributes:
         rows: The new calls. The results of some are not used.
@@ -95,7 +94,7 @@ class _SimplerCalls:
 
     def _simpler(self, name: str, arguments: list[tuple[str, Any]], is_stable: bool) -> int | None:
         """Return a row, perhaps a new one, that takes the place of a call; None if the call is needed."""
-        operands = [content for kind, content in arguments if kind == "result"]
+        operands = _operands(arguments)
         if is_stable:
             start = operands[-1]
             return start if start in self._values or start in self._stable else None
@@ -119,8 +118,9 @@ class _SimplerCalls:
         """Add a constant and return its row."""
         if type_name == "f32":
             value = float(np.float32(value))
-        else:  # as an integer of 32 bits
-            value = int(np.int64(value).astype({"i32": np.int32, "u32": np.uint32}[type_name]))
+        else:  # as an integer of 32 bits, which wraps
+            value = int(value) & 0xFFFFFFFF
+            value -= (value >> 31 << 32) * (type_name == "i32")
         arguments = [("constant", json.dumps(each)) for each in (["type", type_name], value)]
         place = self._add(_CONSTANTS[type_name], arguments, type_name)
         self._add(CHECK, [("result", place), ("fixed", CONFIG)], None)
@@ -148,7 +148,7 @@ def written_rows(rows: Sequence[Row]) -> set[int]:
     members: dict[int, list[int]] = defaultdict(list)  # of lists and groups
     written: set[int] = set()
     for row, (name, arguments) in enumerate(rows):
-        operands = [content for kind, content in arguments if kind == "result"]
+        operands = _operands(arguments)
         if name in _MEMBERS:
             group = row if name == "list" else operands[0]
             members[group] += operands[_MEMBERS[name] :]
@@ -177,13 +177,13 @@ def passed_values(rows: Sequence[Row]) -> dict[int, int]:
         rows: All calls that build the kernel's AST.
 
     Returns:
-        The row of the value that can be used in place of each such variable, by its row.
+        The row of the value that can be used in place of each such variable, by the variable's row.
     """
     users: dict[int, list[int]] = defaultdict(list)
     harmless = [True] * len(rows)  # whether evaluating an expression changes nothing
     statements = []
     for row, (name, arguments) in enumerate(rows):
-        operands = [content for kind, content in arguments if kind == "result"]
+        operands = _operands(arguments)
         if name == "ExprGroup.push_back":
             group, member = operands
             users[member].append(group)
@@ -215,7 +215,7 @@ def passed_values(rows: Sequence[Row]) -> dict[int, int]:
         name, arguments = rows[row]
         if name == VARIABLE and following is not None and row not in written and reader(row) == following:
             value, (user, *_) = arguments[1][1], users[row]
-            read = [content for kind, content in rows[following][1] if kind == "result"]
+            read = _operands(rows[following][1])
             if rows[user][0] not in _WHOLES and harmless[value] and all(harmless[each] for each in read):
                 values[row] = value
                 continue
@@ -224,14 +224,16 @@ def passed_values(rows: Sequence[Row]) -> dict[int, int]:
 
 
 def _used(rows: Sequence[Row], unused: Container[int] = ()) -> list[Row]:
-    """Return the calls with side effects and those whose results are used. unused: variables that nothing reads."""
+    """Return the calls with side effects, but for variables that are `unused`, and those whose results are used.
+
+    The type of an expression is checked once.
+    """
     needed = [name.split()[0] in SIDE_EFFECTS and name != CHECK for name, _ in rows]
     for row in range(len(rows) - 1, -1, -1):
         needed[row] = needed[row] and row not in unused
         if needed[row]:
-            for kind, content in rows[row][1]:
-                if kind == "result":
-                    needed[content] = True
+            for operand in _operands(rows[row][1]):
+                needed[operand] = True
     places: dict[int, int] = {}
     checked: set[int] = set()
     result: list[Row] = []
@@ -246,12 +248,19 @@ def _used(rows: Sequence[Row], unused: Container[int] = ()) -> list[Row]:
     return result
 
 
+def _operands(arguments: list[tuple[str, Any]]) -> list[int]:
+    """Return the rows whose results a call takes."""
+    return [content for kind, content in arguments if kind == "result"]
+
+
 def _only_reads(name: str) -> bool:
     is_expression = name.startswith(("expr_", "make_const_expr_")) and not name.startswith("expr_atomic_")
     return is_expression or name in _READERS or name in _EXPRESSIONS
 
 
 def _type_name(argument: tuple[str, Any]) -> str | None:
-    """Return the name of an argument that is a type of numbers."""
+    """Return the name of an argument that is a type of numbers; None if it is another type."""
+    if argument[0] != "constant":
+        return None
     kind, *content = json.loads(argument[1])
     return content[0] if kind == "type" else None
