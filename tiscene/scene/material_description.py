@@ -76,6 +76,7 @@ class ExtendedLobes:
         specular: Factor of specular reflection of dielectrics, at all angles.
         specular_tint: Factor of their reflectance at normal incidence.
         coat_color: Factor of the light from below the coat.
+        coat_ior: Index of refraction of the coat, which gives its reflectance.
         translucency: Fraction of diffuse light that leaves on the other side.
         translucent_color: Its color.
     """
@@ -90,6 +91,7 @@ class ExtendedLobes:
     specular: FloatInput = 1.0
     specular_tint: ColorInput = (1.0, 1.0, 1.0)
     coat_color: ColorInput = (1.0, 1.0, 1.0)
+    coat_ior: float = 1.5
     translucency: FloatInput = 0.0
     translucent_color: ColorInput = (1.0, 1.0, 1.0)
 

@@ -40,7 +40,7 @@ NORMAL = VALUE_COLUMNS  # the input that has no constant
 # Further columns of `values` in scenes with `ExtendedLobes`.
 EXTENDED_COLUMNS = 48
 TINT, ABSORPTION, SHEEN, SHEEN_ROUGHNESS, ANISOTROPY, ROTATION = 24, 27, 30, 33, 34, 35
-SPECULAR_WEIGHT, SPECULAR_TINT, COAT_COLOR, TRANSLUCENCY, TRANSLUCENT_COLOR = 36, 37, 40, 43, 44
+SPECULAR_WEIGHT, SPECULAR_TINT, COAT_COLOR, TRANSLUCENCY, TRANSLUCENT_COLOR, COAT_IOR = 36, 37, 40, 43, 44, 47
 EXTENDED_INPUTS = (
     ("transmission_color", TINT),
     ("absorption", ABSORPTION),
@@ -51,6 +51,7 @@ EXTENDED_INPUTS = (
     ("specular", SPECULAR_WEIGHT),
     ("specular_tint", SPECULAR_TINT),
     ("coat_color", COAT_COLOR),
+    ("coat_ior", COAT_IOR),
     ("translucency", TRANSLUCENCY),
     ("translucent_color", TRANSLUCENT_COLOR),
 )

@@ -60,6 +60,7 @@ def random_lobes(seed: int) -> ExtendedLobes:
         specular=number(1.0),
         specular_tint=color(WHITE),
         coat_color=color(WHITE),
+        coat_ior=1.0 + number(0.5),
         translucency=number(0.0),
         translucent_color=color(WHITE),
     )
@@ -129,6 +130,13 @@ def test_translucency_is_reciprocal_between_the_sides() -> None:
     there, back = bsdf.evaluate(a, b * flip)[:, :3] / b[:, 2:], bsdf.evaluate(b, a * flip)[:, :3] / a[:, 2:]
     assert there.min() > 0.05
     np.testing.assert_allclose(there, back, rtol=2e-3)
+
+
+@pytest.mark.parametrize("ior", [1.0, 1.5, 2.0])
+def test_coat_reflects_by_its_index_of_refraction(ior: float) -> None:
+    material = Material("m", BLACK, ior=1.0, clearcoat=1.0, clearcoat_roughness=0.1, lobes=ExtendedLobes(coat_ior=ior))
+    found = albedo(ExtendedBsdf(material), outgoing(1.0, 1)[0])
+    assert found == pytest.approx(((ior - 1.0) / (ior + 1.0)) ** 2, abs=2e-3)
 
 
 @pytest.mark.parametrize("make", [random_material, coated_material, glass_material])

@@ -32,9 +32,9 @@ from tiscene.usd.read.stage_reader import read_stage
 COLOR = "0.5, 0.25, 1"
 
 
-def lobes_of(folder, surface: str, model: str = "standard_surface") -> ExtendedLobes | None:
+def lobes_of(folder, surface: str, model: str = "standard_surface", nodes: str = "") -> ExtendedLobes | None:
     """Return the lobes, rounded to the precision of the files."""
-    found = material_of(folder, document(surface, model)).lobes
+    found = material_of(folder, document(surface, model, nodes)).lobes
     return None if found is None else rounded(found)
 
 
@@ -43,7 +43,9 @@ def lobes_of(folder, surface: str, model: str = "standard_surface") -> ExtendedL
     [
         ("standard_surface", given("sheen", "0") + given("thin_walled", "true", "boolean")),
         ("standard_surface", given("transmission_color", COLOR, "color3") + given("specular_rotation", "0.3")),
-        ("standard_surface", given("coat_color", "1, 1, 1", "color3") + given("transmission", "0.5")),
+        ("standard_surface", given("coat_color", COLOR, "color3") + given("transmission", "0.5")),
+        ("standard_surface", given("coat_color", "1, 1, 1", "color3") + given("coat", "0.5")),
+        ("open_pbr_surface", given("coat_ior", "2") + given("coat_color", COLOR, "color3")),
         ("open_pbr_surface", given("fuzz_color", COLOR, "color3") + given("transmission_depth", "2")),
         ("gltf_pbr", given("attenuation_color", COLOR, "color3") + given("thickness", "2")),
     ],
@@ -54,6 +56,7 @@ def test_inputs_without_effect_add_no_lobes(tmp_path, model, surface):
 
 def test_sheen_and_coat_color(tmp_path):
     surface = given("sheen", "0.5") + given("sheen_color", COLOR, "color3") + given("coat_color", "1, 0, 0", "color3")
+    surface += given("coat", "0.5")
     expected = ExtendedLobes(sheen_color=(0.25, 0.125, 0.5), sheen_roughness=0.3, coat_color=(1.0, 0.0, 0.0))
     assert lobes_of(tmp_path, surface) == expected
     fuzz = given("fuzz_weight", "1") + given("fuzz_color", COLOR, "color3")
@@ -62,6 +65,55 @@ def test_sheen_and_coat_color(tmp_path):
     )
     cloth = given("sheen_color", COLOR, "color3") + given("sheen_roughness", "0.5")
     assert lobes_of(tmp_path, cloth, "gltf_pbr") == ExtendedLobes(sheen_color=(0.5, 0.25, 1.0), sheen_roughness=0.25)
+
+
+def test_coats_reflect_by_their_index_of_refraction(tmp_path):
+    varnish = given("coat", "1") + given("coat_IOR", "2")
+    assert lobes_of(tmp_path, varnish) == ExtendedLobes(coat_ior=2.0)
+    bright = given("coat_weight", "1") + given("coat_darkening", "0")
+    assert lobes_of(tmp_path, bright, "open_pbr_surface") == ExtendedLobes(coat_ior=1.6)
+
+
+@pytest.mark.parametrize(
+    ("surface", "reflectance"),
+    [
+        (given("base_color", "0.8, 0.5, 0", "color3"), (0.8, 0.5, 0.0)),
+        (given("base_color", "1, 1, 1", "color3") + given("base_weight", "0.5"), (0.5, 0.5, 0.5)),
+        (given("base_metalness", "1") + given("specular_weight", "0.5"), (0.4, 0.4, 0.4)),
+    ],
+)
+@pytest.mark.parametrize(("weight", "strength", "color"), [(1.0, 1.0, 1.0), (0.5, 0.5, 0.5)])
+def test_light_reflected_inside_of_a_coat_darkens_the_base(tmp_path, surface, reflectance, weight, strength, color):
+    """At an index of 1.5, 0.96 / 2.25 of the base's light passes the coat from inside, and the rest returns."""
+    coat = given("coat_weight", str(weight)) + given("coat_darkening", str(strength)) + given("coat_ior", "1.5")
+    coat += given("coat_color", f"{color}, {color}, {color}", "color3")
+    lobes = lobes_of(tmp_path, surface + coat, "open_pbr_surface")
+    for found, base in zip(lobes.coat_color, reflectance, strict=True):
+        passes = 0.96 / 2.25
+        darker = passes / (1.0 - base * (1.0 - passes))
+        expected = (1.0 + weight * strength * (darker - 1.0)) * (1.0 + weight * (color - 1.0))
+        assert 1.0 + weight * (found - 1.0) == pytest.approx(expected, abs=1e-5)
+
+
+def test_light_scattered_below_the_surface_counts_for_the_darkening(tmp_path):
+    skin = given("subsurface_weight", "0.5") + given("subsurface_color", "0.2, 0.2, 0.2", "color3")
+    coat = given("coat_weight", "1") + given("coat_ior", "1.5")
+    material = warned_material(tmp_path, document(skin + coat, "open_pbr_surface"), "subsurface scattering")
+    passes = 0.96 / 2.25
+    assert material.lobes.coat_color == pytest.approx((passes / (1.0 - 0.5 * (1.0 - passes)),) * 3)
+
+
+def test_darkening_of_a_textured_base_is_computed_per_texel(tmp_path):
+    Image.fromarray(PIXELS).save(tmp_path / "p.png")
+    surface = given("coat_weight", "1") + linked("base_color", "picture")
+    lobes = lobes_of(tmp_path, surface, "open_pbr_surface", picture())
+    assert isinstance(lobes.coat_color, TextureLookup)
+
+
+def test_base_below_an_openpbr_coat_reflects_by_its_relative_index(tmp_path):
+    for coat, expected in (("0", 1.5), ("0.5", 0.5 * (1.5 + 1.6 / 1.5)), ("1", 1.6 / 1.5)):
+        surface = document(given("coat_weight", coat), "open_pbr_surface")
+        assert material_of(tmp_path, surface).ior == pytest.approx(expected)
 
 
 @pytest.mark.parametrize("model", ["standard_surface", "open_pbr_surface"])

@@ -4,7 +4,7 @@
 import taichi as ti
 
 from tiscene.device.kernel_types import Template, vec3, vec4
-from tiscene.render.bsdfs.closure import COAT_F0, schlick
+from tiscene.render.bsdfs.closure import schlick
 from tiscene.render.sampling import warp
 
 
@@ -23,6 +23,6 @@ def evaluate(c: Template, energy: Template, wi: vec3) -> vec4:
         m = (c.wo + wi).normalized()
         density = warp.ggx_density(m, c.coat_alpha) / (4.0 * c.wo.z)
         visible = warp.ggx_masking_shadowing(c.wo, wi, c.coat_alpha)
-        f = schlick(vec3(COAT_F0), 1.0, c.wo.dot(m)) * (c.coat * density * visible)
+        f = schlick(vec3(c.coat_f0), 1.0, c.wo.dot(m)) * (c.coat * density * visible)
         result = vec4(f, density * warp.ggx_masking(c.wo, c.coat_alpha))
     return result

@@ -38,6 +38,7 @@ class Closure:
     alpha: ti.f32
     specular: ti.f32
     coat: ti.f32
+    coat_f0: ti.f32
     coat_alpha: ti.f32
     glass: ti.f32
     eta: ti.f32  # index of refraction beyond the surface over that on wo's side

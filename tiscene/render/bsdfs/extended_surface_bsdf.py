@@ -16,7 +16,6 @@ from tiscene.device.kernel_types import Template, vec2, vec3, vec4
 from tiscene.render.bsdfs import anisotropic, anisotropic_diffuse, clearcoat, colored_glass, sheen, translucent
 from tiscene.render.bsdfs import preview_surface_bsdf as plain
 from tiscene.render.bsdfs.closure import (
-    COAT_F0,
     albedo_parts,
     glass_transfer,
     grazing_reflectance,
@@ -71,6 +70,7 @@ class ExtendedClosure:
     alphas: vec2  # along x and y of the frame
     specular: vec3
     coat: ti.f32
+    coat_f0: ti.f32
     coat_alpha: ti.f32
     glass: ti.f32
     eta: ti.f32
@@ -115,7 +115,8 @@ def extended_closure_at(point: Template, lobes: Template, energy: Template, wo: 
     base = vec3(1.0)  # what the layers above transmit
     if point.flags & COATED:
         parts = albedo_parts(energy, wo.z, point.clearcoat_roughness)
-        reflected = point.clearcoat * (COAT_F0 * parts.x + parts.y)
+        c.coat_f0 = ((lobes.coat_ior - 1.0) / (lobes.coat_ior + 1.0)) ** 2
+        reflected = point.clearcoat * (c.coat_f0 * parts.x + parts.y)
         base = (1.0 - reflected) * (1.0 + point.clearcoat * (lobes.coat_color - 1.0))
         c.coat = point.clearcoat
         c.coat_alpha = ti.max(point.clearcoat_roughness * point.clearcoat_roughness, SMALLEST_ALPHA)

@@ -11,6 +11,7 @@ from tiscene.scene.material_table import (
     ABSORPTION,
     ANISOTROPY,
     COAT_COLOR,
+    COAT_IOR,
     EXTENDED_LOOKUP_COUNT,
     FIRST_LOOKUP,
     FLAGS,
@@ -39,6 +40,7 @@ class LobeInputs:
     specular: ti.f32
     specular_tint: vec3
     coat_color: vec3
+    coat_ior: ti.f32
     translucency: ti.f32
     translucent_color: vec3
 
@@ -62,6 +64,7 @@ def lobe_inputs_at(materials: Template, textures: Template, surface: Template, e
         specular=values[row, SPECULAR_WEIGHT],
         specular_tint=_color(values, row, SPECULAR_TINT),
         coat_color=_color(values, row, COAT_COLOR),
+        coat_ior=values[row, COAT_IOR],
         translucency=values[row, TRANSLUCENCY],
         translucent_color=_color(values, row, TRANSLUCENT_COLOR),
     )

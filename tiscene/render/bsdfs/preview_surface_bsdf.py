@@ -66,7 +66,7 @@ def closure_at(point: Template, energy: Template, wo: vec3, front: ti.i32):
             parts = albedo_parts(energy, wo.z, point.clearcoat_roughness)
             reflected = point.clearcoat * (COAT_F0 * parts.x + parts.y)
             base = 1.0 - reflected
-            c.coat = point.clearcoat
+            c.coat, c.coat_f0 = point.clearcoat, COAT_F0
             c.coat_alpha = ti.max(point.clearcoat_roughness * point.clearcoat_roughness, SMALLEST_ALPHA)
             c.probabilities[2] = reflected
         c.alpha = ti.max(point.roughness * point.roughness, SMALLEST_ALPHA)

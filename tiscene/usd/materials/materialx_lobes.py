@@ -58,8 +58,7 @@ class ExtendedSurface:
         self._add_specular(found)
         self._add_transmission(found, base)
         self._add_sheen(found)
-        if names.coat_color is not None and self._differs(names.coat_color, _WHITE):
-            found["coat_color"] = values.color_input(values.required(names.coat_color), "coat_color")
+        self._add_coat(found, base)
         strength = values.required(names.anisotropy)
         if strength.constant is None or strength.constant[0] != 0.0:
             roughness = self._add_anisotropy(found, strength, roughness)
@@ -153,6 +152,54 @@ class ExtendedSurface:
             weight = weight.affine(np.full(1, 0.5), np.zeros(1)) or self._apply(lambda value: 0.5 * value, weight)
         found["translucency"] = values.float_input(weight, "subsurface")
         found["translucent_color"] = values.color_input(values.required(names.subsurface_color), "subsurface_color")
+
+    def _add_coat(self, found: dict[str, Any], base: Signal) -> None:
+        """Add the coat's color, which holds what the base loses as well, and index of refraction."""
+        names, values = self._names, self._values
+        assert names is not None
+        if names.coat_color is None or not self._differs(names.coat, 0.0):
+            return
+        color = values.required(names.coat_color)
+        if names.coat_ior is not None:
+            found["coat_ior"] = max(float(self._constant(names.coat_ior)[0]), 1.0)
+            if names.coat_darkening is not None and self._differs(names.coat_darkening, 0.0):
+                color = self._darkened(color, base, found["coat_ior"])
+        if color.constant is None or not np.allclose(color.constant, 1.0):
+            found["coat_color"] = values.color_input(color, "coat_color")
+
+    def _darkened(self, color: Signal, base: Signal, ior: float) -> Signal:
+        """Return the color of a coat below which the base looks darker, since the coat reflects light back to it.
+
+        With K, the coat's diffuse reflectance from inside, and E, the base's reflectance, the base looks darker by the
+        factor (1 - K) / (1 - E K), where 1 - K is (1 - F0) / ior² (OpenPBR 1.1, as in MaterialX's graph). That and the
+        coat's color are factors by the coat's weight, each; `ExtendedLobes` has one for both.
+        """
+        names = self._names
+        assert names is not None
+        assert names.coat_darkening is not None
+        passing = (1.0 - ((ior - 1.0) / (ior + 1.0)) ** 2) / ior**2
+
+        def one_factor(color: Array, reflectance: Array, weight: Array, strength: Array) -> Array:
+            darker = strength * (passing / (1.0 - reflectance * (1.0 - passing)) - 1.0)
+            return np.clip(color + darker * (1.0 + weight * (color - 1.0)), 0.0, 1.0)
+
+        weights = (self._values.required(each).of_width(1) for each in (names.coat, names.coat_darkening))
+        return self._apply(one_factor, color.of_width(3), self._base_reflectance(base), *weights)
+
+    def _base_reflectance(self, base: Signal) -> Signal:
+        """Return the estimate of the base's reflectance that OpenPBR's darkening takes."""
+        names, values = self._names, self._values
+        assert names is not None
+        assert names.subsurface is not None
+        assert names.subsurface_color is not None
+
+        def mixed(base: Array, inner: Array, below: Array, metallic: Array, specular: Array) -> Array:
+            dielectric = base + (inner - base) * below
+            return np.asarray(np.clip(dielectric + (base * specular - dielectric) * metallic, 0.0, 1.0))
+
+        inner = values.required(names.subsurface_color).of_width(3)
+        weights = (values.required(each).of_width(1) for each in (names.subsurface, names.metallic, names.specular))
+        return self._apply(mixed, base.of_width(3), inner, *weights)
 
     def _add_sheen(self, found: dict[str, Any]) -> None:
         names, values = self._names, self._values

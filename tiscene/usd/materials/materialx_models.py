@@ -75,6 +75,8 @@ class ExtendedModel(SurfaceModel):
         rotation: of its direction.
         turns: rotation in turns for each unit of `rotation`.
         coat_color: color of the coat.
+        coat_ior: its index of refraction.
+        coat_darkening: how much darker the base looks for light that the coat reflects back to it.
         unapplied: inputs that are not applied where they are authored.
     """
 
@@ -91,6 +93,8 @@ class ExtendedModel(SurfaceModel):
     rotation: Named | None
     turns: float = 1.0
     coat_color: Named | None = None
+    coat_ior: Named | None = None
+    coat_darkening: Named | None = None
     attenuation: Named | None = None
     distance: Named | None = None
     thickness: Named | None = None
@@ -134,6 +138,7 @@ MODELS: dict[str, SurfaceModel] = {
         anisotropy=("specular_anisotropy", 0.0),
         rotation=("specular_rotation", 0.0),
         coat_color=("coat_color", _WHITE),
+        coat_ior=("coat_IOR", 1.5),
         unapplied={"tangent": "the direction of u is used", "coat_normal": "the coat has the surface's normal"},
     ),
     "ND_open_pbr_surface_surfaceshader": ExtendedModel(
@@ -169,6 +174,8 @@ MODELS: dict[str, SurfaceModel] = {
         anisotropy=("specular_roughness_anisotropy", 0.0),
         rotation=None,
         coat_color=("coat_color", _WHITE),
+        coat_ior=("coat_ior", 1.6),
+        coat_darkening=("coat_darkening", 1.0),
         unapplied={
             "geometry_tangent": "the direction of u is used",
             "geometry_coat_normal": "the coat has the surface's normal",
