@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """One Taichi runtime and one cache folder for the whole session."""
 
+import gc
 import os
 import signal
 
@@ -9,10 +10,18 @@ import pytest
 from tiscene.device import runtime
 from tiscene.device.taichi_patches import fence
 
+gc.disable()  # until all tests are collected
 fence.include("tests")  # before test modules, and the kernels in them, are imported
 
 if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:  # in the background of a shell; what tests start would inherit it
     signal.signal(signal.SIGINT, signal.default_int_handler)
+
+
+def pytest_collection_finish() -> None:
+    """Leave what has been collected out of garbage collections, each of which would take a second."""
+    gc.collect()
+    gc.freeze()
+    gc.enable()
 
 
 @pytest.fixture(scope="session", autouse=True)

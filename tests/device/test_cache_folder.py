@@ -23,7 +23,10 @@ NO_FOLDER = {"HOME": None, "XDG_CACHE_HOME": None, "TISCENE_CACHE": None, "TI_OF
     [
         {"HOME": "/dev/null/x"},  # below a file, where nobody can create a folder
         pytest.param({"XDG_CACHE_HOME": "/dev/null/x"}, marks=pytest.mark.slow),
-        {"HOME": "/no/such/home", "XDG_CACHE_HOME": "/dev/null/x", "TISCENE_CACHE": "/dev/null/y"},
+        pytest.param(
+            {"HOME": "/no/such/home", "XDG_CACHE_HOME": "/dev/null/x", "TISCENE_CACHE": "/dev/null/y"},
+            marks=pytest.mark.slow,
+        ),
         pytest.param({"TI_OFFLINE_CACHE_FILE_PATH": "/dev/null/x", "HOME": "/dev/null/x"}, marks=pytest.mark.slow),
     ],
 )
@@ -41,7 +44,7 @@ def test_frame_is_rendered_without_home(tmp_path):
     assert os.listdir(folder)
 
 
-@pytest.mark.parametrize("existing", [None, pytest.param(0o700, marks=pytest.mark.slow), 0o777])
+@pytest.mark.parametrize("existing", [None, *(pytest.param(mode, marks=pytest.mark.slow) for mode in (0o700, 0o777))])
 def test_frame_is_rendered_without_home_and_user_entry(existing, tmp_path):
     """As in a container that runs under any user id: a private folder in the temporary one."""
     private = tmp_path / f"tiscene-{os.getuid()}"

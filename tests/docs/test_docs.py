@@ -39,7 +39,7 @@ RUN_ELSEWHERE = {
     "export-recipes": "test_export_pages_run",
     "importing": "none: it needs models that are not in the repository",
 }
-SLOW = {"evaluate", "scenes", "taichi"}  # their Python takes more than ten seconds
+SLOW = {"evaluate", "factors", "learning", "scenes", "taichi", "tutorial"}  # their Python takes more than ten seconds
 # Blocks with these imports run as scripts: worker processes import the file, and Taichi reads the source of kernels.
 NEEDS_SCRIPT = re.compile(r"^(?:import|from) (torch|avalanche|taichi|datasets|grain)", re.MULTILINE)
 SPHERE = "/SolidBenchmark/Solids/Sphere"

@@ -97,7 +97,7 @@ def test_client_killed_in_the_middle_of_a_frame_does_not_block_others(server, co
     other = connect()
     script = (
         "import sys, time\nfrom tests.sailenv.client import Client\n"
-        f"c = Client({server.address!r}, width=320, height=240)\n"
+        f"c = Client({server.address!r}, width=160, height=120)\n"
         "for _ in range(3): c.frame()\n"
         "print('framing', flush=True)\n"
         "while True: c.ask(0x00, bytes([61]))\n"

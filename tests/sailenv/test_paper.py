@@ -64,9 +64,8 @@ def racket():
     return (-1.3, 2, 1.5), (22, 144, 0), Scenario("room_01/scene", objects, timings, Frustum(False, 20.0))
 
 
-@pytest.mark.parametrize(
-    "example", [cylinder, pytest.param(bouncing, marks=pytest.mark.slow), pytest.param(racket, marks=pytest.mark.slow)]
-)
+@pytest.mark.slow
+@pytest.mark.parametrize("example", [cylinder, bouncing, racket])
 def test_streams_of_the_paper_are_the_same_in_process_and_over_the_network(make_agent, tmp_path, example):
     position, rotation, scenario = example()
     agent = make_agent(quality="preview")

@@ -3,7 +3,7 @@
 
 import pytest
 
-from tests.sailenv.client import MAIN, Client
+from tests.sailenv.client import OBJECT, Client
 from tests.sailenv.conftest import SCENE
 from tests.sailenv.served import served
 from tiscene.errors import ArgumentError
@@ -69,7 +69,7 @@ def test_answers_over_the_network_are_those_in_process(make_agent, tmp_path):
     ):
         assert "get_frame" in c.ask_pixel(0, 0)
         assert c.spawn("Cube") == agent.spawn_object("Cube")
-        c.frame(MAIN), agent.get_frame()
+        c.frame(OBJECT), agent.get_frame()
         for left, (y, x) in ((2, (12, 16)), (1, (0, 0))):
             mine = agent.ask_pixel(y, x)
             assert c.ask_pixel(y, x) == (mine.frame, mine.category, mine.object, left, mine.name)

@@ -40,7 +40,7 @@ def small_scenes(tmp_path, monkeypatch):
     return SCENE, "solid_benchmark/scene", "third_view/scene"
 
 
-@pytest.mark.parametrize("changes", [18, pytest.param(40, marks=pytest.mark.slow)])
+@pytest.mark.parametrize("changes", [12, pytest.param(40, marks=pytest.mark.slow)])
 def test_changing_between_scenes_frees_device_memory(make_agent, small_scenes, changes):
     agent = make_agent(width=16, height=12, max_depth=2)
     gc.collect()

@@ -11,6 +11,7 @@ from tests.sailenv.served import Served, served
 from tiscene.cli.main import main
 
 
+@pytest.mark.slow
 def test_no_incremental_renders_each_frame_from_scratch(tmp_path):
     with served(tmp_path, "object_view", "--no-incremental") as server, Client(server.address) as c:
         c.spawn("Sphere", (0, 1, 2.5))

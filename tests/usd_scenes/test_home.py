@@ -69,6 +69,7 @@ def doorways(stream: ts.Stream) -> list[int]:
     return [min(group, key=lambda k: distance[k]) for inside, group in runs if inside]
 
 
+@pytest.mark.slow
 def test_walk_leads_through_all_rooms(stream: ts.Stream) -> None:
     states = (stream.world.state(k) for k in range(FRAMES))
     rooms = [room for room, _ in groupby(state.room_of(state.cameras[0].current) for state in states)]

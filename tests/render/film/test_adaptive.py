@@ -122,6 +122,7 @@ def digest() -> str:
     return hashlib.sha256(image.hdr.tobytes() + image.samples.tobytes() + image.albedo.tobytes()).hexdigest()
 
 
+@pytest.mark.slow
 def test_same_bytes_for_any_number_of_threads() -> None:
     code = (
         "from tiscene.device import runtime; runtime.start(threads=1)\n"

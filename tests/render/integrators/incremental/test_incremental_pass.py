@@ -160,7 +160,8 @@ print(hashlib.sha256(stacked(MovingBalls(LACE).render(*BALLS)).tobytes()).hexdig
 """
 
 
-@pytest.mark.parametrize("threads", ["1", pytest.param("3", marks=pytest.mark.slow)])
+@pytest.mark.slow
+@pytest.mark.parametrize("threads", ["1", "3"])
 def test_bytes_do_not_depend_on_threads(threads: str) -> None:
     here = hashlib.sha256(stacked(MovingBalls(LACE).render(*BALLS)).tobytes()).hexdigest()
     done = subprocess.run([sys.executable, "-c", DIGEST, threads], capture_output=True, text=True, check=False)

@@ -40,12 +40,13 @@ def fingerprint() -> str:
     return digest(image.hdr) + digest(image.albedo) + digest(image.normal)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "change",
     [
         "runtime.start(threads=1)",
-        pytest.param("runtime.start(threads=2)", marks=pytest.mark.slow),
-        pytest.param("PathPass.vector_mode = lambda _: contextlib.nullcontext()", marks=pytest.mark.slow),
+        "runtime.start(threads=2)",
+        "PathPass.vector_mode = lambda _: contextlib.nullcontext()",
     ],
 )
 def test_same_bytes_in_another_process(change: str) -> None:
