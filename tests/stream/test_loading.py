@@ -44,7 +44,7 @@ def materialized(kernel, *args):
         print(kernel.func.__name__)
     materialize(kernel, *args)
 loading.warm_up_steps, ast_recorder.materialize = whole, materialized
-stream = ts.Stream("room_02", width=32, height=24, quality=sys.argv[1], frames=1)
+stream = ts.Stream("room_02", width=32, height=24, quality=sys.argv[1], incremental=False, frames=1)
 stream[0]
 print("rendered")
 """
@@ -139,7 +139,8 @@ def test_a_rehearsal_goes_on_to_its_end(buffers, quality, emission):
 
 @pytest.mark.slow
 @pytest.mark.parametrize("quality", ["fast", "preview"])
-def test_after_a_rehearsal_a_first_frame_has_nothing_to_compile(quality):
+def test_after_a_rehearsal_a_path_traced_frame_has_nothing_to_compile(quality):
+    """The small kernels of incremental rendering are not rehearsed: the stage is read before."""
     done = subprocess.run([sys.executable, "-c", COMPILED, quality], capture_output=True, text=True, check=True)
     assert done.stdout.split() == ["rehearsed", "rendered"]
 
