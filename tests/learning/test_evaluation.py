@@ -296,7 +296,7 @@ class Stopping(NearestAlbedo):
         if frame.index == 17:
             raise KeyboardInterrupt
 try:
-    evaluate(Stopping(), Course.load({course!r}), checkpoint={file!r}, checkpoint_every=5)
+    evaluate(Stopping(), Course.load({course!r}), checkpoint={file!r})
 except KeyboardInterrupt:
     print("stopped")
 """
@@ -311,7 +311,7 @@ except KeyboardInterrupt:
             super().learn(frame, answers)
 
     resumed = evaluate(Continuing(), make_course(), checkpoint=tmp_path / "state")
-    assert learned == list(range(15, 24))
+    assert learned == list(range(12, 24))  # from the end of the first phase on
     assert not (tmp_path / "state").exists()
     first, second = whole.to_json(), resumed.to_json()
     first["learner"] = second["learner"] = {}
@@ -336,9 +336,32 @@ def test_differences_name_what_differs(course, tmp_path):
         read_score(tmp_path / "none.json")
 
 
+def test_evaluation_interrupted_in_its_first_frames_continues_without_testing_again(course, tmp_path):
+    def run(stop_at, **others):
+        def progress(text, done, total):
+            seen.append(text)
+            if text.startswith("phase") and done == stop_at:
+                raise KeyboardInterrupt
+
+        seen, file = [], tmp_path / "state"
+        try:
+            evaluate(NearestAlbedo(), course, checkpoint=file, progress=progress, **others)
+        except KeyboardInterrupt:
+            assert file.exists()
+        return seen
+
+    assert run(2).count("tests after untrained") == 6 + 2
+    assert run(4, checkpoint_every=0) == ["phase ball"] * 5
+    assert run(None).count("phase ball") == 8
+    assert not (tmp_path / "state").exists()
+
+
 def test_checkpoints_of_others_are_refused(course, tmp_path):
+    def untouched(*_):
+        raise AssertionError("is refused before anything is predicted")
+
     with pytest.raises(ArgumentError, match="needs a learner with state_dict"):
-        evaluate(Constant(), course, [OnlineAccuracy()], checkpoint=tmp_path / "a", checkpoint_every=2)
+        evaluate(Constant(), course, [OnlineAccuracy()], checkpoint=tmp_path / "a", progress=untouched)
     (tmp_path / "b").write_bytes(b"nothing")
     with pytest.raises(ArgumentError, match="cannot be read"):
         evaluate(NearestAlbedo(), course, checkpoint=tmp_path / "b")
@@ -354,7 +377,7 @@ def test_checkpoints_of_other_metrics_or_another_clock_are_refused(course, tmp_p
 
     metrics, file = [OnlineAccuracy(), NearFutureAccuracy(2)], {"checkpoint": tmp_path / "state"}
     with pytest.raises(KeyboardInterrupt):
-        evaluate(NearestAlbedo(), course, metrics, **file, checkpoint_every=2, progress=stop)
+        evaluate(NearestAlbedo(), course, metrics, **file, progress=stop)
     for others, clock in ((metrics[:1], 0), (metrics[::-1], 0), ([metrics[0], NearFutureAccuracy(3)], 0), (metrics, 2)):
         with pytest.raises(ArgumentError, match="of other metrics or of another clock; delete it"):
             evaluate(NearestAlbedo(), course, others, clock=Clock(clock), **file)

@@ -151,6 +151,35 @@ def test_command_writes_scores_and_page_and_verifies_them(course, tmp_path, caps
     assert "scores.online.accuracy: 0.5 and 1.0" in capsys.readouterr().err
 
 
+class InterruptedOnes(Ones):
+    """Is interrupted at the third frame."""
+
+    def learn(self, frame, answers):
+        if frame.index == 2:
+            raise KeyboardInterrupt
+
+    def state_dict(self):
+        return {}
+
+    def load_state_dict(self, state):
+        pass
+
+
+def test_interrupted_command_says_whether_it_will_continue(course, tmp_path, capsys, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    course.save("course.json")
+    command = ["evaluate", "course.json", "--learner", "tests.learning.test_suites:InterruptedOnes", "-o", "out"]
+    assert main(command) == 130
+    assert "nothing was saved. With --checkpoint, the same command would continue" in capsys.readouterr().err
+    assert main([*command, "--checkpoint"]) == 130
+    assert "out/checkpoint.pickle has the state. The same command continues from there" in capsys.readouterr().err
+    assert (
+        main(["evaluate", "course.json", "--learner", "tests.learning.test_suites:Ones", "--checkpoint", "-o", "new"])
+        == 2
+    )
+    assert "a checkpoint needs a learner with state_dict" in capsys.readouterr().err
+
+
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [

@@ -35,7 +35,11 @@ def run(args: argparse.Namespace) -> None:
     with export_errors(folder):
         folder.mkdir(parents=True, exist_ok=True)
     checkpoint = folder / "checkpoint.pickle" if args.checkpoint else None
-    scores = evaluated(course, learners, args.cost, checkpoint)
+    try:
+        scores = evaluated(course, learners, args.cost, checkpoint)
+    except KeyboardInterrupt:
+        note(_how_to_continue(checkpoint))
+        raise
     for score in scores:
         score.save(folder / f"{_file_name(score.name)}-seed{score.learner['seed']}.json")
     page = folder / "index.html"
@@ -93,6 +97,15 @@ def verify(path: str) -> None:
         raise ArgumentError(f"{path}: {len(found)} differences between the file and this run:\n{shown}")
     note(f"{len(score.digests)} frames, all labels and all scores are equal.")
     print(path)
+
+
+def _how_to_continue(checkpoint: Path | None) -> str:
+    """Return what the user of an interrupted evaluation has to know."""
+    if checkpoint is None:
+        return "Interrupted: nothing was saved. With --checkpoint, the same command would continue."
+    if not checkpoint.exists():
+        return "Interrupted before the first checkpoint. The same command starts again."
+    return f"Interrupted: {checkpoint} has the state. The same command continues from there."
 
 
 def _file_name(name: str) -> str:

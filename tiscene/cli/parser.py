@@ -228,7 +228,7 @@ def _evaluate(commands: Commands) -> None:
         help="frames that pass while a learner learns from one; it misses them (default: 0, the stream waits)",
     )
     evaluate.add_argument(
-        "--checkpoint", action="store_true", help="save the state from time to time; the same command continues from it"
+        "--checkpoint", action="store_true", help="save the state every 30 s; the same command continues from it"
     )
     evaluate.add_argument("--verify", action="store_true", help="COURSE is a saved score: compute it again and compare")
 

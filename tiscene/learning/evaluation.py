@@ -11,6 +11,7 @@ import copy
 import hashlib
 import os
 import pickle
+import time
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import is_dataclass
 from fractions import Fraction
@@ -75,7 +76,7 @@ def evaluate_all(
     *,
     clock: Clock | None = None,
     checkpoint: str | os.PathLike[str] | None = None,
-    checkpoint_every: int = 500,
+    checkpoint_every: float = 30.0,
     progress: Progress | None = None,
     described: Mapping[str, Mapping[str, Any]] | None = None,
 ) -> list[Score]:
@@ -87,9 +88,10 @@ def evaluate_all(
         metrics: None: `default_metrics()`.
         clock: how many frames learning from one takes; None: the stream waits.
         checkpoint: file to write the state of the evaluation to, and to continue from if it exists. The learners need
-            `state_dict` and `load_state_dict`. Such a file is a pickle: do not open one from a source that you do not
-            trust. It is deleted at the end.
-        checkpoint_every: frames between checkpoints.
+            `state_dict` and `load_state_dict`. It is written after the tests, and between them after
+            `checkpoint_every`. Such a file is a pickle: do not open one from a source that you do not trust. It is
+            deleted at the end.
+        checkpoint_every: time between checkpoints, s.
         progress: called with a text, the number of frames that are done, and of all.
         described: of each learner, what makes it again ("learner", "seed", "options"), for the score.
 
@@ -167,11 +169,9 @@ class _Run:
                 end()
 
     def state_dict(self) -> dict[str, Any]:
-        if not hasattr(self.learner, "state_dict") or not hasattr(self.learner, "load_state_dict"):
-            raise ArgumentError(f"{self.name}: a checkpoint needs a learner with state_dict and load_state_dict")
         return {
             "options": self.options,
-            "learner": self.learner.state_dict(),
+            "learner": self.learner.state_dict(),  # type: ignore[attr-defined]
             "metrics": [each.state_dict() for each in self.metrics],
             "clock": self.clock.state_dict(),
             "teacher": self.teacher.state_dict(),
@@ -205,22 +205,29 @@ class _Evaluation:
         self._kept: dict[int, CourseFrame] = {}  # frames that were rendered ahead
         self._tested = False
 
-    def run(self, checkpoint: str | os.PathLike[str] | None, every: int) -> list[Score]:
+    def run(self, checkpoint: str | os.PathLike[str] | None, every: float) -> list[Score]:
         path = None if checkpoint is None else Path(checkpoint)
-        if path is not None and path.exists():
-            self._load(path)
+        if path is not None:
+            for run in self.runs:
+                if not hasattr(run.learner, "state_dict") or not hasattr(run.learner, "load_state_dict"):
+                    raise ArgumentError(f"{run.name}: a checkpoint needs a learner with state_dict and load_state_dict")
+            if path.exists():
+                self._load(path)
         total = len(self.course)
+        saved = time.monotonic()  # when the last checkpoint was written
         if not self._tested:
             self._test(0)
+            if path is not None:
+                saved = self._save(path)
         for index in range(self.next_frame, total):
             number, _ = self.course.phase_at(index)
             self.progress(f"phase {self.course.phases[number].name}", index, total)
             self._step(index)
-            if index + 1 == self.course.starts[number + 1]:
-                self._end_phase(number)
             self.next_frame = index + 1
-            if path is not None and (index + 1) % every == 0 and index + 1 < total:
-                self._save(path)
+            if ends := self.next_frame == self.course.starts[number + 1]:
+                self._end_phase(number)
+            if path is not None and (ends or time.monotonic() >= saved + every):
+                saved = self._save(path)
         self.progress("done", total, total)
         scores = [self._score(run) for run in self.runs]
         if path is not None:
@@ -268,7 +275,8 @@ class _Evaluation:
             for run in self.runs:
                 run.matrix.add(frame, run.predict(observation), selected, observation)
 
-    def _save(self, path: Path) -> None:
+    def _save(self, path: Path) -> float:
+        """Write a checkpoint, and return the time, in seconds of `time.monotonic`."""
         state = {
             "version": VERSION,
             "course": self.course.digest(),
@@ -278,6 +286,7 @@ class _Evaluation:
         }
         with export_errors(path):
             write_atomically(path, pickle.dumps(state))
+        return time.monotonic()
 
     def _load(self, path: Path) -> None:
         try:
