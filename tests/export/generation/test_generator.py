@@ -3,6 +3,7 @@
 
 import json
 import os
+import shutil
 from pathlib import Path
 
 import numpy as np
@@ -13,7 +14,7 @@ from tests.benchmarks.scenarios import measure
 from tests.export.generation.test_recipe import RECIPE
 from tiscene import catalog
 from tiscene.cli import main as cli
-from tiscene.errors import ExportError
+from tiscene.errors import ArgumentError, ExportError
 from tiscene.export.generation.data_set_index import DataSet
 from tiscene.export.generation.generator import finish, generate, write_scenarios
 from tiscene.export.generation.recipe import Recipe
@@ -135,6 +136,33 @@ def test_folder_of_another_recipe_is_refused(recipe, whole):
     other = Recipe.from_json(recipe.to_json() | {"seed": 6})
     with pytest.raises(ExportError, match=r"data set of another recipe:\s+seed: 5 in the folder, 6 requested"):
         generate(other, whole, COUNT)
+
+
+def test_recipe_with_a_wrong_setting_can_be_corrected_in_its_folder(recipe, tmp_path):
+    wrong = Recipe.from_json(recipe.to_json() | {"settings": {"width": 24, "height": 18, "quality": "fasst"}})
+    with pytest.raises(ArgumentError, match="quality='fasst'"):
+        generate(wrong, tmp_path, 1)
+    assert generate(recipe, tmp_path, 1).missing() == []
+
+
+@pytest.mark.parametrize("command", ["generate", "sample"])
+def test_folder_that_cannot_be_written_is_named(recipe, tmp_path, capsys, command):
+    (tmp_path / "recipe.json").write_text(json.dumps(recipe.to_json()))
+    (tmp_path / "file").write_text("")
+    assert cli.main([command, str(tmp_path / "recipe.json"), "-n", "1", "-o", str(tmp_path / "file")]) == 2
+    assert f"tiscene: cannot write '{tmp_path / 'file'}" in capsys.readouterr().err
+    assert cli.main(["verify", str(tmp_path / "file")]) == 2
+    assert "is not an export: it has no tiscene.json" in capsys.readouterr().err
+
+
+def test_damaged_data_set_says_what_to_do_and_that_helps(recipe, whole, tmp_path):
+    shutil.copytree(whole, tmp_path, dirs_exist_ok=True)
+    (tmp_path / "dataset.json").write_text("{}")
+    with pytest.raises(ExportError, match="delete it, and generate again with the same recipe"):
+        generate(recipe, tmp_path, COUNT)
+    (tmp_path / "dataset.json").unlink()
+    generate(recipe, tmp_path, COUNT)
+    assert contents(tmp_path) == contents(whole)
 
 
 @pytest.mark.slow

@@ -48,6 +48,8 @@ def test_recipe_survives_json():
         ({"ranges": [1]}, r"recipe: ranges: must be an object, got \[1\]"),
         ({"ranges": {"object": 1}}, "recipe: ranges: no field 'object'; did you mean 'objects'?"),
         ({"settings": [1]}, r"recipe: settings: must be an object, got \[1\]"),
+        ({"settings": {"widht": 24}}, "recipe: settings: no field 'widht'; did you mean 'width'?"),
+        ({"settings": {"frames": 24}}, "recipe: settings: no field 'frames'"),
         ({"settings": {"camera": 1}}, "settings: camera=1: must be a name or a list of names"),
         ({"scenes": [{"scene": "room_02", "weight": "2"}]}, r"scenes\[0\]: weight='2': must be a number"),
         ({"scenes": [{"scene": "room_02", "weight": -1}]}, r"scenes\[0\]: weight=-1: must not be negative"),

@@ -17,7 +17,7 @@ from typing import Any, TypeAlias
 import numpy as np
 from PIL import Image, ImageDraw, ImageFont
 
-from tiscene.errors import ExportError
+from tiscene.errors import ExportError, export_errors
 from tiscene.export.array_files import png
 from tiscene.export.generation.recipe import Recipe
 from tiscene.export.generation.scenario_summary import FILE, THUMBNAIL, THUMBNAIL_WIDTH, read_summary
@@ -50,10 +50,12 @@ class DataSet:
         try:
             content = json.loads((folder / DATA_SET).read_text())
             return cls(folder, Recipe.from_json(content["recipe"]), int(content["count"]))
-        except FileNotFoundError:
+        except (FileNotFoundError, NotADirectoryError):
             return None
         except (OSError, ValueError, KeyError, TypeError) as error:
-            raise ExportError(f"{folder / DATA_SET} is damaged ({error!r}); generate writes it again") from error
+            raise ExportError(
+                f"{folder / DATA_SET} is damaged ({error!r}): delete it, and generate again with the same recipe"
+            ) from error
 
     def save(self) -> None:
         """Write `dataset.json`."""
@@ -67,6 +69,10 @@ class DataSet:
     def has(self, number: int) -> bool:
         """Return whether a scenario is done."""
         return (self.scenario_folder(number) / FILE).is_file()
+
+    def has_begun(self) -> bool:
+        """Return whether anything of a scenario is in the folder."""
+        return any((self.folder / split).exists() for split in self.recipe.splits)
 
     def done(self) -> int:
         """Return the number of scenarios that are done."""
@@ -82,18 +88,19 @@ class DataSet:
         return [number for number, summary in self.summaries() if summary is None]
 
     def write_index(self) -> None:
-        """Write index, statistics and contact sheet."""
+        """Write index, statistics and contact sheet. Raises ExportError if they cannot be written."""
         summaries = list(self.summaries())
-        for name, content in index_files(summaries).items():
-            write_atomically(self.folder / name, content)
         done = with_frames(summaries)
         shown = (
             [done[place * len(done) // MAX_THUMBNAILS] for place in range(MAX_THUMBNAILS)]
             if len(done) > MAX_THUMBNAILS
             else done
         )
-        if shown:
-            write_atomically(self.folder / SHEET, png(self._contact_sheet(shown)))
+        with export_errors(self.folder):
+            for name, content in index_files(summaries).items():
+                write_atomically(self.folder / name, content)
+            if shown:
+                write_atomically(self.folder / SHEET, png(self._contact_sheet(shown)))
 
     def _contact_sheet(self, numbers: list[int]) -> Any:
         """Return the thumbnails of scenarios, each above its split and number: uint8 [h, w, 3]."""

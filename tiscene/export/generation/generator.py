@@ -99,6 +99,7 @@ def write_scenarios(recipe: Recipe, folder: str | Path, count: int, numbers: Ite
 
     Raises:
         ScenarioError: None of the scenarios can be drawn.
+        ExportError: A file cannot be written.
     """
     files, mistakes = [], []
     for number in range(count) if numbers is None else numbers:
@@ -108,8 +109,9 @@ def write_scenarios(recipe: Recipe, folder: str | Path, count: int, numbers: Ite
         except ScenarioError as error:
             mistakes.append(error)
             continue
-        path.parent.mkdir(parents=True, exist_ok=True)
-        scenario.save(path)
+        with export_errors(path):
+            path.parent.mkdir(parents=True, exist_ok=True)
+            scenario.save(path)
         files.append(path)
     if mistakes and not files:
         raise mistakes[0]
@@ -117,9 +119,14 @@ def write_scenarios(recipe: Recipe, folder: str | Path, count: int, numbers: Ite
 
 
 def claim(data_set: DataSet) -> None:
-    """Write `dataset.json`, unless it is there. Raises ExportError if the folder has one of another recipe."""
-    data_set.folder.mkdir(parents=True, exist_ok=True)
+    """Write `dataset.json`, unless it is there. That of a recipe that failed before its first scenario is replaced.
+
+    Raises:
+        ExportError: The folder has scenarios of another recipe, or cannot be written.
+    """
     present = DataSet.load(data_set.folder)
+    if present is not None and not present.has_begun():
+        present = None
     if present is not None:
         found = differences(present.recipe.to_json(), data_set.recipe.to_json())
         if found:
@@ -128,7 +135,8 @@ def claim(data_set: DataSet) -> None:
                 f"{str(data_set.folder)!r} has a data set of another recipe:{listing}\nChoose another folder."
             )
     if present is None or present.count != data_set.count:
-        data_set.save()
+        with export_errors(data_set.folder):
+            data_set.save()
 
 
 class ScenarioRenderer:

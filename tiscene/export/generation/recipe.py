@@ -25,11 +25,17 @@ from tiscene.errors import ArgumentError, MissingFile, ScenarioError, did_you_me
 from tiscene.export.formats import find_format
 from tiscene.scenario.scenario import Scenario
 from tiscene.stream.stage_cache import image_size
+from tiscene.stream.stream import Stream
 from tiscene.usd.read.stage_render_settings import stage_resolution
 
 DRAWS = 8  # seeds that are tried for one scenario
 RANGES = tuple(  # arguments of `Scenario.sample` that a recipe may give
     name for name in inspect.signature(Scenario.sample).parameters if name not in ("scene", "seed", "camera", "frames")
+)
+SETTINGS = tuple(  # arguments of `Stream` that a recipe may give
+    name
+    for name in inspect.signature(Stream).parameters
+    if name not in ("source", "frames", "arch", "limits", "progress")
 )
 OF_SCENARIOS = ("camera", "variants")  # arguments of `Stream` that change its scenario
 
@@ -183,6 +189,7 @@ class Recipe:
         form = find_format(self.format)
         for name in ("ranges", "settings", "splits"):
             _mapping(getattr(self, name), f"recipe: {name}")
+        _check_names(self.settings, SETTINGS, "recipe: settings")
         _mapping(self.settings.get("variants", {}), "recipe: settings: variants")
         camera = self.settings.get("camera", "")
         if not isinstance(camera, str) and not _are_names(camera):
