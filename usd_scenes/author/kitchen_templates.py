@@ -4,41 +4,30 @@
 from __future__ import annotations
 
 from usd_scenes.author.models import appliances, footwear, hall, kitchen, pantry, plants
-from usd_scenes.author.template_model import TemplateModel
+from usd_scenes.author.template_model import TemplateModel, replacing, shades
 
-ENAMELS = {each: {"EnamelRed": f"Enamel{each.title()}"} for each in ("red", "blue", "mint", "cream")}
-WOODS = {"oak": {}, "walnut": {"Oak": "Walnut"}, "chestnut": {"Oak": "Chestnut"}}
-
-
-def _enamels(first: str, *others: str) -> dict[str, dict[str, str]]:
-    """Return colors of enamel, `first` being the model's own."""
-    return {each: {f"Enamel{first.title()}": f"Enamel{each.title()}"} for each in (first, *others)}
-
+ENAMELS = shades("Enamel", "red", "blue", "mint", "cream")
+WOODS = replacing("Oak", oak="Oak", walnut="Walnut", chestnut="Chestnut")
 
 KITCHEN_AND_HALL: dict[str, TemplateModel] = {
-    "fridge_01": TemplateModel(lambda: appliances.fridge("Fridge01"), _enamels("cream", "mint", "red", "white")),
+    "fridge_01": TemplateModel("Fridge01", appliances.fridge, shades("Enamel", "cream", "mint", "red", "white")),
     "stove_01": TemplateModel(
-        lambda: appliances.stove("Stove01"),
-        {
-            "steel": {},
-            "white": {"BrushedSteel": "EnamelWhite"},
-            "black": {"BrushedSteel": "EnamelBlack"},
-            "red": {"BrushedSteel": "EnamelRed"},
-        },
+        "Stove01",
+        appliances.stove,
+        replacing("BrushedSteel", steel="BrushedSteel", white="EnamelWhite", black="EnamelBlack", red="EnamelRed"),
     ),
     "sink_01": TemplateModel(
-        lambda: appliances.sink("Sink01"),
-        {"white": {}, "cream": {"Ceramic": "FireclayCream"}, "gray": {"Ceramic": "FireclayGray"}},
+        "Sink01", appliances.sink, replacing("Ceramic", white="Ceramic", cream="FireclayCream", gray="FireclayGray")
     ),
-    "toaster_01": TemplateModel(lambda: appliances.toaster("Toaster01"), _enamels("mint", "cream", "red", "blue")),
-    "kettle_01": TemplateModel(lambda: appliances.kettle("Kettle01"), ENAMELS | {"steel": {"EnamelRed": "Steel"}}),
+    "toaster_01": TemplateModel("Toaster01", appliances.toaster, shades("Enamel", "mint", "cream", "red", "blue")),
+    "kettle_01": TemplateModel("Kettle01", appliances.kettle, ENAMELS | {"steel": {"EnamelRed": "Steel"}}),
     "pan_01": TemplateModel(
-        lambda: pantry.pan("Pan01"),
-        {"iron": {}, "copper": {"CastIron": "CopperPan"}, "steel": {"CastIron": "BrushedSteel"}},
+        "Pan01", pantry.pan, replacing("CastIron", iron="CastIron", copper="CopperPan", steel="BrushedSteel")
     ),
-    "cutting_board_01": TemplateModel(lambda: pantry.cutting_board("CuttingBoard01"), WOODS),
+    "cutting_board_01": TemplateModel("CuttingBoard01", pantry.cutting_board, WOODS),
     "storage_jar_01": TemplateModel(
-        lambda: pantry.storage_jar("StorageJar01"),
+        "StorageJar01",
+        pantry.storage_jar,
         {
             "white": {},
             "cream": {"Porcelain": "CreamGlaze", "BlueGlaze": "Stoneware"},
@@ -46,7 +35,8 @@ KITCHEN_AND_HALL: dict[str, TemplateModel] = {
         },
     ),
     "bottle_01": TemplateModel(
-        lambda: pantry.bottle("Bottle01"),
+        "Bottle01",
+        pantry.bottle,
         {
             "green": {},
             "brown": {"GreenBottle": "BrownBottle", "EnamelRed": "EnamelBlue"},
@@ -54,10 +44,11 @@ KITCHEN_AND_HALL: dict[str, TemplateModel] = {
         },
     ),
     "bread_01": TemplateModel(
-        lambda: pantry.bread("Bread01"), {"wheat": {}, "rye": {"Crust": "CrustRye"}, "white": {"Crust": "CrustWhite"}}
+        "Bread01", pantry.bread, replacing("Crust", wheat="Crust", rye="CrustRye", white="CrustWhite")
     ),
     "fruit_bowl_01": TemplateModel(
-        lambda: pantry.fruit_bowl("FruitBowl01"),
+        "FruitBowl01",
+        pantry.fruit_bowl,
         {
             "stoneware": {},
             "blue": {"Stoneware": "BlueGlaze", "Apple": "ApplePale"},
@@ -65,52 +56,32 @@ KITCHEN_AND_HALL: dict[str, TemplateModel] = {
         },
     ),
     "utensils_01": TemplateModel(
-        lambda: pantry.utensils("Utensils01"),
-        {
-            "sand": {},
-            "blue": {"SandGlaze": "BlueGlaze", "PineWood": "Walnut"},
-            "green": {"SandGlaze": "GreenGlaze"},
-        },
+        "Utensils01",
+        pantry.utensils,
+        {"sand": {}, "blue": {"SandGlaze": "BlueGlaze", "PineWood": "Walnut"}, "green": {"SandGlaze": "GreenGlaze"}},
     ),
-    "stool_01": TemplateModel(lambda: kitchen.counter_stool("Stool01"), WOODS),
+    "stool_01": TemplateModel("Stool01", kitchen.counter_stool, WOODS),
     "plant_02": TemplateModel(
-        lambda: plants.rubber_plant("Plant02", 1.20, 57),
-        {"stoneware": {}, "clay": {"Stoneware": "Terracotta"}, "white": {"Stoneware": "Porcelain"}},
+        "Plant02",
+        lambda name: plants.rubber_plant(name, 1.2, 57),
+        replacing("Stoneware", stoneware="Stoneware", clay="Terracotta", white="Porcelain"),
     ),
     "vase_01": TemplateModel(
-        lambda: plants.vase_of_branches("Vase01"),
-        {
-            "sand": {},
-            "clay": {"SandGlaze": "Terracotta"},
-            "blue": {"SandGlaze": "BlueGlaze"},
-        },
+        "Vase01", plants.vase_of_branches, replacing("SandGlaze", sand="SandGlaze", clay="Terracotta", blue="BlueGlaze")
     ),
-    "shoes_01": TemplateModel(
-        lambda: footwear.shoes("Shoes01"),
-        {each: {"CanvasRed": f"Canvas{each.title()}"} for each in ("red", "navy", "gray")},
-    ),
-    "boots_01": TemplateModel(
-        lambda: footwear.boots("Boots01"),
-        {
-            "green": {},
-            "yellow": {"RubberGreen": "RubberYellow"},
-            "red": {"RubberGreen": "RubberRed"},
-        },
-    ),
+    "shoes_01": TemplateModel("Shoes01", footwear.shoes, shades("Canvas", "red", "navy", "gray")),
+    "boots_01": TemplateModel("Boots01", footwear.boots, shades("Rubber", "green", "yellow", "red")),
     "coat_rack_01": TemplateModel(
-        lambda: hall.coat_rack("CoatRack01"),
-        {"walnut": {}, "oak": {"Walnut": "Oak"}, "black": {"Walnut": "BlackMetal"}},
+        "CoatRack01", hall.coat_rack, replacing("Walnut", walnut="Walnut", oak="Oak", black="BlackMetal")
     ),
     "hat_01": TemplateModel(
-        lambda: hall.hat("Hat01"),
-        {
-            "gray": {},
-            "camel": {"Felt": "PlushTan", "BlackMetal": "Walnut"},
-            "navy": {"Felt": "CanvasNavy"},
-        },
+        "Hat01",
+        hall.hat,
+        {"gray": {}, "camel": {"Felt": "PlushTan", "BlackMetal": "Walnut"}, "navy": {"Felt": "CanvasNavy"}},
     ),
     "umbrella_stand_01": TemplateModel(
-        lambda: hall.umbrella_stand("UmbrellaStand01"),
+        "UmbrellaStand01",
+        hall.umbrella_stand,
         {
             "navy": {},
             "yellow": {"UmbrellaNavy": "UmbrellaYellow"},
@@ -118,11 +89,7 @@ KITCHEN_AND_HALL: dict[str, TemplateModel] = {
         },
     ),
     "mirror_01": TemplateModel(
-        lambda: hall.arched_mirror("Mirror01"),
-        {"oak": {}, "black": {"Oak": "BlackMetal"}, "brass": {"Oak": "Brass"}},
+        "Mirror01", hall.arched_mirror, replacing("Oak", oak="Oak", black="BlackMetal", brass="Brass")
     ),
-    "suitcase_01": TemplateModel(
-        lambda: hall.suitcase("Suitcase01"),
-        {each: {"ShellTeal": f"Shell{each.title()}"} for each in ("teal", "mustard", "black", "white")},
-    ),
+    "suitcase_01": TemplateModel("Suitcase01", hall.suitcase, shades("Shell", "teal", "mustard", "black", "white")),
 }

@@ -30,7 +30,7 @@ from usd_scenes.author.models import (
 )
 from usd_scenes.author.polygon_mesh import PolygonMesh
 from usd_scenes.author.shapes import circle, cylinder, fillet, lathe, rounded_box, sphere, sweep
-from usd_scenes.author.template_model import TemplateModel
+from usd_scenes.author.template_model import TemplateModel, replacing, shades
 
 MATTE_COLORS = ("red", "orange", "yellow", "green", "teal", "blue", "white")
 APPEARANCES = ("photoreal", "untextured", "primitives")
@@ -39,10 +39,10 @@ APPEARANCES = ("photoreal", "untextured", "primitives")
 def _primitive(name: str, color: str, make: Callable[[], PolygonMesh]) -> TemplateModel:
     """Return the template of a matte primitive in all colors, `color` first."""
     colors = {color: "Matte" + color.title(), **{each: "Matte" + each.title() for each in MATTE_COLORS}}
-    first = colors[color]
     return TemplateModel(
-        lambda: make_model(name, name.lower(), ("Body", first, make())),
-        {each: {first: material} for each, material in colors.items()},
+        name,
+        lambda _: make_model(name, name.lower(), ("Body", colors[color], make())),
+        replacing(colors[color], **colors),
         elementary=True,
     )
 
@@ -64,9 +64,9 @@ def _torus() -> PolygonMesh:
     return sweep(np.insert(circle(0.19, 64), 1, 0.0, axis=1), circle(0.07, 28), closed=True)
 
 
-def _novel() -> Model:
+def _novel(name: str) -> Model:
     """Build a hardback with a gilt frame and title on its front."""
-    book = small.book("Book01", 0, 0.15, 0.22, 0.034)
+    book = small.book(name, 0, 0.15, 0.22, 0.034)
     lines = [
         (0.118, 0.0012, 0.0, 0.094),
         (0.118, 0.0012, 0.0, -0.094),
@@ -77,42 +77,33 @@ def _novel() -> Model:
     gilt = [rounded_box((width, 0.0003, depth), 0.0001).translated(x, 0.0341, z) for width, depth, x, z in lines]
     gilt.append(lathe(fillet([[0.016, 0.0], [0.020, 0.0003], [0.024, 0.0]], 0.0), 40).translated(0.0, 0.0340, 0.016))
     return make_model(
-        "Book01", "book", *((part.name, part.material, part.mesh) for part in book.parts), ("Gilt", "Brass", gilt)
+        name, "book", *((part.name, part.material, part.mesh) for part in book.parts), ("Gilt", "Brass", gilt)
     )
 
 
-def _glazes(first: str, color: str) -> dict[str, dict[str, str]]:
-    """Return the colors of pottery; `first` is the material of `color`, which comes first."""
+def _glazes(color: str) -> dict[str, dict[str, str]]:
+    """Return the colors of pottery; `color`, the model's own, is first."""
     glazes = {"stoneware": "Stoneware", "blue": "BlueGlaze", "cream": "CreamGlaze", "green": "GreenGlaze"}
-    return {color: {}} | {each: {first: glaze} for each, glaze in glazes.items() if each != color}
+    return replacing(glazes[color], **{color: glazes[color]} | glazes)
 
 
-CUTLERY = {"steel": {}, "gold": {"Steel": "Brass"}, "black": {"Steel": "BlackSteel"}}
+CUTLERY = replacing("Steel", steel="Steel", gold="Brass", black="BlackSteel")
 
 TEMPLATES: dict[str, TemplateModel] = {
     "chair_01": TemplateModel(
-        lambda: seating.chair("Chair01"),
-        {
-            "chestnut": {},
-            "oak": {"Chestnut": "Oak"},
-            "walnut": {"Chestnut": "Walnut"},
-            "white": {"Chestnut": "TrimPaint"},
-        },
+        "Chair01",
+        seating.chair,
+        replacing("Chestnut", chestnut="Chestnut", oak="Oak", walnut="Walnut", white="TrimPaint"),
     ),
-    "chair_02": TemplateModel(
-        lambda: seating.shell_chair("Chair02"),
-        {each: {"ShellWhite": f"Shell{each.title()}"} for each in ("white", "teal", "mustard", "black")},
-    ),
+    "chair_02": TemplateModel("Chair02", seating.shell_chair, shades("Shell", "white", "teal", "mustard", "black")),
     "armchair_01": TemplateModel(
-        lambda: seating.armchair("Armchair01"),
-        {
-            "cognac": {},
-            "black": {"Leather": "LeatherBlack"},
-            "green": {"Leather": "LeatherGreen", "Walnut": "Oak"},
-        },
+        "Armchair01",
+        seating.armchair,
+        {"cognac": {}, "black": {"Leather": "LeatherBlack"}, "green": {"Leather": "LeatherGreen", "Walnut": "Oak"}},
     ),
     "sofa_01": TemplateModel(
-        lambda: seating.settee("Sofa01"),
+        "Sofa01",
+        seating.settee,
         {
             "gray": {},
             "mustard": {"SofaWool": "Mustard", "Mustard": "Cream"},
@@ -121,25 +112,18 @@ TEMPLATES: dict[str, TemplateModel] = {
         },
     ),
     "pillow_01": TemplateModel(
-        lambda: pillows.painted_pillow("Pillow01"),
-        {
-            "painted": {},
-            "mustard": {"ScribbleCotton": "PillowMustard"},
-            "teal": {"ScribbleCotton": "PillowTeal"},
-            "rust": {"ScribbleCotton": "PillowRust"},
-        },
+        "Pillow01",
+        pillows.painted_pillow,
+        replacing(
+            "ScribbleCotton", painted="ScribbleCotton", mustard="PillowMustard", teal="PillowTeal", rust="PillowRust"
+        ),
     ),
     "pouf_01": TemplateModel(
-        lambda: seating.pouf("Pouf01"),
-        {
-            "slate": {},
-            "cream": {"ThrowWool": "Cream"},
-            "mustard": {"ThrowWool": "Mustard"},
-            "rust": {"ThrowWool": "Rust"},
-        },
+        "Pouf01", seating.pouf, replacing("ThrowWool", slate="ThrowWool", cream="Cream", mustard="Mustard", rust="Rust")
     ),
     "lamp_floor_01": TemplateModel(
-        lambda: lamps.tripod_lamp("LampFloor01"),
+        "LampFloor01",
+        lamps.tripod_lamp,
         {
             "linen": {},
             "red": {"LampShade": "ShadeRed", "Oak": "Walnut"},
@@ -147,7 +131,8 @@ TEMPLATES: dict[str, TemplateModel] = {
         },
     ),
     "painting_01": TemplateModel(
-        lambda: small.hanging_picture("Painting01"),
+        "Painting01",
+        small.hanging_picture,
         {
             "landscape": {},
             "coast": {"Landscape": "Coast", "Oak": "BlackMetal"},
@@ -155,7 +140,8 @@ TEMPLATES: dict[str, TemplateModel] = {
         },
     ),
     "statue_01": TemplateModel(
-        lambda: small.sculpture("Statue01"),
+        "Statue01",
+        small.sculpture,
         {
             "stone": {},
             "bronze": {"PaleStone": "Bronze"},
@@ -163,33 +149,34 @@ TEMPLATES: dict[str, TemplateModel] = {
         },
     ),
     "plant_01": TemplateModel(
-        lambda: plants.snake_plant("Plant01"),
-        {"clay": {}, "white": {"Terracotta": "Porcelain"}, "blue": {"Terracotta": "BlueGlaze"}},
+        "Plant01", plants.snake_plant, replacing("Terracotta", clay="Terracotta", white="Porcelain", blue="BlueGlaze")
     ),
     "dish_01": TemplateModel(
-        lambda: tableware.dish("Dish01"),
+        "Dish01",
+        tableware.dish,
         {
             "blue": {},
             "green": {"BlueGlaze": "GreenGlaze"},
             "stoneware": {"Porcelain": "Stoneware", "BlueGlaze": "CreamGlaze"},
         },
     ),
-    "bowl_01": TemplateModel(lambda: tableware.bowl("Bowl01"), _glazes("Stoneware", "stoneware")),
-    "cup_01": TemplateModel(lambda: tableware.cup("Cup01"), _glazes("BlueGlaze", "blue")),
-    "ewer_01": TemplateModel(lambda: tableware.ewer("Ewer01"), _glazes("CreamGlaze", "cream")),
-    "fork_01": TemplateModel(lambda: cutlery.fork("Fork01"), CUTLERY),
-    "spoon_01": TemplateModel(lambda: cutlery.spoon("Spoon01"), CUTLERY),
-    "pot_01": TemplateModel(lambda: kitchen.pot("Pot01"), ENAMELS | {"steel": {"EnamelRed": "Steel"}}),
+    "bowl_01": TemplateModel("Bowl01", tableware.bowl, _glazes("stoneware")),
+    "cup_01": TemplateModel("Cup01", tableware.cup, _glazes("blue")),
+    "ewer_01": TemplateModel("Ewer01", tableware.ewer, _glazes("cream")),
+    "fork_01": TemplateModel("Fork01", cutlery.fork, CUTLERY),
+    "spoon_01": TemplateModel("Spoon01", cutlery.spoon, CUTLERY),
+    "pot_01": TemplateModel("Pot01", kitchen.pot, ENAMELS | {"steel": {"EnamelRed": "Steel"}}),
     "candle_01": TemplateModel(
-        lambda: small.candle("Candle01"),
-        {"ivory": {}, "red": {"Candle": "CandleRed"}, "green": {"Candle": "CandleGreen"}},
+        "Candle01", small.candle, replacing("Candle", ivory="Candle", red="CandleRed", green="CandleGreen")
     ),
     "book_01": TemplateModel(
+        "Book01",
         _novel,
-        {each: {"Spines": f"Spines{each.title()}"} for each in ("red", "blue", "green", "cream")},
+        replacing("Spines", red="SpinesRed", blue="SpinesBlue", green="SpinesGreen", cream="SpinesCream"),
     ),
     "laptop_01": TemplateModel(
-        lambda: small.laptop("Laptop01"),
+        "Laptop01",
+        small.laptop,
         {
             "silver": {},
             "graphite": {"Aluminium": "Graphite", "Steel": "Graphite"},
@@ -197,7 +184,8 @@ TEMPLATES: dict[str, TemplateModel] = {
         },
     ),
     "cellphone_01": TemplateModel(
-        lambda: desk.cellphone("Cellphone01"),
+        "Cellphone01",
+        desk.cellphone,
         {
             "graphite": {},
             "rose": {"PhoneCase": "PhoneRose", "Aluminium": "PhoneRose"},
@@ -205,47 +193,35 @@ TEMPLATES: dict[str, TemplateModel] = {
         },
     ),
     "remote_controller_01": TemplateModel(
-        lambda: small.remote("RemoteController01"),
+        "RemoteController01",
+        small.remote,
         {
             "black": {},
             "white": {"BlackPlastic": "WhitePlastic"},
             "gray": {"BlackPlastic": "GrayPlastic", "GrayPlastic": "BlackPlastic"},
         },
     ),
-    "pen_01": TemplateModel(
-        lambda: desk.pen("Pen01"), {each: {"PenBlue": f"Pen{each.title()}"} for each in ("blue", "red", "green")}
-    ),
-    "alarm_clock_01": TemplateModel(lambda: desk.alarm_clock("AlarmClock01"), ENAMELS),
+    "pen_01": TemplateModel("Pen01", desk.pen, shades("Pen", "blue", "red", "green")),
+    "alarm_clock_01": TemplateModel("AlarmClock01", desk.alarm_clock, ENAMELS),
     "box_01": TemplateModel(
-        lambda: desk.cardboard_box("Box01"),
+        "Box01",
+        desk.cardboard_box,
         {
             "brown": {},
             "white": {"Cardboard": "CardboardWhite"},
             "blue": {"Cardboard": "CardboardBlue", "BlackPlastic": "WhitePlastic"},
         },
     ),
-    "recycle_bin_02": TemplateModel(
-        lambda: desk.recycle_bin("RecycleBin02"),
-        {each: {"BinBlue": f"Bin{each.title()}"} for each in ("blue", "green", "gray")},
-    ),
-    "towel_01": TemplateModel(
-        lambda: bath.towel("Towel01"),
-        {each: {"TowelBlue": f"Towel{each.title()}"} for each in ("blue", "white", "rose", "sage")},
-    ),
+    "recycle_bin_02": TemplateModel("RecycleBin02", desk.recycle_bin, shades("Bin", "blue", "green", "gray")),
+    "towel_01": TemplateModel("Towel01", bath.towel, shades("Towel", "blue", "white", "rose", "sage")),
     "toilet_paper_01": TemplateModel(
-        lambda: bath.toilet_paper("ToiletPaper01"),
-        {"white": {}, "peach": {"Tissue": "TissuePeach"}, "blue": {"Tissue": "TissueBlue"}},
+        "ToiletPaper01", bath.toilet_paper, replacing("Tissue", white="Tissue", peach="TissuePeach", blue="TissueBlue")
     ),
-    "soap_01": TemplateModel(
-        lambda: bath.soap("Soap01"),
-        {each: {"SoapGreen": f"Soap{each.title()}"} for each in ("green", "pink", "ivory")},
-    ),
-    "plunger_01": TemplateModel(
-        lambda: bath.plunger("Plunger01"),
-        {each: {"RubberRed": f"Rubber{each.title()}"} for each in ("red", "black", "green")},
-    ),
+    "soap_01": TemplateModel("Soap01", bath.soap, shades("Soap", "green", "pink", "ivory")),
+    "plunger_01": TemplateModel("Plunger01", bath.plunger, shades("Rubber", "red", "black", "green")),
     "tennis_racket_01": TemplateModel(
-        lambda: small.tennis_racket("TennisRacket01"),
+        "TennisRacket01",
+        small.tennis_racket,
         {
             "red": {},
             "blue": {"RacketFrame": "RacketBlue"},
@@ -253,7 +229,8 @@ TEMPLATES: dict[str, TemplateModel] = {
         },
     ),
     "ball_01": TemplateModel(
-        lambda: small.beach_ball("Ball01"),
+        "Ball01",
+        small.beach_ball,
         {
             "primary": {},
             "pastel": {"BallRed": "BallPink", "BallBlue": "BallMint", "BallYellow": "BallSky"},
@@ -262,7 +239,8 @@ TEMPLATES: dict[str, TemplateModel] = {
         elementary=True,
     ),
     "teddy_bear_01": TemplateModel(
-        lambda: toys.teddy_bear("TeddyBear01"),
+        "TeddyBear01",
+        toys.teddy_bear,
         {
             "brown": {},
             "cream": {"PlushBrown": "PlushCream", "RibbonRed": "RibbonBlue"},
