@@ -48,6 +48,7 @@ angles, where a class accepts them, are degrees (see `dynamics.rotation`). Axes 
     rotation, random                    quaternions; counter-based random numbers
     errors, argument_checks             exceptions; validation of arguments
     kernel_types                        types of kernel arguments
+    lru_cache                           a cache of a bounded number of values
     cache_folder                        folder of Taichi's cache where there is no home
 """
 

@@ -16,6 +16,7 @@ import numpy as np
 from dynamics import argument_checks
 from dynamics.dynamic import Array, Dynamic, Pose
 from dynamics.errors import ArgumentTypeError
+from dynamics.lru_cache import LRUCache
 from dynamics.rotation import quaternion
 from dynamics.waypoints import Waypoint
 
@@ -86,7 +87,7 @@ class SteppedStates:
         self._checkpoints: dict[int, Any] = {0: dynamic.begin(start)}
         self._interval = CHECKPOINT
         self._latest = (0, self._checkpoints[0])
-        self._poses: dict[int, Array] = {}
+        self._poses: LRUCache[int, Array] = LRUCache(CHECKPOINT)
 
     @property
     def checkpoint_count(self) -> int:
@@ -104,16 +105,13 @@ class SteppedStates:
         return np.concatenate([position, rotation / np.linalg.norm(rotation)])
 
     def _pose(self, number: int) -> Array:
-        if number not in self._poses:
-            while len(self._poses) >= CHECKPOINT:
-                self._poses.pop(next(iter(self._poses)))
-            pose = self._dynamic.pose(self._state(number))
-            if not isinstance(pose, Waypoint):
-                raise ArgumentTypeError(
-                    f"{self._name}: pose() returned {pose!r}: must be a Waypoint(position, rotation)"
-                )
-            self._poses[number] = np.array([*pose.position, *quaternion(pose.rotation)])
-        return self._poses[number]
+        return self._poses.get(number, lambda: self._new_pose(number))
+
+    def _new_pose(self, number: int) -> Array:
+        pose = self._dynamic.pose(self._state(number))
+        if not isinstance(pose, Waypoint):
+            raise ArgumentTypeError(f"{self._name}: pose() returned {pose!r}: must be a Waypoint(position, rotation)")
+        return np.array([*pose.position, *quaternion(pose.rotation)])
 
     def _state(self, number: int) -> Any:
         reached, state = self._latest

@@ -159,7 +159,7 @@ def test_a_pile_of_concave_objects_rests_on_the_floor():
     scenario = ts.Scenario("object_view", [floor, *tori], physics=True)
     with ts.Stream(scenario, width=8, height=6, buffers=("depth",)) as stream:
         assert height(stream, 25, "torus_0") > 0.0
-        (model,) = stream.world.trajectories._physics._models.values()
+        (model,) = stream.world.trajectories._physics._models._values.values()
         assert model._data.warning[mjtWarning.mjWARN_CNSTRFULL].number == 0
 
 

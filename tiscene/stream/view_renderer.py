@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from dynamics.lru_cache import LRUCache
 from tiscene.device import runtime
 from tiscene.frame.buffers import COLORS, complete, rendered_buffers
 from tiscene.frame.frame import Frame, FrameCamera
@@ -90,7 +91,7 @@ class ViewRenderer:
         self._cache_bytes = cache_bytes
         self._progress = progress
         self._session = runtime.session()
-        self._renderers: dict[tuple[int, int], Renderer] = {}
+        self._renderers: LRUCache[tuple[int, int], Renderer] = LRUCache(MAX_RENDERERS)
         self._metered: tuple[int, float] | None = None  # edits of frame 0 before the metering; stops
 
     def check_session(self) -> None:
@@ -324,15 +325,12 @@ class ViewRenderer:
             self._scene.add(description)
 
     def _renderer(self, view: View) -> Renderer:
-        """Return the renderer of an image size; the least recently used ones are dropped."""
+        """Return the renderer of an image size."""
         size = view.width, view.height
-        renderer = self._renderers.pop(size, None) or Renderer(
-            self._scene, *size, self.settings, cache_bytes=self._cache_bytes, progress=self._progress
+        return self._renderers.get(
+            size,
+            lambda: Renderer(self._scene, *size, self.settings, cache_bytes=self._cache_bytes, progress=self._progress),
         )
-        self._renderers[size] = renderer
-        if len(self._renderers) > MAX_RENDERERS:
-            del self._renderers[next(iter(self._renderers))]
-        return renderer
 
 
 def render_all_cameras(

@@ -16,12 +16,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynamics import Body, Dynamic, Mover, RigidBody, Shape, Still, Teleport, UniformMovementRandomBounce
+from dynamics.lru_cache import LRUCache
 from dynamics.rotation import quaternion
 from tiscene.scenario.edits import Despawn, Edit, EditLog, Move
 from tiscene.scenario.objects import Object
 from tiscene.world.proxy_cache import proxy_of
 
-MAX_SHAPES = 256  # sphere proxies kept; the least recently made ones are dropped first
+MAX_SHAPES = 256  # sphere proxies kept
 UNUSED = 64  # objects kept beside the used ones and as many others
 
 
@@ -47,7 +48,7 @@ class ObjectMovers(Sequence[Mover]):
         self._fps = fps
         self._surface = surface
         self._entries: dict[int, _Entry] = {}
-        self._shapes: dict[tuple[object, ...], Shape | None] = {}
+        self._shapes: LRUCache[tuple[object, ...], Shape | None] = LRUCache(MAX_SHAPES)
 
     @property
     def cached_objects(self) -> int:
@@ -135,13 +136,12 @@ class ObjectMovers(Sequence[Mover]):
 
     def _shape(self, spec: Object) -> Shape | None:
         """Return the proxy spheres of an object, shared by template and scale; None without a surface."""
-        key = (spec.template, spec.scale)
-        if key not in self._shapes:
+
+        def new() -> Shape | None:
             surface = self._surface(spec)
-            while len(self._shapes) >= MAX_SHAPES:
-                del self._shapes[next(iter(self._shapes))]
-            self._shapes[key] = proxy_of(surface) if len(surface) else None
-        return self._shapes[key]
+            return proxy_of(surface) if len(surface) else None
+
+        return self._shapes.get((spec.template, spec.scale), new)
 
 
 def _teleport(move: Move) -> Teleport:

@@ -9,6 +9,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from dynamics.lru_cache import LRUCache
 from tiscene.errors import ScenarioError
 from tiscene.frame.object_table import ObjectState
 from tiscene.scenario.edits import ObjectHistory
@@ -23,7 +24,7 @@ from tiscene.world.object_geometry import ObjectGeometry
 from tiscene.world.stage_animation import AnimatedInstances, box_over_time, changing
 
 Array = NDArray[np.float64]
-MAX_GEOMETRIES = 256  # of templates and scales; the least recently made ones are dropped first
+MAX_GEOMETRIES = 256  # of templates and scales
 MAX_SURFACES = 16  # likewise
 
 
@@ -127,8 +128,8 @@ class ObjectRegistry:
         self.first_light_frame: int | None = None
         self._histories = histories
         self._settled = 0
-        self._geometries: dict[tuple[str, Vector3], ObjectGeometry] = {}
-        self._surfaces: dict[tuple[object, ...], Array] = {}
+        self._geometries: LRUCache[tuple[str, Vector3], ObjectGeometry] = LRUCache(MAX_GEOMETRIES)
+        self._surfaces: LRUCache[tuple[object, ...], Array] = LRUCache(MAX_SURFACES)
         self._entries: dict[int, tuple[ObjectState, ObjectGeometry]] = {}
         self._selection: ObjectSelection | None = None
         self.settle()
@@ -144,12 +145,7 @@ class ObjectRegistry:
         Returns:
             float64 [m, 3, 3], triangles in the object's axes, m.
         """
-        key = spec.template, spec.scale
-        if key not in self._surfaces:
-            while len(self._surfaces) >= MAX_SURFACES:
-                del self._surfaces[next(iter(self._surfaces))]
-            self._surfaces[key] = self._new_surface(spec)
-        return self._surfaces[key]
+        return self._surfaces.get((spec.template, spec.scale), lambda: self._new_surface(spec))
 
     def _new_surface(self, spec: Object) -> Array:
         description = self.template(spec).description
@@ -303,14 +299,13 @@ class ObjectRegistry:
     def _geometry(self, spec: Object) -> ObjectGeometry:
         """Return the geometry of an object; objects of one template and scale share it."""
         x, y, z = np.broadcast_to(spec.scale, 3).tolist()
-        key = spec.template, (x, y, z)
-        if key not in self._geometries:
+
+        def new() -> ObjectGeometry:
             description = self.template(spec).description
             place = next(at for at, each in enumerate(self.descriptions) if each is description)
-            while len(self._geometries) >= MAX_GEOMETRIES:
-                del self._geometries[next(iter(self._geometries))]
-            self._geometries[key] = ObjectGeometry.of(description, place, self._first_mesh[spec.template], (x, y, z))
-        return self._geometries[key]
+            return ObjectGeometry.of(description, place, self._first_mesh[spec.template], (x, y, z))
+
+        return self._geometries.get((spec.template, (x, y, z)), new)
 
     def template(self, each: Object) -> Template:
         """Return the template of an object, which need not be registered."""

@@ -9,6 +9,7 @@ from collections.abc import Callable, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
+from dynamics.lru_cache import LRUCache
 from dynamics.rotation import matrix_from_quaternion
 from dynamics.surface_overlap import boxes_touch, shrunk, surfaces_cross, winding_number
 from tiscene.scenario.edits import EditLog
@@ -21,7 +22,7 @@ Array = NDArray[np.float64]
 MARGIN = 0.005  # m: how deep an object may be in another one, such as the floor it stands on, without a report
 MAX_SHRINK = 0.2  # the same as a fraction of the object's size
 MAX_SOLID = 100_000  # triangles of a mesh that is tested for objects that lie wholly inside
-MAX_BOXES = 1024  # kept, one per template and scale; the least recently made ones are dropped first
+MAX_BOXES = 1024  # kept, one per template and scale
 
 # `OverlapDetector._mesh_boxes` of the stages that exist.
 _known_boxes: weakref.WeakKeyDictionary[SceneDescription, Array] = weakref.WeakKeyDictionary()
@@ -57,7 +58,7 @@ class OverlapDetector:
         self._instances = instances
         self._trajectories = trajectories
         self._viewpoint = np.array(viewpoint, np.float64)
-        self._boxes: dict[tuple[object, ...], Array] = {}
+        self._boxes: LRUCache[tuple[object, ...], Array] = LRUCache(MAX_BOXES)
 
     def find(self, frame: int) -> list[Collision]:
         """Return the overlaps of the objects that appear at a frame, or that an edit moves there.
@@ -95,12 +96,7 @@ class OverlapDetector:
 
     def _own_box(self, row: int) -> Array:
         spec = self._log.lives[row].spec
-        key = spec.template, spec.scale
-        if key not in self._boxes:
-            while len(self._boxes) >= MAX_BOXES:
-                del self._boxes[next(iter(self._boxes))]
-            self._boxes[key] = _box(self._surface(spec))
-        return self._boxes[key]
+        return self._boxes.get((spec.template, spec.scale), lambda: _box(self._surface(spec)))
 
     @property
     def _mesh_boxes(self) -> Array:

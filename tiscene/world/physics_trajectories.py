@@ -16,6 +16,7 @@ from fractions import Fraction
 import numpy as np
 
 from dynamics.clocks import exact
+from dynamics.lru_cache import LRUCache
 from dynamics.rigid_body import RigidBody
 from dynamics.rotation import quaternion
 from tiscene.scenario.edits import Edit, EditLog
@@ -137,7 +138,7 @@ class ScenarioPhysics:
         self._trajectories, self._log, self._setting, self._joints = trajectories, log, setting, joints
         self._joined = {id for each in joints for id in (each.body, each.parent) if id is not None}
         self._made_joints: dict[tuple[int, int, int | None], PhysicsJoint] = {}
-        self._parts: dict[tuple[object, ...], list[PartShape]] = {}
+        self._parts: LRUCache[tuple[object, ...], list[PartShape]] = LRUCache(KEPT_SHAPES)
         self._stage_parts = StageParts(setting.stage.meshes, trajectories.progress)
 
     def bodies(self, frame: int) -> Sequence[PhysicsBody]:
@@ -212,13 +213,12 @@ class ScenarioPhysics:
 
     def _parts_of(self, spec: Object) -> list[PartShape]:
         """Return the parts of an object's collision surface, shared by template and scale."""
-        key = spec.template, spec.scale
-        if key not in self._parts:
-            while len(self._parts) >= KEPT_SHAPES:
-                del self._parts[next(iter(self._parts))]
-            surface = self._setting.surface(spec)
-            size = float(np.ptp(surface.reshape(-1, 3), axis=0).max()) if len(surface) else 0.0
-            disk = PartsCache(hashlib.sha256(surface.tobytes()).digest())
-            self._parts[key] = disk.parts(surface, min(max(0.02 * size, 0.001), 0.01), min(0.02 * size, 0.004))
-            disk.save()
-        return self._parts[key]
+        return self._parts.get((spec.template, spec.scale), lambda: _parts_of(self._setting.surface(spec)))
+
+
+def _parts_of(surface: Array) -> list[PartShape]:
+    size = float(np.ptp(surface.reshape(-1, 3), axis=0).max()) if len(surface) else 0.0
+    disk = PartsCache(hashlib.sha256(surface.tobytes()).digest())
+    parts = disk.parts(surface, min(max(0.02 * size, 0.001), 0.01), min(0.02 * size, 0.004))
+    disk.save()
+    return parts

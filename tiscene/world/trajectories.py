@@ -13,7 +13,7 @@ import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from fractions import Fraction
-from typing import Any, Literal
+from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,6 +21,7 @@ from numpy.typing import NDArray
 from dynamics import Body, CollisionState, Dynamic, Simulation, SteppedSimulation, Still
 from dynamics.clocks import exact
 from dynamics.dynamic import ClosedForm
+from dynamics.lru_cache import LRUCache
 from dynamics.obstacles import Obstacles
 from dynamics.timings import AssignedWindows
 from tiscene.errors import ScenarioError
@@ -115,14 +116,14 @@ class Trajectories:
         self._unspawned = len(scenario.objects)
         self.closed_form = self._simulation()
         self._spawned: tuple[tuple[int, ...], Simulation] = ((), Simulation(()))
-        self._closed_form_poses: dict[Fraction, Array] = {}
-        self._spawned_poses: dict[tuple[Fraction, tuple[int, ...]], Array] = {}
+        self._closed_form_poses: LRUCache[Fraction, Array] = LRUCache(KEPT_FRAMES)
+        self._spawned_poses: LRUCache[tuple[Fraction, tuple[int, ...]], Array] = LRUCache(KEPT_FRAMES)
         # Frames at which edits change the stage as an obstacle.
         moved = [move.frame for life in log.stage.values() for move in life.moves]
         gone = [life.despawned for life in log.stage.values() if life.despawned is not None]
         self._changes = sorted({*moved, *gone})
         # By the number of changes so far.
-        self._obstacles: dict[int, Obstacles] = {}
+        self._obstacles: LRUCache[int, Obstacles] = LRUCache(KEPT_OBSTACLES)
         self._obstacle_rows: NDArray[np.int64] = np.zeros(0, np.int64)
         self._onset = CollisionOnset(
             log, self._movers, lambda: self._obstacles_at(0), walled=scenario.frustum is not None
@@ -146,7 +147,7 @@ class Trajectories:
         if isinstance(edit, Move | Despawn) and self._log.row(edit.id) is None:
             # Obstacles before the edit stay valid.
             kept = bisect.bisect_left(self._changes, edit.frame)
-            self._obstacles = {epoch: each for epoch, each in self._obstacles.items() if epoch <= kept}
+            self._obstacles.drop(lambda epoch: epoch > kept)
             if edit.frame not in self._changes[kept : kept + 1]:
                 self._changes.insert(kept, edit.frame)
         if self.stepped is not None:
@@ -284,43 +285,36 @@ class Trajectories:
 
     def _scenario_poses(self, frame: Fraction) -> Array:
         """Return the poses of `closed_form` at a time in frames."""
-        if frame not in self._closed_form_poses:
-            poses = self.closed_form.poses(frame / self._fps)
-            _make_room(self._closed_form_poses)
-            self._closed_form_poses[frame] = poses
-        return self._closed_form_poses[frame]
+        return self._closed_form_poses.get(frame, lambda: self.closed_form.poses(frame / self._fps))
 
     def _closed_form(self, frame: Fraction, rows: tuple[int, ...]) -> Array:
         """Return new poses of objects without collisions at a time in frames."""
         count = bisect.bisect_left(rows, self._unspawned)
         poses = self._scenario_poses(frame)[list(rows[:count])]
-        return np.concatenate([poses, self._poses_of_spawned(frame, rows[count:])]) if count < len(rows) else poses
+        if count == len(rows):
+            return poses
+        spawned = rows[count:]
+        return np.concatenate(
+            [poses, self._spawned_poses.get((frame, spawned), lambda: self._poses_of_spawned(frame, spawned))]
+        )
 
     def _poses_of_spawned(self, frame: Fraction, rows: tuple[int, ...]) -> Array:
-        key = frame, rows
-        if key not in self._spawned_poses:
-            if self._spawned[0] != rows:
-                self._movers.keep((*range(self._unspawned), *rows))
-                self._spawned = rows, Simulation([self._movers.body(row) for row in rows])
-            poses = self._spawned[1].poses(frame / self._fps)
-            _make_room(self._spawned_poses)
-            self._spawned_poses[key] = poses
-        return self._spawned_poses[key]
+        if self._spawned[0] != rows:
+            self._movers.keep((*range(self._unspawned), *rows))
+            self._spawned = rows, Simulation([self._movers.body(row) for row in rows])
+        return self._spawned[1].poses(frame / self._fps)
 
     def _obstacles_at(self, frame: int) -> Obstacles:
         """Return the stage as obstacles, from a frame to the next."""
-        epoch = bisect.bisect_right(self._changes, frame)
-        if epoch not in self._obstacles:
+
+        def new() -> Obstacles:
             trees = self._setting.trees()
             instances, there = self._setting.instances(frame)
             tree = ObstacleTree(trees, instances, there)
-            while len(self._obstacles) >= KEPT_OBSTACLES:
-                del self._obstacles[next(iter(self._obstacles))]
-            self._obstacles[epoch] = Obstacles.from_trees(
-                trees.bvh, trees.is_bvh8, tree.roots, tree.matrices, tree.root
-            )
             self._obstacle_rows = tree.rows
-        return self._obstacles[epoch]
+            return Obstacles.from_trees(trees.bvh, trees.is_bvh8, tree.roots, tree.matrices, tree.root)
+
+        return self._obstacles.get(bisect.bisect_right(self._changes, frame), new)
 
     def walls(self, time: Fraction) -> Array | None:
         """Return the planes that bound objects up to a time (s); None without walls."""
@@ -368,9 +362,3 @@ def replace_rows(poses: Array, rows: tuple[int, ...], state: CollisionState | Ph
         _, into, source = np.intersect1d(rows, state.numbers, assume_unique=True, return_indices=True)
         poses[into] = simulated[source]
     return poses
-
-
-def _make_room(cache: dict[Any, Array]) -> None:
-    """Drop the oldest entries of a cache that is full."""
-    while len(cache) >= KEPT_FRAMES:
-        del cache[next(iter(cache))]

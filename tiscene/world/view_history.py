@@ -14,6 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from dynamics.lru_cache import LRUCache
 from dynamics.rotation import matrix_from_quaternion
 from tiscene.frame.difficulty import NEVER_SHOWN
 from tiscene.scenario.edits import EditLog
@@ -78,11 +79,11 @@ class ViewHistory:
         self._step = max(1, round(fps / RATE))
         self._lag = max(1, round(fps * LATEST))
         self._aspect = aspect
-        self._views: dict[tuple[int, int], dict[int, Array]] = {}
+        self._views: LRUCache[tuple[int, int], dict[int, Array]] = LRUCache(KEPT)
 
     def forget(self, frame: int) -> None:
         """Drop the views from a frame on, which an edit may have changed."""
-        self._views = {key: views for key, views in self._views.items() if key[0] < frame}
+        self._views.drop(lambda key: key[0] >= frame)
 
     def of_frame(self, frame: int, row: int, camera: Camera) -> FrameNovelty:
         """Return the novelty of a frame that a camera took, against the views of the camera in a row."""
@@ -104,13 +105,9 @@ class ViewHistory:
 
     def _seen(self, frame: int, row: int) -> dict[int, Array]:
         """Return the directions to the camera of the objects in view at a frame, by row."""
-        key = frame, row
-        if key not in self._views:
-            while len(self._views) >= KEPT:
-                del self._views[next(iter(self._views))]
-            camera = self._cameras.at(frame, row, frame)
-            self._views[key] = self._directions(frame, camera, in_view=True)
-        return self._views[key]
+        return self._views.get(
+            (frame, row), lambda: self._directions(frame, self._cameras.at(frame, row, frame), in_view=True)
+        )
 
     def _directions(self, frame: int, camera: Camera, *, in_view: bool = False) -> dict[int, Array]:
         rows = [row for row in self._log.around(frame) if self._log.lives[row].alive(frame, as_of=frame)]

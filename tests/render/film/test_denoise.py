@@ -8,6 +8,7 @@ import sys
 import numpy as np
 import pytest
 
+from dynamics.lru_cache import LRUCache
 from tiscene.errors import ArgumentError
 from tiscene.render.film import denoise as module
 from tiscene.render.film.denoise import QUALITIES, denoise
@@ -51,7 +52,7 @@ def test_images_in_device_memory_give_the_same_bytes(clean: bool, monkeypatch: p
     _, image, albedo, normal = noisy()
     expected = denoise(image, albedo, normal, clean=clean)
     device, _ = module._oidn_device()
-    monkeypatch.setattr(module, "_denoisers", {})
+    monkeypatch.setattr(module, "_denoisers", LRUCache(1))
     monkeypatch.setattr(module, "_device", (device, module._DeviceImage))
     assert module.denoiser_device() == "cuda"
     for _ in range(2):
@@ -72,8 +73,7 @@ def test_filters_that_are_dropped_are_released(monkeypatch: pytest.MonkeyPatch) 
     released = []
     release = pyoidn.Filter.release
     monkeypatch.setattr(pyoidn.Filter, "release", lambda self: released.append(self) or release(self))
-    monkeypatch.setattr(module, "_denoisers", {})
-    monkeypatch.setattr(module, "MAX_FILTERS", 2)
+    monkeypatch.setattr(module, "_denoisers", LRUCache(2))
     _, image, albedo, normal = noisy()
     for height in (16, 17, 18, 19):
         denoise(image[:height], albedo[:height], normal[:height])

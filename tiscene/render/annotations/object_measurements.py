@@ -17,6 +17,7 @@ from typing import Any, Generic, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
+from dynamics.lru_cache import LRUCache
 from tiscene.device import runtime
 from tiscene.frame.measurements import AmodalMask, OrientedBox, StoredMeasurements
 from tiscene.frame.object_table import ObjectState, ObjectTable
@@ -37,7 +38,7 @@ from tiscene.scene.camera import Camera, quaternion_from_matrix
 from tiscene.scene.device_scene import DeviceScene
 from tiscene.scene.placement import CURRENT, Placement
 
-KEPT_VIEWS = 4  # least recently used views are dropped
+KEPT_VIEWS = 4
 _MAX_COORDINATE = 1e7  # px, of projections of points near the camera's plane
 Value = TypeVar("Value")
 
@@ -104,7 +105,7 @@ class Measurer:
         self.scene = scene
         self.labels = LabelPass(scene)
         self.pixels = PixelCounter(scene)
-        self._caches: dict[tuple[Camera, int, int], dict[int, _CachedMeasurements]] = {}
+        self._caches: LRUCache[tuple[Camera, int, int], dict[int, _CachedMeasurements]] = LRUCache(KEPT_VIEWS)
 
     def table(
         self,
@@ -129,12 +130,7 @@ class Measurer:
 
     def cache_of(self, view: View) -> dict[int, _CachedMeasurements]:
         """Return the cache of a view, by object id, which the caller updates."""
-        key = view.current, view.width, view.height
-        found = self._caches.pop(key, {})
-        if len(self._caches) >= KEPT_VIEWS:
-            del self._caches[next(iter(self._caches))]
-        self._caches[key] = found
-        return found
+        return self._caches.get((view.current, view.width, view.height), dict)
 
 
 class SceneMeasures:

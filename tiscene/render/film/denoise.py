@@ -17,6 +17,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from dynamics.lru_cache import LRUCache
 from tiscene.device import runtime
 from tiscene.errors import ArgumentError, DeviceError
 
@@ -94,7 +95,7 @@ class _Denoiser:
 
 
 _device: tuple[Any, type[_HostImage | _DeviceImage]] | None = None  # and where its images are
-_denoisers: dict[tuple[int, int, str, bool], _Denoiser] = {}
+_denoisers: LRUCache[tuple[int, int, str, bool], _Denoiser] = LRUCache(MAX_FILTERS)
 
 
 def denoise(
@@ -122,11 +123,7 @@ def denoise(
         raise ArgumentError(f"images of shapes {hdr.shape}, {albedo.shape} and {normal.shape}: all must be (h, w, 3)")
     height, width, _ = hdr.shape
     key = (height, width, quality, clean)
-    filter = _denoisers.pop(key, None) or _Denoiser(*_oidn_device(), height, width, quality, clean)
-    _denoisers[key] = filter
-    if len(_denoisers) > MAX_FILTERS:
-        del _denoisers[next(iter(_denoisers))]  # least recently used
-    return filter(hdr, albedo, normal)
+    return _denoisers.get(key, lambda: _Denoiser(*_oidn_device(), height, width, quality, clean))(hdr, albedo, normal)
 
 
 def denoiser_device() -> str:

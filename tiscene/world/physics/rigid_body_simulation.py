@@ -9,7 +9,6 @@ bits, in bounded memory.
 from __future__ import annotations
 
 import math
-from collections import OrderedDict
 from collections.abc import Callable, Hashable, Mapping, Sequence
 from dataclasses import dataclass
 from fractions import Fraction
@@ -17,6 +16,7 @@ from typing import NamedTuple, Protocol
 
 import numpy as np
 
+from dynamics.lru_cache import LRUCache
 from dynamics.rotation import matrix_from_quaternion, multiply
 from tiscene.errors import requires_extra
 from tiscene.world.physics.joint_tree import PhysicsJoint
@@ -116,8 +116,8 @@ class RigidBodySimulation:
         self._current = (-1, _Saved(None, {}, np.zeros(0), ()))
         self._checkpoints: dict[int, _Saved] = {}
         self._interval = CHECKPOINT
-        self._results: OrderedDict[int, PhysicsFrame] = OrderedDict()
-        self._models: OrderedDict[Hashable, PhysicsModel] = OrderedDict()
+        self._results: LRUCache[int, PhysicsFrame] = LRUCache(CACHED_FRAMES)
+        self._models: LRUCache[Hashable, PhysicsModel] = LRUCache(CACHED_MODELS)
         self._loaded: tuple[Hashable, Surroundings] | None = None
 
     @property
@@ -127,23 +127,22 @@ class RigidBodySimulation:
 
     def amend(self, frame: int) -> None:
         """Forget what edits at a frame change; states with which bodies arrive at it stay valid."""
-        for known in (self._results, self._checkpoints):
-            for number in [each for each in known if each > frame or (known is self._results and each == frame)]:
-                del known[number]
+        self._results.drop(lambda number: number >= frame)
+        self._checkpoints = {number: saved for number, saved in self._checkpoints.items() if number <= frame}
         if self._current[0] > frame:
             self._current = (-1, self._current[1])
 
     def surroundings_changed(self) -> None:
         """Compile all models anew when they are needed."""
-        self._models.clear()
+        self._models.drop(lambda _key: True)
         self._loaded = None
         self._current = (-1, self._current[1])
 
     def frame(self, number: int) -> PhysicsFrame:
         """Return the rigid bodies at a frame, 0 or more."""
-        if number in self._results:
-            self._results.move_to_end(number)
-            return self._results[number]
+        return self._results.get(number, lambda: self._simulated(number))
+
+    def _simulated(self, number: int) -> PhysicsFrame:
         reached, saved = self._current
         if not 0 <= reached <= number:
             reached = max((each for each in self._checkpoints if each <= number), default=-1)
@@ -154,10 +153,7 @@ class RigidBodySimulation:
             reached += 1
             self._save(reached, saved)
         self._current = (reached, saved)
-        result = self._results[number] = self._result(number, saved)
-        while len(self._results) > CACHED_FRAMES:
-            self._results.popitem(last=False)
-        return result
+        return self._result(number, saved)
 
     def _save(self, frame: int, saved: _Saved) -> None:
         """Keep a checkpoint at intervals, which grow so that memory stays bounded."""
@@ -284,16 +280,14 @@ class RigidBodySimulation:
         make: Callable[[], Surroundings],
         walled: bool,
     ) -> PhysicsModel:
-        """Return the model of bodies and surroundings; the least recently used ones are dropped."""
-        if key in self._models:
-            self._models.move_to_end(key)
-            return self._models[key]
-        if self._loaded is None or self._loaded[0] != around:
-            self._loaded = around, make()
-        model = self._models[key] = PhysicsModel(bodies, self._loaded[1], walled, self._step, joints)
-        while len(self._models) > CACHED_MODELS:
-            self._models.popitem(last=False)
-        return model
+        """Return the model of bodies and surroundings."""
+
+        def new() -> PhysicsModel:
+            if self._loaded is None or self._loaded[0] != around:
+                self._loaded = around, make()
+            return PhysicsModel(bodies, self._loaded[1], walled, self._step, joints)
+
+        return self._models.get(key, new)
 
 
 @dataclass(eq=False)

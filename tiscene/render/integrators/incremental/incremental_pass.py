@@ -21,6 +21,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from dynamics.lru_cache import LRUCache
 from tiscene.errors import ArgumentError
 from tiscene.render.integrators.incremental import retrace_kernels as kernels
 from tiscene.render.integrators.incremental.base_image import (
@@ -107,9 +108,8 @@ class IncrementalPass:
         self._images = images
         self._progress = progress or (lambda stage, done: None)
         self._paths = paths or PathPass(scene, width, height)
-        # Least recently used first.
-        self._bases: dict[tuple[Any, ...], IncrementalBase] = {}
-        self._probes: dict[tuple[Any, ...], tuple[ProbePaths, FrameScratch]] = {}
+        self._bases: dict[tuple[Any, ...], IncrementalBase] = {}  # least recently used first
+        self._probes: LRUCache[tuple[Any, ...], tuple[ProbePaths, FrameScratch]] = LRUCache(MAX_PROBES)
         self._scratch: FrameScratch | None = None
         self._selection = PathSelection()
         self._retracer = PathRetracer(self._paths)
@@ -184,16 +184,14 @@ class IncrementalPass:
         """
         still = placement.present[CURRENT] & ~moving
         key = (*self._base_key(view, placement, still), seed, max_depth)
-        probe = self._probes.pop(key, None)
-        if probe is None:
+
+        def new() -> tuple[ProbePaths, FrameScratch]:
             self.scene.place(base_placement(placement, moving))
             paths = ProbePaths(self._paths, self._paths.scene_arrays(), view, seed, max_depth)
-            probe = paths, FrameScratch(paths.cache)
-        self._probes[key] = probe
-        if len(self._probes) > MAX_PROBES:
-            del self._probes[next(iter(self._probes))]
+            return paths, FrameScratch(paths.cache)
+
+        paths, scratch = self._probes.get(key, new)
         self.scene.place(placement)
-        paths, scratch = probe
         self._retracer.place_movers(moving)
         self._retracer.test(paths.block.rays, paths.block.rows, scratch)
         return paths.invalidated_fraction(scratch.blocked) <= MAX_INVALIDATED

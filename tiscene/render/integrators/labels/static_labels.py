@@ -14,13 +14,14 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from dynamics.lru_cache import LRUCache
 from tiscene.render.integrators.labels.coverage import CoverageSamples
 from tiscene.render.view import View
 from tiscene.scene.camera import Camera
 from tiscene.scene.device_scene import DeviceScene
 from tiscene.scene.placement import CURRENT, NEXT, PREVIOUS, Placement
 
-MAX_VIEWS = 4  # the least recently used one is dropped first
+MAX_VIEWS = 4
 MAX_PIXELS = 1 << 19  # larger images are not cached: this many take 130 MB with all buffers
 ALL_TIMES = PREVIOUS, CURRENT, NEXT
 MAX_CHANGED = 0.6  # fraction of the pixels; if more may change, the whole image is drawn
@@ -62,7 +63,7 @@ class StaticLabelCache:
 
     def __init__(self, scene: DeviceScene) -> None:
         self.scene = scene
-        self._records: dict[tuple[Camera, int, int], _ViewRecord] = {}
+        self._records: LRUCache[tuple[Camera, int, int], _ViewRecord] = LRUCache(MAX_VIEWS)
 
     def lookup(
         self,
@@ -106,13 +107,8 @@ class StaticLabelCache:
         if not fixed or view.orthographic or view.width * view.height > MAX_PIXELS:
             return None
         key = view.current, view.width, view.height
-        record = self._records.pop(key, None)
-        is_new = record is None
-        if record is None:
-            record = _ViewRecord(placement, ~self.scene.changing_meshes()[placement.mesh])
-            if len(self._records) >= MAX_VIEWS:
-                del self._records[next(iter(self._records))]
-        self._records[key] = record
+        is_new = key not in self._records
+        record = self._records.get(key, lambda: _ViewRecord(placement, ~self.scene.changing_meshes()[placement.mesh]))
         static = _unchanged(record.placement, placement, record.static)
         if static.sum() != record.static.sum():
             record.image = None

@@ -15,6 +15,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from dynamics.lru_cache import LRUCache
 from tiscene.device.kernel_types import float8
 from tiscene.device.memory import device_array, upload_vectors
 from tiscene.render.integrators.incremental.base_image import scene_under_group
@@ -72,7 +73,8 @@ class LightProbe:
     def __init__(self, center: Vector3, cells: FloatImage) -> None:
         self.center, self.cells = center, cells
         self._groups = (cells.shape[-1] - PLANE) // 3
-        self._caches: dict[bytes, RadianceCache] = {}  # by factors, least recently used first
+        # By factors: each group alone, and all of a frame.
+        self._caches: LRUCache[bytes, RadianceCache] = LRUCache(self._groups + 1)
 
     @property
     def bytes(self) -> int:
@@ -89,12 +91,7 @@ class LightProbe:
         Args:
             factors: float32 [groups, 3], intensity of each light group.
         """
-        key = factors.tobytes()
-        cache = self._caches.pop(key, None) or self._upload(factors)
-        self._caches[key] = cache
-        if len(self._caches) > self._groups + 1:  # each group alone, and all of a frame
-            del self._caches[next(iter(self._caches))]
-        return cache
+        return self._caches.get(factors.tobytes(), lambda: self._upload(factors))
 
     def cache_of_group(self, group: int) -> RadianceCache:
         """Return the light under one group alone."""

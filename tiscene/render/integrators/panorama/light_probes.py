@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from dynamics.lru_cache import LRUCache
 from tiscene.render.integrators.panorama.cell_files import CellFiles
 from tiscene.render.integrators.panorama.light_probe import PLANE, SIZE, LightProbe, ProbeSampling, trace_probe
 from tiscene.render.integrators.path.path_pass import PathPass
@@ -28,7 +29,7 @@ class LightProbes:
 
     def __init__(self, paths: PathPass, files: CellFiles | None) -> None:
         self._paths, self._files = paths, files
-        self._probes: dict[tuple[Any, ...], LightProbe] = {}  # least recently used first
+        self._probes: LRUCache[tuple[Any, ...], LightProbe] = LRUCache(_KEPT)
 
     def at(
         self,
@@ -48,14 +49,10 @@ class LightProbes:
             contents: What distinguishes the static scene from others here.
             file_key: Returns the digest of everything that the cells depend on.
         """
-        key = center, sampling, *contents
-        probe = self._probes.pop(key, None)
-        if probe is None:
-            probe = LightProbe(center, self._cells(center, statics, sampling, file_key))
-        self._probes[key] = probe
-        if len(self._probes) > _KEPT:
-            del self._probes[next(iter(self._probes))]
-        return probe
+        return self._probes.get(
+            (center, sampling, *contents),
+            lambda: LightProbe(center, self._cells(center, statics, sampling, file_key)),
+        )
 
     def _cells(
         self, center: Vector3, statics: Sequence[Placement], sampling: ProbeSampling, file_key: Callable[[], str]
