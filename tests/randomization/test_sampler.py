@@ -16,7 +16,7 @@ import pytest
 
 import tiscene as ts
 from dynamics import Body, Simulation, UniformMovementRandomBounce
-from tests.usd.helpers import write
+from tests.randomization.rooms import write_room
 from tiscene import catalog
 from tiscene.errors import ArgumentError, CameraNotFound, ScenarioError, SceneNotFound, TemplateNotFound
 from tiscene.randomization.draws import Draws
@@ -26,44 +26,17 @@ from tiscene.scenario.scenario import DRAWN_FACTORS, Scenario
 from tiscene.usd.read.stage_reader import read_stage
 
 SMALL = ("Ball 01", "Cup 01", "Dish 01")
-# A room of thin walls, 8 m wide and long, 4 m high, with a screen across the view at 4 m from the camera.
-ROOM = """
-def Xform "Room"
-{
-    def Camera "Eye"
-    {
-        float2 clippingRange = (0.1, 100)
-        float focalLength = 0.2
-        float verticalAperture = 0.24
-        float horizontalAperture = 0.32
-        double3 xformOp:translate = (0, 2, 3.5)
-        uniform token[] xformOpOrder = ["xformOp:translate"]
-    }
-    def Cube "Floor"
-    {
-        double3 xformOp:translate = (0, -0.05, 0)
-        double3 xformOp:scale = (4, 0.05, 4)
-        uniform token[] xformOpOrder = ["xformOp:translate", "xformOp:scale"]
-    }
-    def Cube "Ceiling"
-    {
-        double3 xformOp:translate = (0, 4.05, 0)
-        double3 xformOp:scale = (4, 0.05, 4)
-        uniform token[] xformOpOrder = ["xformOp:translate", "xformOp:scale"]
-    }
-    def Cube "Screen"
-    {
-        double3 xformOp:translate = (1.5, 1.5, -0.5)
-        double3 xformOp:scale = (1.5, 1.5, 0.05)
-        uniform token[] xformOpOrder = ["xformOp:translate", "xformOp:scale"]
-    }
+# Center and half the size of each wall: a room 8 m wide and long, 4 m high, with a screen across the view.
+WALLS = {
+    "Floor": ((0, -0.05, 0), (4, 0.05, 4)),
+    "Ceiling": ((0, 4.05, 0), (4, 0.05, 4)),
+    "Screen": ((1.5, 1.5, -0.5), (1.5, 1.5, 0.05)),
 }
-"""
 
 
 @pytest.fixture(scope="module")
 def room(tmp_path_factory: pytest.TempPathFactory) -> str:
-    return str(write(tmp_path_factory.mktemp("room"), ROOM, name="room.usda", more='defaultPrim = "Room"'))
+    return write_room(tmp_path_factory.mktemp("room"), (0, 2, 3.5), WALLS)
 
 
 def loop_of(each: Object) -> ts.CatmullWaypoints:
