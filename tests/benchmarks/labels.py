@@ -81,7 +81,7 @@ def main() -> None:
         print(f"{name:>20}: {max(cpu - alone, 0.0):.1f} ms of CPU time in addition to instance ({alone:.1f})")
     began = time.perf_counter()
     zero = (0.0, 0.0, 0.0)
-    bare = ObjectState(0, "", "", "", 0, "", zero, (1.0, 0.0, 0.0, 0.0), zero, (zero, zero), 0, None)
+    bare = ObjectState(0, "", "", "", 0, "", zero, (1.0, 0.0, 0.0, 0.0), zero, 0, None, box=(zero, zero))
     states = [replace(bare, id=id) for id in np.unique(placement.instance_id).tolist()]
     rows = Measurer(scene).table(placement, view, states)
     rows.columns()

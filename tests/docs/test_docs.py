@@ -11,6 +11,7 @@ import re
 import subprocess
 import sys
 import zipfile
+from dataclasses import fields
 from pathlib import Path
 
 import numpy as np
@@ -211,7 +212,7 @@ def test_every_column_of_the_object_table_is_documented():
     first_cells = re.findall(r"^\| (`.*?) \|", page[page.index("| Column |") :], re.MULTILINE)
     documented = re.findall(r"`(\w+)`", " ".join(first_cells))
     assert sorted(documented) == sorted(
-        name for name in {*ObjectRow.__annotations__, *vars(ObjectRow)} if name[0] != "_"
+        name for name in {*(each.name for each in fields(ObjectRow)), *vars(ObjectRow)} if name[0] != "_"
     )
 
 

@@ -26,28 +26,7 @@ SHOWN_NAMES = 10  # in the representation of a table
 
 
 @dataclass(frozen=True)
-class ObjectState:
-    """A live object at one frame, as a world gives it.
-
-    Attributes:
-        id: value in the `instance` buffer.
-        name: the scenario's id, or the prim's name.
-        template: name of its template; "" for objects of the stage.
-        category: semantic label; "" for none.
-        category_id: value in the `semantic` buffer.
-        prim_path: "" for objects of the scenario.
-        position: origin of the object's axes, m.
-        rotation: unit quaternion (w, x, y, z). Scale is part of the box, not of the axes.
-        velocity: of the origin, from this frame to the next along its trajectory, m/s.
-        box: lowest and highest corner around the object in its own axes, m.
-        first_frame: first frame of its lifespan.
-        last_frame: last frame of its lifespan; None: no end.
-        blocked: whether an obstacle kept it from its trajectory since the frame before.
-        parts: names of the values 1, 2, ... in the `part` buffer; () for an object of one part.
-        asset: name of the asset that it is a copy of; "" for none.
-        room: name of the room that it is in; "" for none.
-    """
-
+class _LiveObject:
     id: int
     name: str
     template: str
@@ -57,7 +36,6 @@ class ObjectState:
     position: Vector3
     rotation: Quaternion
     velocity: Vector3
-    box: tuple[Vector3, Vector3]
     first_frame: int
     last_frame: int | None
     blocked: bool = False
@@ -66,8 +44,19 @@ class ObjectState:
     room: str = ""
 
 
-@dataclass(frozen=True)
-class ObjectRow:
+@dataclass(frozen=True, kw_only=True)
+class ObjectState(_LiveObject):
+    """A live object at one frame, as a world gives it; attributes as of `ObjectRow`, and one more.
+
+    Attributes:
+        box: lowest and highest corner around the object in its own axes, m, of which scale is a part.
+    """
+
+    box: tuple[Vector3, Vector3]
+
+
+@dataclass(frozen=True, kw_only=True)
+class ObjectRow(_LiveObject):
     """One live object at one frame.
 
     Attributes:
@@ -77,9 +66,9 @@ class ObjectRow:
         category: semantic label; "" for none.
         category_id: value in the `semantic` buffer; 0 for none.
         prim_path: on the stage; "" for objects of the scenario.
-        position: m, world.
+        position: origin of the object's axes, world, m.
         rotation: unit quaternion (w, x, y, z).
-        velocity: m/s.
+        velocity: of the origin, from this frame to the next along its trajectory, m/s.
         first_frame: first frame of its lifespan.
         last_frame: last frame of its lifespan; None: no end.
         blocked: whether an obstacle has kept it from its trajectory since the frame before.
@@ -88,21 +77,6 @@ class ObjectRow:
         room: name of the room that its middle is in; "" for none.
     """
 
-    id: int
-    name: str
-    template: str
-    category: str
-    category_id: int
-    prim_path: str
-    position: Vector3
-    rotation: Quaternion
-    velocity: Vector3
-    first_frame: int
-    last_frame: int | None
-    blocked: bool
-    parts: tuple[str, ...]
-    asset: str
-    room: str
     _measures: ObjectMeasurements = field(repr=False, compare=False)
     _row: int = field(repr=False, compare=False)
 
@@ -176,7 +150,7 @@ class ObjectRow:
         return self.fraction_in_frame * self.visibility_in_frame
 
 
-_values_of = attrgetter(*(each.name for each in fields(ObjectRow) if not each.name.startswith("_")))
+_values_of = attrgetter(*(each.name for each in fields(_LiveObject)))
 
 
 class ObjectTable(Sequence[ObjectRow]):
@@ -193,7 +167,9 @@ class ObjectTable(Sequence[ObjectRow]):
 
     @cached_property
     def _rows(self) -> tuple[ObjectRow, ...]:
-        return tuple(ObjectRow(*(*_values_of(state), self._measures, row)) for row, state in enumerate(self._states))
+        return tuple(
+            ObjectRow(*_values_of(state), _measures=self._measures, _row=row) for row, state in enumerate(self._states)
+        )
 
     def __len__(self) -> int:
         return len(self._states)
