@@ -49,18 +49,21 @@ def Xform "Room"
 
 def write_room_of_boxes(folder: Path) -> str:
     """Write a room with a floor, a low table and `BOXES`, and return its path."""
-    boxes = (cube(name, center, (0.1, 0.1, 0.1), movable=name != "Fixed") for name, center in BOXES.items())
+    boxes = (
+        cube(name, at, (0.1, 0.1, 0.1), "" if name == "Fixed" else "PhysicsRigidBodyAPI") for name, at in BOXES.items()
+    )
     sun = '\ndef DistantLight "Sun"\n{\n    float inputs:intensity = 2\n}'
     floor, table = ((0, -0.05, 0), (3, 0.05, 3)), ((0.8, 0.2, 0), (0.4, 0.2, 0.4))
     return write_room(folder, (0, 1, 2.5), {"Floor": floor, "Table": table}, "".join(boxes) + sun)
 
 
-def cube(name: str, center: Vector3, half: Vector3, *, movable: bool = False) -> str:
-    """Return a cube as text."""
-    api = '(prepend apiSchemas = ["PhysicsRigidBodyAPI"])' if movable else ""
+def cube(name: str, center: Vector3, half: Vector3, schema: str = "", purpose: str = "default") -> str:
+    """Return a cube as text; `schema` is an API schema to apply."""
+    api = f'(prepend apiSchemas = ["{schema}"])' if schema else ""
     return f"""
     def Cube "{name}" {api}
     {{
+        uniform token purpose = "{purpose}"
         double3 xformOp:translate = {center}
         double3 xformOp:scale = {half}
         uniform token[] xformOpOrder = ["xformOp:translate", "xformOp:scale"]

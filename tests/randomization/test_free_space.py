@@ -6,6 +6,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from tests.randomization.rooms import cube
 from tests.usd.helpers import write
 from tiscene.randomization.free_space import FreeSpace
 from tiscene.scene.camera import Camera
@@ -14,17 +15,7 @@ from tiscene.usd.read.stage_reader import read_stage
 
 CAMERA = Camera((0, 0, 5), vertical_fov=np.pi / 2)
 # A box of 2 m about the origin, and a plate behind it, 18 m wide.
-SCENE = """
-def Cube "Box"
-{
-}
-def Cube "Plate"
-{
-    double3 xformOp:translate = (0, 0, -20)
-    double3 xformOp:scale = (9, 9, 0.1)
-    uniform token[] xformOpOrder = ["xformOp:translate", "xformOp:scale"]
-}
-"""
+SCENE = cube("Box", (0, 0, 0), (1, 1, 1)) + cube("Plate", (0, 0, -20), (9, 9, 0.1))
 
 
 def is_free(space: FreeSpace, points: np.ndarray, radius: float) -> np.ndarray:
@@ -87,15 +78,7 @@ def test_free_balls_intersect_no_box(space):
 
 
 def test_invisible_collider_blocks_and_does_not_hide(tmp_path):
-    pane = """
-def Cube "Pane" (prepend apiSchemas = ["PhysicsCollisionAPI"])
-{
-    uniform token purpose = "guide"
-    double3 xformOp:translate = (5, 0, -8)
-    double3 xformOp:scale = (3, 3, 0.1)
-    uniform token[] xformOpOrder = ["xformOp:translate", "xformOp:scale"]
-}
-"""
+    pane = cube("Pane", (5, 0, -8), (3, 3, 0.1), "PhysicsCollisionAPI", "guide")
     space = free_space(tmp_path, SCENE + pane)
     points = np.array([(5, 0, -7.0), (5, 0, -8.0), (5, 0, -8.5), (5, 0, -12.0)])
     assert is_free(space, points, 0.5).tolist() == [True, False, False, True]  # the last: around the pane
@@ -103,15 +86,7 @@ def Cube "Pane" (prepend apiSchemas = ["PhysicsCollisionAPI"])
 
 
 def test_space_behind_closed_collider_is_not_reachable(tmp_path):
-    cell = """
-def Cube "Cell" (prepend apiSchemas = ["PhysicsCollisionAPI"])
-{
-    uniform token purpose = "guide"
-    double3 xformOp:translate = (5, 0, -10)
-    double3 xformOp:scale = (2, 2, 2)
-    uniform token[] xformOpOrder = ["xformOp:translate", "xformOp:scale"]
-}
-"""
+    cell = cube("Cell", (5, 0, -10), (2, 2, 2), "PhysicsCollisionAPI", "guide")
     space = free_space(tmp_path, SCENE + cell)
     points = np.array([(5, 0, -10.0), (5, 0, -7.0)])
     assert is_free(space, points, 0.5).tolist() == [False, True]

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from numbers import Real
 from typing import Any
 
-from dynamics import Dynamic, argument_checks
+from dynamics import Dynamic, RigidBody, Still, argument_checks
 from tiscene.errors import ScenarioError, scenario_errors
 from tiscene.scene.camera import Vector3
 
@@ -83,6 +83,11 @@ class Frustum:
             if far <= 0.0 and far != -1.0:
                 raise ScenarioError(f"far={self.far!r}: must be greater than 0, or -1 for the camera's own")
             object.__setattr__(self, "far", far)
+
+
+def path_of(each: Object) -> Dynamic:
+    """Return the path that timings apply to; an object without a trajectory, or a rigid body, stands still."""
+    return Still() if isinstance(each.dynamic, RigidBody | None) else each.dynamic
 
 
 def check_dynamic(value: Any, name: str) -> None:

@@ -22,14 +22,14 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
-from dynamics import AllTogether, Dynamic, RigidBody, Still, Timing, argument_checks
+from dynamics import AllTogether, RigidBody, Timing, argument_checks
 from tiscene import catalog
 from tiscene.errors import ArgumentError, ScenarioError, scenario_errors
 from tiscene.scenario import serialization
 from tiscene.scenario.edits import Edit, EditLog, ObjectHistory, Spawn, StageObjectHistory
 from tiscene.scenario.joints import Joint, check_joints
 from tiscene.scenario.light_motion import LightMotion
-from tiscene.scenario.objects import Frustum, Object
+from tiscene.scenario.objects import Frustum, Object, path_of
 from tiscene.scenario.overrides import Override
 from tiscene.scenario.providers import provider
 from tiscene.scenario.scenario_fields import (
@@ -104,7 +104,7 @@ class Scenario:
                 raise ScenarioError(f"frustum={self.frustum!r}: must be a Frustum or None")
             object.__setattr__(self, "camera", check_cameras(self.camera))
             try:
-                self.timings.windows([(each.id, _path_of(each)) for each in self.objects])
+                self.timings.windows([(each.id, path_of(each)) for each in self.objects])
             except ValueError as error:
                 raise ScenarioError(f"timings: {error}") from error
             object.__setattr__(self, "edits", check_edits(self.edits))
@@ -337,8 +337,3 @@ SCENARIOS = classes(Scenario)
 def _played(camera: Camera | str, moving: Mapping[str, Any]) -> Camera | str:
     """Return a camera as it moves on the stage, if it is named and moves."""
     return moving.get(camera, camera) if isinstance(camera, str) else camera
-
-
-def _path_of(each: Object) -> Dynamic:
-    """Return the trajectory that timings apply to; a rigid body has none."""
-    return Still() if isinstance(each.dynamic, RigidBody | None) else each.dynamic

@@ -15,11 +15,11 @@ from typing import overload
 import numpy as np
 from numpy.typing import NDArray
 
-from dynamics import Body, Dynamic, Mover, RigidBody, Shape, Still, Teleport, UniformMovementRandomBounce
+from dynamics import Body, Mover, RigidBody, Shape, Still, Teleport, UniformMovementRandomBounce
 from dynamics.lru_cache import LRUCache
 from dynamics.rotation import quaternion
 from tiscene.scenario.edits import Despawn, Edit, EditLog, Move
-from tiscene.scenario.objects import Object
+from tiscene.scenario.objects import Object, path_of
 from tiscene.world.proxy_cache import proxy_of
 
 MAX_SHAPES = 256  # sphere proxies kept
@@ -81,11 +81,6 @@ class ObjectMovers(Sequence[Mover]):
         """Return an object's body with a closed form: a bouncing one stands at its start."""
         return self._entry(row).body
 
-    @staticmethod
-    def path(spec: Object) -> Dynamic:
-        """Return an object's trajectory; one without, or a rigid body, stands still as far as paths are concerned."""
-        return Still() if isinstance(spec.dynamic, RigidBody | None) else spec.dynamic
-
     def amend(self, edit: Edit) -> None:
         """Take one more edit of the log."""
         if not isinstance(edit, Move | Despawn):
@@ -113,7 +108,7 @@ class ObjectMovers(Sequence[Mover]):
         if entry is None:
             history = self._log.lives[row]
             spec = history.spec
-            path = self.path(spec)
+            path = path_of(spec)
             dynamic = Still() if isinstance(path, UniformMovementRandomBounce) else path
             birth = Fraction(spec.first_frame) / self._fps
             body = Body(dynamic, spec.position, spec.rotation, name=spec.id, birth=birth, timed=history.spawned is None)

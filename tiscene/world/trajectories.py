@@ -26,7 +26,7 @@ from dynamics.obstacles import Obstacles
 from dynamics.timings import AssignedWindows
 from tiscene.errors import ScenarioError
 from tiscene.scenario.edits import Despawn, Edit, EditLog, Move
-from tiscene.scenario.objects import Object
+from tiscene.scenario.objects import Object, path_of
 from tiscene.scenario.scenario import Scenario
 from tiscene.scene.bvh.obstacle_tree import MeshTrees, ObstacleTree
 from tiscene.scene.camera import Camera
@@ -250,9 +250,7 @@ class Trajectories:
             return None
         if self.stepped is None:
             unspawned = [self._log.lives[row].spec for row in range(self._unspawned)]
-            timings = AssignedWindows(
-                self._scenario.timings, [(each.id, self._movers.path(each)) for each in unspawned]
-            )
+            timings = AssignedWindows(self._scenario.timings, [(each.id, path_of(each)) for each in unspawned])
             self.stepped = SteppedSimulation(
                 self._movers,
                 timings,
