@@ -30,7 +30,7 @@ TORCH = Template(
         "Torch",
         (mesh(CUBE),),
         instances=(Instance(0, 0, np.eye(4)),),
-        lights=(SphereLight("Glow", "/Torch/Glow", at(0, 0.5, 0), (1.0, 1.0, 1.0), 0.05),),
+        lights=(SphereLight("Flame", "/Torch/Flame", at(0, 0.5, 0), (1.0, 1.0, 1.0), 0.05),),
     ),
 )
 

@@ -267,7 +267,7 @@ def _serve(commands: Commands) -> None:
     serve.add_argument(
         "--keep-clock",
         action="store_true",
-        help="the frame clock goes on when a client changes the scene (default: it starts again, as in SAILenv)",
+        help="the frame clock continues when a client changes the scene (default: it starts again, as in SAILenv)",
     )
     serve.add_argument(
         "--together",

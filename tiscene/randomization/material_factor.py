@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """The factor "materials": other colors, roughness and textures, within what is plausible for each kind of material.
 
-A kind is told by a material's inputs. Wood has textures of color, roughness and normals; fabric of color and normals,
+A material's inputs show its kind. Wood has textures of color, roughness and normals; fabric of color and normals,
 and is rough; plaster is rough, of one color, with a texture of normals; metal is metallic. Textures that show one
 picture on the whole of a surface, as paintings do, are of no kind.
 """

@@ -11,7 +11,7 @@ from dynamics import argument_checks
 from tiscene.errors import ArgumentError
 from tiscene.render.sampling.pixel_filter import pixel_filter
 
-MAX_DEPTH = 1024  # kept paths have room for each segment; no light is left after so many
+MAX_DEPTH = 1024  # kept paths have room for each segment; no light is left at this depth
 DEFAULT_MAX_SPP = 1024  # with a relative error, but no spp
 
 

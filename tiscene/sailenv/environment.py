@@ -82,8 +82,8 @@ class Environment(EnvironmentEdits):
             seed: Seed of the rendering.
             consecutive_flow: Whether flow is always measured from the frame before. False: from the agent's last frame.
             query_budget: How many pixels each agent may ask about (see `ask_pixel`); None for any number.
-            keep_clock: Whether the frame clock goes on when an agent changes the scene: the new scene is then shown as
-                it is at that time. False: it starts at frame 0, as in SAILenv. A scenario always starts at frame 0.
+            keep_clock: Whether the frame clock continues when an agent changes the scene: the new scene is then shown
+                as it is at that time. False: it starts at frame 0, as in SAILenv. A scenario always starts at frame 0.
             physics: Whether objects fall and are pushed: those of scenarios without a dynamic, and those that are
                 spawned with their default dynamics. Needs the extra `physics`.
             arch: "cpu" or "cuda"; None for "cpu".
@@ -132,7 +132,7 @@ class Environment(EnvironmentEdits):
             agent.reset(self._profile)
 
     def enter_room(self, agent: AgentCamera, room: str) -> None:
-        """Move an agent that is here into a room of the scene, from its next frame on; the clock goes on.
+        """Move an agent that is here into a room of the scene, from its next frame on; the clock continues.
 
         It stands where the agents of the room's own scene start: at the room's camera named "Agent", else at its first
         camera, else at the center of the room.
@@ -236,7 +236,7 @@ class Environment(EnvironmentEdits):
 
         Args:
             name: Its name, SAILenv's or the catalog's.
-            last: With `keep_clock`, the frame after which the clock goes on; None: the current one.
+            last: With `keep_clock`, the frame after which the clock continues; None: the current one.
 
         Raises:
             SceneNotFound, StageError: Nothing has changed then.

@@ -67,7 +67,7 @@ class Move:
 
     Attributes:
         frame: the first frame at the new pose.
-        id: id in the scenario, or prim path on the stage. An object of the stage stays from then on, or goes on with
+        id: id in the scenario, or prim path on the stage. An object of the stage stays from then on, or continues
             its animation from there.
         position: m.
         rotation: Euler angles in degrees, or a quaternion.

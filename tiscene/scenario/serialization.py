@@ -167,7 +167,7 @@ def _member(path: str, name: str) -> str:
 
 
 def _located(path: str, message: str, fields: Iterable[str]) -> str:
-    """The message with its place in front; a message that begins with a field's name goes on from the path."""
+    """Return a message behind its place; where it begins with the name of a field, that name extends the path."""
     # Cameras say which one they are first.
     first = re.match(r"(?:camera '[^']*': )?((\w+).*)", message, re.DOTALL)
     if first and first.group(2) in fields:

@@ -133,7 +133,7 @@ class RenderAhead:
                 self._requests.send(None)
         except (EOFError, OSError):
             if _interpreter_exits.is_set():
-                raise SystemExit from None  # a daemon thread that goes on: this ends it, and prints nothing
+                raise SystemExit from None  # ends a daemon thread, and prints nothing
             worker = self._worker
             if worker is None:
                 raise ArgumentError("another thread closed the stream while this one waited for a frame") from None

@@ -134,11 +134,11 @@ class WorldLights:
             if light is None or by is None:
                 continue
             motion = self._motions.get(row)
-            pose, shines = by @ light.world_from_light, emission_of(light)
+            pose, emission = by @ light.world_from_light, emission_of(light)
             if motion is not None:
                 pose = pose if motion.dynamic is None else moved[row]
-                shines = motion.radiance_at(time, shines)
-            result.append((0, self._settled((_NOW, 0, row), light, pose, shines)))
+                emission = motion.radiance_at(time, emission)
+            result.append((0, self._settled((_NOW, 0, row), light, pose, emission)))
         if len(self._known) > 2 * (2 * len(self.stage.lights) + len(carried)):
             self._known = {key: each for key, each in self._known.items() if key[0] < 0 or key[0] in objects}
             self._sampled = {key: each for key, each in self._sampled.items() if key[0] < 0 or key[0] in objects}
@@ -192,16 +192,16 @@ class WorldLights:
         of_groups[0] = 1.0
         return LightGroups(tuple(steady), tuple(group), of_groups)
 
-    def _settled(self, key: tuple[int, int, int], light: Light, pose: Array, shines: Color) -> Light:
+    def _settled(self, key: tuple[int, int, int], light: Light, pose: Array, emission: Color) -> Light:
         """Return the light with a pose and a radiance; the same object as before if nothing of it has changed."""
-        if np.array_equal(pose, light.world_from_light) and shines == emission_of(light):
+        if np.array_equal(pose, light.world_from_light) and emission == emission_of(light):
             return light
         sampled = self._sampled.get((_NOW, *key[1:]) if key[0] < 0 else key)
         moment = (0, 0.0) if sampled is None else sampled[0]
-        state = pose.tobytes() + np.array([*shines, *moment]).tobytes()
+        state = pose.tobytes() + np.array([*emission, *moment]).tobytes()
         known = self._known.get(key)
         if known is None or known[0] != state:
-            known = self._known[key] = state, with_emission(replace(light, world_from_light=pose), shines)
+            known = self._known[key] = state, with_emission(replace(light, world_from_light=pose), emission)
         return known[1]
 
 

@@ -84,7 +84,7 @@ class StageObjects:
     def moved_by(self, number: int, frame: int, known: int, *, at_rest: bool = False) -> Array | None:
         """Return the 4x4 matrix by which edits moved an object, by its row; None if none did.
 
-        A move takes the object from where its animation has it at that frame. The animation goes on from there.
+        A move takes the object from where its animation has it at that frame. The animation continues from there.
 
         Args:
             number: the object.

@@ -28,7 +28,7 @@ from tiscene.scene.description import (
 
 CAMERA = Camera.look_at((0.0, 0.4, 3.6), (0.0, 0.0, 0.0), vertical_fov=np.radians(38.0))
 DOWN = (0.0, -1.0, 0.0)
-GREY = [(0.6, 0.3, 0.2), (0.2, 0.4, 0.6), (0.7, 0.7, 0.7)]
+GRAY = [(0.6, 0.3, 0.2), (0.2, 0.4, 0.6), (0.7, 0.7, 0.7)]
 
 
 @dataclass(frozen=True)
@@ -58,7 +58,7 @@ class Stage:
 
 def room(*lights: Light, textures: tuple[Texture, ...] = ()) -> SceneDescription:
     """Return a Cornell box in three colors with the given lights."""
-    meshes, materials = box(GREY)
+    meshes, materials = box(GRAY)
     return described(meshes, materials, list(lights), list(textures))
 
 
@@ -126,7 +126,7 @@ def instances() -> SceneDescription:
 
 def lantern() -> SceneDescription:
     """Return a box lit by emissive meshes only: a ball, and a scaled and mirrored ball of another color."""
-    meshes, materials = box(GREY)
+    meshes, materials = box(GRAY)
     lamps = [ball((0.0, 0.0, 0.0), 0.15, 3, 3), ball((0.0, 0.0, 0.0), 0.12, 4, 2)]
     emissive = [
         matte("warm", (0.0, 0.0, 0.0), emissive_color=BRIGHT),

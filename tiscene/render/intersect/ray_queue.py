@@ -60,7 +60,7 @@ def upload_pixels(rows: NDArray[np.int32], width: int, height: int, frames: int 
         rows: The pixels.
         width: Image width, px.
         height: Image height, px.
-        frames: The same pixels of so many images below each other.
+        frames: Number of images below each other, each with these pixels.
     """
     first_rows = width * height * np.arange(frames, dtype=np.int32)
     places = np.tile(pixel_order(width, height)[rows], frames)

@@ -64,7 +64,7 @@ class Surroundings:
     """What stands around the bodies.
 
     Attributes:
-        placed: Pose [7] and parts of each thing, with its number in contacts.
+        placed: Number in contacts, pose [7] and parts of each object or instance.
         gravity: m/s2, world.
     """
 

@@ -32,7 +32,7 @@ def scene_of(*materials: Material) -> SceneDescription:
 
 
 CUTOUT = scene_of(Material("lace", diffuse_color=(0.9, 0.2, 0.1), opacity=0.4), Material("glass", opacity=1.0, ior=1.5))
-GLOWING = scene_of(matte("red", (0.8, 0.1, 0.1)), Material("lamp", emissive_color=(1.0, 2.0, 3.0)))
+EMISSIVE = scene_of(matte("red", (0.8, 0.1, 0.1)), Material("lamp", emissive_color=(1.0, 2.0, 3.0)))
 PLAIN = scene_of(
     matte("red", (0.8, 0.1, 0.1)), Material("mirror", diffuse_color=(0.9,) * 3, metallic=1.0, roughness=0.1)
 )
@@ -111,16 +111,16 @@ def test_frames_that_share_no_arrays_are_left_to_be_rendered_one_by_one() -> Non
     assert rendered((view,), (placement,)) is None
     assert rendered((view, other), (placement, replace(placement, lights=((0, LAMP),)))) is None
     assert rendered((view, replace(other, background=(0.0, 0.0, 0.0))), (placement, placement)) is None
-    frames = PathFrames(scene(GLOWING), *SIZE)
+    frames = PathFrames(scene(EMISSIVE), *SIZE)
     assert rendered((view, other), (placement, placement)) is not None
-    for wrong in (frame(GLOWING, 4)[1], replace(placement, world_from_object=placement.world_from_object + 0.1)):
+    for wrong in (frame(EMISSIVE, 4)[1], replace(placement, world_from_object=placement.world_from_object + 0.1)):
         assert rendered((view, other), (placement, wrong)) is None
 
 
 def test_light_of_meshes_that_stay_is_shared() -> None:
-    device, numbers = scene(GLOWING), (0, 2, 3)
-    views, placements = zip(*(frame(GLOWING, number) for number in numbers), strict=True)
-    found = PathFrames(scene(GLOWING), *SIZE).render_frames(views, placements, numbers, **SAMPLING)
+    device, numbers = scene(EMISSIVE), (0, 2, 3)
+    views, placements = zip(*(frame(EMISSIVE, number) for number in numbers), strict=True)
+    found = PathFrames(scene(EMISSIVE), *SIZE).render_frames(views, placements, numbers, **SAMPLING)
     paths = PathPass(device, *SIZE)
     for image, number, view, placement in zip(found, numbers, views, placements, strict=True):
         device.place(placement)

@@ -108,7 +108,7 @@ class PanoramaSettings:
 
     @property
     def possible(self) -> bool:
-        """Whether there can be so many cells: not for views of few degrees in large images."""
+        """Whether the number of cells is possible: not for views of few degrees in large images."""
         view = self.cells_view(TILE + 1)
         return view.width * view.height <= _MAX_CELLS
 

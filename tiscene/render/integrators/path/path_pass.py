@@ -352,7 +352,7 @@ class PathPass:
                 progress(min(1.0, (first + size) / total))
 
     def _make_film(self, pixel_count: int) -> None:
-        """Make a film for so many pixels."""
+        """Make a film of a number of pixels."""
         if self.film is None or self.film.shape[0] < pixel_count:
             self.film = device_array(ti.f32, (pixel_count, FILM_COLUMNS))
 

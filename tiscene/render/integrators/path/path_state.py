@@ -66,7 +66,7 @@ def set3(states: Template, row: ti.i32, column: ti.i32, v: ti.math.vec3):
 
 
 def check_numbers(pixels: int, spp: int, max_depth: int) -> None:
-    """Raise an ArgumentError unless so many paths can be traced."""
+    """Raise an ArgumentError unless this number of paths can be traced."""
     if spp < 1 or max_depth < 1:
         raise ArgumentError(f"spp={spp}, max_depth={max_depth}: both must be at least 1")
     if pixels * spp >= 1 << 31:
