@@ -3,11 +3,14 @@
 
 from __future__ import annotations
 
+from collections import OrderedDict
 from collections.abc import Callable, Hashable
-from typing import Generic, TypeVar
+from contextlib import suppress
+from typing import Any, Generic, TypeVar
 
 Key = TypeVar("Key", bound=Hashable)
 Value = TypeVar("Value")
+_MISSING: Any = object()
 
 
 class LRUCache(Generic[Key, Value]):
@@ -19,7 +22,8 @@ class LRUCache(Generic[Key, Value]):
 
     def __init__(self, maxsize: int) -> None:
         self._maxsize = maxsize
-        self._values: dict[Key, Value] = {}  # the least recently used first
+        # The least recently used first. Threads share it without a lock: each call of its methods is atomic.
+        self._values: OrderedDict[Key, Value] = OrderedDict()
 
     def __len__(self) -> int:
         return len(self._values)
@@ -30,16 +34,19 @@ class LRUCache(Generic[Key, Value]):
     def get(self, key: Key, make: Callable[[], Value]) -> Value:
         """Return the value of a key, which `make` returns where it is not kept.
 
-        Room is made first, so that no more than `maxsize` values need memory at a time.
+        Room is made first, so that no more than `maxsize` values need memory at a time. Where threads ask for one key
+        at a time, each may make the value.
         """
-        if key in self._values:
-            value = self._values[key] = self._values.pop(key)
-            return value
-        while len(self._values) >= self._maxsize:
-            del self._values[next(iter(self._values))]
-        value = self._values[key] = make()
+        value: Value = self._values.pop(key, _MISSING)
+        if value is _MISSING:
+            with suppress(KeyError):  # another thread has emptied it
+                while len(self._values) >= self._maxsize:
+                    self._values.popitem(last=False)
+            value = make()
+        self._values[key] = value
         return value
 
     def drop(self, outdated: Callable[[Key], bool]) -> None:
         """Drop the values of all keys for which `outdated` returns True."""
-        self._values = {key: value for key, value in self._values.items() if not outdated(key)}
+        for key in [key for key in self._values if outdated(key)]:
+            del self._values[key]

@@ -3,6 +3,9 @@
 
 from __future__ import annotations
 
+import sys
+from concurrent.futures import ThreadPoolExecutor
+
 from dynamics.lru_cache import LRUCache
 
 
@@ -33,3 +36,19 @@ def test_outdated_values_are_dropped() -> None:
         cache.get(key, lambda: 0)
     cache.drop(lambda key: key > 0)
     assert [cache.get(key, lambda: 1) for key in range(3)] == [0, 1, 1]
+
+
+def test_threads_share_a_cache() -> None:
+    cache, interval = LRUCache[int, int](2), sys.getswitchinterval()
+
+    def use(seed: int) -> None:
+        for number in range(5000):
+            key = (number * seed) % 3
+            assert cache.get(key, lambda key=key: 10 * key) == 10 * key
+
+    sys.setswitchinterval(1e-6)
+    try:
+        with ThreadPoolExecutor(4) as pool:
+            list(pool.map(use, (1, 2, 4, 5)))
+    finally:
+        sys.setswitchinterval(interval)
