@@ -92,6 +92,23 @@ def test_display_opacity_interpolates_over_faces(tmp_path):
     np.testing.assert_array_equal(frame.instance == 1, u > 0.5)
 
 
+@pytest.mark.parametrize(("values", "interpolation"), [("[0.25]", "constant"), ("[0.25]", "uniform")])
+def test_opacity_applies_beside_colors_of_points(tmp_path, values, interpolation):
+    """Labels see a surface of opacity above 0.5, and 0.25 is below."""
+    opacity = f'float[] primvars:displayOpacity = {values} (interpolation = "{interpolation}")'
+    description = read(tmp_path, QUAD % ("", COLORS % "vertex" + "\n    " + opacity))
+    assert description.materials[0].opacity == TextureLookup(VERTEX_COLORS, "a")
+    np.testing.assert_allclose(description.meshes[0].colors[:, 3], 0.25)
+    path = write(tmp_path, QUAD % ("", COLORS % "vertex" + "\n    " + opacity))
+    assert not albedo(path).instance.any()
+
+
+def test_opacity_that_varies_over_time_is_reported_beside_colors_of_points(tmp_path):
+    opacity = "float[] primvars:displayOpacity.timeSamples = { 0: [1], 5: [0.5] }"
+    body = QUAD % ("", COLORS % "vertex" + "\n    " + opacity)
+    read_with_warning(tmp_path, body, "primvars:displayOpacity of a Mesh")
+
+
 def test_display_color_interpolates_over_subdivided_mesh(tmp_path):
     body = (QUAD % ("", COLORS % "vertex")).replace('"none"', '"catmullClark"')
     frame = albedo(write(tmp_path, body))

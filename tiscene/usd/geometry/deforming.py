@@ -19,6 +19,7 @@ from tiscene.scene.animation import Deformation
 from tiscene.scene.skinned_deformation import SkinnedDeformation
 from tiscene.usd.core.report import StageReport
 from tiscene.usd.core.time_samples import in_seconds
+from tiscene.usd.geometry.display_color import is_constant_color
 from tiscene.usd.geometry.primvar import array_of
 from tiscene.usd.geometry.vertex_weld import WeldedMesh
 
@@ -38,7 +39,8 @@ def shape_times(prim: Usd.Prim, report: StageReport) -> list[float]:
     unsupported = [
         name
         for name in _UNSUPPORTED_ATTRIBUTES
-        if is_time_varying(prim.GetAttribute(name)) and not _is_constant_color(prim, name)
+        if is_time_varying(prim.GetAttribute(name))
+        and not (name.startswith("primvars:display") and is_constant_color(prim))  # that plays as a material
     ]
     if unsupported:
         report.frozen(prim.GetPath(), f"{', '.join(unsupported)} of a {prim.GetTypeName()}")
@@ -48,12 +50,6 @@ def shape_times(prim: Usd.Prim, report: StageReport) -> list[float]:
         report.frozen(prim.GetPath(), f"a {prim.GetTypeName()} whose topology changes ({', '.join(topology)})")
         return []
     return sorted({time for name in moving for time in prim.GetAttribute(name).GetTimeSamples()})
-
-
-def _is_constant_color(prim: Usd.Prim, name: str) -> bool:
-    """Return whether an attribute is a displayColor or displayOpacity of one value, which plays as a material."""
-    primvar = UsdGeom.Primvar(prim.GetAttribute(name))
-    return name.startswith("primvars:display") and primvar.GetInterpolation() == UsdGeom.Tokens.constant
 
 
 def is_time_varying(attribute: Usd.Attribute) -> bool:

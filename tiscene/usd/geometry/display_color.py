@@ -95,7 +95,7 @@ def display_color_times(gprim: Usd.Prim, report: StageReport) -> list[float]:
 
 def read_element_colors(gprim: Usd.Prim, time: Usd.TimeCode, report: StageReport) -> Floats | None:
     """Return color and opacity [elements, 4] of each face, point or curve; None if neither primvar varies."""
-    if not any(_is_not_constant(UsdGeom.PrimvarsAPI(gprim).FindPrimvarWithInheritance(name)) for name in _DEFAULTS):
+    if is_constant_color(gprim):
         return None
     topology = primvar_topology(gprim, time)
     if topology.counts.min(initial=0) < 0:  # reported where the mesh is read
@@ -108,6 +108,12 @@ def read_element_colors(gprim: Usd.Prim, time: Usd.TimeCode, report: StageReport
         fixed = constant_primvar(gprim, name, len(default), time, report, report_varying=False) or default
         columns.append(np.broadcast_to(fixed, (len(topology.counts), len(default))) if part is None else part)
     return np.concatenate(columns, axis=1)
+
+
+def is_constant_color(gprim: Usd.Prim) -> bool:
+    """Return whether neither displayColor nor displayOpacity has an interpolation other than constant."""
+    api = UsdGeom.PrimvarsAPI(gprim)
+    return not any(_is_not_constant(api.FindPrimvarWithInheritance(name)) for name in _DEFAULTS)
 
 
 def _is_not_constant(primvar: UsdGeom.Primvar) -> bool:

@@ -182,7 +182,8 @@ class MaterialTableBuilder:
             if varies_over_surface(gprim, name, self._time, within_faces=True)
         ]
         if varying:
-            return self._vertex_colors("displayOpacity" in varying)
+            opacity = self._constant_color(gprim, self._time)[1]
+            return self._vertex_colors("displayOpacity" in varying or opacity != 1.0)
         times = display_color_times(gprim, self._report)
         if not times:
             return self._display_color(*self._constant_color(gprim, self._time))
