@@ -219,6 +219,43 @@ def test_sizes_of_lights_are_interpolated(tmp_path):
     assert (light_at(description, 0.25).width, light_at(description, 0.25).height) == (1.5, 4.0)
 
 
+GROWING = """float3 xformOp:scale.timeSamples = { 0: (1, 1, 1), 8: (3, 5, 1), 10: (0, 0, 0) }
+    uniform token[] xformOpOrder = ["xformOp:scale"]
+    float inputs:width = 2
+    float inputs:intensity = 6
+    bool inputs:normalize = %d"""
+
+
+@pytest.mark.parametrize("normalize", [False, True])
+def test_animated_scale_of_a_light_sets_its_size_and_radiance(tmp_path, normalize):
+    """As with UsdLux's area: radiance is intensity / (width · height) where it is normalized."""
+    path = write(tmp_path, LIGHT % ("RectLight", "", GROWING % normalize, SQUARE), more=RANGE)
+    with stream(path, buffers=("hdr",)) as frames:
+        for k, width, height in ((0, 2.0, 1.0), (4, 4.0, 3.0), (8, 6.0, 5.0)):
+            (light,) = frames.world.state(k).lights
+            assert (light.width, light.height) == pytest.approx((width, height))
+            assert light.radiance[0] == pytest.approx(6.0 / (width * height if normalize else 1.0))
+        assert frames.world.state(10).lights == ()  # flattened
+
+
+def test_light_in_a_prototype_grows_at_each_point(tmp_path):
+    lamp = LIGHT.partition("def Mesh")[0] % ("SphereLight", "", (GROWING % 0).replace("(3, 5, 1)", "(3, 3, 3)"))
+    body = f"""def PointInstancer "Lamps"
+{{
+    rel prototypes = </Lamps/Lamp>
+    int[] protoIndices = [0]
+    point3f[] positions = [(1, 2, 3)]
+    float3[] scales = [(10, 10, 10)]
+    {lamp}
+}}
+def Mesh "Wall"
+{{
+    {SQUARE}
+}}"""
+    description = read(tmp_path, body, more=RANGE)
+    assert light_at(description, 0.4).radius == pytest.approx(0.5 * 10.0 * 2.0)
+
+
 def test_cone_of_a_light_is_interpolated(tmp_path):
     api = ' (\n prepend apiSchemas = ["ShapingAPI"]\n)'
     inputs = "float inputs:shaping:cone:angle.timeSamples = { 0: 20, 10: 60 }"

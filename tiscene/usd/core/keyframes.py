@@ -56,13 +56,15 @@ def moves_in_parts(prim: Usd.Prim) -> bool:
     if len(times) < 2:
         return False
     inside = (UsdGeom.Xformable(each) for each in Usd.PrimRange(prim, Usd.TraverseInstanceProxies()))
-    return _changes_scale(prim, times) or any(
+    return changes_scale(prim, times) or any(
         each.GetPrim() != prim and each.GetResetXformStack() for each in inside if each
     )
 
 
-def _changes_scale(prim: Usd.Prim, times: list[float]) -> bool:
+def changes_scale(prim: Usd.Prim, times: list[float]) -> bool:
     """Return whether a prim's world transform changes more than its pose at some time codes."""
+    if len(times) < 2:
+        return False
     scaled, above = False, prim
     while above and not scaled and not above.IsPseudoRoot():
         xformable = UsdGeom.Xformable(above)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Lights whose inputs or visibility have time samples, as `InputTrack`s.
+"""Lights whose inputs, scale or visibility have time samples, as `InputTrack`s.
 
 The pose of a light, and the emission of a stage's own lights, become a LightMotion of the scenario instead
 (`scenario.light_time_samples`).
@@ -13,8 +13,10 @@ from pxr import Usd, UsdGeom
 
 from tiscene.scene.description import Color
 from tiscene.scene.input_track import InputTrack
+from tiscene.usd.core.keyframes import changes_scale, sample_times
 from tiscene.usd.core.report import StageReport
 from tiscene.usd.core.time_samples import AnimatedAncestors, dense_times, in_seconds
+from tiscene.usd.core.transform import is_singular
 from tiscene.usd.geometry.deforming import is_time_varying
 from tiscene.usd.lights.light import LightReader
 from tiscene.usd.lights.shaping import CAMERA_VISIBILITY
@@ -34,7 +36,7 @@ def light_track(
     *,
     emission: bool,
 ) -> InputTrack | None:
-    """Return how the inputs and the visibility of a light vary over time; None if they do not.
+    """Return how the inputs, the scale and the visibility of a light vary over time; None if they do not.
 
     Args:
         reader: has read the light.
@@ -53,23 +55,29 @@ def light_track(
         if (each.GetName().startswith("inputs:") or each.GetName() in _OTHERS) and is_time_varying(each)
     ]
     times = {time for each in varying for time in each.GetTimeSamples()}
-    if emission and varying:  # not linear in exposure, temperature and sizes
+    moved, now = sample_times(prim), reader.local_to_world(prim)
+    if grows := changes_scale(prim, moved) and not is_singular(now):
+        times.update(moved)
+    if emission and (varying or grows):  # not linear in exposure, temperature and sizes
         times = set(dense_times(times))
     for hider in ancestors.hiders:
         times.update(UsdGeom.Imageable(hider).GetVisibilityAttr().GetTimeSamples())
     if not times:
         return None
     codes = sorted(times)
-    samples, light = [], reader.lights[row]
+    from_world = world_from_prim @ np.linalg.inv(now) if grows else None  # the identity but for lights in prototypes
+    samples, present, light = [], [], reader.lights[row]
     for code in codes:
         other = reader.at(Usd.TimeCode(code))
-        if varying:
-            other.add(prim, world_from_prim)
+        world = world_from_prim if from_world is None else from_world @ other.local_to_world(prim)
+        shown = not is_singular(world)  # what its transform flattens is off
+        if shown and (varying or grows):
+            other.add(prim, world)
         light = other.lights[0] if other.lights and type(other.lights[0]) is type(light) else light
         samples.append(light)
-    present = tuple(ancestors.is_visible(Usd.TimeCode(code)) for code in codes)
+        present.append(shown and ancestors.is_visible(Usd.TimeCode(code)))
     excluded = _CONSTANT if emission else (*_CONSTANT, *_EMISSION)
-    return InputTrack.of(row, in_seconds(prim.GetStage(), codes), samples, present, excluded)
+    return InputTrack.of(row, in_seconds(prim.GetStage(), codes), samples, tuple(present), excluded)
 
 
 def mesh_emission_over_time(

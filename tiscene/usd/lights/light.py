@@ -23,6 +23,7 @@ from tiscene.scene.description import (
     DistantLight,
     DomeLight,
     Light,
+    Matrix,
     Portal,
     RectLight,
     SphereLight,
@@ -66,6 +67,10 @@ class LightReader:
     def at(self, time: Usd.TimeCode) -> LightReader:
         """Return a reader of the same stage at another time, without lights so far."""
         return LightReader(self._textures, time, self._report, self._meters, self._up_axis)
+
+    def local_to_world(self, prim: Usd.Prim) -> Matrix:
+        """Return the world transform of a prim at the time that this reader reads, float64 4x4, m."""
+        return to_matrix(UsdGeom.Xformable(prim).ComputeLocalToWorldTransform(self._time), self._meters)
 
     def rename_last(self, suffix: str) -> None:
         """Append a suffix to the name and path of the light read last."""
@@ -261,8 +266,7 @@ class LightReader:
             if not prim or not prim.IsA(UsdLux.PortalLight):
                 self._report.omission(dome.GetPath(), f"its portal <{path}> is not a PortalLight")
                 continue
-            world = UsdGeom.Xformable(prim).ComputeLocalToWorldTransform(self._time)
-            matrix = to_matrix(world, self._meters)
+            matrix = self.local_to_world(prim)
             pose = unscaled(matrix)
             if pose is None:
                 self._report.problem(path, "portal", "its transform is singular or not finite")

@@ -12,11 +12,10 @@ from pxr import Gf, Sdf, Usd, UsdGeom
 from tiscene.scene.camera import quaternion_from_matrix
 from tiscene.scene.description import Color, DistantLight, Light
 from tiscene.usd.core import schema
-from tiscene.usd.core.keyframes import MAX_TIMES, sample_times
+from tiscene.usd.core.keyframes import MAX_TIMES, changes_scale, sample_times
 from tiscene.usd.core.report import StageReport
 from tiscene.usd.core.stage import reading_time
 from tiscene.usd.core.time_samples import dense_times
-from tiscene.usd.core.transform import to_matrix
 from tiscene.usd.core.units import Units
 from tiscene.usd.lights.light import LightReader
 from tiscene.usd.materials.texture import TextureTable
@@ -79,6 +78,8 @@ def _emission_times(prim: Usd.Prim) -> list[float]:
     for name in (*_LINEAR, *_NONLINEAR):
         samples = prim.GetAttribute(name).GetTimeSamples() if prim.HasAttribute(name) else []
         times.update(dense_times(samples, MAX_TIMES) if name in _NONLINEAR else samples)
+    if changes_scale(prim, moved := sample_times(prim)):  # as other sizes
+        times.update(dense_times(moved, MAX_TIMES))
     return sorted(times)
 
 
@@ -97,7 +98,7 @@ def _light(prim: Usd.Prim, time: Usd.TimeCode) -> Light | None:
     stage, ignored = prim.GetStage(), StageReport("")
     meters = UsdGeom.GetStageMetersPerUnit(stage)
     reader = LightReader(TextureTable(ignored), time, ignored, meters, str(UsdGeom.GetStageUpAxis(stage)))
-    reader.add(prim, to_matrix(UsdGeom.Xformable(prim).ComputeLocalToWorldTransform(time), meters))
+    reader.add(prim, reader.local_to_world(prim))
     return reader.lights[0] if reader.lights else None
 
 
