@@ -86,12 +86,39 @@ def test_object_whose_scale_changes_has_the_size_that_usd_gives_it(tmp_path, fir
         rows = [row for row in source[frame].objects if row.prim_path == prim]
         if frame == 0 and "(0," in first:
             assert rows == []  # it is flat
-            continue
-        cache = UsdGeom.BBoxCache(Usd.TimeCode(frame), [UsdGeom.Tokens.default_])
-        box = cache.ComputeWorldBound(stage.GetPrimAtPath(prim + "/Body"))
-        corners = np.array([box.GetMatrix().Transform(box.GetRange().GetCorner(k)) for k in range(8)])
-        expected = np.stack([corners.min(axis=0), corners.max(axis=0)])
-        np.testing.assert_allclose(rows[0].world_bounds, expected, atol=1e-5)
+        else:
+            np.testing.assert_allclose(rows[0].world_bounds, usd_bounds(stage, prim + "/Body", frame), atol=1e-5)
+
+
+def usd_bounds(stage: Usd.Stage, path: str, frame: int) -> np.ndarray:
+    """Return the bounds [2, 3] of the corners of a prim's box by USD's own cache."""
+    cache = UsdGeom.BBoxCache(Usd.TimeCode(frame), [UsdGeom.Tokens.default_])
+    box = cache.ComputeWorldBound(stage.GetPrimAtPath(path))
+    corners = np.array([box.GetMatrix().Transform(box.GetRange().GetCorner(k)) for k in range(8)])
+    return np.stack([corners.min(axis=0), corners.max(axis=0)])
+
+
+def test_object_that_turns_below_an_uneven_scale_has_the_shape_that_usd_gives_it(tmp_path):
+    turning = 'float xformOp:rotateZ.timeSamples = { 0: 0, 10: 90 }\nuniform token[] xformOpOrder = ["xformOp:rotateZ"]'
+    scale = 'float3 xformOp:scale = (3, 1, 1)\nuniform token[] xformOpOrder = ["xformOp:scale"]'
+    group = f'def Xform "Group"\n{{\n{scale}\n{COMPONENT % ("Thing", turning)}}}\n'
+    path = write(tmp_path, group + FLOOR, more=RANGE)
+    source, stage = stream(path), open_stage(path)
+    for frame in (0, 4, 10):
+        (row,) = [row for row in source[frame].objects if row.prim_path == "/Group/Thing"]
+        np.testing.assert_allclose(row.world_bounds, usd_bounds(stage, "/Group/Thing/Body", frame), atol=1e-5)
+
+
+@pytest.mark.parametrize("motion", ["", MOVED])
+def test_object_that_is_hidden_and_shown_again_is_absent_between(tmp_path, motion):
+    blinking = 'token visibility.timeSamples = { 0: "inherited", 2: "invisible", 4: "inherited", 7: "invisible" }\n'
+    path = write(tmp_path, COMPONENT % ("Thing", blinking + motion) + FLOOR, more=RANGE)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        source = stream(path)
+    shown = [[row.id for row in source[frame].objects if row.prim_path == "/Thing"] for frame in range(9)]
+    (number,) = shown[0]
+    assert shown == [[number]] * 2 + [[]] * 2 + [[number]] * 3 + [[]] * 2
 
 
 def test_prototype_of_points_moves_with_all_its_points(tmp_path):

@@ -47,11 +47,14 @@ def sample_times(prim: Usd.Prim) -> list[float]:
     return dense_times(times, MAX_TIMES) if turns else sorted(times)
 
 
-def moves_in_parts(prim: Usd.Prim) -> bool:
-    """Return whether a prim moves by time samples, and no rigid trajectory of the whole prim is its motion.
+def plays_in_parts(prim: Usd.Prim) -> bool:
+    """Return whether a prim's time samples are neither a rigid trajectory of the whole prim nor one lifespan.
 
-    Its scale changes, or `!resetXformStack!` keeps parts of it in place. It is played by the transforms of its parts.
+    Its scale or shear changes, `!resetXformStack!` keeps parts of it in place, or it is hidden and shown again. It is
+    played by the transforms and the presence of its parts.
     """
+    if sum(visible for _, visible in _visibility_changes(prim)) > 1:
+        return True
     times = sample_times(prim)
     if len(times) < 2:
         return False
@@ -69,7 +72,7 @@ def changes_scale(prim: Usd.Prim, times: list[float]) -> bool:
     while above and not scaled and not above.IsPseudoRoot():
         xformable = UsdGeom.Xformable(above)
         operations = xformable.GetOrderedXformOps() if xformable else ()
-        scaled = any(each.GetOpType() not in _RIGID and each.GetNumTimeSamples() > 1 for each in operations)
+        scaled = any(each.GetOpType() not in _RIGID for each in operations)  # what turns below a scale changes too
         above = above.GetParent()
     if not scaled:
         return False
@@ -79,6 +82,15 @@ def changes_scale(prim: Usd.Prim, times: list[float]) -> bool:
     return bool((np.abs(products - products[0]) > 1e-5 * max(1e-30, float(np.abs(products).max()))).any())
 
 
+def _visibility_changes(prim: Usd.Prim) -> list[tuple[float, bool]]:
+    """Return the first time code of a prim's own visibility and those at which it changes, each with its new value."""
+    visibility = UsdGeom.Imageable(prim).GetVisibilityAttr()
+    if not visibility or visibility.GetNumTimeSamples() < 2:
+        return []
+    samples = [(time, visibility.Get(time) != UsdGeom.Tokens.invisible) for time in visibility.GetTimeSamples()]
+    return [each for row, each in enumerate(samples) if row == 0 or each[1] != samples[row - 1][1]]
+
+
 def read_lifespan(prim: Usd.Prim, report: StageReport) -> tuple[int, int | None] | None:
     """Return the first and last frame at which a prim is visible, from the samples of its own visibility.
 
@@ -86,17 +98,12 @@ def read_lifespan(prim: Usd.Prim, report: StageReport) -> tuple[int, int | None]
 
     Args:
         prim: an imageable prim.
-        report: receives an omission for a prim that is hidden and shown again.
+        report: receives an omission for a prim that is hidden and shown again, and that its schema makes an object.
 
     Returns:
         First frame, and last frame (None: no end). None if its visibility is not animated.
     """
-    visibility = UsdGeom.Imageable(prim).GetVisibilityAttr()
-    if not visibility or visibility.GetNumTimeSamples() < 2:
-        return None
-    start = prim.GetStage().GetStartTimeCode()
-    samples = [(time, visibility.Get(time) != UsdGeom.Tokens.invisible) for time in visibility.GetTimeSamples()]
-    changes = [each for row, each in enumerate(samples) if row == 0 or each[1] != samples[row - 1][1]]
+    start, changes = prim.GetStage().GetStartTimeCode(), _visibility_changes(prim)
     shown = [time for time, visible in changes if visible]
     if not shown or len(changes) < 2:
         return None

@@ -104,6 +104,8 @@ def read_camera(
             optional.update(near=near, far=far)
         else:
             report.omission(path, f"a camera's clippingRange of {near:g} to {far:g} m is not used")
+    if camera.GetClippingPlanesAttr().Get(time):
+        report.omission(path, "clippingPlanes of a camera cut nothing")
     shutter_open, shutter_close = number("shutter:open"), number("shutter:close")
     if -1.0 <= shutter_open <= shutter_close <= 1.0:
         optional.update(shutter_open=shutter_open, shutter_close=shutter_close)

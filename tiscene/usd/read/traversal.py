@@ -14,7 +14,7 @@ from pxr import Sdf, Tf, Usd, UsdGeom, UsdLux, UsdSkel
 
 from tiscene.scene.camera import Camera
 from tiscene.scene.description import Matrix, SceneDescription, Template
-from tiscene.usd.core.keyframes import moves_in_parts
+from tiscene.usd.core.keyframes import plays_in_parts
 from tiscene.usd.core.report import UNDRAWN, StageReport
 from tiscene.usd.core.semantics import direct_label, is_component, is_object_instance, taxonomies_of
 from tiscene.usd.core.time_samples import TransformSamples
@@ -156,7 +156,7 @@ class StageReader(PointInstancerReader):
         if is_light(prim) and not is_gprim:
             return True
         is_outermost = (is_object or is_gprim) and inherited.owner is None and not prim.IsInstanceProxy()
-        return is_outermost and bool(prim.IsA(UsdGeom.Xformable)) and not moves_in_parts(prim)
+        return is_outermost and bool(prim.IsA(UsdGeom.Xformable)) and not plays_in_parts(prim)
 
     def _read(self, prim: Usd.Prim, here: TraversalContext) -> bool:
         """Read one prim and return whether to traverse its children."""

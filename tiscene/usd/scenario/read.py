@@ -16,7 +16,7 @@ from typing import Any
 from pxr import Sdf, Usd, UsdGeom
 
 from tiscene.usd.core import schema
-from tiscene.usd.core.keyframes import moves_in_parts, read_keyframes, read_lifespan
+from tiscene.usd.core.keyframes import plays_in_parts, read_keyframes, read_lifespan
 from tiscene.usd.core.limits import Limits
 from tiscene.usd.core.pose import is_same_pose, read_pose
 from tiscene.usd.core.report import StageReport
@@ -198,7 +198,7 @@ class _ScenarioReader:
             return False
         if schema.has(prim, schema.OBJECT) or schema.has(prim, schema.MOTION):
             return True
-        if not _is_stage_object(prim) or moves_in_parts(prim):
+        if not _is_stage_object(prim) or plays_in_parts(prim):
             return False
         return bool(read_lifespan(prim, self._report) or read_keyframes(prim, self._units, self._report))
 
