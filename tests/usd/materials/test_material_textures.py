@@ -99,6 +99,26 @@ def test_udim_tiles_are_merged_side_by_side(tmp_path):
     assert (sheet.wrap_s, sheet.wrap_t) == ("clamp", "clamp")  # as UDIM tiles are
 
 
+def test_textures_of_the_same_udim_tiles_have_their_own_fallbacks(tmp_path):
+    for number in (1001, 1003):
+        Image.new("RGB", (2, 2), 7).save(tmp_path / f"tile.{number}.png")
+    image = "asset inputs:file = @./tile.<UDIM>.png@\n" + 'token inputs:sourceColorSpace = "raw"\n'
+    surface = shader(
+        "Surface",
+        "UsdPreviewSurface",
+        "color3f inputs:diffuseColor.connect = </Looks/L/A.outputs:rgb>\n"
+        "color3f inputs:emissiveColor.connect = </Looks/L/B.outputs:rgb>",
+    )
+    for name, red in (("A", 1), ("B", 0)):
+        lines = f"{image}float4 inputs:fallback = ({red}, 0, 0, 1)"
+        surface += shader(name, "UsdUVTexture", lines, "float3 outputs:rgb")
+    description = read(tmp_path, material(surface))
+    found = only_material(description)
+    sheets = [description.textures[each.texture] for each in (found.diffuse_color, found.emissive_color)]
+    assert [each.pixels[0, 2, 0] for each in sheets] == [255, 0]
+    assert {each.name for each in sheets} == {"tile.<UDIM>.png"}
+
+
 def test_udim_image_begins_at_first_tile(tmp_path):
     Image.new("L", (2, 2), 7).save(tmp_path / "t.1013.png")
     description = read(tmp_path, texture("asset inputs:file = @./t.<UDIM>.png@"))

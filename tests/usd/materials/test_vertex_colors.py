@@ -92,15 +92,37 @@ def test_display_opacity_interpolates_over_faces(tmp_path):
     np.testing.assert_array_equal(frame.instance == 1, u > 0.5)
 
 
-@pytest.mark.parametrize(("values", "interpolation"), [("[0.25]", "constant"), ("[0.25]", "uniform")])
-def test_opacity_applies_beside_colors_of_points(tmp_path, values, interpolation):
+@pytest.mark.parametrize("interpolation", ["constant", "uniform"])
+def test_opacity_applies_beside_colors_of_points(tmp_path, interpolation):
     """Labels see a surface of opacity above 0.5, and 0.25 is below."""
-    opacity = f'float[] primvars:displayOpacity = {values} (interpolation = "{interpolation}")'
-    description = read(tmp_path, QUAD % ("", COLORS % "vertex" + "\n    " + opacity))
-    assert description.materials[0].opacity == TextureLookup(VERTEX_COLORS, "a")
-    np.testing.assert_allclose(description.meshes[0].colors[:, 3], 0.25)
+    opacity = f'float[] primvars:displayOpacity = [0.25] (interpolation = "{interpolation}")'
     path = write(tmp_path, QUAD % ("", COLORS % "vertex" + "\n    " + opacity))
     assert not albedo(path).instance.any()
+
+
+def test_opacity_of_faces_applies_beside_colors_of_points(tmp_path):
+    opacity = 'float[] primvars:displayOpacity = [0.25, 0.75] (interpolation = "uniform")'
+    triangles = QUAD.replace("[4]", "[3, 3]").replace("[0, 1, 2, 3]", "[0, 1, 2, 0, 2, 3]")
+    frame = albedo(write(tmp_path, triangles % ("", COLORS % "vertex" + "\n    " + opacity)))
+    u, v = expected()
+    np.testing.assert_array_equal(frame.instance[v > u + 0.01], 1)
+    np.testing.assert_array_equal(frame.instance[v < u - 0.01], 0)
+
+
+def test_instances_inherit_their_own_opacity_beside_colors_of_points(tmp_path):
+    body = "class " + f'Xform "Proto"\n{{\n{QUAD % ("", COLORS % "vertex")}\n}}\n'
+    for name, value in (("Solid", 0.75), ("Faint", 0.25)):
+        body += f"""def Xform "{name}" (
+    instanceable = true
+    inherits = </Proto>
+)
+{{
+    float[] primvars:displayOpacity = [{value}] (interpolation = "constant")
+}}
+"""
+    description = read(tmp_path, body)
+    found = [description.materials[description.meshes[each.mesh].materials[0]] for each in description.instances]
+    assert [each.opacity for each in found] == [0.75, 0.25]
 
 
 def test_opacity_that_varies_over_time_is_reported_beside_colors_of_points(tmp_path):

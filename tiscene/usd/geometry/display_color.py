@@ -18,6 +18,7 @@ from tiscene.usd.geometry.vertex_weld import sum_rows
 Floats = NDArray[np.floating]
 _MAX_COLORS = 4096  # materials made of one gprim's colors
 _DEFAULTS = {"displayColor": (0.18, 0.18, 0.18), "displayOpacity": (1.0,)}
+DISPLAY_PRIMVARS = tuple(_DEFAULTS)
 
 
 def constant_primvar(

@@ -20,6 +20,7 @@ from tiscene.scene.input_track import InputTrack
 from tiscene.usd.core.report import StageReport
 from tiscene.usd.core.semantics import shared_path
 from tiscene.usd.geometry.display_color import (
+    DISPLAY_PRIMVARS,
     constant_primvar,
     display_color_times,
     quantize_colors,
@@ -176,14 +177,8 @@ class MaterialTableBuilder:
 
     def _of_display_color(self, gprim: Usd.Prim) -> Binding:
         """Return the material of a gprim's displayColor and displayOpacity."""
-        varying = [
-            name
-            for name in ("displayColor", "displayOpacity")
-            if varies_over_surface(gprim, name, self._time, within_faces=True)
-        ]
-        if varying:
-            opacity = self._constant_color(gprim, self._time)[1]
-            return self._vertex_colors("displayOpacity" in varying or opacity != 1.0)
+        if any(varies_over_surface(gprim, name, self._time, within_faces=True) for name in DISPLAY_PRIMVARS):
+            return self._vertex_colors(gprim)
         times = display_color_times(gprim, self._report)
         if not times:
             return self._display_color(*self._constant_color(gprim, self._time))
@@ -198,20 +193,28 @@ class MaterialTableBuilder:
             self._animate(gprim, binding.row, times, read_at)
         return binding
 
-    def _constant_color(self, gprim: Usd.Prim, time: Usd.TimeCode) -> tuple[Color, float]:
-        """Return the mean displayColor and displayOpacity of a gprim."""
-        color = constant_primvar(gprim, "displayColor", 3, time, self._report, report_varying=False)
-        opacity = constant_primvar(gprim, "displayOpacity", 1, time, self._report, report_varying=False)
+    def _constant_color(self, gprim: Usd.Prim, time: Usd.TimeCode, varying: Iterable[str] = ()) -> tuple[Color, float]:
+        """Return the mean displayColor and displayOpacity of a gprim; the defaults of those in `varying`."""
+        color, opacity = (
+            None if name in varying else constant_primvar(gprim, name, width, time, self._report, report_varying=False)
+            for name, width in (("displayColor", 3), ("displayOpacity", 1))
+        )
         return cast(Any, color or _DEFAULT.diffuse_color), 1.0 if opacity is None else opacity[0]
 
-    def _vertex_colors(self, opacity: bool) -> Binding:
-        """Return the material of a mesh whose displayColor varies within faces, as Hydra draws it."""
-        name = "displayColor"
-        color = Material(name, TextureLookup(VERTEX_COLORS))
-        if opacity:
-            color = replace(color, opacity=TextureLookup(VERTEX_COLORS, "a"), opacity_mode="presence")
-        read = PrimvarNames(color=name, opacity="displayOpacity")
-        return self._row(("displayColor of vertices", opacity), color, read, is_display_color=True)
+    def _vertex_colors(self, gprim: Usd.Prim) -> Binding:
+        """Return the material of a mesh whose displayColor or displayOpacity varies within faces, as Hydra draws it.
+
+        One that does not vary is a constant of the material: instances may inherit different ones.
+        """
+        varying = [name for name in DISPLAY_PRIMVARS if varies_over_surface(gprim, name, self._time)]
+        material, read = _of_color(*self._constant_color(gprim, self._time, varying)), NO_PRIMVARS
+        if "displayColor" in varying:
+            material = replace(material, diffuse_color=TextureLookup(VERTEX_COLORS))
+            read = replace(read, color="displayColor")
+        if "displayOpacity" in varying:
+            material = replace(material, opacity=TextureLookup(VERTEX_COLORS, "a"), opacity_mode="presence")
+            read = replace(read, opacity="displayOpacity")
+        return self._row(("displayColor of vertices", material), material, read, is_display_color=True)
 
     def _display_color(self, color: Color, opacity: float) -> Binding:
         """Return a material of one color, as Hydra draws prims without one; partial opacity is coverage."""

@@ -129,7 +129,11 @@ class TextureTable:
             text = f"the tiles @{asset.path}@ are far apart, in an area of {columns}x{rows}: each is reduced to {size}"
             self._report.omission(prim_path, text)
         merged = ImageData(_merge_tiles(read, low, (columns, rows), fitting.tolist(), fallback, encoding), first.srgb)
-        row = self._row(_anchor_udim_path(attribute, asset), merged, encoding, ("clamp", "clamp"))
+        key = _anchor_udim_path(attribute, asset)
+        name = Path(split_package(key)[-1]).name
+        if len(read) < columns * rows:  # the fallback is part of the image
+            key += f" {fallback}"
+        row = self._row(key, merged, encoding, ("clamp", "clamp"), name)
         return row, (1.0 / columns, 0.0, -float(low[0]) / columns, 0.0, 1.0 / rows, -float(low[1]) / rows)
 
     def add_pixels(self, key: str, name: str, pixels: FloatArray) -> int:
