@@ -9,6 +9,7 @@ import warnings
 
 import numpy as np
 import pytest
+from pxr import Usd
 
 from tests.usd.helpers import QUAD, problems_of, read, read_with_warning, write
 from tiscene.errors import ArgumentError, MissingFile, StageError, StageWarning, UnknownName
@@ -96,6 +97,16 @@ def test_changed_file_is_read_again(tmp_path):
     first = read(tmp_path, 'def Cube "A"\n{\n}')
     assert len(read(tmp_path, 'def Cube "A"\n{\n}\ndef Cube "B"\n{\n}').objects) == 2
     assert first.name == "stage"
+
+
+def test_changed_file_that_needs_fewer_layers_is_read_while_a_stage_holds_it(tmp_path):
+    names = "ABCDEFGH"
+    for name in names:
+        write(tmp_path, f'def Cube "{name}"\n{{\n}}', name=f"{name}.usda")
+    path = write(tmp_path, "", more=f"subLayers = [{', '.join(f'@./{name}.usda@' for name in names)}]")
+    held = Usd.Stage.Open(str(path))
+    assert [each.name for each in read(tmp_path, 'def Cube "Alone"\n{\n}').objects] == ["Alone"]
+    assert held.GetPrimAtPath("/Alone")
 
 
 VARIANTS = """

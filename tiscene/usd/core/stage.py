@@ -90,7 +90,8 @@ def open_stage(path: str | Path, variants: Variants | None = None, report: Stage
     with readable(path), Ar.ResolverContextBinder(context):
         stage = Usd.Stage.Open(str(path), context, Usd.Stage.LoadAll)
         for layer in stage.GetUsedLayers():  # USD shares layers in a process: the files may have changed since
-            if not layer.anonymous and (not layer.dirty or is_substituted(layer)):
+            # One that the layers reloaded before it no longer use has expired.
+            if not layer.expired and not layer.anonymous and (not layer.dirty or is_substituted(layer)):
                 layer.Reload(force=layer.dirty)
         report = report or StageReport(str(path))
         for file, fault in substitute_documents(stage, report.root.contains):
