@@ -117,6 +117,17 @@ def test_uniform_display_color_becomes_material_per_face(tmp_path, scheme, lines
         assert (material.opacity, material.opacity_mode) == ((1.0, "transparent") if left else (0.5, "presence"))
 
 
+@pytest.mark.parametrize(
+    ("gprim", "interpolation"),
+    [("Cube", "uniform"), ("Sphere", "vertex"), ("Cube", "constant"), ("Mesh", "constant")],
+)
+def test_mean_of_several_display_colors_is_reported_where_no_face_can_have_its_own(tmp_path, gprim, interpolation):
+    lines = f'color3f[] primvars:displayColor = [(1, 0, 0), (0, 0, 1)] (interpolation = "{interpolation}")'
+    body = f'def {gprim} "M"\n{{\n{QUAD if gprim == "Mesh" else ""}\n{lines}\n}}'
+    description = read_with_warning(tmp_path, body, "'displayColor' varies over the surface, its mean is used: </M>")
+    assert description.materials[0].diffuse_color == (0.5, 0.0, 0.5)
+
+
 def test_colors_are_quantized_to_a_limited_number_of_materials():
     from tiscene.usd.geometry.display_color import quantize_colors
 

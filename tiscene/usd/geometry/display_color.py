@@ -32,7 +32,8 @@ def constant_primvar(
         width: components of each value.
         time: when to evaluate it.
         report: collects values that are not finite, or of another number than the gprim has points or faces.
-        report_varying: whether to report as an omission that a varying primvar is replaced by its mean.
+        report_varying: whether to report as an omission that a primvar of several values is replaced by its mean, also
+            where the gprim has faces, points or curves that could have their own values.
 
     Returns:
         `width` numbers: the constant primvar, or the mean of one that varies; None if it is unauthored, of another
@@ -51,12 +52,14 @@ def constant_primvar(
     if not np.isfinite(values).all():
         report.problem(gprim.GetPath(), name, "is not a finite number")
         return None
+    has_elements = False
     if _is_not_constant(primvar):
         topology = primvar_topology(gprim, time)
+        has_elements = len(topology.counts) > 0
         is_valid = topology.counts.min(initial=0) >= 0  # else it is reported where the gprim is read
-        if is_valid and len(topology.counts) and read_primvar(primvar, width, topology, time, report) is None:
+        if is_valid and has_elements and read_primvar(primvar, width, topology, time, report) is None:
             return None
-    if report_varying and len(values) > 1 and (values != values[0]).any():
+    if (report_varying or not has_elements) and len(values) > 1 and (values != values[0]).any():
         report.omission(gprim.GetPath(), f"primvar {name!r} varies over the surface, its mean is used")
     return tuple(round(v, 7) for v in values.mean(axis=0).tolist())
 
