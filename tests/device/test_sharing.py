@@ -160,6 +160,7 @@ def test_user_code_and_stream_give_the_same_as_alone(run, options):
     assert run(shared) == (user, stream)
 
 
+@pytest.mark.slow
 def test_user_code_runs_after_the_stream_started_taichi(run):
     started = "from tiscene.device import runtime\nruntime.start()\n"
     alone = started + USER_CODE + "program = Program()\nfor k in range(3):\n    program.step(k)\n"

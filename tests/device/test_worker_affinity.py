@@ -54,6 +54,7 @@ def test_workers_are_bound_to_all_cores_and_the_main_thread_to_none(program):
     assert sorted(workers) == [[core] for core in mine]
 
 
+@pytest.mark.slow
 @pytest.mark.skipif((os.cpu_count() or 1) < 2, reason="needs two cores")
 def test_fewer_workers_than_cores_are_not_bound(program):
     mine = sorted(os.sched_getaffinity(0))

@@ -54,6 +54,7 @@ def test_fine_spheres_cross_as_their_distance_says():
             assert surfaces_cross(a, sphere(0.5, distance * direction)) is cross, (direction, distance)
 
 
+@pytest.mark.slow
 def test_crossing_equals_brute_force_for_random_triangles():
     rng = np.random.default_rng(2)
     found = set()

@@ -82,6 +82,7 @@ def test_program_passes_on_the_cpu(tmp_path):
     assert np.all([f"\n{name}: " in done.stdout for name in parts.PARTS])
 
 
+@pytest.mark.slow
 def test_kit_runs_without_the_repository(sphere, tmp_path, capsys):
     scenes = tmp_path / "scenes"
     scenes.mkdir()

@@ -62,6 +62,7 @@ def test_light_setters_change_the_image(make_agent):
     assert agent.get_light_position(name) == (1, 2, 3)
 
 
+@pytest.mark.slow
 def test_indirect_multiplier_scales_indirect_light(make_agent):
     agent = make_agent(width=32, height=24, scene="solid_benchmark/scene")
     means = {}

@@ -12,6 +12,7 @@ from tests.sailenv.conftest import SCENE, WAIT, circling
 from tiscene.sailenv import AllTogetherTimings, Scenario
 
 
+@pytest.mark.slow
 def test_four_concurrent_clients_see_the_same_frames(connect):
     scenario = Scenario(SCENE, [circling()], AllTogetherTimings(0.0))
     clients = [connect() for _ in range(4)]

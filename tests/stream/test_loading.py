@@ -216,6 +216,7 @@ def test_ctrl_c_ends_both_processes_and_leaves_nothing(step, waiting):
     assert not list(files.iterdir())
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(not Path("/proc/self/task").exists(), reason="no list of a process's children here")
 def test_the_other_process_clears_up_after_one_that_was_killed(waiting):
     process, files = waiting

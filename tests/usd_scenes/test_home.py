@@ -133,6 +133,7 @@ def test_flow_at_doorways_is_that_of_the_points(stream: ts.Stream) -> None:
         np.testing.assert_allclose(frame.forward_flow[fixed][front], moved, atol=0.02, rtol=1e-3)
 
 
+@pytest.mark.slow
 def test_time_passes_for_objects_that_nobody_looks_at(stream: ts.Stream) -> None:
     """The ball flies on in the kitchen while the camera is elsewhere; the bear stays where it sits."""
     unseen = [

@@ -220,6 +220,7 @@ def test_domes_have_portals(name: str) -> None:
         assert all(stage.GetPrimAtPath(path).IsA(UsdLux.PortalLight) for path in portals)
 
 
+@pytest.mark.slow
 def test_table_of_labels_is_up_to_date() -> None:
     (table,) = gallery.TABLE.findall((gallery.DOCS / "scenes.md").read_text(encoding="utf-8"))
     assert table == gallery.table(), "run `python -m docs.tools.gallery table`"

@@ -86,6 +86,7 @@ def test_stopping_does_not_bias_means() -> None:
     assert np.mean(means) == pytest.approx(exact, abs=4.0 * np.std(means) / math.sqrt(24) + 2e-4 * exact)
 
 
+@pytest.mark.slow
 def test_reported_variance_equals_variance_over_seeds() -> None:
     """The variance over images of different seeds equals the mean of their estimates."""
     passes, runs = paths(), 96

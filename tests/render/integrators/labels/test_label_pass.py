@@ -260,6 +260,7 @@ print(json.dumps({name: hashlib.sha256(array.tobytes()).hexdigest() for name, ar
 """
 
 
+@pytest.mark.slow
 def test_bytes_do_not_depend_on_threads() -> None:
     digests = []
     for threads in ("1", "2"):
