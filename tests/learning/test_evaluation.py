@@ -1,17 +1,22 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Evaluation of learners: order of predicting and learning, metrics, clock, checkpoints, scores."""
+"""Evaluation of learners: order of predicting and learning, metrics, clock, scores."""
 
 import json
 import math
-import pickle
-import subprocess
-import sys
 from pathlib import Path
 
 import numpy as np
 import pytest
 
-from dynamics import CatmullWaypoints, Waypoint
+from tests.learning.small_course import (
+    BALL,
+    CHAIR,
+    SETTINGS,
+    Constant,
+    NearestAlbedo,
+    Oracle,
+    make_course,
+)
 from tiscene.errors import ArgumentError, MissingFile, UnknownName
 from tiscene.learning.clock import Clock
 from tiscene.learning.course import Course
@@ -23,88 +28,9 @@ from tiscene.learning.pixel_counts import PixelCounts, selected_pixels
 from tiscene.learning.score import differences, read_score
 from tiscene.learning.stream_metrics import Adaptation, FocusAccuracy, NearFutureAccuracy, OnlineAccuracy
 from tiscene.learning.supervision import SupervisionRules
-from tiscene.learning.teaching_policies import Asked, Combined, OnePixelPerMovingObject, RandomPixels
-from tiscene.scenario.objects import Object
-from tiscene.scenario.scenario import Scenario
+from tiscene.learning.teaching_policies import Asked, RandomPixels
 
 ROOT = Path(__file__).parents[2]
-SETTINGS = {"width": 24, "height": 18, "buffers": ("semantic", "instance", "part", "depth", "albedo")}
-
-
-def scenario(template):
-    path = [Waypoint((-0.6, 0.9, -2)), Waypoint((0.6, 1.2, -2)), Waypoint((0, 0.6, -2.4))]
-    return Scenario("object_view", [Object("mover", template, dynamic=CatmullWaypoints(path, total_time=1.0))])
-
-
-TAUGHT = SupervisionRules(Combined([OnePixelPerMovingObject(), RandomPixels(2)]))
-BALL, CHAIR = scenario("Ball 01"), scenario("Chair 01")
-
-
-def make_course(**others):
-    return Course(
-        [
-            Phase("ball", BALL, frames=12, supervision=TAUGHT),
-            Phase("chair", CHAIR, frames=12, supervision=TAUGHT),
-            Phase("exam", BALL, frames=4, evaluate=True, supervision=TAUGHT),
-        ],
-        tests=[
-            Phase("ball", BALL, frames=3, start=13),
-            Phase("chair", CHAIR, frames=3, start=13),
-            Phase("plant", scenario("Plant 01"), frames=2),
-        ],
-        **(SETTINGS | {"observed": ("albedo",)} | others),
-    )
-
-
-@pytest.fixture(scope="module")
-def course():
-    return make_course()
-
-
-class Constant:
-    """Predicts one category, and records its calls."""
-
-    def __init__(self, number=0):
-        self.number, self.calls = number, []
-
-    def predict(self, frame):
-        self.calls.append(("predict", frame.index))
-        return np.full(frame[next(iter(frame))].shape[:2], self.number)
-
-    def learn(self, frame, answers):
-        self.calls.append(("learn", frame.index, len(answers)))
-
-
-class Oracle(Constant):
-    """Reads the labels, which it may observe."""
-
-    def predict(self, frame):
-        super().predict(frame)
-        return frame.semantic
-
-
-class NearestAlbedo:
-    """Predicts the category whose last labels have the nearest albedo; deterministic."""
-
-    def __init__(self, categories=None, seed=0):
-        self.seed, self.known = seed, []
-
-    def predict(self, frame):
-        colors = frame.albedo.reshape(-1, 3)
-        if not self.known:
-            return np.zeros(frame.albedo.shape[:2], int)
-        known = np.array([color for color, _ in self.known])
-        nearest = np.argmin(np.square(colors[:, None] - known).sum(axis=2), axis=1)
-        return np.array([number for _, number in self.known])[nearest].reshape(frame.albedo.shape[:2])
-
-    def learn(self, frame, answers):
-        self.known = [*self.known, *((frame.albedo[each.pixel], each.category_id) for each in answers)][-40:]
-
-    def state_dict(self):
-        return {"known": self.known}
-
-    def load_state_dict(self, state):
-        self.known = state["known"]
 
 
 def test_each_frame_is_predicted_before_it_is_learned(course):
@@ -279,46 +205,6 @@ def test_several_learners_share_frames_and_have_their_own_scores(course):
     assert first.scores["online"] != second.scores["online"]
 
 
-@pytest.mark.slow
-def test_score_is_recomputed_by_another_process_from_a_checkpoint(tmp_path):
-    """Half of the course here, the rest in another process: the same score as without interruption."""
-    whole = evaluate(NearestAlbedo(), make_course())
-    make_course().save(tmp_path / "course.json")
-    program = """
-import sys
-sys.path.insert(0, {root!r})
-from tests.learning.test_evaluation import NearestAlbedo
-from tiscene.learning.course import Course
-from tiscene.learning.evaluation import evaluate
-class Stopping(NearestAlbedo):
-    def learn(self, frame, answers):
-        super().learn(frame, answers)
-        if frame.index == 17:
-            raise KeyboardInterrupt
-try:
-    evaluate(Stopping(), Course.load({course!r}), checkpoint={file!r})
-except KeyboardInterrupt:
-    print("stopped")
-"""
-    names = {"root": str(ROOT), "course": str(tmp_path / "course.json"), "file": str(tmp_path / "state")}
-    done = subprocess.run([sys.executable, "-c", program.format(**names)], capture_output=True, text=True, check=True)
-    assert done.stdout.strip() == "stopped"
-    learned = []
-
-    class Continuing(NearestAlbedo):
-        def learn(self, frame, answers):
-            learned.append(frame.index)
-            super().learn(frame, answers)
-
-    resumed = evaluate(Continuing(), make_course(), checkpoint=tmp_path / "state")
-    assert learned == list(range(12, 24))  # from the end of the first phase on
-    assert not (tmp_path / "state").exists()
-    first, second = whole.to_json(), resumed.to_json()
-    first["learner"] = second["learner"] = {}
-    assert differences(first, second) == []
-    assert first["labels"] == second["labels"]
-
-
 def test_differences_name_what_differs(course, tmp_path):
     score = evaluate(NearestAlbedo(), course, [OnlineAccuracy()])
     score.save(tmp_path / "score.json")
@@ -334,54 +220,6 @@ def test_differences_name_what_differs(course, tmp_path):
         read_score(tmp_path / "other.json")
     with pytest.raises(MissingFile):
         read_score(tmp_path / "none.json")
-
-
-def test_evaluation_interrupted_in_its_first_frames_continues_without_testing_again(course, tmp_path):
-    def run(stop_at, **others):
-        def progress(text, done, total):
-            seen.append(text)
-            if text.startswith("phase") and done == stop_at:
-                raise KeyboardInterrupt
-
-        seen, file = [], tmp_path / "state"
-        try:
-            evaluate(NearestAlbedo(), course, checkpoint=file, progress=progress, **others)
-        except KeyboardInterrupt:
-            assert file.exists()
-        return seen
-
-    assert run(2).count("tests after untrained") == 6 + 2
-    assert run(4, checkpoint_every=0) == ["phase ball"] * 5
-    assert run(None).count("phase ball") == 8
-    assert not (tmp_path / "state").exists()
-
-
-def test_checkpoints_of_others_are_refused(course, tmp_path):
-    def untouched(*_):
-        raise AssertionError("is refused before anything is predicted")
-
-    with pytest.raises(ArgumentError, match="needs a learner with state_dict"):
-        evaluate(Constant(), course, [OnlineAccuracy()], checkpoint=tmp_path / "a", progress=untouched)
-    (tmp_path / "b").write_bytes(b"nothing")
-    with pytest.raises(ArgumentError, match="cannot be read"):
-        evaluate(NearestAlbedo(), course, checkpoint=tmp_path / "b")
-    (tmp_path / "c").write_bytes(pickle.dumps({"version": 1, "course": "other", "runs": {}}))
-    with pytest.raises(ArgumentError, match="of another course"):
-        evaluate(NearestAlbedo(), course, checkpoint=tmp_path / "c")
-
-
-def test_checkpoints_of_other_metrics_or_another_clock_are_refused(course, tmp_path):
-    def stop(text, done, total):
-        if done == 6:
-            raise KeyboardInterrupt
-
-    metrics, file = [OnlineAccuracy(), NearFutureAccuracy(2)], {"checkpoint": tmp_path / "state"}
-    with pytest.raises(KeyboardInterrupt):
-        evaluate(NearestAlbedo(), course, metrics, **file, progress=stop)
-    for others, clock in ((metrics[:1], 0), (metrics[::-1], 0), ([metrics[0], NearFutureAccuracy(3)], 0), (metrics, 2)):
-        with pytest.raises(ArgumentError, match="of other metrics or of another clock; delete it"):
-            evaluate(NearestAlbedo(), course, others, clock=Clock(clock), **file)
-    evaluate(NearestAlbedo(), course, metrics, **file)
 
 
 def test_wrong_learners_are_refused(course):
@@ -401,7 +239,7 @@ def test_wrong_learners_are_refused(course):
 
 
 def test_learners_are_made_by_name():
-    made = make_learner("tests.learning.test_evaluation:NearestAlbedo", {0: ""}, seed=3)
+    made = make_learner("tests.learning.small_course:NearestAlbedo", {0: ""}, seed=3)
     assert made.seed == 3
     with pytest.raises(UnknownName, match="Did you mean 'naive'"):
         make_learner("naiv", {})
@@ -410,7 +248,7 @@ def test_learners_are_made_by_name():
     with pytest.raises(ArgumentError, match="has no 'Learner'"):
         make_learner("json:Learner", {})
     with pytest.raises(ArgumentError, match="must take categories= and seed="):
-        make_learner("tests.learning.test_evaluation:Constant", {})
+        make_learner("tests.learning.small_course:Constant", {})
 
 
 def test_resources_are_measured(course):

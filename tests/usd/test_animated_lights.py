@@ -1,0 +1,206 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Time samples of light inputs: values derived by hand, and how streams play them."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+
+import tiscene as ts
+from tests.usd.animated_stages import RANGE, SQUARE, stream
+from tests.usd.helpers import read, write
+
+LIGHT = """
+def %s "Lamp"%s
+{
+    %s
+}
+def Mesh "Wall"
+{
+    %s
+}
+"""
+
+
+def light_at(description, seconds, row=0):
+    (track,) = description.light_tracks
+    return track.applied(description.lights[row], track.moment(seconds))
+
+
+def test_sizes_of_lights_are_interpolated(tmp_path):
+    inputs = "float inputs:radius.timeSamples = { 0: 1, 10: 3 }"
+    description = read(tmp_path, LIGHT % ("SphereLight", "", inputs, SQUARE), more=RANGE)
+    assert light_at(description, 0.5).radius == pytest.approx(2.0)
+    rect = "float inputs:width.timeSamples = { 0: 1, 10: 3 }\nfloat inputs:height = 4"
+    description = read(tmp_path, LIGHT % ("RectLight", "", rect, SQUARE), more=RANGE)
+    assert (light_at(description, 0.25).width, light_at(description, 0.25).height) == (1.5, 4.0)
+
+
+GROWING = """float3 xformOp:scale.timeSamples = { 0: (1, 1, 1), 8: (3, 5, 1), 10: (0, 0, 0) }
+    uniform token[] xformOpOrder = ["xformOp:scale"]
+    float inputs:width = 2
+    float inputs:intensity = 6
+    bool inputs:normalize = %d"""
+
+
+@pytest.mark.parametrize("normalize", [False, True])
+def test_animated_scale_of_a_light_sets_its_size_and_radiance(tmp_path, normalize):
+    """As with UsdLux's area: radiance is intensity / (width · height) where it is normalized."""
+    path = write(tmp_path, LIGHT % ("RectLight", "", GROWING % normalize, SQUARE), more=RANGE)
+    with stream(path, buffers=("hdr",)) as frames:
+        for k, width, height in ((0, 2.0, 1.0), (4, 4.0, 3.0), (8, 6.0, 5.0)):
+            (light,) = frames.world.state(k).lights
+            assert (light.width, light.height) == pytest.approx((width, height))
+            assert light.radiance[0] == pytest.approx(6.0 / (width * height if normalize else 1.0))
+        assert frames.world.state(10).lights == ()  # flattened
+
+
+def test_light_in_a_prototype_grows_at_each_point(tmp_path):
+    lamp = LIGHT.partition("def Mesh")[0] % ("SphereLight", "", (GROWING % 0).replace("(3, 5, 1)", "(3, 3, 3)"))
+    body = f"""def PointInstancer "Lamps"
+{{
+    rel prototypes = </Lamps/Lamp>
+    int[] protoIndices = [0]
+    point3f[] positions = [(1, 2, 3)]
+    float3[] scales = [(10, 10, 10)]
+    {lamp}
+}}
+def Mesh "Wall"
+{{
+    {SQUARE}
+}}"""
+    description = read(tmp_path, body, more=RANGE)
+    assert light_at(description, 0.4).radius == pytest.approx(0.5 * 10.0 * 2.0)
+
+
+def test_cone_of_a_light_is_interpolated(tmp_path):
+    api = ' (\n prepend apiSchemas = ["ShapingAPI"]\n)'
+    inputs = "float inputs:shaping:cone:angle.timeSamples = { 0: 20, 10: 60 }"
+    description = read(tmp_path, LIGHT % ("SphereLight", api, inputs, SQUARE), more=RANGE)
+    assert light_at(description, 0.5).shaping.cone_angle == pytest.approx(math.radians(40.0))
+
+
+def test_normalized_light_keeps_its_power_while_it_grows(tmp_path):
+    """Radiance is intensity / (4 pi r²), so that pi L (4 pi r²) is the same at each frame."""
+    inputs = "float inputs:radius.timeSamples = { 0: 1, 10: 3 }\nbool inputs:normalize = 1\nfloat inputs:intensity = 5"
+    path = write(tmp_path, LIGHT % ("SphereLight", "", inputs, SQUARE), more=RANGE)
+    with stream(path, buffers=("hdr",)) as frames:
+        for k, radius in ((0, 1.0), (5, 2.0), (10, 3.0)):
+            (light,) = frames.world.state(k).lights
+            assert light.radius == pytest.approx(radius)
+            assert light.radiance[0] == pytest.approx(5.0 / (4.0 * math.pi * radius**2))
+
+
+def test_visibility_of_lights_and_their_groups_plays(tmp_path):
+    body = """
+def Xform "Group"
+{
+    token visibility.timeSamples = { 0: "inherited", 6: "invisible" }
+    def DistantLight "Sun"
+    {
+        float inputs:intensity = 1
+        token visibility.timeSamples = { 0: "invisible", 3: "inherited" }
+    }
+}
+def Mesh "Wall"
+{
+    %s
+}
+"""
+    frames = stream(write(tmp_path, body % SQUARE, more=RANGE), buffers=("hdr",))
+    assert [bool(frames[k].hdr.any()) for k in (0, 2, 3, 5, 6, 9)] == [False, False, True, True, False, False]
+    assert not frames.world.state(4).starting_lights
+
+
+def test_lights_in_prototypes_play_their_intensity(tmp_path):
+    body = """
+def PointInstancer "P"
+{
+    rel prototypes = [</P/Lamp>]
+    int[] protoIndices = [0, 0]
+    point3f[] positions = [(0, 0, 2), (1, 0, 2)]
+    def SphereLight "Lamp"
+    {
+        float inputs:intensity.timeSamples = { 0: 0, 10: 10 }
+    }
+}
+def Mesh "Wall"
+{
+    %s
+}
+"""
+    description = read(tmp_path, body % SQUARE, more=RANGE)
+    assert [track.row for track in description.light_tracks] == [0, 1]
+    with stream(write(tmp_path, body % SQUARE, more=RANGE), buffers=("hdr",)) as frames:
+        assert [light.radiance for light in frames.world.state(5).lights] == [(5.0, 5.0, 5.0)] * 2
+
+
+def test_lights_in_prototypes_play_their_visibility_and_that_of_the_instancer(tmp_path):
+    body = """
+def PointInstancer "P"
+{
+    rel prototypes = [</P/Post>]
+    int[] protoIndices = [0]
+    point3f[] positions = [(0, 0, 2)]
+    token visibility.timeSamples = { 0: "inherited", 6: "invisible" }
+    def Xform "Post"
+    {
+        token visibility.timeSamples = { 0: "invisible", 3: "inherited" }
+        def SphereLight "Lamp"
+        {
+        }
+    }
+}
+def Mesh "Wall"
+{
+    %s
+}
+"""
+    with stream(write(tmp_path, body % SQUARE, more=RANGE), buffers=("hdr",)) as frames:
+        lit = [len(frames.world.state(frame).lights) for frame in range(9)]
+    assert lit == [0, 0, 0, 1, 1, 1, 0, 0, 0]
+
+
+def test_animated_lights_that_are_not_drawn_are_left_alone(tmp_path):
+    body = """
+def SphereLight "Hidden"
+{
+    token visibility = "invisible"
+    float inputs:intensity.timeSamples = { 0: 0, 10: 10 }
+}
+def SphereLight "Guide"
+{
+    uniform token purpose = "guide"
+    float inputs:intensity.timeSamples = { 0: 0, 10: 10 }
+}
+def SphereLight "Flat"
+{
+    float3 xformOp:scale.timeSamples = { 0: (0, 0, 0), 5: (1, 1, 1), 10: (2, 2, 2) }
+    uniform token[] xformOpOrder = ["xformOp:scale"]
+}
+def Mesh "Wall"
+{
+    %s
+}
+"""
+    path = write(tmp_path, body % SQUARE, more=RANGE)
+    with pytest.warns(match="</Flat> light: its transform is singular"):
+        frames = ts.Stream(path, width=16, height=12, fps=10.0, buffers=("depth",))
+    assert frames.world.state(5).lights == ()
+
+
+def test_mesh_light_plays_its_intensity(tmp_path):
+    body = f"""
+def Mesh "Panel" (
+    prepend apiSchemas = ["MeshLightAPI"]
+)
+{{
+    {SQUARE}
+    float inputs:intensity.timeSamples = {{ 0: 2, 10: 4 }}
+}}
+"""
+    frames = stream(write(tmp_path, body, more=RANGE), buffers=("hdr",))
+    for k, radiance in ((0, 2.0), (5, 3.0), (10, 4.0)):
+        np.testing.assert_allclose(frames[k].hdr[6, 8], (radiance,) * 3, rtol=1e-5)
