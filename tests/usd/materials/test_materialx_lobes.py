@@ -114,6 +114,10 @@ def test_base_below_an_openpbr_coat_reflects_by_its_relative_index(tmp_path):
     for coat, expected in (("0", 1.5), ("0.5", 0.5 * (1.5 + 1.6 / 1.5)), ("1", 1.6 / 1.5)):
         surface = document(given("coat_weight", coat), "open_pbr_surface")
         assert material_of(tmp_path, surface).ior == pytest.approx(expected)
+    glass = given("coat_weight", "1") + given("transmission_weight", "1")
+    assert material_of(tmp_path, document(glass, "open_pbr_surface")).ior == pytest.approx(1.5)
+    unreal = given("coat_weight", "1") + given("specular_ior", "0")
+    assert material_of(tmp_path, document(unreal, "open_pbr_surface")).ior == 0.0
 
 
 @pytest.mark.parametrize("model", ["standard_surface", "open_pbr_surface"])

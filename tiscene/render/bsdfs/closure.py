@@ -53,6 +53,12 @@ def schlick(f0: vec3, f90: ti.f32, cosine: ti.f32) -> vec3:
 
 
 @ti.func
+def normal_reflectance(ior: ti.f32) -> ti.f32:
+    """Return F0: the reflectance at normal incidence of an index of refraction, which is that of the inside."""
+    return ((ior - 1.0) / (ior + 1.0)) ** 2
+
+
+@ti.func
 def grazing_reflectance(f0: vec3) -> ti.f32:
     """Return F90: 1, fading to 0 for F0 below 2 %, which no real surface has, to switch specular reflection off."""
     return ti.min(50.0 * f0.max(), 1.0)

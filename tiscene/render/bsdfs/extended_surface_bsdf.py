@@ -22,6 +22,7 @@ from tiscene.render.bsdfs.closure import (
     layer_reflectance,
     mean_albedo_parts,
     multiple_reflectance,
+    normal_reflectance,
 )
 from tiscene.render.bsdfs.colored_glass import sheet_reflectance, sheet_roughness
 from tiscene.render.bsdfs.energy_tables import SMALLEST_ALPHA
@@ -102,7 +103,7 @@ def extended_closure_at(point: Template, lobes: Template, energy: Template, wo: 
     c = ExtendedClosure(wo=wo, roughness=point.roughness, eta=1.0, ior=point.ior)
     c.alpha = ti.max(point.roughness * point.roughness, SMALLEST_ALPHA)
     c.alphas = anisotropic.alphas_of(point.roughness, lobes.anisotropy)
-    layer_f0 = ti.min(((point.ior - 1.0) / (point.ior + 1.0)) ** 2 * lobes.specular_tint, 1.0)
+    layer_f0 = ti.min(normal_reflectance(point.ior) * lobes.specular_tint, 1.0)
     if point.flags & SPECULAR_WORKFLOW:
         layer_f0 = point.specular_color
         metal = 0.0
@@ -115,7 +116,7 @@ def extended_closure_at(point: Template, lobes: Template, energy: Template, wo: 
     base = vec3(1.0)  # what the layers above transmit
     if point.flags & COATED:
         parts = albedo_parts(energy, wo.z, point.clearcoat_roughness)
-        c.coat_f0 = ((lobes.coat_ior - 1.0) / (lobes.coat_ior + 1.0)) ** 2
+        c.coat_f0 = normal_reflectance(lobes.coat_ior)
         reflected = point.clearcoat * (c.coat_f0 * parts.x + parts.y)
         base = (1.0 - reflected) * (1.0 + point.clearcoat * (lobes.coat_color - 1.0))
         c.coat = point.clearcoat

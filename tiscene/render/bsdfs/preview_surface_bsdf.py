@@ -22,6 +22,7 @@ from tiscene.render.bsdfs.closure import (
     layer_reflectance,
     mean_albedo_parts,
     multiple_reflectance,
+    normal_reflectance,
 )
 from tiscene.render.bsdfs.energy_tables import SMALLEST_ALPHA
 from tiscene.render.sampling import warp
@@ -54,7 +55,7 @@ def closure_at(point: Template, energy: Template, wo: vec3, front: ti.i32):
     metal = point.metallic
     c = Closure(wo=wo, probabilities=vec4(1.0, 0.0, 0.0, 0.0), roughness=point.roughness, diffuse=point.diffuse_color)
     if (point.flags & MATTE) == 0:
-        layer_f0 = vec3(((point.ior - 1.0) / (point.ior + 1.0)) ** 2)
+        layer_f0 = vec3(normal_reflectance(point.ior))
         if point.flags & SPECULAR_WORKFLOW:
             layer_f0 = point.specular_color
             metal = 0.0

@@ -81,6 +81,24 @@ class ExtendedSurface:
             *(base.of_width(3), below, weight),
         )
 
+    def ior_below_coat(self, ior: float) -> float:
+        """Return the index of refraction of the base: below OpenPBR's coat, relative to the coat's, and 1 or more.
+
+        Args:
+            ior: of the base, above 0.
+        """
+        names = self._names
+        is_coated = names is not None and self._differs(names.coat, 0.0)
+        if names is None or not is_coated or self._model != "ND_open_pbr_surface_surfaceshader":
+            return ior
+        weight = float(self._values.network.baker.mean(self._values.required(names.coat))[0])
+        ratio = ior / self._coat_ior()
+        return ior + (max(ratio, 1.0 / ratio) - ior) * weight
+
+    def _coat_ior(self) -> float:
+        assert self._names is not None
+        return max(self._values.mean(self._names.coat_ior, 1.5), 1.0)
+
     def _differs(self, named: Named, neutral: Any) -> bool:
         """Return whether an input is authored and has an effect."""
         if named[0] not in self._values.authored:
@@ -161,7 +179,7 @@ class ExtendedSurface:
             return
         color = values.required(names.coat_color)
         if names.coat_ior is not None:
-            found["coat_ior"] = max(float(self._constant(names.coat_ior)[0]), 1.0)
+            found["coat_ior"] = self._coat_ior()
             if names.coat_darkening is not None and self._differs(names.coat_darkening, 0.0):
                 color = self._darkened(color, base, found["coat_ior"])
         if color.constant is None or not np.allclose(color.constant, 1.0):

@@ -14,7 +14,7 @@ from pxr import UsdShade
 from tiscene.scene.description import FloatInput, Material, TextureLookup
 from tiscene.usd.materials.materialx_inputs import SurfaceInputs
 from tiscene.usd.materials.materialx_lobes import ExtendedSurface
-from tiscene.usd.materials.materialx_models import MODELS, ExtendedModel
+from tiscene.usd.materials.materialx_models import MODELS
 from tiscene.usd.materials.materialx_network import category_of
 from tiscene.usd.materials.materialx_signal import Signal
 
@@ -124,21 +124,13 @@ class MaterialXSurface:
         transmits = transmission is not None and not (
             transmission.constant is not None and not transmission.constant.any()
         )
-        if not transmits:
-            ior = self._below_coat(ior)
-        if weight == 1.0 or ior <= 0.0 or transmits:
+        if ior <= 0.0 or transmits:
+            return ior
+        ior = self._extended.ior_below_coat(ior)
+        if weight == 1.0:
             return ior
         root = min(abs((ior - 1.0) / (ior + 1.0)) * max(weight, 0.0) ** 0.5, 0.999)
         return float((1.0 + root) / (1.0 - root))
-
-    def _below_coat(self, ior: float) -> float:
-        """Return the base's index of refraction relative to that of OpenPBR's coat, by the coat's weight; 1 or more."""
-        names = self._model
-        if not isinstance(names, ExtendedModel) or names.coat_darkening is None or names.coat_ior is None:
-            return ior
-        weight = float(self._baker.mean(self._values.required(names.coat)).mean())
-        ratio = ior / max(float(self._baker.mean(self._values.required(names.coat_ior)).mean()), 1.0)
-        return ior + (max(ratio, 1.0 / ratio) - ior) * weight
 
     def _normal(self) -> TextureLookup | None:
         """Return the normal map; None for none."""
