@@ -22,7 +22,7 @@ class LRUCache(Generic[Key, Value]):
 
     def __init__(self, maxsize: int) -> None:
         self._maxsize = maxsize
-        # The least recently used first. Threads share it without a lock: each call of its methods is atomic.
+        # The least recently used first. Threads share it without a lock: each call of the dictionary is atomic.
         self._values: OrderedDict[Key, Value] = OrderedDict()
 
     def __len__(self) -> int:
