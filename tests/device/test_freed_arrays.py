@@ -5,7 +5,7 @@ import gc
 
 import pytest
 import taichi as ti
-from taichi.lang import impl
+from taichi.lang import _ndarray, impl, matrix
 
 import tiscene as ts
 from tests.device.programs import run_python
@@ -45,6 +45,22 @@ def test_array_in_the_memory_of_a_deleted_one_is_zero(dtype, made):
     assert not made
     assert again.shape == (13, 7)
     assert not again.to_numpy().any()
+
+
+@pytest.mark.parametrize("step", ["__init__", "get_traceback"])
+@pytest.mark.parametrize("dtype", [ti.f32, VECTOR], ids=("f32", "vector"))
+def test_ctrl_c_while_an_array_is_made_leaves_nothing_to_complain_of(dtype, step, monkeypatch):
+    def interrupted(*_):
+        raise KeyboardInterrupt
+
+    if step == "__init__":
+        monkeypatch.setattr(_ndarray.Ndarray, "__init__", interrupted)
+    else:
+        monkeypatch.setattr(_ndarray, "get_traceback", interrupted)
+        monkeypatch.setattr(matrix, "get_traceback", interrupted)
+    with pytest.raises(KeyboardInterrupt):
+        device_array(dtype, (3, 5))
+    gc.collect()  # pytest turns an exception in __del__ into an error
 
 
 def test_memory_is_not_shared_by_living_arrays_nor_used_for_other_types():

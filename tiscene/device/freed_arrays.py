@@ -106,11 +106,13 @@ class _Returned:
         made_in: Taichi's program in which it was made.
     """
 
-    key: Hashable
-    made_in: Any
+    def __init__(self, key: Hashable, *arguments: Any) -> None:
+        self.key, self.made_in = key, impl.get_runtime().prog
+        super().__init__(*arguments)
 
     def __del__(self, python_ends: Callable[[], bool] = sys.is_finalizing) -> None:
-        if not python_ends():  # names of modules may be None then
+        # Names of modules may be None as Python ends; Ctrl-C inside of __init__ leaves an array without memory.
+        if not python_ends() and self.__dict__.get("arr") is not None:
             FREED.give(self.key, self.__dict__, self.made_in)
 
 
@@ -136,13 +138,10 @@ def new_array(dtype: Any, shape: tuple[int, ...]) -> Any:
     """
     length = dtype.n if isinstance(dtype, MatrixType) else 0
     key = cook_dtype(dtype.dtype if length else dtype).to_string(), length, shape
-    kind = ReturnedVectors if length else ReturnedScalars
     state = FREED.take(key)
-    if state is not None:
-        array = kind.__new__(kind)
-        array.__dict__.update(state)
-    else:
-        array = ti.ndarray(dtype, shape)
-        array.__class__ = kind
-        array.key, array.made_in = key, impl.get_runtime().prog
+    if state is None:
+        return ReturnedVectors(key, length, dtype.dtype, shape) if length else ReturnedScalars(key, dtype, shape)
+    kind = ReturnedVectors if length else ReturnedScalars
+    array = kind.__new__(kind)
+    array.__dict__.update(state)
     return array

@@ -14,7 +14,9 @@ from taichi.lang import _ndarray, matrix
 
 from tiscene.device.taichi_patches import fence
 
-_CALLER = 4  # frames from `get_traceback` up: the array's class, `ti.ndarray`, its decorator, and who calls that
+# Frames from `get_traceback` up: the array's class, `ti.ndarray`, its decorator, and who calls that; or for
+# `freed_arrays` the array's class, the class derived from it, `new_array`, and who calls that.
+_CALLER = 4
 
 
 def install() -> None:
