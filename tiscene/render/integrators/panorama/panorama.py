@@ -137,14 +137,14 @@ class Panorama:
 
     Args:
         paths: Path tracer.
-        static: Placement without the movers, see `base_placement`.
-        settings: What the cells depend on besides.
+        groups: Number of light groups.
+        settings: What the cells depend on besides the scene.
         probe: The light all around, in which paths end.
         files: Cells on disk; None: none.
         key: Digest of everything that the cells depend on, which names the files.
 
     Attributes:
-        settings: What the cells depend on besides.
+        settings: What the cells depend on besides the scene.
         probe: The light all around.
         groups: Number of light groups.
     """
@@ -152,15 +152,14 @@ class Panorama:
     def __init__(
         self,
         paths: PathPass,
-        static: Placement,
+        groups: int,
         settings: PanoramaSettings,
         probe: LightProbe,
         files: CellFiles | None = None,
         key: str = "",
     ) -> None:
         self.settings, self.probe = settings, probe
-        self._paths, self._statics = paths, under_each_group(static)
-        self.groups = len(self._statics)
+        self._paths, self.groups = paths, groups
         self._columns = light_column(self.groups)  # of light, albedo and normal; then comes the distance
         self._rays = RayWave()
         self._files, self._key = files, key
@@ -229,26 +228,29 @@ class Panorama:
         kernels.resample(np.flatnonzero(even == 0).astype(np.int32), *size, *cells, missing)
         return None if missing.any() else (images, np.full((view.height, view.width), ALL_KNOWN, np.int32))
 
-    def complete(self, missing: Missing, view: View, progress: ProgressCallback) -> None:
+    def complete(self, missing: Missing, view: View, static: Placement, progress: ProgressCallback) -> None:
         """Trace and denoise what is missing. Changes what the scene has placed.
 
         Args:
             missing: Of `missing()`.
             view: The view that it is for, which has the background.
+            static: Placement without the movers, see `base_placement`: the same static scene each time.
             progress: Called with "panorama" and the completed fraction.
         """
-        self._trace(missing.tiles, view, progress)
+        self._trace(missing.tiles, view, under_each_group(static), progress)
         for first in range(0, len(missing.blocks), _BATCH):
             self._denoise(missing.blocks[first : first + _BATCH])
 
-    def _trace(self, tiles: NDArray[np.int64], view: View, progress: ProgressCallback) -> None:
-        """Trace tiles."""
+    def _trace(
+        self, tiles: NDArray[np.int64], view: View, statics: list[Placement], progress: ProgressCallback
+    ) -> None:
+        """Trace tiles of the static scene under each light group."""
         cells = np.zeros((len(tiles), TILE * TILE, self._columns + 1), np.float32)
         features = slice(AUXILIARY, AUXILIARY + FEATURE_COLUMNS)
         parts = [slice(first, first + _TILES_AT_ONCE) for first in range(0, len(tiles), _TILES_AT_ONCE)]
         done, total = 0, len(tiles) * self.groups
         probe, shown = self.probe, self.settings.cells_view(background=view.background)
-        for group, static in enumerate(self._statics):
+        for group, static in enumerate(statics):
             self._paths.scene.place(static)
             scene = replace(scene_under_group(self._paths, group, None), cache=probe.cache_of_group(group))
             light, dim = slice(light_column(group), light_column(group) + 3), DIM * probe.mean_light(group)
@@ -260,7 +262,7 @@ class Panorama:
                 cells[part, :, features] = merged
                 done += len(means)
                 progress("panorama", done / total)
-        self._paths.scene.place(self._statics[0])
+        self._paths.scene.place(statics[0])
         for part in parts:
             cells[part, :, self._columns] = self._distances(tiles[part])
         self._tile_store().add(tiles, cells)

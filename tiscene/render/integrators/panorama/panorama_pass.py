@@ -309,7 +309,7 @@ class PanoramaPass:
             if panorama.bytes_with(missing) > self._memory_limit:
                 panorama.clear()
                 missing = panorama.missing(view, points)
-            panorama.complete(missing, view, self._progress)
+            panorama.complete(missing, view, static, self._progress)
             images = panorama.images(view, points)
             assert images is not None, "complete() adds all that is missing"
         self._panoramas[key] = panorama
@@ -323,8 +323,9 @@ class PanoramaPass:
         self.scene.place(static)
         center = self._anchors.center_of_probe(settings.center) if self._anchored else settings.center
         described = f"radiosity {light_probe.SIZE} {light_probe.PIXELS} {settings.probe_sampling}"
+        statics = under_each_group(static)
         probe = self._probes.at(
-            center, under_each_group(static), settings.probe_sampling, contents=contents,
+            center, statics, settings.probe_sampling, contents=contents,
             file_key=lambda: self._file_key(view, static, CubeView(center, light_probe.PIXELS), {"probe": described}),
         )  # fmt: skip
         values = {
@@ -335,7 +336,7 @@ class PanoramaPass:
             "denoiser": f"{settings.denoiser} {version('pyoidn')}",
         }
         key = self._file_key(view, static, settings.cells_view(), values)
-        return Panorama(self._cell_paths, static, settings, probe, self._files, key)
+        return Panorama(self._cell_paths, len(statics), settings, probe, self._files, key)
 
     def _file_key(self, view: View, static: Placement, cells: CubeView, values: dict[str, str]) -> str:
         """Return the name of the files of cells around a point. Changes what the scene has placed."""
