@@ -50,6 +50,10 @@ def assert_same_content(made: Path, committed: Path) -> None:
             first, second = (layer.GetAttributeAtPath(path) for layer in layers)
             if first is not None and first.default is not None:
                 _assert_close(first.default, second.default, path)
+            links = [layer.GetRelationshipAtPath(path) for layer in layers]
+            if links[0] is not None:
+                targets = [link.targetPathList.GetAppliedItems() for link in links]
+                assert targets[0] == targets[1], path
 
 
 def _assert_close(first: object, second: object, path: str) -> None:

@@ -193,6 +193,17 @@ def test_windows_pass_light_and_block_objects(name: str, appearance: str) -> Non
         assert opening[across] > 0.9 * frame[across]  # the sill board is wider than the opening
 
 
+@pytest.mark.parametrize("name", ["room_04", "room_05"])
+def test_walls_reach_below_the_joints_of_floors(name: str) -> None:
+    """No skirting covers those behind cabinets, nor the threshold of a front door: the sky would show through them."""
+    found = boxes(open_scene(name))
+    building = f"/{ROOTS[name]}/Building/"
+    floor = found[f"{building}Floor"].GetMin()[1]
+    walls = [box for path, box in found.items() if path.startswith(f"{building}Wall")]
+    assert len(walls) == 4
+    assert all(wall.GetMin()[1] < floor for wall in walls)
+
+
 @pytest.mark.parametrize("name", ROOMS)
 def test_moldings_overlap_adjacent_surfaces(name: str) -> None:
     """Touching edges would leak light."""

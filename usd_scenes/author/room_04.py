@@ -55,7 +55,7 @@ def _shell(room: Room) -> None:
     for index, name in enumerate(("WallStove", "WallTable", "WallDoor", "WallWindow")):
         start, end = corners[index], corners[(index + 1) % 4]
         holes = [hole] if name == "WallWindow" else []
-        room.put("Building", building.wall(name, start, end, HEIGHT, WALL, "WarmPlaster", holes))
+        room.put("Building", building.wall(name, start, end, HEIGHT, WALL, "WarmPlaster", holes, building.FOOTING))
     room.put("Building", building.cornice("Cornice", corners, HEIGHT))
     runs = [[(RIGHT, FAR), (RIGHT, NEAR), (DOOR + 0.527, NEAR)], [(DOOR - 0.527, NEAR), (LEFT, NEAR), (LEFT, RUN_END)]]
     room.put("Building", building.skirting("Skirting", runs))

@@ -43,7 +43,7 @@ def _shell(room: Room) -> None:
         start, end = corners[index], corners[(index + 1) % 4]
         holes, thick = ([front], FRONT_WALL) if name == "WallFront" else ([], WALL)
         material = "HallPaint" if name == "WallEnd" else "WallPlaster"
-        room.put("Building", building.wall(name, start, end, HEIGHT, thick, material, holes))
+        room.put("Building", building.wall(name, start, end, HEIGHT, thick, material, holes, building.FOOTING))
     room.put("Building", building.cornice("Cornice", corners, HEIGHT))
     runs = [
         [(CASING, FAR), (RIGHT, FAR), (RIGHT, RIGHT_DOORS[1] - CASING)],

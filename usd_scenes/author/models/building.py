@@ -15,6 +15,7 @@ from usd_scenes.author.soft import curtain
 from usd_scenes.author.textures.wood import STRIPS
 
 ROOT = 0.004  # m; moldings overlap walls and floors by this much, because touching edges leak light
+FOOTING = 0.02  # of walls beside floors whose joints no skirting covers, m
 
 
 @dataclass(frozen=True)
@@ -81,16 +82,18 @@ def wall(
     thickness: float,
     material: str,
     openings: Sequence[WallOpening] = (),
+    footing: float = 0.0,
 ) -> Model:
     """Build a wall from start to end (x, z), with the room on the right and its body on the left.
 
-    The wall is cut into boxes around its openings; faces between boxes are left out.
+    The wall is cut into boxes around its openings; faces between boxes are left out. It reaches below the floor by its
+    footing, m, so that joints of floors beside it do not show what is outside.
     """
     a, b = np.asarray(start, dtype=np.float64), np.asarray(end, dtype=np.float64)
     length = float(np.linalg.norm(b - a))
     along = (b - a) / length
     cuts_x = sorted({-thickness, length + thickness, *(o.start for o in openings), *(o.end for o in openings)})
-    cuts_y = sorted({0.0, height, *(o.sill for o in openings), *(o.head for o in openings)})
+    cuts_y = sorted({-footing, height, *(o.sill for o in openings), *(o.head for o in openings)})
 
     def solid(i: int, j: int) -> bool:
         if not (0 <= i < len(cuts_x) - 1 and 0 <= j < len(cuts_y) - 1):
