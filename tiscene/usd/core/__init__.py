@@ -12,6 +12,7 @@
     units           stage units and meters
     pose            positions and rotations as transform operations
     semantics       semantic labels and object identity
+    value_times     time samples, value blocks and splines of attributes
     time_samples    animation within objects as instance tracks
     keyframes       animation of whole objects as keyframes and lifespans
     shader_network  connections between shaders

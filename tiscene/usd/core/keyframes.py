@@ -15,9 +15,9 @@ from pxr import Usd, UsdGeom
 
 from tiscene.usd.core.pose import read_pose
 from tiscene.usd.core.report import StageReport
-from tiscene.usd.core.time_samples import dense_times
 from tiscene.usd.core.transform import to_matrix
 from tiscene.usd.core.units import Units
+from tiscene.usd.core.value_times import dense_times, value_times
 
 MAX_TIMES = 100_000  # longest range of time codes that is sampled at every whole time code
 _ROTATIONS = {UsdGeom.XformOp.TypeOrient} | {
@@ -38,7 +38,7 @@ def sample_times(prim: Usd.Prim) -> list[float]:
         xformable = UsdGeom.Xformable(prim)
         if xformable:
             for op in xformable.GetOrderedXformOps():
-                samples = op.GetTimeSamples()
+                samples = value_times(op.GetAttr())
                 times.update(samples)
                 turns = turns or (len(samples) > 1 and op.GetOpType() in _ROTATIONS)
             if xformable.GetResetXformStack():

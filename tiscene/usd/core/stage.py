@@ -17,6 +17,7 @@ from tiscene.errors import ArgumentError, MissingFile, StageError, UnknownName
 from tiscene.usd.core import schema
 from tiscene.usd.core.package import split_package
 from tiscene.usd.core.report import StageReport, error_lines, one_line
+from tiscene.usd.core.value_times import has_spline
 from tiscene.usd.materials.materialx_document import is_substituted, substitute_documents
 
 schema.register()
@@ -178,7 +179,7 @@ def _error_path(error: object) -> str:
 
 def _set_missing_range(stage: Usd.Stage) -> None:
     """Set the time code range of an animated stage without one to the range of its time samples."""
-    if stage.HasAuthoredTimeCodeRange() or not changes_over_time(stage):
+    if stage.HasAuthoredTimeCodeRange() or not _has_time_samples(stage):
         return
     prims = Usd.PrimRange(stage.GetPseudoRoot(), Usd.TraverseInstanceProxies(Usd.PrimAllPrimsPredicate))
     samples = [each.GetTimeSamples() for prim in prims for each in prim.GetAuthoredAttributes()]
@@ -264,7 +265,14 @@ def reading_time(stage: Usd.Stage, time_code: float | None) -> Usd.TimeCode:
 
 
 def changes_over_time(stage: Usd.Stage) -> bool:
-    """Return whether anything on a stage has time samples, in its layers or in value clips."""
+    """Return whether anything on a stage has time samples, in its layers or in value clips, or a spline."""
+    if _has_time_samples(stage):
+        return True
+    prims = (prim for root in (stage.GetPseudoRoot(), *stage.GetPrototypes()) for prim in Usd.PrimRange(root))
+    return any(has_spline(each) for prim in prims for each in prim.GetAuthoredAttributes())
+
+
+def _has_time_samples(stage: Usd.Stage) -> bool:
     if any(layer.ListAllTimeSamples() for layer in stage.GetUsedLayers()):
         return True
     return any(prim.HasAuthoredMetadata("clips") for prim in stage.TraverseAll())

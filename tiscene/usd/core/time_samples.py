@@ -7,7 +7,6 @@ InstanceTrack: transforms and presence of instances over time, from the samples 
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 
@@ -18,8 +17,7 @@ from pxr import Gf, Usd, UsdGeom
 from tiscene.scene.animation import InstanceTrack
 from tiscene.scene.description import Matrix
 from tiscene.usd.core.transform import is_singular, to_matrix
-
-MAX_TIMES = 10_000  # longest range of time codes that is sampled at every whole time code
+from tiscene.usd.core.value_times import dense_times, transform_times
 
 
 @dataclass(frozen=True)
@@ -57,7 +55,7 @@ class AnimatedAncestors:
         """Return the time codes of all samples, and the whole ones between them; empty if nothing changes."""
         times: set[float] = set()
         for prim in self.movers:
-            times.update(UsdGeom.Xformable(prim).GetTimeSamples())
+            times.update(transform_times(UsdGeom.Xformable(prim)))
         times = set(dense_times(times))
         for prim in self.hiders:
             times.update(UsdGeom.Imageable(prim).GetVisibilityAttr().GetTimeSamples())
@@ -120,22 +118,6 @@ class TransformSamples:
         visible = [ancestors.is_visible(code) and not is_singular(m) for code, m in zip(codes, matrices, strict=True)]
         samples = cls(tuple(times), matrices, np.array(visible, bool))
         return samples if samples.changes else None
-
-
-def dense_times(times: Iterable[float], max_range: float = MAX_TIMES) -> list[float]:
-    """Return time codes and all whole time codes between them, ascending.
-
-    Instances are interpolated linearly between samples. USD interpolates operations, angles above all, so that samples
-    at every frame keep the result close.
-
-    Args:
-        times: the authored time codes.
-        max_range: over a longer range the authored ones alone are returned.
-    """
-    dense = set(times)
-    if len(dense) > 1 and max(dense) - min(dense) <= max_range:
-        dense.update(range(math.ceil(min(dense)), math.floor(max(dense)) + 1))
-    return sorted(dense)
 
 
 def in_seconds(stage: Usd.Stage, times: Sequence[float]) -> NDArray[np.float64]:

@@ -19,6 +19,7 @@ from tiscene.scene.animation import Deformation
 from tiscene.scene.skinned_deformation import SkinnedDeformation
 from tiscene.usd.core.report import StageReport
 from tiscene.usd.core.time_samples import in_seconds
+from tiscene.usd.core.value_times import is_time_varying, value_times
 from tiscene.usd.geometry.display_color import is_constant_color
 from tiscene.usd.geometry.primvar import array_of
 from tiscene.usd.geometry.vertex_weld import WeldedMesh
@@ -49,16 +50,7 @@ def shape_times(prim: Usd.Prim, report: StageReport) -> list[float]:
     if topology:
         report.frozen(prim.GetPath(), f"a {prim.GetTypeName()} whose topology changes ({', '.join(topology)})")
         return []
-    return sorted({time for name in moving for time in prim.GetAttribute(name).GetTimeSamples()})
-
-
-def is_time_varying(attribute: Usd.Attribute) -> bool:
-    """Return whether an attribute has different values at different times; many exporters sample constant values."""
-    times = attribute.GetTimeSamples() if attribute else []
-    if len(times) < 2:
-        return False
-    first = attribute.Get(times[0])
-    return any(attribute.Get(time) != first for time in times[1:])
+    return sorted({time for name in moving for time in value_times(prim.GetAttribute(name))})
 
 
 def read_point_samples(

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from pxr import Usd, UsdGeom
 
 from tiscene.usd.core.report import StageReport
+from tiscene.usd.core.value_times import value_times
 from tiscene.usd.geometry.primvar import Topology, primvar_topology, read_primvar
 from tiscene.usd.geometry.vertex_weld import sum_rows
 
@@ -93,7 +94,7 @@ def display_color_times(gprim: Usd.Prim, report: StageReport) -> list[float]:
     for name in _DEFAULTS:
         primvar = UsdGeom.PrimvarsAPI(gprim).FindPrimvarWithInheritance(name)
         if primvar and not _is_not_constant(primvar) and primvar.ValueMightBeTimeVarying():
-            times.update(primvar.GetTimeSamples())
+            times.update(value_times(primvar.GetAttr()), value_times(primvar.GetIndicesAttr()))
     return sorted(times)
 
 

@@ -19,7 +19,8 @@ from pxr import Sdf, Usd, UsdGeom, UsdSkel, Vt
 from tiscene.scene.skinned_deformation import BlendShapes, SkeletonPoses, Skin
 from tiscene.usd.core.report import StageReport
 from tiscene.usd.core.semantics import shared_path
-from tiscene.usd.core.time_samples import dense_times, in_seconds
+from tiscene.usd.core.time_samples import in_seconds
+from tiscene.usd.core.value_times import dense_times, transform_times
 
 _TRAVERSAL = Usd.TraverseInstanceProxies(Usd.PrimIsActive & Usd.PrimIsLoaded & Usd.PrimIsDefined & ~Usd.PrimIsAbstract)
 _AFFINE = np.eye(4)[:3]
@@ -135,7 +136,7 @@ class _SkinReader:
             times.update(animation.GetJointTransformTimeSamples())
             times.update(animation.GetBlendShapeWeightTimeSamples())
         for prim in _between(query.GetPrim(), skeleton.GetPrim()):
-            times.update(UsdGeom.Xformable(prim).GetTimeSamples() if prim.IsA(UsdGeom.Xformable) else ())
+            times.update(transform_times(UsdGeom.Xformable(prim)) if prim.IsA(UsdGeom.Xformable) else ())
         return dense_times(times) if len(times) > 1 else []
 
     def _codes(self, times: Sequence[float]) -> list[Usd.TimeCode]:

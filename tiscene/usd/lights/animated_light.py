@@ -15,9 +15,9 @@ from tiscene.scene.description import Color
 from tiscene.scene.input_track import InputTrack
 from tiscene.usd.core.keyframes import changes_scale, sample_times
 from tiscene.usd.core.report import StageReport
-from tiscene.usd.core.time_samples import AnimatedAncestors, dense_times, in_seconds
+from tiscene.usd.core.time_samples import AnimatedAncestors, in_seconds
 from tiscene.usd.core.transform import is_singular
-from tiscene.usd.geometry.deforming import is_time_varying
+from tiscene.usd.core.value_times import dense_times, is_time_varying, value_times
 from tiscene.usd.lights.light import LightReader
 from tiscene.usd.lights.shaping import CAMERA_VISIBILITY
 
@@ -54,7 +54,7 @@ def light_track(
         for each in prim.GetAuthoredAttributes()
         if (each.GetName().startswith("inputs:") or each.GetName() in _OTHERS) and is_time_varying(each)
     ]
-    times = {time for each in varying for time in each.GetTimeSamples()}
+    times = {time for each in varying for time in value_times(each)}
     moved, now = sample_times(prim), reader.local_to_world(prim)
     if grows := changes_scale(prim, moved) and not is_singular(now):
         times.update(moved)
@@ -94,6 +94,6 @@ def mesh_emission_over_time(
     if not report.reads_animation:
         return []
     authored = [each for each in prim.GetAuthoredAttributes() if each.GetName().startswith("inputs:")]
-    times = {time for each in authored if is_time_varying(each) for time in each.GetTimeSamples()}
+    times = {time for each in authored if is_time_varying(each) for time in value_times(each)}
     read = [(time, reader.at(Usd.TimeCode(time)).mesh_emission(prim, area)) for time in dense_times(times)]
     return [(time, color) for time, color in read if color is not None]

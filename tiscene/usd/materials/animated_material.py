@@ -15,8 +15,8 @@ from tiscene.scene.description import Material
 from tiscene.scene.input_track import InputTrack
 from tiscene.usd.core.report import StageReport
 from tiscene.usd.core.shader_network import shader_id
-from tiscene.usd.core.time_samples import dense_times, in_seconds
-from tiscene.usd.geometry.deforming import is_time_varying
+from tiscene.usd.core.time_samples import in_seconds
+from tiscene.usd.core.value_times import dense_times, is_time_varying, value_times
 
 MAX_FILES = 64  # different image files of one animated texture
 _LINEAR_NODES = ("", "UsdPreviewSurface", "UsdUVTexture", "UsdTransform2d")
@@ -47,7 +47,7 @@ def material_times(material: Usd.Prim, report: StageReport) -> list[float]:
                     continue
             linear = linear and attribute.GetBaseName() != "rotation"
             varying.append(attribute)
-    times = {time for each in varying for time in each.GetTimeSamples()}
+    times = {time for each in varying for time in value_times(each)}
     return sorted(times) if linear else dense_times(times)
 
 

@@ -13,6 +13,7 @@ from pxr import Usd, UsdGeom
 from tiscene.usd.core.limits import RootFolder
 from tiscene.usd.core.semantics import taxonomies_of
 from tiscene.usd.core.stage import Variants, open_stage, quiet, readable
+from tiscene.usd.core.value_times import has_spline
 
 
 @dataclass(frozen=True)
@@ -87,7 +88,9 @@ def stage_facts(path: str | Path, variants: Variants | None = None, root: str | 
             other_units=tuple(_other_units(stage)),
             time_codes=(stage.GetStartTimeCode(), stage.GetEndTimeCode()) if has_range else None,
             time_codes_per_second=stage.GetTimeCodesPerSecond(),
-            animated=sum(any(a.GetNumTimeSamples() > 1 for a in prim.GetAuthoredAttributes()) for prim in prims),
+            animated=sum(
+                any(a.GetNumTimeSamples() > 1 or has_spline(a) for a in prim.GetAuthoredAttributes()) for prim in prims
+            ),
             instances=sum(bool(prim.IsInstance()) for prim in prims),
             unauthored_schemes=sum(
                 prim.IsA(UsdGeom.Mesh) and not UsdGeom.Mesh(prim).GetSubdivisionSchemeAttr().HasAuthoredValue()

@@ -16,8 +16,9 @@ from pxr import Gf, Usd, UsdGeom
 
 from tiscene.scene.description import Matrix
 from tiscene.usd.core.report import StageReport
-from tiscene.usd.core.time_samples import NOT_ANIMATED, AnimatedAncestors, dense_times
+from tiscene.usd.core.time_samples import NOT_ANIMATED, AnimatedAncestors
 from tiscene.usd.core.transform import to_matrix
+from tiscene.usd.core.value_times import dense_times, value_times
 from tiscene.usd.geometry.primvar import array_of
 
 _ARRAYS = (
@@ -126,7 +127,7 @@ def point_instances(
 
 def instancer_times(prim: Usd.Prim) -> list[float]:
     """Return the time codes of an instancer's samples and the whole ones between them; empty if it never changes."""
-    times = {time for name in _ARRAYS for time in prim.GetAttribute(name).GetTimeSamples()}
+    times = {time for name in _ARRAYS for time in value_times(prim.GetAttribute(name))}
     return dense_times(times) if len(times) > 1 else []
 
 

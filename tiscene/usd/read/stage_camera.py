@@ -15,7 +15,7 @@ from tiscene.scene.camera import Camera, quaternion_from_matrix
 from tiscene.scene.description import Matrix
 from tiscene.usd.core.report import StageReport
 from tiscene.usd.core.transform import unmirrored, unscaled
-from tiscene.usd.geometry.deforming import is_time_varying
+from tiscene.usd.core.value_times import is_time_varying
 from tiscene.usd.read.stage_render_settings import DEFAULT_POLICY
 
 _MAX_APERTURE = 1e6  # in focal lengths: a field of view of 180 degrees but for 0.0002

@@ -15,8 +15,8 @@ from tiscene.usd.core import schema
 from tiscene.usd.core.keyframes import MAX_TIMES, changes_scale, sample_times
 from tiscene.usd.core.report import StageReport
 from tiscene.usd.core.stage import reading_time
-from tiscene.usd.core.time_samples import dense_times
 from tiscene.usd.core.units import Units
+from tiscene.usd.core.value_times import dense_times, value_times
 from tiscene.usd.lights.light import LightReader
 from tiscene.usd.materials.texture import TextureTable
 from tiscene.usd.scenario.motion_schema import read_dynamic
@@ -76,7 +76,7 @@ def _emission_times(prim: Usd.Prim) -> list[float]:
     """Return the time codes of a light's emission samples, and all whole ones between those of nonlinear inputs."""
     times: set[float] = set()
     for name in (*_LINEAR, *_NONLINEAR):
-        samples = prim.GetAttribute(name).GetTimeSamples() if prim.HasAttribute(name) else []
+        samples = value_times(prim.GetAttribute(name))
         times.update(dense_times(samples, MAX_TIMES) if name in _NONLINEAR else samples)
     if changes_scale(prim, moved := sample_times(prim)):  # as other sizes
         times.update(dense_times(moved, MAX_TIMES))
