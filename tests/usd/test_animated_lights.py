@@ -7,6 +7,7 @@ import math
 
 import numpy as np
 import pytest
+from pxr import Usd, UsdGeom
 
 import tiscene as ts
 from tests.usd.animated_stages import RANGE, SQUARE, stream
@@ -204,3 +205,51 @@ def Mesh "Panel" (
     frames = stream(write(tmp_path, body, more=RANGE), buffers=("hdr",))
     for k, radiance in ((0, 2.0), (5, 3.0), (10, 4.0)):
         np.testing.assert_allclose(frames[k].hdr[6, 8], (radiance,) * 3, rtol=1e-5)
+
+
+LANTERN = """
+%s
+{
+    double3 xformOp:translate.timeSamples = { 0: (-5, 0, 1), 10: (-6, 0, 1) }
+    float xformOp:rotateY = 90
+    float3 xformOp:scale = (2, 2, 2)
+    uniform token[] xformOpOrder = ["xformOp:translate", "xformOp:rotateY", "xformOp:scale"]
+    %s
+}
+"""
+HANDLE = """def Cube "Body"
+    {
+    }
+    def Xform "Arm"
+    {
+        float xformOp:rotateZ%s
+        uniform token[] xformOpOrder = ["xformOp:rotateZ"]
+        def RectLight "Light"
+        {
+            double3 xformOp:translate = (0, 1, 0)
+            float xformOp:rotateX = -90
+            uniform token[] xformOpOrder = ["xformOp:translate", "xformOp:rotateX"]
+        }
+    }"""
+AS_COMPONENT = 'def Xform "Lantern" (\n    kind = "component"\n)'
+AS_INSTANCE = 'def Xform "Lantern" (\n    instanceable = true\n    inherits = </_Lantern>\n)'
+
+
+def assert_light_follows(path):
+    """Compare the only light of a stream with the transform that USD gives its prim."""
+    stage = Usd.Stage.Open(str(path))
+    prim = UsdGeom.Xformable(stage.GetPrimAtPath("/Lantern/Arm/Light"))
+    with stream(path, buffers=("instance",)) as frames:
+        for k in (0, 3, 10):
+            (light,) = frames.world.state(k).lights
+            expected = np.array(prim.ComputeLocalToWorldTransform(k)).T
+            expected[:3, :3] /= 2.0  # the scale is that of the light's size
+            np.testing.assert_allclose(light.world_from_light, expected, atol=1e-6)
+            assert light.width == pytest.approx(2.0)
+
+
+@pytest.mark.parametrize("header", [AS_COMPONENT, AS_INSTANCE])
+def test_light_in_a_moving_object_keeps_its_place_in_it(tmp_path, header):
+    inside = HANDLE % " = 30"
+    body = f'class Xform "_Lantern"\n{{\n{inside}\n}}\n' + LANTERN % (header, "" if header == AS_INSTANCE else inside)
+    assert_light_follows(write(tmp_path, body, more=RANGE))

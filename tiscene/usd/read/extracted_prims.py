@@ -96,12 +96,14 @@ def _template(stage: Usd.Stage, path: str, time: Usd.TimeCode, report: StageRepo
         report.problem(path, "transform", pose)
     else:
         inverse = np.linalg.inv(pose_matrix(pose.position, pose.rotation))
-        instances, colliders = (
+        instances, colliders, lights = (
             tuple(replace(each, world_from_object=inverse @ each.world_from_object) for each in description.instances),
             tuple(replace(each, world_from_object=inverse @ each.world_from_object) for each in description.colliders),
+            tuple(replace(each, world_from_light=inverse @ each.world_from_light) for each in description.lights),
         )
         tracks = transformed(description.tracks, np.asarray(inverse, np.float64))
-        description = replace(description, instances=instances, colliders=colliders, tracks=tracks)
+        moved = {"instances": instances, "colliders": colliders, "lights": lights, "tracks": tracks}
+        description = replace(description, **moved)
     if not description.instances:
         report.problem(path, "template", "it holds no geometry that would be drawn")
     category = next((each.category for each in description.objects if each.category), "")
