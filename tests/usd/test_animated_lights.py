@@ -11,7 +11,7 @@ from pxr import Usd, UsdGeom
 
 import tiscene as ts
 from tests.usd.animated_stages import RANGE, SQUARE, stream
-from tests.usd.helpers import read, write
+from tests.usd.helpers import read, read_with_warning, write
 
 LIGHT = """
 def %s "Lamp"%s
@@ -248,8 +248,57 @@ def assert_light_follows(path):
             assert light.width == pytest.approx(2.0)
 
 
+@pytest.mark.parametrize("turn", [" = 30", ".timeSamples = { 0: 0, 10: 200 }"])
 @pytest.mark.parametrize("header", [AS_COMPONENT, AS_INSTANCE])
-def test_light_in_a_moving_object_keeps_its_place_in_it(tmp_path, header):
-    inside = HANDLE % " = 30"
+def test_light_in_a_moving_object_keeps_its_place_in_it(tmp_path, header, turn):
+    inside = HANDLE % turn
     body = f'class Xform "_Lantern"\n{{\n{inside}\n}}\n' + LANTERN % (header, "" if header == AS_INSTANCE else inside)
     assert_light_follows(write(tmp_path, body, more=RANGE))
+
+
+def test_light_of_a_spawned_template_moves_within_it(tmp_path):
+    """The lamp turns by 20 degrees a frame about the template's z axis, at twice its distance of 1 m."""
+    inside = HANDLE % ".timeSamples = { 0: 0, 10: 200 }"
+    lamp = write(
+        tmp_path, f'def Xform "Lamp"\n{{\n{inside}\n}}', more=f'defaultPrim = "Lamp"\n    {RANGE}', name="l.usda"
+    )
+    room = write(tmp_path, f'def Mesh "Wall"\n{{\n{SQUARE}\n}}')
+    scenario = ts.Scenario(room, [ts.Object("lamp", str(lamp), (5.0, 0.0, 0.0), scale=2.0)])
+    with stream(scenario, buffers=("instance",)) as frames:
+        for k in (0, 3, 10):
+            (light,) = frames.world.state(k).lights
+            angle = math.radians(20.0 * k)
+            where = (5.0 - 2.0 * math.sin(angle), 2.0 * math.cos(angle), 0.0)
+            np.testing.assert_allclose(light.world_from_light[:3, 3], where, atol=1e-6)
+
+
+INSTANCER = """def PointInstancer "Lamps"
+{
+    rel prototypes = </Lamps/Lamp>
+    int[] protoIndices = [0]
+    point3f[] positions%s
+    float3[] scales = [(3, 3, 3)]
+    def Xform "Lamp"
+    {
+        %s
+    }
+}"""
+
+
+def test_light_of_a_prototype_moves_at_each_point(tmp_path):
+    """The lamp turns by 20 degrees a frame about the point, at three times its distance of 1 m, in centimeters."""
+    inside = HANDLE % ".timeSamples = { 0: 0, 10: 200 }"
+    path = write(tmp_path, INSTANCER % (" = [(100, 200, 300)]", inside), more=RANGE, meters=0.01)
+    with stream(path, buffers=("instance",)) as frames:
+        for k in (0, 3, 10):
+            (light,) = frames.world.state(k).lights
+            angle = math.radians(20.0 * k)
+            where = (1.0 - 0.03 * math.sin(angle), 2.0 + 0.03 * math.cos(angle), 3.0)
+            np.testing.assert_allclose(light.world_from_light[:3, 3], where, atol=1e-6)
+            assert light.width == pytest.approx(0.03)
+
+
+def test_lights_at_points_that_move_are_named(tmp_path):
+    positions = ".timeSamples = { 0: [(1, 2, 3)], 10: [(1, 2, 9)] }"
+    body = INSTANCER % (positions, HANDLE % " = 30")
+    read_with_warning(tmp_path, body, "place of the lights at the points of an instancer")

@@ -182,7 +182,7 @@ class SceneDescription:
         colliders: Meshes for collisions alone.
         tracks: Instances that move, appear and disappear by the stage's own time samples.
         material_tracks: Inputs of materials that vary over time.
-        light_tracks: Inputs of lights that vary over time, except their poses.
+        light_tracks: Inputs of lights that vary over time. Poses only of lights that move within a template.
         rooms: Volumes of rooms.
         resolution: Width and height of the image that the stage's RenderSettings ask for, px. None: none.
         camera_paths: Prim paths of the cameras. Empty: unknown.

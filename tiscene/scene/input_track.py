@@ -3,14 +3,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, fields, is_dataclass, replace
 from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
-from tiscene.scene.animation import between
+from tiscene.scene.animation import between, interpolated
 
 Described = TypeVar("Described")
 
@@ -19,8 +19,9 @@ Described = TypeVar("Described")
 class InputTrack:
     """Inputs of one material or light over time.
 
-    Numbers are interpolated linearly between samples. Everything else (textures, flags, names) keeps the value of a
-    sample until the next one. Before the first and after the last sample, everything stays as it is there.
+    Numbers are interpolated linearly between samples, poses as those of instances. Everything else (textures, flags,
+    names) keeps the value of a sample until the next one. Before the first and after the last sample, everything stays
+    as it is there.
 
     Attributes:
         row: Row of `SceneDescription.materials`, or of its lights.
@@ -56,6 +57,11 @@ class InputTrack:
         """Return the samples of an input; () if it does not vary."""
         return dict(self.inputs).get(name, ())
 
+    def mapped(self, name: str, function: Callable[[Any], Any]) -> InputTrack:
+        """Return the track with a function applied to the samples of one input, if it varies."""
+        changed = [(each, tuple(map(function, samples)) if each == name else samples) for each, samples in self.inputs]
+        return replace(self, inputs=tuple(changed))
+
     def without(self, names: Iterable[str]) -> InputTrack | None:
         """Return the track without some inputs; None if nothing is left of it."""
         names = set(names)
@@ -82,13 +88,18 @@ class InputTrack:
         """
         names = {each.name for each in fields(samples[0])} - set(excluded)
         values = {name: tuple(getattr(each, name) for each in samples) for name in sorted(names)}
-        varying = tuple((name, each) for name, each in values.items() if any(value != each[0] for value in each[1:]))
+        varying = tuple((name, each) for name, each in values.items() if any(_differ(each[0], b) for b in each[1:]))
         present = () if all(present) else present
         return cls(row, times, varying, present) if varying or present else None
 
 
 def mixed(a: Any, b: Any, t: float) -> Any:
-    """Interpolate two values: numbers, and tuples and dataclasses of numbers, linearly; anything else is `a`."""
+    """Interpolate two values: numbers, and tuples and dataclasses of numbers, linearly, and 4x4 poses.
+
+    Anything else is `a`.
+    """
+    if isinstance(a, np.ndarray):
+        return np.concatenate([interpolated(a[None, :3], b[None, :3], t)[0], a[3:]])
     if isinstance(a, bool) or isinstance(b, bool) or a is b:
         return a
     if isinstance(a, float | int) and isinstance(b, float | int):
@@ -101,6 +112,10 @@ def mixed(a: Any, b: Any, t: float) -> Any:
             return a
         return replace(a, **{name: mixed(x, y, t) for name, (x, y) in pairs.items()})
     return a
+
+
+def _differ(a: Any, b: Any) -> bool:
+    return not np.array_equal(a, b) if isinstance(a, np.ndarray) else bool(a != b)
 
 
 def by_row(tracks: Iterable[InputTrack]) -> Mapping[int, InputTrack]:

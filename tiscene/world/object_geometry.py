@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from tiscene.scene.animation import InstanceTrack
 from tiscene.scene.assembly import ObjectParts, bounding_box, box_matrices, corners
 from tiscene.scene.camera import Vector3
-from tiscene.scene.description import Light, SceneDescription
+from tiscene.scene.description import Light, Matrix, SceneDescription
 from tiscene.scene.input_track import InputTrack, by_row
 from tiscene.world.stage_animation import AnimatedInstances, box_over_time, changing, scaled
 
@@ -65,12 +65,16 @@ class ObjectGeometry:
             box_matrices(np.tile(box, (len(own), 1, 1)), np.array(own)),
             np.array([instance.part for instance in description.instances], dtype=np.int32),
         )
-        lights = tuple(_scaled(light, scale) for light in description.lights)
-        light_tracks = by_row(description.light_tracks)
+        lights = tuple(
+            replace(light, world_from_light=_scaled(light.world_from_light, scale)) for light in description.lights
+        )
+        light_tracks = by_row(
+            each.mapped("world_from_light", lambda pose: _scaled(pose, scale)) for each in description.light_tracks
+        )
         return cls(row, parts, corners(box), tracks, changing(description), lights, light_tracks)
 
 
-def _scaled(light: Light, scale: Vector3) -> Light:
-    matrix = light.world_from_light.copy()
-    matrix[:3, 3] *= scale
-    return replace(light, world_from_light=matrix)
+def _scaled(pose: Matrix, scale: Vector3) -> Matrix:
+    result = pose.copy()
+    result[:3, 3] *= scale
+    return result

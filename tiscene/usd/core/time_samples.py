@@ -51,6 +51,11 @@ class AnimatedAncestors:
             return result
         return replace(result, movers=(*self.movers, prim), base=self.base if self.movers else parent_world)
 
+    def below(self, outer: Gf.Matrix4d, hiders: tuple[Usd.Prim, ...]) -> AnimatedAncestors:
+        """Return these ancestors of a prototype's prim, where the prototype is at a transform and below hiders."""
+        base = None if self.base is None else self.base * outer
+        return replace(self, base=base, hiders=(*hiders, *self.hiders))
+
     def times(self) -> list[float]:
         """Return the time codes of all samples, and the whole ones between them; empty if nothing changes."""
         times: set[float] = set()

@@ -19,6 +19,12 @@ def to_matrix(matrix: Gf.Matrix4d, meters_per_unit: float) -> Matrix:
     return result
 
 
+def from_matrix(matrix: Matrix, meters_per_unit: float) -> Gf.Matrix4d:
+    """Return the USD transform that `to_matrix` gives a matrix for."""
+    result = Gf.Matrix4d(matrix.T.tolist())
+    return result.SetTranslateOnly(result.ExtractTranslation() / meters_per_unit)
+
+
 def range_fault(matrices: NDArray[np.float64]) -> str:
     """Return why transforms are out of range, "" if they are not. Singular ones are in range: they hide for a while.
 

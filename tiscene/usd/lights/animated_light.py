@@ -1,15 +1,15 @@
 # SPDX-License-Identifier: Apache-2.0
 """Lights whose inputs, scale or visibility have time samples, as `InputTrack`s.
 
-The pose of a light, and the emission of a stage's own lights, become a LightMotion of the scenario instead
-(`scenario.light_time_samples`).
+The pose and the emission of a stage's own lights become a LightMotion of the scenario instead
+(`scenario.light_time_samples`). The track of a light that moves within a template holds its poses.
 """
 
 from __future__ import annotations
 
 import numpy as np
 from numpy.typing import NDArray
-from pxr import Usd, UsdGeom
+from pxr import Gf, Usd, UsdGeom
 
 from tiscene.scene.description import Color
 from tiscene.scene.input_track import InputTrack
@@ -22,7 +22,7 @@ from tiscene.usd.lights.light import LightReader
 from tiscene.usd.lights.shaping import CAMERA_VISIBILITY
 
 _EMISSION = ("radiance", "irradiance")
-_CONSTANT = ("name", "prim_path", "world_from_light", "portals")
+_CONSTANT = ("name", "prim_path", "portals")
 _OTHERS = (*CAMERA_VISIBILITY, "treatAsPoint", "treatAsLine")
 
 
@@ -43,9 +43,9 @@ def light_track(
         row: row of the light in `reader.lights`.
         prim: the light.
         world_from_prim: its transform, as for `LightReader.add`.
-        ancestors: ancestors with animated visibility, the light itself included.
+        ancestors: ancestors with animated visibility, the light itself included; movers: those of a template.
         report: says whether the stage plays.
-        emission: whether to include the emission.
+        emission: whether to include the emission: no scenario moves or dims the light.
     """
     if not report.reads_animation:
         return None
@@ -55,28 +55,34 @@ def light_track(
         if (each.GetName().startswith("inputs:") or each.GetName() in _OTHERS) and is_time_varying(each)
     ]
     times = {time for each in varying for time in value_times(each)}
-    moved, now = sample_times(prim), reader.local_to_world(prim)
-    if grows := changes_scale(prim, moved) and not is_singular(now):
-        times.update(moved)
-    if emission and (varying or grows):  # not linear in exposure, temperature and sizes
+    moved, grows = sample_times(prim), False
+    if ancestors.movers:
+        times.update(ancestors.times())
+    elif not emission:  # the scenario moves it
+        grows = changes_scale(prim, moved) and not is_singular(reader.local_to_world(prim))
+        times.update(moved if grows else ())
+    moves = grows or bool(ancestors.movers)
+    if emission and (varying or moves):  # not linear in exposure, temperature and sizes
         times = set(dense_times(times))
     for hider in ancestors.hiders:
         times.update(UsdGeom.Imageable(hider).GetVisibilityAttr().GetTimeSamples())
     if not times:
         return None
     codes = sorted(times)
-    from_world = world_from_prim @ np.linalg.inv(now) if grows else None  # the identity but for lights in prototypes
     samples, present, light = [], [], reader.lights[row]
     for code in codes:
-        other = reader.at(Usd.TimeCode(code))
-        world = world_from_prim if from_world is None else from_world @ other.local_to_world(prim)
+        other, world = reader.at(Usd.TimeCode(code)), world_from_prim
+        if ancestors.movers:
+            world = reader.in_meters(ancestors.world(Usd.TimeCode(code), Gf.Matrix4d(1.0)))
+        elif grows:
+            world = other.local_to_world(prim)
         shown = not is_singular(world)  # what its transform flattens is off
-        if shown and (varying or grows):
+        if shown and (varying or moves):
             other.add(prim, world)
         light = other.lights[0] if other.lights and type(other.lights[0]) is type(light) else light
         samples.append(light)
         present.append(shown and ancestors.is_visible(Usd.TimeCode(code)))
-    excluded = _CONSTANT if emission else (*_CONSTANT, *_EMISSION)
+    excluded = (*_CONSTANT, *(() if emission else _EMISSION), *(() if ancestors.movers else ("world_from_light",)))
     return InputTrack.of(row, in_seconds(prim.GetStage(), codes), samples, tuple(present), excluded)
 
 

@@ -14,7 +14,7 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from pxr import Usd, UsdGeom, UsdLux
+from pxr import Gf, Usd, UsdGeom, UsdLux
 
 from tiscene.scene.description import (
     Color,
@@ -70,7 +70,11 @@ class LightReader:
 
     def local_to_world(self, prim: Usd.Prim) -> Matrix:
         """Return the world transform of a prim at the time that this reader reads, float64 4x4, m."""
-        return to_matrix(UsdGeom.Xformable(prim).ComputeLocalToWorldTransform(self._time), self._meters)
+        return self.in_meters(UsdGeom.Xformable(prim).ComputeLocalToWorldTransform(self._time))
+
+    def in_meters(self, matrix: Gf.Matrix4d) -> Matrix:
+        """Return a transform of the stage, float64 4x4, m."""
+        return to_matrix(matrix, self._meters)
 
     def rename_last(self, suffix: str) -> None:
         """Append a suffix to the name and path of the light read last."""

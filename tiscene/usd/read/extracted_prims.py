@@ -102,7 +102,11 @@ def _template(stage: Usd.Stage, path: str, time: Usd.TimeCode, report: StageRepo
             tuple(replace(each, world_from_light=inverse @ each.world_from_light) for each in description.lights),
         )
         tracks = transformed(description.tracks, np.asarray(inverse, np.float64))
-        moved = {"instances": instances, "colliders": colliders, "lights": lights, "tracks": tracks}
+        light_tracks = tuple(
+            each.mapped("world_from_light", lambda pose: inverse @ pose) for each in description.light_tracks
+        )
+        moved = {"instances": instances, "colliders": colliders, "tracks": tracks}
+        moved |= {"lights": lights, "light_tracks": light_tracks}
         description = replace(description, **moved)
     if not description.instances:
         report.problem(path, "template", "it holds no geometry that would be drawn")

@@ -17,7 +17,7 @@ from tiscene.scene.input_track import InputTrack
 from tiscene.usd.core.report import StageReport
 from tiscene.usd.core.semantics import asset_name, direct_label, inherited_label, name_label
 from tiscene.usd.core.time_samples import NOT_ANIMATED, AnimatedAncestors, TransformSamples
-from tiscene.usd.core.transform import range_fault, to_matrix
+from tiscene.usd.core.transform import from_matrix, range_fault, to_matrix
 from tiscene.usd.lights.animated_light import light_track
 from tiscene.usd.lights.light import LightReader
 from tiscene.usd.read.mesh_table import MeshTable
@@ -38,12 +38,12 @@ class PrototypeLight(NamedTuple):
     Attributes:
         prim: the light.
         matrix: its transform in the space of the prototype's parent.
-        hiders: it and its ancestors that have animated visibility, up to the prototype.
+        animated: it and its ancestors that are animated, up to the prototype.
     """
 
     prim: Usd.Prim
     matrix: Matrix
-    hiders: tuple[Usd.Prim, ...]
+    animated: AnimatedAncestors
 
 
 class PointInstancerReader:
@@ -95,6 +95,8 @@ class PointInstancerReader:
             parts, found_lights = self._prototype(prim, root, here.purpose)
             prototypes.append(parts)
             lights.append(found_lights)
+        if any(lights) and (own_times or here.animated.movers):
+            self._report.frozen(prim.GetPath(), "the place of the lights at the points of an instancer")
         self._place_lights(prim, world, here.animated, instances[self._time], used, lights)
         if self._parts is not None:  # the points of an instancer in a prototype are parts of that prototype
             found = instances[self._time]
@@ -136,14 +138,14 @@ class PointInstancerReader:
         for number, each in zip(used, lights, strict=True):
             rows = np.flatnonzero(points.prototype_of_point == number) if each else ()
             for row in rows:
-                for light, matrix, hiders in each:
-                    placed = world @ points.matrices[row] @ matrix
-                    hiders = (*ancestors.hiders, *hiders)
+                point = world @ points.matrices[row]
+                for light, matrix, animated in each:
+                    placed = animated.below(from_matrix(point, self._meters), ancestors.hiders)
                     if self._parts is not None:
-                        self._prototype_lights.append(PrototypeLight(light, placed, hiders))
+                        self._prototype_lights.append(PrototypeLight(light, point @ matrix, placed))
                     else:
                         suffix = f"[{prim.GetName()} {points.ids[row]}]"
-                        self._add_light(light, placed, AnimatedAncestors(hiders=hiders), suffix=suffix)
+                        self._add_light(light, point @ matrix, placed, suffix=suffix)
 
     def _report_colors_of_points(self, prim: Usd.Prim) -> None:
         """Report colors that an instancer gives to each point, which other renderers draw its prototypes with."""
@@ -166,7 +168,7 @@ class PointInstancerReader:
         Args:
             prim: the light.
             matrix: its world transform.
-            ancestors: ancestors with animated visibility.
+            ancestors: its animated ancestors.
             emission: whether to read how its emission varies.
             suffix: appended to its name and path.
         """

@@ -204,7 +204,7 @@ class StageReader(PointInstancerReader):
         if prim.IsA(UsdGeom.Gprim):
             self._read_mesh_light(prim, here, matrix)
         elif self._parts is not None:
-            self._prototype_lights.append(PrototypeLight(prim, matrix, here.animated.hiders))
+            self._prototype_lights.append(PrototypeLight(prim, matrix, here.animated))
         else:  # the emission of the stage's own lights is played by the scenario
             self._add_light(prim, matrix, here.animated, emission=self._top != Sdf.Path.absoluteRootPath)
 
