@@ -2,6 +2,7 @@
 """Rendering ahead in a worker process: the bytes, order and errors of a stream without it, and a clean end."""
 
 import contextlib
+import copy
 import os
 import pickle
 import signal
@@ -106,8 +107,18 @@ def test_change_that_would_not_reach_the_worker_is_refused(ahead):
         ahead.set_light(0, ahead.world.stage.lights[0])
 
 
-def test_copy_of_the_stream_has_no_worker(ahead):
-    assert pickle.loads(pickle.dumps(ahead._ahead)).count == 0
+@pytest.mark.parametrize("copied", [copy.copy, copy.deepcopy, lambda stream: pickle.loads(pickle.dumps(stream))])
+def test_copy_of_the_stream_has_no_worker(ahead, copied):
+    """A copy that shared the worker would get frames with the edits of the other stream."""
+    ahead.seek(0)
+    next(ahead)
+    other = copied(ahead)
+    assert other._ahead.count == 0
+    ahead.world.move("ball", (0.4, 1.0, -3.0))
+    other.world.move("ball", (-0.4, 1.0, -3.0))
+    seen = next(ahead), next(other)
+    assert seen[0].depth.tobytes() != seen[1].depth.tobytes()
+    assert seen[1].depth.tobytes() == other[1].depth.tobytes()
 
 
 def test_killed_worker_is_an_error_and_the_next_frame_starts_another(ahead):

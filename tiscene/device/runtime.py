@@ -30,6 +30,20 @@ _lock = patched_kernel.LOCK  # no array can be made while a kernel is compiled, 
 patched_kernel.install()  # before kernel modules are imported, since their decorators gain by it
 
 
+class _OneThread:
+    """The context of `one_thread_at_a_time`, for code that is no function."""
+
+    def __enter__(self) -> None:
+        check_process()
+        _lock.acquire()
+
+    def __exit__(self, *_: object) -> None:
+        _lock.release()
+
+
+ONE_THREAD = _OneThread()
+
+
 def one_thread_at_a_time(function: Callable[Arguments, Result]) -> Callable[Arguments, Result]:
     """Decorate a function so that of all functions so decorated, only one thread at a time runs any.
 
@@ -41,8 +55,7 @@ def one_thread_at_a_time(function: Callable[Arguments, Result]) -> Callable[Argu
 
     @functools.wraps(function)
     def locked(*args: Arguments.args, **kwargs: Arguments.kwargs) -> Result:
-        check_process()
-        with _lock:
+        with ONE_THREAD:
             return function(*args, **kwargs)
 
     return locked

@@ -31,9 +31,6 @@ class FrameBatches:
         self.size = size
         self.clear()
 
-    def __getstate__(self) -> dict[str, object]:
-        return {"size": self.size, "_edits": 0, "_ready": {}}  # a copy in another process renders by itself
-
     def clear(self) -> None:
         """Drop everything, since the world has changed."""
         self._edits = 0

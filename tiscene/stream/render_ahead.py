@@ -16,7 +16,9 @@ from multiprocessing import resource_tracker
 from multiprocessing.connection import Connection
 from typing import Any
 
+from tiscene.device import runtime
 from tiscene.errors import ArgumentError, DeviceError
+from tiscene.frame.frame import Frame
 from tiscene.scenario.scenario import Scenario
 from tiscene.stream.stream_interface import StreamInterface
 from tiscene.stream.view_renderer import Pixels
@@ -42,26 +44,41 @@ class RenderAhead:
     def __init__(self, count: int) -> None:
         self.count = count
         self._worker: Any = None
+        self._turn = threading.RLock()
         self._number = 0  # of the last request
         self._expected = 0, 0  # position and number of edits of the frame that comes next
 
-    def __getstate__(self) -> dict[str, Any]:
-        return {"count": 0, "_worker": None}  # a copy in a worker process renders by itself
-
-    def pixels(self, stream: StreamInterface) -> Sequence[Pixels]:
-        """Return the pixels of the frame at the stream's position, one for each camera.
+    def next_frame(self, stream: StreamInterface) -> Frame:
+        """Return the frame at the stream's position, and move on.
 
         Raises:
+            StopIteration: that is the stream's end.
             ArgumentError: another thread closed the stream meanwhile.
             DeviceError: the worker has died.
             TisceneError: whatever rendering the frame has raised in the worker.
         """
-        version = stream.world.edit_count
+        with self._turn:  # other threads that iterate get the following frames
+            at = stream.position, stream.world.edit_count
+            if at[0] == stream.frames:
+                raise StopIteration
+            pixels = self._pixels(stream, *at)
+            with runtime.ONE_THREAD:
+                changed = (stream.position, stream.world.edit_count) != at  # by another thread: not what was rendered
+                return stream._next(None if changed else pixels)
+
+    def _pixels(self, stream: StreamInterface, position: int, version: int) -> Sequence[Pixels]:
+        """Return the pixels of a frame, one for each camera, and expect the following one.
+
+        Args:
+            stream: the stream.
+            position: the stream's position.
+            version: number of edits of its scenario.
+        """
         if self._worker is None:
             self._start(stream)
-            self._request(stream, version, None)
-        elif (stream.position, version) != self._expected:
-            self._request(stream, version, stream.scenario if version != self._expected[1] else None)
+            self._request(position, version, None)
+        elif (position, version) != self._expected:
+            self._request(position, version, stream.scenario if version != self._expected[1] else None)
         while True:
             request, result = self._receive()
             if request == self._number:
@@ -69,7 +86,7 @@ class RenderAhead:
         if isinstance(result, BaseException):
             self.close()
             raise result
-        self._expected = stream.position + 1, version
+        self._expected = position + 1, version
         pixels: Sequence[Pixels] = result
         return pixels
 
@@ -110,18 +127,18 @@ class RenderAhead:
         requests.close()
         results.close()
 
-    def _request(self, stream: StreamInterface, version: int, scenario: Scenario | None) -> None:
-        """Ask for the frames from the stream's position on.
+    def _request(self, position: int, version: int, scenario: Scenario | None) -> None:
+        """Ask for the frames from a position on.
 
         Args:
-            stream: the stream.
-            version: number of edits of its scenario.
+            position: index of the first frame.
+            version: number of edits of the scenario.
             scenario: the scenario, if it has changed since the last request.
         """
         self._number += 1
-        self._expected = stream.position, version
+        self._expected = position, version
         with suppress(OSError):  # the worker is dead; `_receive` reports that
-            self._requests.send((self._number, stream.position, scenario))
+            self._requests.send((self._number, position, scenario))
 
     def _receive(self) -> tuple[int, Any]:
         try:

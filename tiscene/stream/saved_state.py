@@ -1,8 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
-"""SavedState: a stream's position as a dict, which is checked before a stream continues from it; pickling; copies."""
+"""SavedState: a stream's settings and position as a dict, which is checked before it continues; pickling; copies."""
 
 from __future__ import annotations
 
+import hashlib
+import json
 from collections.abc import Mapping
 from typing import Any
 
@@ -12,7 +14,7 @@ from tiscene.scenario.scenario import Scenario
 from tiscene.stream.frame_batches import FrameBatches
 from tiscene.stream.progress import ProgressBar
 from tiscene.stream.render_ahead import RenderAhead
-from tiscene.stream.stage_cache import file_digests
+from tiscene.stream.stage_cache import digest, file_digests
 from tiscene.stream.stream_interface import StreamInterface
 
 VERSION = 1
@@ -42,16 +44,41 @@ class SavedState:
         return other
 
     def __getstate__(self: StreamInterface) -> dict[str, Any]:
-        """Return everything except device arrays, which are made anew, and the progress callback."""
-        kept = {name: value for name, value in vars(self).items() if name not in ("world", "_renderer")}
-        return kept | {"_progress": ProgressBar(), "scenario": self.scenario}
+        """Return everything except device arrays, which are made anew, the progress callback and the worker process."""
+        kept = {name: value for name, value in vars(self).items() if name not in ("world", "_renderer", "_ahead")}
+        own = {"_progress": ProgressBar(), "_batches": FrameBatches(kept["_batches"].size)}
+        return kept | own | {"scenario": self.scenario}
 
     def __setstate__(self: StreamInterface, state: dict[str, Any]) -> None:
         scenario, position = state.pop("scenario"), state["_position"]
-        vars(self).update(state)
+        vars(self).update(state, _ahead=RenderAhead(0))
         runtime.start(self.arch)
         self.restart(scenario)
         self.seek(position)
+
+    def settings(self: StreamInterface) -> dict[str, Any]:
+        """Return everything that a frame depends on beside its index, JSON-ready.
+
+        The scenario and the files of its stage and templates are given as SHA-256 digests.
+        """
+        canonical = json.dumps(self.scenario.to_json(), sort_keys=True, separators=(",", ":"))
+        edits = self.world.edit_count
+        if self._digest is None or self._digest[0] != edits:
+            self._digest = edits, digest(self.file_digests())
+        return {
+            "scenario": hashlib.sha256(canonical.encode()).hexdigest(),
+            "files": self._digest[1],
+            "width": self.width,
+            "height": self.height,
+            "fps": self.fps,
+            "seed": self.seed,
+            **self.render_settings.to_json(self._cache_bytes),
+            "shutter": None if self.shutter is None else list(self.shutter),
+            "time_code": self.time_code,
+            "taxonomy": self.taxonomy,
+            "subdivision": self.stages.subdivision,
+            "categories": None if self._selected_categories is None else list(self._selected_categories),
+        }
 
     def state_dict(self: StreamInterface) -> dict[str, Any]:
         """Return the stream's position and settings as JSON-ready values below 1 kB."""

@@ -7,8 +7,6 @@ or on the process. So `stream[k]` equals the k-th frame of iterating, byte for b
 
 from __future__ import annotations
 
-import hashlib
-import json
 import operator
 import os
 import sys
@@ -39,7 +37,7 @@ from tiscene.stream.progress import ProgressBar
 from tiscene.stream.render_ahead import RenderAhead
 from tiscene.stream.saved_state import SavedState
 from tiscene.stream.shutter import shutter_times
-from tiscene.stream.stage_cache import MAX_SIZE, StageCache, digest, image_size
+from tiscene.stream.stage_cache import MAX_SIZE, StageCache, image_size
 from tiscene.stream.stream_output import StreamOutput
 from tiscene.stream.view_renderer import Pixels, ViewRenderer, render_all_cameras
 from tiscene.usd.core.limits import Limits
@@ -217,7 +215,8 @@ class Stream(FixedSettings, LoaderMethods, StreamOutput, SavedState, Iterator[Fr
         )
         load_template = partial(self.stages.template, scenario=scenario, stage=stage)
         ids = CategoryIds(catalog.categories(), catalog.FIRST_UNREGISTERED_ID, self._selected_categories)
-        world = World(scenario, stage, load_template, self.fps, width / height, renderer.mesh_trees, ids, self.seed)
+        trees, lock = renderer.mesh_trees, runtime.ONE_THREAD
+        world = World(scenario, stage, load_template, self.fps, width / height, trees, ids, self.seed, lock)
         self._release()
         renderer.set_world(world, self.stages.trees.get(world.stage))
         self.world, self._renderer = world, renderer
@@ -279,6 +278,7 @@ class Stream(FixedSettings, LoaderMethods, StreamOutput, SavedState, Iterator[Fr
         """The index of the frame that `next` returns."""
         return self._position
 
+    @runtime.one_thread_at_a_time
     def seek(self, index: int) -> Stream:
         """Make frame `index` the next one; costs nothing. Returns the stream."""
         self._position = integer(index, "index", 0, self.frames or sys.maxsize)
@@ -289,13 +289,16 @@ class Stream(FixedSettings, LoaderMethods, StreamOutput, SavedState, Iterator[Fr
         return self
 
     def __next__(self) -> Frame:
-        if self.frames is not None and self._position >= self.frames:
+        return self._ahead.next_frame(self) if self._ahead.count else self._next()
+
+    @runtime.one_thread_at_a_time  # so that edits of other threads come before the frame or after it
+    def _next(self, pixels: Sequence[Pixels] | None = None) -> Frame:
+        """Return the frame at the position, and move on. `pixels` are those of its cameras, if they are rendered."""
+        index, end = self._position, self.frames or sys.maxsize
+        if index >= end:
             raise StopIteration
-        if self._ahead.count:
-            frame = self._render(self._position, self._ahead.pixels(self))
-        else:
-            frame = self._batches.first_of(self, range(self._position, self.frames or sys.maxsize))
-        self.seek(self._position + 1)
+        frame = self._batches.first_of(self, range(index, end)) if pixels is None else self._render(index, pixels)
+        self.seek(index + 1)
         return frame
 
     def __len__(self) -> int:
@@ -366,6 +369,7 @@ class Stream(FixedSettings, LoaderMethods, StreamOutput, SavedState, Iterator[Fr
         """Stops by which `rgb` is exposed: the camera's, else metered at frame 0 by the main camera."""
         return self._renderer.exposure(self.width, self.height)
 
+    @runtime.one_thread_at_a_time
     def set_light(self, row: int, light: Light) -> None:
         """Replace the light in a row of `world.stage.lights` by another of the same kind, for all frames from now on.
 
@@ -374,27 +378,3 @@ class Stream(FixedSettings, LoaderMethods, StreamOutput, SavedState, Iterator[Fr
         self._ahead.check_no_worker("set_light")
         self._batches.clear()
         self.world.set_light(row, light)
-
-    def settings(self) -> dict[str, Any]:
-        """Return everything that a frame depends on beside its index, JSON-ready.
-
-        The scenario and the files of its stage and templates are given as SHA-256 digests.
-        """
-        canonical = json.dumps(self.scenario.to_json(), sort_keys=True, separators=(",", ":"))
-        edits = self.world.edit_count
-        if self._digest is None or self._digest[0] != edits:
-            self._digest = edits, digest(self.file_digests())
-        return {
-            "scenario": hashlib.sha256(canonical.encode()).hexdigest(),
-            "files": self._digest[1],
-            "width": self.width,
-            "height": self.height,
-            "fps": self.fps,
-            "seed": self.seed,
-            **self.render_settings.to_json(self._cache_bytes),
-            "shutter": None if self.shutter is None else list(self.shutter),
-            "time_code": self.time_code,
-            "taxonomy": self.taxonomy,
-            "subdivision": self.stages.subdivision,
-            "categories": None if self._selected_categories is None else list(self._selected_categories),
-        }

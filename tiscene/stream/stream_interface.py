@@ -3,12 +3,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any, Protocol
 
 from tiscene.frame.frame import Frame
 from tiscene.render.render_settings import RenderSettings
 from tiscene.scenario.scenario import Scenario
-from tiscene.stream.view_renderer import ViewRenderer
+from tiscene.stream.stage_cache import StageCache
+from tiscene.stream.view_renderer import Pixels, ViewRenderer
 from tiscene.world.world import World
 
 
@@ -23,6 +25,13 @@ class StreamInterface(Protocol):
     seed: int
     buffers: tuple[str, ...]
     render_settings: RenderSettings
+    shutter: tuple[float, float] | None
+    time_code: float | None
+    taxonomy: str | None
+    stages: StageCache
+    _cache_bytes: int
+    _digest: tuple[int, str] | None
+    _selected_categories: tuple[str, ...] | None
     _renderer: ViewRenderer
 
     @property
@@ -35,3 +44,5 @@ class StreamInterface(Protocol):
     def settings(self) -> dict[str, Any]: ...
     def restart(self, scenario: Scenario) -> None: ...
     def seek(self, index: int) -> Any: ...
+    def file_digests(self) -> dict[str, str]: ...
+    def _next(self, pixels: Sequence[Pixels] | None = None) -> Frame: ...

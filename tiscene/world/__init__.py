@@ -5,6 +5,7 @@
 
     world             World
     camera_edits      placing and turning cameras
+    object_edits      spawning, removing and moving objects; placing the walls of the frustum
     world_cameras     poses of the cameras at each frame
     world_state       WorldState: everything about one frame
     frame_evaluator   placements, live objects, lights and movers at one frame

@@ -3,8 +3,11 @@
 
 from __future__ import annotations
 
+import functools
 from abc import ABC, abstractmethod
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from contextlib import AbstractContextManager
+from typing import Concatenate, ParamSpec, TypeVar
 
 from dynamics import argument_checks
 from tiscene.errors import scenario_errors
@@ -14,6 +17,26 @@ from tiscene.scene.description import SceneDescription
 from tiscene.scene.walking import Axes
 from tiscene.world.world_cameras import WorldCameras
 
+Edited = TypeVar("Edited", bound="CameraEdits")
+Arguments = ParamSpec("Arguments")
+Result = TypeVar("Result")
+
+
+def one_at_a_time(
+    edit: Callable[Concatenate[Edited, Arguments], Result],
+) -> Callable[Concatenate[Edited, Arguments], Result]:
+    """Decorate an edit of a world so that it waits for frames and edits of other threads.
+
+    An edit that came in the middle of a frame would be in the log at that frame, but not in its pixels.
+    """
+
+    @functools.wraps(edit)
+    def locked(world: Edited, *args: Arguments.args, **kwargs: Arguments.kwargs) -> Result:
+        with world.edit_lock:
+            return edit(world, *args, **kwargs)
+
+    return locked
+
 
 class CameraEdits(ABC):
     """Base class of a world with cameras that can be placed.
@@ -21,10 +44,12 @@ class CameraEdits(ABC):
     Attributes:
         stage: the stage.
         next_frame: the frame at which edits take effect.
+        edit_lock: held during an edit.
     """
 
     stage: SceneDescription
     next_frame: int
+    edit_lock: AbstractContextManager[object]
     _cameras: WorldCameras
 
     @abstractmethod
@@ -51,6 +76,7 @@ class CameraEdits(ABC):
         """Return along which axes a camera, given by its row, walks, as known at a frame; see `View.walks`."""
         return self._cameras.walks(frame, row)
 
+    @one_at_a_time
     def move_camera(
         self,
         position: Sequence[float],
@@ -81,6 +107,7 @@ class CameraEdits(ABC):
         place = cameras.offset(frame, camera, place) if relative else place
         self._edit(cameras.moved(frame, camera, place, rotation))
 
+    @one_at_a_time
     def turn_camera(self, yaw: float = 0.0, pitch: float = 0.0, *, camera: str | None = None) -> None:
         """Turn a camera at the next frame, from where it looks then. It leaves its trajectory, if it has one.
 

@@ -8,29 +8,25 @@ were requested before.
 from __future__ import annotations
 
 import functools
-import itertools
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
+from contextlib import AbstractContextManager, nullcontext
 from dataclasses import replace
 from fractions import Fraction
-from typing import Any
 
-import numpy as np
-
-from dynamics import Dynamic, RigidBody, argument_checks
-from tiscene.errors import ArgumentError, ObjectNotFound, ScenarioError
+from dynamics import argument_checks
+from tiscene.errors import ScenarioError
 from tiscene.frame.object_table import ObjectState
-from tiscene.scenario.edits import Despawn, Edit, Move, PlaceCamera, SetFrustumWalls, Spawn
-from tiscene.scenario.objects import Frustum, Object
+from tiscene.scenario.edits import Despawn, Edit, Move, PlaceCamera, Spawn
 from tiscene.scenario.scenario import Scenario
 from tiscene.scene.bvh.obstacle_tree import MeshTrees
 from tiscene.scene.camera import Camera
 from tiscene.scene.description import Light, SceneDescription, Template
 from tiscene.scene.placement import Placement
-from tiscene.world.camera_edits import CameraEdits
 from tiscene.world.category_ids import CategoryIds
 from tiscene.world.frame_evaluator import FrameEvaluator
 from tiscene.world.lights import WorldLights
 from tiscene.world.material_animation import MaterialAnimation
+from tiscene.world.object_edits import ObjectEdits
 from tiscene.world.object_registry import ObjectRegistry
 from tiscene.world.overlap_detector import OverlapDetector
 from tiscene.world.overridden_stage import check_materials, overridden, with_materials
@@ -43,13 +39,8 @@ from tiscene.world.view_history import ViewHistory
 from tiscene.world.world_cameras import WorldCameras
 from tiscene.world.world_state import CameraStep, ObjectBounds, WorldState
 
-_SPAWN_ARGUMENTS = (
-    *("template", "position", "rotation", "dynamic", "id", "free", "region", "depth"),
-    *("last_frame", "frustum_limited", "collide", "scale"),  # of `Object`
-)
 
-
-class World(CameraEdits):
+class World(ObjectEdits):
     """The objects of a stage and of a scenario, on the clock of a stream.
 
     Instance ids: objects of the stage have 1 to n in the stage's order, objects of the scenario the following ones in
@@ -68,6 +59,7 @@ class World(CameraEdits):
             objects can collide.
         category_ids: assigns the ids of categories; None: 1, 2, ... as they first appear.
         seed: of the search for free places.
+        edit_lock: held during an edit; None: edits and states are of one thread.
 
     Attributes:
         stage: the stage, with the scenario's overrides.
@@ -93,8 +85,10 @@ class World(CameraEdits):
         trees: Callable[[], MeshTrees] | None = None,
         category_ids: CategoryIds | None = None,
         seed: int = 0,
+        edit_lock: AbstractContextManager[object] | None = None,
     ) -> None:
         self._scenario = scenario
+        self.edit_lock = edit_lock or nullcontext()
         self._log = scenario.log()
         self.stage = stage = overridden(stage, scenario.overrides)
         self.fps = argument_checks.positive(fps, "fps")
@@ -149,11 +143,6 @@ class World(CameraEdits):
     def edit_count(self) -> int:
         """Number of edits so far, at constant cost: `scenario` is made anew after edits."""
         return len(self._log.edits)
-
-    @property
-    def physics(self) -> bool:
-        """Whether a physics engine moves objects, see `Scenario.physics`."""
-        return self._scenario.physics
 
     @property
     def camera(self) -> Camera:
@@ -247,142 +236,6 @@ class World(CameraEdits):
         self._lights.replace_light(row, light)
         self._evaluator.forget_starting_lights()
         self._last_state = None
-
-    def spawn(
-        self,
-        template: str,
-        position: Sequence[float] | None = None,
-        rotation: Sequence[float] = (0.0, 0.0, 0.0),
-        dynamic: Dynamic | None = None,
-        *,
-        id: str | None = None,
-        free: bool = False,
-        region: tuple[float, float, float, float] = (0.0, 0.0, 1.0, 1.0),
-        depth: tuple[float, float] = (1.0, 5.0),
-        **others: Any,
-    ) -> int:
-        """Spawn an object at the next frame.
-
-        Args:
-            template: name or file of its template.
-            position: m; None: the origin, or with `free` the place that is found.
-            rotation: Euler angles in degrees, or a quaternion.
-            dynamic: trajectory, whose clock starts at the next frame; None: none, or with `Scenario(physics=True)` a
-                RigidBody.
-            id: name in the scenario; None: a new one is made.
-            free: find a place as `Scenario.sample` does: the main camera sees it, and the ball around the object
-                touches neither the stage nor other objects. It depends on `seed`, the frame and the number of
-                objects so far.
-            region: with `free`, part of the image for the object's origin: left, top, right, bottom, 0..1.
-            depth: with `free`, nearest and farthest depth of the object's origin, m.
-            **others: further attributes of `Object`: last_frame, frustum_limited, collide, scale.
-
-        Returns:
-            The instance id.
-
-        Raises:
-            ScenarioError, ArgumentError, TemplateNotFound, MissingExtra: nothing has changed then.
-        """
-        if id is None:
-            first = len(self._log.lives) - len(self._scenario.objects) + 1
-            id = next(name for n in itertools.count(first) if self._log.row(name := f"spawned_{n}") is None)
-        argument_checks.known_names(others, _SPAWN_ARGUMENTS, "world.spawn")
-        start = (0.0, 0.0, 0.0) if position is None else position
-        if dynamic is None and self.physics:
-            dynamic = RigidBody()
-        new = Object(id, template, start, rotation, dynamic, first_frame=self.next_frame, **others)  # type: ignore[arg-type]
-        self.trajectories.check(new)
-        self._registry.template(new)
-        if free:
-            if position is not None:
-                raise ArgumentError("free=True finds a position; leave position out")
-            new = self._place_finder.placed(new, self.camera_at(self.next_frame), region, depth)
-        self._edit(Spawn(self.next_frame, new))
-        return self._registry.id_of(len(self._log.lives) - 1)
-
-    def despawn(self, object: int | str) -> None:
-        """Remove an object from the next frame on.
-
-        Args:
-            object: instance id, name in the scenario, or prim path on the stage.
-
-        Raises:
-            ObjectNotFound: no such object is alive at the next frame.
-        """
-        self._edit(Despawn(self.next_frame, self._live_name(object)))
-
-    def move(self, object: int | str, position: Sequence[float], rotation: Sequence[float] | None = None) -> None:
-        """Move an object at the next frame.
-
-        An object on a path returns to it from there, a bouncing one continues in its direction, objects of the stage
-        stay, or go on with their animation.
-
-        Args:
-            object: instance id, name in the scenario, or prim path on the stage.
-            position: m, as in `frame.objects`.
-            rotation: Euler angles in degrees, or a quaternion; None: unchanged.
-
-        Raises:
-            ObjectNotFound: no such object is alive at the next frame.
-            ScenarioError: the pose is invalid.
-        """
-        name = self._live_name(object)
-        if rotation is None:
-            row = self._log.row(name)
-            if row is None:
-                on_stage = self._stage_objects.rows(self.next_frame)
-                rotation = next(each.rotation for each in on_stage if each.prim_path == name)
-            elif (last := self._log.lives[row].move(self.next_frame)) and last.frame == self.next_frame:
-                rotation = last.rotation
-            else:
-                rows = self._log.around(self.next_frame)
-                rotation = self.trajectories.arrivals(self.next_frame, rows)[rows.index(row), 3:].tolist()
-        self._edit(Move(self.next_frame, name, position, rotation))  # type: ignore[arg-type]
-
-    def set_frustum_walls(
-        self, frustum: Frustum | None, camera: Camera | None = None, aspect: float | None = None
-    ) -> None:
-        """Replace the walls that bound objects, from the next frame on.
-
-        Args:
-            frustum: the walls; None: none.
-            camera: the camera whose view they enclose; None: the main camera as it is then.
-            aspect: width / height of that view; None: the world's.
-
-        Raises:
-            ScenarioError: an argument is of the wrong kind.
-        """
-        if not isinstance(frustum, Frustum | None):
-            raise ScenarioError(f"frustum={frustum!r}: must be a Frustum or None")
-        if not isinstance(camera, Camera | None):
-            raise ScenarioError(f"camera={camera!r}: must be a Camera or None")
-        camera = replace(camera or self.camera_at(self.next_frame), dynamic=None)
-        self._edit(SetFrustumWalls(self.next_frame, frustum, camera, self._aspect if aspect is None else aspect))
-
-    def _live_name(self, object: int | str) -> str:
-        """Return the scenario's name or the prim path of an object that is alive at the next frame."""
-        if not isinstance(object, int | str | np.integer):
-            raise ArgumentError(f"object={object!r}: must be an instance id, a name or a prim path")
-        frame = self.next_frame
-        row = self._log.row(object) if isinstance(object, str) else self._registry.row_of(int(object))
-        if row is not None and not isinstance(object, bool) and self._log.lives[row].alive(frame, as_of=frame):
-            return self._log.lives[row].spec.id
-        rows = [row for row in self._log.around(frame) if self._log.lives[row].alive(frame, as_of=frame)]
-        objects = {self._registry.id_of(row): self._log.lives[row].spec.id for row in rows}
-        rows_on_stage = enumerate(self._registry.stage_rows)
-        on_stage = {
-            row.id: row.prim_path for number, row in rows_on_stage if self._stage_objects.is_alive(number, frame)
-        }
-        names = objects | on_stage
-        if object in names.values():
-            return str(object)
-        if isinstance(object, bool) or object not in names:
-            known = list(names.values())
-            if not isinstance(object, str):  # of many objects only the scenario's are listed
-                listed = names if len(on_stage) <= 20 else objects
-                known = [f"{name} ({number})" for number, name in listed.items()]
-            raise ObjectNotFound("object", object, known, f" at frame {frame}")
-        return names[int(object)]
 
     def _edit(self, edit: Edit) -> None:
         self._log.add(edit)

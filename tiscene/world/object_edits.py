@@ -1,0 +1,189 @@
+# SPDX-License-Identifier: Apache-2.0
+"""ObjectEdits: the edits of a world that spawn, remove and move its objects, and that place the frustum's walls."""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+
+from dynamics import Dynamic, RigidBody, argument_checks
+from tiscene.errors import ArgumentError, ObjectNotFound, ScenarioError
+from tiscene.scenario.edits import Despawn, EditLog, Move, SetFrustumWalls, Spawn
+from tiscene.scenario.objects import Frustum, Object
+from tiscene.scenario.scenario import Scenario
+from tiscene.scene.camera import Camera
+from tiscene.world.camera_edits import CameraEdits, one_at_a_time
+from tiscene.world.object_registry import ObjectRegistry
+from tiscene.world.physics_trajectories import PhysicsTrajectories
+from tiscene.world.place_finder import PlaceFinder
+from tiscene.world.stage_objects import StageObjects
+
+_SPAWN_ARGUMENTS = (
+    *("template", "position", "rotation", "dynamic", "id", "free", "region", "depth"),
+    *("last_frame", "frustum_limited", "collide", "scale"),  # of `Object`
+)
+
+
+class ObjectEdits(CameraEdits):
+    """Base class of a world with objects that can be edited.
+
+    Attributes:
+        trajectories: poses of objects, cameras and lights.
+    """
+
+    trajectories: PhysicsTrajectories
+    _scenario: Scenario
+    _log: EditLog
+    _aspect: float
+    _registry: ObjectRegistry
+    _stage_objects: StageObjects
+    _place_finder: PlaceFinder
+
+    @property
+    def physics(self) -> bool:
+        """Whether a physics engine moves objects, see `Scenario.physics`."""
+        return self._scenario.physics
+
+    @one_at_a_time
+    def spawn(
+        self,
+        template: str,
+        position: Sequence[float] | None = None,
+        rotation: Sequence[float] = (0.0, 0.0, 0.0),
+        dynamic: Dynamic | None = None,
+        *,
+        id: str | None = None,
+        free: bool = False,
+        region: tuple[float, float, float, float] = (0.0, 0.0, 1.0, 1.0),
+        depth: tuple[float, float] = (1.0, 5.0),
+        **others: Any,
+    ) -> int:
+        """Spawn an object at the next frame.
+
+        Args:
+            template: name or file of its template.
+            position: m; None: the origin, or with `free` the place that is found.
+            rotation: Euler angles in degrees, or a quaternion.
+            dynamic: trajectory, whose clock starts at the next frame; None: none, or with `Scenario(physics=True)` a
+                RigidBody.
+            id: name in the scenario; None: a new one is made.
+            free: find a place as `Scenario.sample` does: the main camera sees it, and the ball around the object
+                touches neither the stage nor other objects. It depends on `seed`, the frame and the number of
+                objects so far.
+            region: with `free`, part of the image for the object's origin: left, top, right, bottom, 0..1.
+            depth: with `free`, nearest and farthest depth of the object's origin, m.
+            **others: further attributes of `Object`: last_frame, frustum_limited, collide, scale.
+
+        Returns:
+            The instance id.
+
+        Raises:
+            ScenarioError, ArgumentError, TemplateNotFound, MissingExtra: nothing has changed then.
+        """
+        if id is None:
+            first = len(self._log.lives) - len(self._scenario.objects) + 1
+            id = next(name for n in itertools.count(first) if self._log.row(name := f"spawned_{n}") is None)
+        argument_checks.known_names(others, _SPAWN_ARGUMENTS, "world.spawn")
+        start = (0.0, 0.0, 0.0) if position is None else position
+        if dynamic is None and self.physics:
+            dynamic = RigidBody()
+        new = Object(id, template, start, rotation, dynamic, first_frame=self.next_frame, **others)  # type: ignore[arg-type]
+        self.trajectories.check(new)
+        self._registry.template(new)
+        if free:
+            if position is not None:
+                raise ArgumentError("free=True finds a position; leave position out")
+            new = self._place_finder.placed(new, self.camera_at(self.next_frame), region, depth)
+        self._edit(Spawn(self.next_frame, new))
+        return self._registry.id_of(len(self._log.lives) - 1)
+
+    @one_at_a_time
+    def despawn(self, object: int | str) -> None:
+        """Remove an object from the next frame on.
+
+        Args:
+            object: instance id, name in the scenario, or prim path on the stage.
+
+        Raises:
+            ObjectNotFound: no such object is alive at the next frame.
+        """
+        self._edit(Despawn(self.next_frame, self._live_name(object)))
+
+    @one_at_a_time
+    def move(self, object: int | str, position: Sequence[float], rotation: Sequence[float] | None = None) -> None:
+        """Move an object at the next frame.
+
+        An object on a path returns to it from there, a bouncing one continues in its direction, objects of the stage
+        stay, or go on with their animation.
+
+        Args:
+            object: instance id, name in the scenario, or prim path on the stage.
+            position: m, as in `frame.objects`.
+            rotation: Euler angles in degrees, or a quaternion; None: unchanged.
+
+        Raises:
+            ObjectNotFound: no such object is alive at the next frame.
+            ScenarioError: the pose is invalid.
+        """
+        name = self._live_name(object)
+        if rotation is None:
+            row = self._log.row(name)
+            if row is None:
+                on_stage = self._stage_objects.rows(self.next_frame)
+                rotation = next(each.rotation for each in on_stage if each.prim_path == name)
+            elif (last := self._log.lives[row].move(self.next_frame)) and last.frame == self.next_frame:
+                rotation = last.rotation
+            else:
+                rows = self._log.around(self.next_frame)
+                rotation = self.trajectories.arrivals(self.next_frame, rows)[rows.index(row), 3:].tolist()
+        self._edit(Move(self.next_frame, name, position, rotation))  # type: ignore[arg-type]
+
+    @one_at_a_time
+    def set_frustum_walls(
+        self, frustum: Frustum | None, camera: Camera | None = None, aspect: float | None = None
+    ) -> None:
+        """Replace the walls that bound objects, from the next frame on.
+
+        Args:
+            frustum: the walls; None: none.
+            camera: the camera whose view they enclose; None: the main camera as it is then.
+            aspect: width / height of that view; None: the world's.
+
+        Raises:
+            ScenarioError: an argument is of the wrong kind.
+        """
+        if not isinstance(frustum, Frustum | None):
+            raise ScenarioError(f"frustum={frustum!r}: must be a Frustum or None")
+        if not isinstance(camera, Camera | None):
+            raise ScenarioError(f"camera={camera!r}: must be a Camera or None")
+        camera = replace(camera or self.camera_at(self.next_frame), dynamic=None)
+        self._edit(SetFrustumWalls(self.next_frame, frustum, camera, self._aspect if aspect is None else aspect))
+
+    def _live_name(self, object: int | str) -> str:
+        """Return the scenario's name or the prim path of an object that is alive at the next frame."""
+        if not isinstance(object, int | str | np.integer):
+            raise ArgumentError(f"object={object!r}: must be an instance id, a name or a prim path")
+        frame = self.next_frame
+        row = self._log.row(object) if isinstance(object, str) else self._registry.row_of(int(object))
+        if row is not None and not isinstance(object, bool) and self._log.lives[row].alive(frame, as_of=frame):
+            return self._log.lives[row].spec.id
+        rows = [row for row in self._log.around(frame) if self._log.lives[row].alive(frame, as_of=frame)]
+        objects = {self._registry.id_of(row): self._log.lives[row].spec.id for row in rows}
+        rows_on_stage = enumerate(self._registry.stage_rows)
+        on_stage = {
+            row.id: row.prim_path for number, row in rows_on_stage if self._stage_objects.is_alive(number, frame)
+        }
+        names = objects | on_stage
+        if object in names.values():
+            return str(object)
+        if isinstance(object, bool) or object not in names:
+            known = list(names.values())
+            if not isinstance(object, str):  # of many objects only the scenario's are listed
+                listed = names if len(on_stage) <= 20 else objects
+                known = [f"{name} ({number})" for number, name in listed.items()]
+            raise ObjectNotFound("object", object, known, f" at frame {frame}")
+        return names[int(object)]
