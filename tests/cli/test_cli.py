@@ -199,6 +199,32 @@ def test_closed_pipe_prints_no_traceback():
     assert done.returncode in (0, 1)
 
 
+@pytest.mark.parametrize(
+    ("arguments", "name"),
+    [
+        (["render", "s", "-o", ""], "-o/--output"),
+        (["demo", "-o", ""], "-o/--output"),
+        (["generate", "", "-n", "1", "-o", "x"], "RECIPE"),
+        (["verify", ""], "DIR"),
+        (["merge", "x", "x/a", ""], "PART"),
+        (["evaluate", "solids", "-o", ""], "-o/--output"),
+        (["sailenv", "record", "x.py", "-o", ""], "-o/--output"),
+    ],
+)
+def test_empty_path_is_refused(capsys, arguments, name):
+    """It would stand for the present folder, where a script's variable is not set."""
+    with pytest.raises(SystemExit, match="2"):
+        cli.main(arguments)
+    assert f"error: argument {name}: the path is empty" in capsys.readouterr().err
+
+
+def test_command_without_standard_output_succeeds():
+    done = subprocess.run(
+        ["bash", "-c", f"{sys.executable} -m tiscene list >&-"], capture_output=True, text=True, check=False
+    )
+    assert (done.returncode, done.stderr) == (0, "")
+
+
 def test_version_option_and_missing_command(capsys):
     with pytest.raises(SystemExit, match="0"):
         cli.main(["--version"])

@@ -31,6 +31,13 @@ def name_list(text: str) -> tuple[str, ...]:
     return names
 
 
+def path(text: str) -> str:
+    """Return a path. One that is empty would stand for the present folder; it is often an unset variable of a shell."""
+    if not text:
+        raise argparse.ArgumentTypeError("the path is empty; . is the present folder")
+    return text
+
+
 def count(text: str) -> int:
     """Return a whole number from 1 on."""
     if not (text.isdecimal() and int(text) > 0):

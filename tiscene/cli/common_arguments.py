@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import argparse
 
-from tiscene.cli.argument_types import frame_slice, name_list, variant_choice
+from tiscene.cli.argument_types import frame_slice, name_list, path, variant_choice
 
 
 def add_shown_stream(command: argparse.ArgumentParser) -> None:
@@ -89,7 +89,7 @@ def add_reading(command: argparse.ArgumentParser) -> None:
     command.add_argument(
         "--taxonomy", metavar="NAME", help="taxonomy of semantic labels (default: class, else category)"
     )
-    command.add_argument("--root", metavar="DIR", help="refuse layers and textures outside this folder")
+    command.add_argument("--root", metavar="DIR", type=path, help="refuse layers and textures outside this folder")
     command.add_argument("--strict", action="store_true", help="refuse a stage with a broken part or a missing file")
     command.add_argument(
         "--subdivision",

@@ -6,7 +6,7 @@ from __future__ import annotations
 import argparse
 from typing import Any
 
-from tiscene.cli.argument_types import count
+from tiscene.cli.argument_types import count, path
 from tiscene.cli.common_arguments import add_arch
 
 
@@ -51,7 +51,7 @@ def add_verify(commands: Any) -> None:
         "frames again and compare their buffers. The scene is found by its digest, also where its path is another. "
         "Exit status 2 if anything differs.",
     )
-    verify.add_argument("folder", metavar="DIR", help="the folder of the export or data set")
+    verify.add_argument("folder", metavar="DIR", type=path, help="the folder of the export or data set")
     verify.add_argument(
         "--sample",
         metavar="N",
@@ -59,7 +59,12 @@ def add_verify(commands: Any) -> None:
         help="frames to render again, of all scenarios together; 0: files alone are checked (default: all)",
     )
     verify.add_argument(
-        "--search", metavar="DIR", action="append", default=[], help="folder with files of the scene; may be repeated"
+        "--search",
+        metavar="DIR",
+        type=path,
+        action="append",
+        default=[],
+        help="folder with files of the scene; may be repeated",
     )
     add_arch(verify)
 
@@ -72,8 +77,10 @@ def add_merge(commands: Any) -> None:
         description="Merge shards into one export, with the files and the manifest of an export in one go. The shards "
         "stay as they are; merging again is safe.",
     )
-    merge.add_argument("folder", metavar="DIR", help="the folder to write")
-    merge.add_argument("parts", metavar="PART", nargs="*", help="folders of shards (default: all in DIR/shards)")
+    merge.add_argument("folder", metavar="DIR", type=path, help="the folder to write")
+    merge.add_argument(
+        "parts", metavar="PART", type=path, nargs="*", help="folders of shards (default: all in DIR/shards)"
+    )
     merge.add_argument("--partial", action="store_true", help="merge although frames are missing")
     merge.add_argument("--unlike", action="store_true", help="merge shards of unlike machines")
 
@@ -103,9 +110,11 @@ def add_generate(commands: Any) -> None:
 
 def _add_recipe(command: argparse.ArgumentParser) -> None:
     """Add the recipe, the number of its scenarios, and the folder."""
-    command.add_argument("recipe", metavar="RECIPE", help="a JSON file: scenes, ranges, frames, settings, splits")
+    command.add_argument(
+        "recipe", metavar="RECIPE", type=path, help="a JSON file: scenes, ranges, frames, settings, splits"
+    )
     command.add_argument("-n", "--count", metavar="N", type=count, required=True, help="number of scenarios")
-    command.add_argument("-o", "--output", metavar="DIR", required=True, help="folder to write")
+    command.add_argument("-o", "--output", metavar="DIR", type=path, required=True, help="folder to write")
 
 
 def ray_address(text: str) -> str:

@@ -51,7 +51,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
             with interruption.imports(exit_at_once=owns_process):
                 command = importlib.import_module(f"tiscene.cli.{args.command}")
             command.run(args)
-            sys.stdout.flush()
+            if sys.stdout is not None:  # a program may start the command without one
+                sys.stdout.flush()
         except TisceneError as error:
             print(f"tiscene: {error}", file=sys.stderr)
             return 2

@@ -11,7 +11,7 @@ import re
 from typing import Any, NoReturn, TypeAlias
 
 import tiscene
-from tiscene.cli.argument_types import frame_slice, name_list
+from tiscene.cli.argument_types import frame_slice, name_list, path
 from tiscene.cli.common_arguments import (
     add_arch,
     add_fps,
@@ -85,7 +85,12 @@ def parser() -> argparse.ArgumentParser:
 def _demo(commands: Commands) -> None:
     demo = commands.add_parser("demo", help="render a short scenario with every buffer")
     demo.add_argument(
-        "-o", "--output", metavar="DIR", default="tiscene-demo", help="folder to write (default: %(default)s)"
+        "-o",
+        "--output",
+        metavar="DIR",
+        type=path,
+        default="tiscene-demo",
+        help="folder to write (default: %(default)s)",
     )
     demo.add_argument(
         "--frames", metavar="N", type=int, default=24, help="length of the animation (default: %(default)s)"
@@ -102,7 +107,9 @@ def _preview(commands: Commands) -> None:
         description="Write one page that any browser opens from disk: a player with all buffers, the values under the "
         "cursor, a table of objects, and trajectories seen from above.",
     )
-    preview.add_argument("-o", "--output", metavar="FILE", required=True, help="page to write, such as preview.html")
+    preview.add_argument(
+        "-o", "--output", metavar="FILE", type=path, required=True, help="page to write, such as preview.html"
+    )
     add_shown_stream(preview)
 
 
@@ -110,7 +117,7 @@ def _view(commands: Commands) -> None:
     view = commands.add_parser(
         "view", help="show frames in Rerun while they are rendered (needs pip install 'tiscene[rerun]')"
     )
-    view.add_argument("--save", metavar="FILE", help="write a file for Rerun instead, such as run.rrd")
+    view.add_argument("--save", metavar="FILE", type=path, help="write a file for Rerun instead, such as run.rrd")
     view.add_argument("--connect", metavar="URL", help="send frames to a viewer that runs already")
     add_shown_stream(view)
 
@@ -129,7 +136,9 @@ def _inspect(commands: Commands) -> None:
     inspect = commands.add_parser(
         "inspect", help="report the contents of a USD file, which of them are rendered, and which are not and why"
     )
-    inspect.add_argument("file", metavar="FILE", help="a USD file, the name of a scene, or a scenario (.json)")
+    inspect.add_argument(
+        "file", metavar="FILE", type=path, help="a USD file, the name of a scene, or a scenario (.json)"
+    )
     inspect.add_argument("--json", action="store_true", help="print the report as JSON")
     add_reading(inspect)
 
@@ -140,8 +149,10 @@ def _import(commands: Commands) -> None:
         help="make a template of a model (OBJ, glTF, PLY, STL, USD) or of each model of a furniture catalog (.sh3f)",
         description="Make a template of a model file. Its license files are kept in the template's metadata.",
     )
-    importer.add_argument("file", metavar="FILE", help="the model, or a Sweet Home 3D furniture catalog")
-    importer.add_argument("-o", "--output", metavar="DIR", help="library (default: the first folder of TISCENE_PATH)")
+    importer.add_argument("file", metavar="FILE", type=path, help="the model, or a Sweet Home 3D furniture catalog")
+    importer.add_argument(
+        "-o", "--output", metavar="DIR", type=path, help="library (default: the first folder of TISCENE_PATH)"
+    )
     importer.add_argument(
         "--name", metavar="TEXT", default="", help="name, such as 'Chair 03' (default: from the file name)"
     )
@@ -179,7 +190,7 @@ def _measure(commands: Commands) -> None:
     )
     add_source(measure)
     measure.add_argument(
-        "-o", "--output", metavar="DIR", help="folder to write (default: tiscene-measure-NAME of the source)"
+        "-o", "--output", metavar="DIR", type=path, help="folder to write (default: tiscene-measure-NAME of the source)"
     )
     measure.add_argument(
         "--frames",
@@ -219,7 +230,9 @@ def _evaluate(commands: Commands) -> None:
     evaluate.add_argument(
         "--seeds", metavar="N", type=int, default=1, help="evaluate each learner with seeds 0 to N - 1 (default: 1)"
     )
-    evaluate.add_argument("-o", "--output", metavar="DIR", help="folder to write (default: tiscene-evaluation-COURSE)")
+    evaluate.add_argument(
+        "-o", "--output", metavar="DIR", type=path, help="folder to write (default: tiscene-evaluation-COURSE)"
+    )
     evaluate.add_argument(
         "--cost",
         metavar="FRAMES",
@@ -307,8 +320,10 @@ def _sailenv(commands: Commands) -> None:
         "color, flow, a class for each pixel, and a focus of attention (see docs/sailenv.md). Arguments of the script "
         "come last, after --.",
     )
-    record.add_argument("source", metavar="SCRIPT_OR_SCENARIO", help="a Python file that imports sailenv, or JSON")
-    record.add_argument("-o", "--output", metavar="DIR", required=True, help="folder to write")
+    record.add_argument(
+        "source", metavar="SCRIPT_OR_SCENARIO", type=path, help="a Python file that imports sailenv, or JSON"
+    )
+    record.add_argument("-o", "--output", metavar="DIR", type=path, required=True, help="folder to write")
     record.add_argument("--frames", metavar="N", type=int, help="end after N frames (default: when the script ends)")
     record.add_argument(
         "--classes",

@@ -6,7 +6,7 @@ from __future__ import annotations
 import argparse
 from typing import Any
 
-from tiscene.cli.argument_types import frame_slice, name_list, number_list
+from tiscene.cli.argument_types import frame_slice, name_list, number_list, path
 from tiscene.cli.common_arguments import (
     add_arch,
     add_fps,
@@ -36,7 +36,7 @@ def add_render(commands: Any) -> None:
         action="store_true",
         help="the source is a script for SAILenv (.py), which is run once without rendering, or its scenario (.json)",
     )
-    render.add_argument("-o", "--output", metavar="DIR", required=True, help="folder to write")
+    render.add_argument("-o", "--output", metavar="DIR", type=path, required=True, help="folder to write")
     render.add_argument(
         "--frames",
         metavar="A:B[:STEP]",

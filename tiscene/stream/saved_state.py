@@ -63,11 +63,12 @@ class SavedState:
         """
         canonical = json.dumps(self.scenario.to_json(), sort_keys=True, separators=(",", ":"))
         edits = self.world.edit_count
-        if self._digest is None or self._digest[0] != edits:
-            self._digest = edits, digest(self.file_digests())
+        known = self._digest
+        if known is None or known[0] != edits:
+            self._digest = known = edits, digest(self.file_digests())
         return {
             "scenario": hashlib.sha256(canonical.encode()).hexdigest(),
-            "files": self._digest[1],
+            "files": known[1],
             "width": self.width,
             "height": self.height,
             "fps": self.fps,

@@ -221,7 +221,7 @@ class Stream(FixedSettings, LoaderMethods, StreamOutput, SavedState, Iterator[Fr
         renderer.set_world(world, self.stages.trees.get(world.stage))
         self.world, self._renderer = world, renderer
         self.width, self.height = width, height
-        self._digest: tuple[int, str] | None = None
+        self._digest = None
         self._position = 0
 
     def close(self, *, keep_trees: bool = False) -> None:

@@ -7,7 +7,7 @@ import functools
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Sequence
 from contextlib import AbstractContextManager
-from typing import Concatenate, ParamSpec, TypeVar
+from typing import Any, ParamSpec, TypeVar
 
 from dynamics import argument_checks
 from tiscene.errors import scenario_errors
@@ -17,23 +17,21 @@ from tiscene.scene.description import SceneDescription
 from tiscene.scene.walking import Axes
 from tiscene.world.world_cameras import WorldCameras
 
-Edited = TypeVar("Edited", bound="CameraEdits")
 Arguments = ParamSpec("Arguments")
 Result = TypeVar("Result")
 
 
-def one_at_a_time(
-    edit: Callable[Concatenate[Edited, Arguments], Result],
-) -> Callable[Concatenate[Edited, Arguments], Result]:
-    """Decorate an edit of a world so that it waits for frames and edits of other threads.
+def one_at_a_time(edit: Callable[Arguments, Result]) -> Callable[Arguments, Result]:
+    """Decorate an edit, a method of a world, so that it waits for frames and edits of other threads.
 
     An edit that came in the middle of a frame would be in the log at that frame, but not in its pixels.
     """
 
     @functools.wraps(edit)
-    def locked(world: Edited, *args: Arguments.args, **kwargs: Arguments.kwargs) -> Result:
+    def locked(*args: Arguments.args, **kwargs: Arguments.kwargs) -> Result:
+        world: Any = args[0]
         with world.edit_lock:
-            return edit(world, *args, **kwargs)
+            return edit(*args, **kwargs)
 
     return locked
 
