@@ -18,7 +18,7 @@ from tiscene.learning.held_out_tests import counterfactuals, held_out
 from tiscene.learning.phase import Phase
 from tiscene.learning.results_page import mean_and_deviation, mean_and_range, percent, write_page
 from tiscene.learning.results_page import test_curve as accuracy_of_test
-from tiscene.learning.score import read_score
+from tiscene.learning.score import Score, read_score
 from tiscene.learning.suite_names import load_course, suites
 from tiscene.learning.svg_chart import line_chart, line_styles
 from tiscene.learning.teaching_policies import OnePixelPerMovingObject
@@ -151,18 +151,22 @@ def test_command_writes_scores_and_page_and_verifies_them(course, tmp_path, caps
     assert "scores.online.accuracy: 0.5 and 1.0" in capsys.readouterr().err
 
 
-class InterruptedOnes(Ones):
-    """Is interrupted at the third frame."""
-
-    def learn(self, frame, answers):
-        if frame.index == 2:
-            raise KeyboardInterrupt
+class SavedOnes(Ones):
+    """Has no state."""
 
     def state_dict(self):
         return {}
 
     def load_state_dict(self, state):
         pass
+
+
+class InterruptedOnes(SavedOnes):
+    """Is interrupted at the third frame."""
+
+    def learn(self, frame, answers):
+        if frame.index == 2:
+            raise KeyboardInterrupt
 
 
 def test_interrupted_command_says_whether_it_will_continue(course, tmp_path, capsys, monkeypatch):
@@ -178,6 +182,26 @@ def test_interrupted_command_says_whether_it_will_continue(course, tmp_path, cap
         == 2
     )
     assert "a checkpoint needs a learner with state_dict" in capsys.readouterr().err
+
+
+def test_checkpoint_is_kept_until_the_scores_are_written(course, tmp_path, capsys, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    course.save("course.json")
+    command = ["evaluate", "course.json", "--learner", "tests.learning.test_suites:SavedOnes", "-o", "out"]
+
+    def full(*_):
+        raise ExportError("disk full")
+
+    with monkeypatch.context() as broken:
+        broken.setattr(Score, "save", full)
+        assert main([*command, "--checkpoint"]) == 2
+    assert (tmp_path / "out" / "checkpoint.pickle").exists()
+    monkeypatch.setattr(SavedOnes, "learn", None)  # nothing is learned again
+    assert main([*command, "--checkpoint"]) == 0
+    assert [file.name for file in sorted((tmp_path / "out").iterdir())] == [
+        "index.html",
+        "tests.learning.test_suites_SavedOnes-seed0.json",
+    ]
 
 
 @pytest.mark.parametrize(

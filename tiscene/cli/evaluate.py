@@ -35,15 +35,17 @@ def run(args: argparse.Namespace) -> None:
     with export_errors(folder):
         folder.mkdir(parents=True, exist_ok=True)
     checkpoint = folder / "checkpoint.pickle" if args.checkpoint else None
+    page = folder / "index.html"
     try:
         scores = evaluated(course, learners, args.cost, checkpoint)
+        for score in scores:
+            score.save(folder / f"{_file_name(score.name)}-seed{score.learner['seed']}.json")
+        write_page(page, f"{', '.join(names)} on {args.course}", scores)
     except KeyboardInterrupt:
         note(_how_to_continue(checkpoint))
         raise
-    for score in scores:
-        score.save(folder / f"{_file_name(score.name)}-seed{score.learner['seed']}.json")
-    page = folder / "index.html"
-    write_page(page, f"{', '.join(names)} on {args.course}", scores)
+    if checkpoint is not None:
+        checkpoint.unlink(missing_ok=True)
     print(page)
 
 
@@ -71,6 +73,7 @@ def evaluated(
             course,
             clock=Clock(cost),
             checkpoint=checkpoint,
+            keep_checkpoint=True,
             progress=report,
             described=described,
         )

@@ -77,6 +77,7 @@ def evaluate_all(
     clock: Clock | None = None,
     checkpoint: str | os.PathLike[str] | None = None,
     checkpoint_every: float = 30.0,
+    keep_checkpoint: bool = False,
     progress: Progress | None = None,
     described: Mapping[str, Mapping[str, Any]] | None = None,
 ) -> list[Score]:
@@ -92,6 +93,7 @@ def evaluate_all(
             `checkpoint_every`. Such a file is a pickle: do not open one from a source that you do not trust. It is
             deleted at the end.
         checkpoint_every: time between checkpoints, s.
+        keep_checkpoint: keep it at the end, until the scores are written; the same call then returns them at once.
         progress: called with a text, the number of frames that are done, and of all.
         described: of each learner, what makes it again ("learner", "seed", "options"), for the score.
 
@@ -105,7 +107,9 @@ def evaluate_all(
     runs = [_Run(name, learner, course, chosen, clock or Clock()) for name, learner in learners.items()]
     if not runs:
         raise ArgumentError("learners={}: give one learner or more")
-    return _Evaluation(runs, course, progress, dict(described or {})).run(checkpoint, checkpoint_every)
+    return _Evaluation(runs, course, progress, dict(described or {})).run(
+        None if checkpoint is None else Path(checkpoint), checkpoint_every, keep_checkpoint
+    )
 
 
 class _Run:
@@ -205,8 +209,7 @@ class _Evaluation:
         self._kept: dict[int, CourseFrame] = {}  # frames that were rendered ahead
         self._tested = False
 
-    def run(self, checkpoint: str | os.PathLike[str] | None, every: float) -> list[Score]:
-        path = None if checkpoint is None else Path(checkpoint)
+    def run(self, path: Path | None, every: float, keep: bool) -> list[Score]:
         if path is not None:
             for run in self.runs:
                 if not hasattr(run.learner, "state_dict") or not hasattr(run.learner, "load_state_dict"):
@@ -230,7 +233,7 @@ class _Evaluation:
                 saved = self._save(path)
         self.progress("done", total, total)
         scores = [self._score(run) for run in self.runs]
-        if path is not None:
+        if path is not None and not keep:
             path.unlink(missing_ok=True)
         return scores
 

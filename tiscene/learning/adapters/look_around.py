@@ -12,6 +12,7 @@ are equal to the byte.
 
 from __future__ import annotations
 
+import inspect
 import math
 from dataclasses import replace
 from typing import Any
@@ -31,6 +32,7 @@ with requires_extra("gymnasium"):
 
 ACTIONS = ("stay", "forward", "left", "right", "up", "down", "ask")
 BUFFERS = ("rgb", "semantic", "instance", "depth")
+SETTINGS = tuple(inspect.signature(Stream).parameters)
 UNUSED = {  # arguments of `Stream` that change nothing here, and why
     "buffers": f"an agent sees the observation; the frames have {', '.join(BUFFERS)}",
     "frames": "pass `length`, the frames of an episode",
@@ -86,6 +88,7 @@ class LookAround(gymnasium.Env):  # type: ignore[misc]  # gymnasium is not read
             raise ArgumentError("scenario: pass a Scenario, a scene's name or a file")
         if render_mode not in (None, "rgb_array"):
             raise ArgumentError(f"render_mode={render_mode!r}: must be None or 'rgb_array'")
+        argument_checks.known_names(settings, SETTINGS, "LookAround")
         for name in UNUSED.keys() & settings.keys():
             raise ArgumentError(f"{name}={settings[name]!r}: {UNUSED[name]}")
         self.length = argument_checks.integer(length, "length", 1)
