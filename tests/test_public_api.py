@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Public names of `tiscene`, and the cost of importing it."""
 
+import importlib
 import importlib.metadata
 import re
 import subprocess
@@ -115,3 +116,10 @@ def test_help_loads_no_dependency():
         "print(*sys.modules)"
     ).split()
     assert not {"taichi", "pxr", "numpy", "PIL", "rich"} & set(modules)
+
+
+@pytest.mark.parametrize("package", ["tiscene", "tiscene.export", "tiscene.learning", "tiscene.usd", "dynamics"])
+def test_names_imported_at_first_use_are_listed(package):
+    """Shells and notebooks complete them."""
+    names = python(f"import {package}; print(*dir({package}))").split()
+    assert set(importlib.import_module(package).__all__) <= set(names)
