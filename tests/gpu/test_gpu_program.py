@@ -112,6 +112,7 @@ def test_batches_of_labels_are_compared(sphere):
     ]
 
 
+@pytest.mark.slow  # test_path_frames.py compares them too
 def test_batches_of_colors_are_compared(sphere):
     checks = list(parts.batch_colors([sphere], 0.01))
     assert checks[0].what == "sphere: colors of 2 frames at once"

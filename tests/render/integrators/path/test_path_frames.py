@@ -21,14 +21,18 @@ SIZE = 13, 7  # paths of a frame are no multiple of the lanes in which camera ra
 SAMPLING = {"seed": 5, "spp": 3, "max_depth": 4}
 INDICES = (7, 8, 9, 30, 2)
 LAMP = SphereLight("lamp", "/lamp", towards((0.5, 1.6, 1.0), (0.0, -1.0, 0.0)), (9.0, 8.0, 7.0), 0.2)
+UNUSED = Material("unused", emissive_color=(1.0, 1.0, 1.0))
 LIGHTS = [LAMP, DomeLight("sky", "/sky", np.eye(4), (0.4, 0.5, 0.6))]
 
 
 def scene_of(*materials: Material) -> SceneDescription:
-    """Return a floor and two balls, which have two materials each in turn."""
+    """Return a floor and two balls, which have two materials each in turn.
+
+    A material that no mesh has emits light: then all scenes here need the same variant of the shading kernel.
+    """
     floor = quad((-3, -1, 3), (3, -1, 3), (3, -1, -3), (-3, -1, -3))
     balls = ball((-0.6, 0.0, 0.0), 0.6, 1, 2), ball((0.7, 0.0, 0.3), 0.5, 2, 2)
-    return described([floor, *balls], [matte("floor", (0.5, 0.6, 0.7)), *materials], LIGHTS)
+    return described([floor, *balls], [matte("floor", (0.5, 0.6, 0.7)), *materials, UNUSED], LIGHTS)
 
 
 CUTOUT = scene_of(Material("lace", diffuse_color=(0.9, 0.2, 0.1), opacity=0.4), Material("glass", opacity=1.0, ior=1.5))
@@ -115,6 +119,15 @@ def test_frames_that_share_no_arrays_are_left_to_be_rendered_one_by_one() -> Non
     assert rendered((view, other), (placement, placement)) is not None
     for wrong in (frame(EMISSIVE, 4)[1], replace(placement, world_from_object=placement.world_from_object + 0.1)):
         assert rendered((view, other), (placement, wrong)) is None
+
+
+def test_frames_without_emissive_materials_are_rendered_at_once(monkeypatch: pytest.MonkeyPatch) -> None:
+    calls: list[int] = []
+    monkeypatch.setattr(PathFrames, "_render_stack", lambda self, views, *_: calls.append(len(views)) or [])
+    frames = PathFrames(scene(replace(PLAIN, materials=PLAIN.materials[:-1])), *SIZE)
+    (view, placement), (other, second) = frame(PLAIN, 0), frame(PLAIN, 1)
+    frames.render_frames((view, other), (placement, replace(second, mesh=second.mesh[::-1])), INDICES[:2], **SAMPLING)
+    assert calls == [2]
 
 
 def test_light_of_meshes_that_stay_is_shared() -> None:
