@@ -8,7 +8,15 @@ import pytest
 
 from tests.render.path_scenes import described, matte, quad, render, towards
 from tiscene.scene.camera import Camera
-from tiscene.scene.description import DistantLight, Material, Mesh, RectLight, SphereLight
+from tiscene.scene.description import (
+    DistantLight,
+    ExtendedLobes,
+    Material,
+    Mesh,
+    RectLight,
+    SceneDescription,
+    SphereLight,
+)
 
 CAMERA = Camera((0.0, 0.0, 5.0), orthographic_height=2.0)  # sees x -2..2, y -1..1 along -z
 DOWN = np.eye(4)  # lights emit along -z, as the camera looks
@@ -17,6 +25,7 @@ WHITE = matte("white", (0.8, 0.8, 0.8))
 BLACK = matte("black", (0.0, 0.0, 0.0))
 METAL = Material("metal", diffuse_color=(0.9, 0.9, 0.9), metallic=1.0, roughness=0.3)
 MIRROR = Material("mirror", diffuse_color=(1.0, 1.0, 1.0), metallic=1.0, roughness=0.0)
+UNUSED = Material("unused", lobes=ExtendedLobes(sheen_color=(1.0, 1.0, 1.0)))
 SUN = DistantLight("sun", "/sun", DOWN, (3.0, 2.0, 1.0))
 POINT = SphereLight("point", "/point", ABOVE, (5.0, 5.0, 5.0), 0.0, seen_by_camera=False)
 PANEL = RectLight("panel", "/panel", ABOVE, (2.0, 2.0, 2.0), 4.0, 4.0, seen_by_camera=False)
@@ -30,8 +39,16 @@ def plates(material: int = 0) -> list[Mesh]:
     return [left, replace(right, link_class=1)]
 
 
+def linked(meshes, materials, lights) -> SceneDescription:
+    """Return a scene. With links it has an unused extended material, so that it is shaded by the same variant of the
+    kernel, which takes 40 s to compile, as the scenes of test_extended_paths.py.
+    """
+    any_links = any(light.lit or light.shadowing for light in lights)
+    return described(meshes, [*materials, UNUSED] if any_links else list(materials), list(lights))
+
+
 def image(meshes, lights, materials=(WHITE, BLACK, METAL, MIRROR), **others):
-    return render(described(meshes, list(materials), list(lights)), CAMERA, (32, 16), spp=16, max_depth=2, **others).hdr
+    return render(linked(meshes, materials, lights), CAMERA, (32, 16), spp=16, max_depth=2, **others).hdr
 
 
 @pytest.mark.parametrize("light", [SUN, POINT, PANEL], ids=lambda light: light.name)
@@ -72,7 +89,7 @@ def test_light_reflected_by_another_mesh_reaches_meshes_that_are_not_linked():
     """Links restrict direct light alone: the wall beside the right plate is lit, and lights it."""
     wall = quad((0.05, -1, 0), (0.05, -1, 2), (0.05, 1, 2), (0.05, 1, 0))
     lights = [replace(SUN, lit=(True, False), world_from_light=towards((0, 0, 0), (-1, 0, 0)))]
-    scene = described([*plates(), wall], [WHITE], lights)
+    scene = linked([*plates(), wall], [WHITE], lights)
     found = render(scene, CAMERA, (32, 16), spp=16, max_depth=3).hdr
     assert found[RIGHT].mean() > 0.01
 
@@ -84,7 +101,7 @@ def test_only_linked_meshes_cast_shadows(light):
     camera = replace(CAMERA, position=(0.0, 0.0, 0.5))  # below the blind
 
     def seen(meshes, lights):
-        return render(described(meshes, [WHITE, BLACK], lights), camera, (32, 16), spp=64, max_depth=2).hdr
+        return render(linked(meshes, [WHITE, BLACK], lights), camera, (32, 16), spp=64, max_depth=2).hdr
 
     free = seen(plates(), [light])
     blocked = seen([*plates(), replace(blind, link_class=1)], [replace(light, shadowing=(True, True))])
@@ -101,6 +118,6 @@ def test_shadow_rays_pass_many_unlinked_meshes():
         for z in np.linspace(1.0, 2.0, 40)
     ]
     camera = replace(CAMERA, position=(0.0, 0.0, 0.5))
-    scene = described([*plates(), *blinds], [WHITE, BLACK], [replace(SUN, shadowing=(True, False))])
+    scene = linked([*plates(), *blinds], [WHITE, BLACK], [replace(SUN, shadowing=(True, False))])
     found = render(scene, camera, (8, 4), spp=1, max_depth=2).hdr
     np.testing.assert_allclose(found[:, :3], np.tile(np.array([3.0, 2.0, 1.0]) * 0.8 / np.pi, (4, 3, 1)), rtol=1e-4)

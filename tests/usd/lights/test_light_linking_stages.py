@@ -42,6 +42,26 @@ def Camera "C"
     uniform token[] xformOpOrder = ["xformOp:translate"]
 }
 """
+# Above the picture. Its sheen selects the variant of the shading kernel that other tests of links compile.
+CLOTH = """def Cube "Cloth" (
+    prepend apiSchemas = ["MaterialBindingAPI"]
+)
+{
+    double3 xformOp:translate = (0, 9, 0)
+    uniform token[] xformOpOrder = ["xformOp:translate"]
+    rel material:binding = </Cloth/Velvet>
+    def Material "Velvet"
+    {
+        token outputs:mtlx:surface.connect = </Cloth/Velvet/Surface.outputs:surface>
+        def Shader "Surface"
+        {
+            uniform token info:id = "ND_standard_surface_surfaceshader"
+            float inputs:sheen = 1
+            token outputs:surface
+        }
+    }
+}
+"""
 ONLY_A = """uniform bool collection:lightLink:includeRoot = 0
     prepend rel collection:lightLink:includes = </Set/A>"""
 ALL_BUT_A = "prepend rel collection:lightLink:excludes = </Set/A>"
@@ -83,7 +103,7 @@ def test_collections_that_hold_everything_cost_nothing(tmp_path):
 
 
 def test_stream_shows_only_the_linked_cube_lit(tmp_path):
-    path = write(tmp_path, BODY % ONLY_A)
+    path = write(tmp_path, BODY % ONLY_A + CLOTH)
     with ts.Stream(path, width=16, height=8, buffers=("hdr", "instance"), spp=4, camera="C") as stream:
         frame = stream[0]
         names = {row.name: row.id for row in frame.objects}

@@ -11,7 +11,8 @@ from tiscene.scene.camera import Camera
 from tiscene.scene.description import DomeLight, ExtendedLobes, Instance, Material, Mesh, RectLight, SceneDescription
 
 WHITE = (1.0, 1.0, 1.0)
-DOME = DomeLight("dome", "/dome", np.eye(4), WHITE)
+# Linked to all meshes, so that test_light_linking.py needs the same variant of the shading kernel: 40 s to compile.
+DOME = DomeLight("dome", "/dome", np.eye(4), WHITE, lit=(True,))
 GLASS = Material("glass", WHITE, roughness=0.0, ior=1.5, opacity=0.0, opacity_mode="transmission")
 # Narrow, to look along the axis.
 CAMERA = Camera.look_at((0.0, 0.0, 9.0), (0.0, 0.0, 0.0), vertical_fov=np.radians(0.5))
@@ -71,7 +72,7 @@ def test_translucent_sheet_shows_the_light_behind_it() -> None:
     lobes = ExtendedLobes(translucency=0.5, translucent_color=(0.8, 0.4, 0.2), specular=0.0)
     paper = Material("paper", WHITE, roughness=1.0, lobes=lobes)
     front = quad((-9.0, -9.0, 0.0), (9.0, -9.0, 0.0), (9.0, 9.0, 0.0), (-9.0, 9.0, 0.0))
-    light = RectLight("light", "/light", towards((0.0, 0.0, -0.5), (0.0, 0.0, 1.0)), WHITE, 80.0, 80.0)
+    light = RectLight("light", "/light", towards((0.0, 0.0, -0.5), (0.0, 0.0, 1.0)), WHITE, 80.0, 80.0, lit=(True,))
     found = brightness(described([front], [paper], [light]), 3, 1024)
     np.testing.assert_allclose(found, np.array([0.4, 0.2, 0.1]), rtol=0.03)
 
@@ -81,8 +82,12 @@ def test_plain_material_looks_the_same_beside_an_extended_one() -> None:
     floor = quad((-9.0, -9.0, 0.0), (9.0, -9.0, 0.0), (9.0, 9.0, 0.0), (-9.0, 9.0, 0.0))
     metal = Material("metal", (0.8, 0.5, 0.3), metallic=0.5, roughness=0.3, clearcoat=0.5)
     behind = quad((-1.0, -1.0, -5.0), (1.0, -1.0, -5.0), (1.0, 1.0, -5.0), (-1.0, 1.0, -5.0), material=1)
+    scene = described([floor, behind], [metal, metal], [replace(DOME, lit=None)])
     plain, extended = (
-        render(described([floor, behind], [metal, other], [DOME]), CAMERA, (4, 4), max_depth=3).hdr.tobytes()
-        for other in (metal, replace(metal, lobes=ExtendedLobes(sheen_color=WHITE)))
+        render(each, CAMERA, (4, 4), max_depth=3).hdr.tobytes()
+        for each in (
+            scene,
+            replace(scene, materials=(metal, replace(metal, lobes=ExtendedLobes(sheen_color=WHITE))), lights=(DOME,)),
+        )
     )
     assert plain == extended
