@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 from tiscene.sailenv import module_aliases, scenario_classes
+from tiscene.sailenv.__main__ import main
 from tiscene.sailenv.utilities import draw_flow_map
 
 SCRIPT = """
@@ -49,19 +50,27 @@ finally:
     print("frames", frames)
     agent.delete()
 """
+PIPES = {"capture_output": True, "text": True, "stdin": subprocess.DEVNULL}
 
 
-def run(tmp_path, script, *arguments):
-    path = tmp_path / "script.py"
-    path.write_text(script)
-    command = [sys.executable, "-m", "tiscene.sailenv", "--spp", "1", *arguments]
-    command.insert(command.index("SCRIPT"), str(path))
-    command.remove("SCRIPT")
-    return subprocess.run(command, capture_output=True, text=True, env=dict(os.environ), stdin=subprocess.DEVNULL)
+@pytest.fixture
+def run(tmp_path, capsys):
+    """Return a function that runs a script in this process and returns what it prints."""
+
+    def run(script, *options):
+        path = tmp_path / "script.py"
+        path.write_text(script)
+        main(["--spp", "1", *options, str(path)])
+        return capsys.readouterr().out
+
+    return run
 
 
 def test_script_runs_unchanged_until_the_frame_limit(tmp_path):
-    done = run(tmp_path, SCRIPT, "--headless", "--frames", "3", "SCRIPT", "an", "--argument")
+    path = tmp_path / "script.py"
+    path.write_text(SCRIPT)
+    command = [sys.executable, "-m", "tiscene.sailenv", "--spp", "1", "--no-incremental", "--headless"]
+    done = subprocess.run([*command, "--frames", "3", str(path), "an", "--argument"], **PIPES)
     assert done.returncode == 0, done.stderr
     lines = done.stdout.splitlines()
     assert lines[0].startswith("id 0 [")
@@ -72,13 +81,13 @@ def test_script_runs_unchanged_until_the_frame_limit(tmp_path):
 @pytest.mark.parametrize(
     ("arguments", "incremental"), [((), True), (("--no-incremental",), False), (("--quality", "photo"), False)]
 )
-def test_incremental_flag_of_scripts(tmp_path, arguments, incremental):
+def test_incremental_flag_of_scripts(run, arguments, incremental):
     script = (
         "from sailenv.agent import Agent\nagent = Agent(width=8, height=8)\nagent.register()\n"
         "agent.change_scene('object_view/scene')\nprint(agent.environment.stream.render_settings.incremental)\n"
+        "agent.delete()\n"
     )
-    done = run(tmp_path, script, *arguments, "SCRIPT")
-    assert done.stdout.splitlines() == [str(incremental)], done.stderr
+    assert run(script, *arguments).splitlines() == [str(incremental)]
 
 
 def test_headless_disables_windows_and_key_presses(tmp_path):
@@ -97,23 +106,24 @@ def test_headless_disables_windows_and_key_presses(tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("script", "message"),
+    ("script", "error", "message"),
     [
-        ("from sailenv.agent import Agnet\n", "cannot import name 'Agnet'"),
-        ("import sailenv.nothing\n", "No module named 'sailenv.nothing'"),
-        ("raise SystemExit('status text')\n", "status text"),
+        ("from sailenv.agent import Agnet\n", ImportError, "cannot import name 'Agnet'"),
+        ("import sailenv.nothing\n", ImportError, "No module named 'sailenv.nothing'"),
+        ("raise SystemExit('status text')\n", SystemExit, "status text"),
     ],
 )
-def test_errors_of_a_script_are_passed_on(tmp_path, script, message):
-    done = run(tmp_path, script, "SCRIPT")
-    assert done.returncode == 1
-    assert message in done.stderr
+def test_errors_of_a_script_are_passed_on(run, script, error, message):
+    with pytest.raises(error, match=message):
+        run(script)
+    assert "sailenv" not in sys.modules
 
 
-def test_missing_script_is_a_usage_error():
-    done = subprocess.run([sys.executable, "-m", "tiscene.sailenv", "nowhere.py"], capture_output=True, text=True)
-    assert done.returncode == 2
-    assert "no file 'nowhere.py'" in done.stderr
+def test_missing_script_is_a_usage_error(capsys):
+    with pytest.raises(SystemExit) as exit:
+        main(["nowhere.py"])
+    assert exit.value.code == 2
+    assert "no file 'nowhere.py'" in capsys.readouterr().err
 
 
 def test_install_makes_every_module_of_sailenv_importable(monkeypatch):
@@ -160,12 +170,12 @@ def test_names_of_scripts_that_speak_the_protocol_or_look_for_the_program(capsys
     assert capsys.readouterr().out.count("nothing to download") == 2
 
 
-def test_script_imports_the_downloader_and_the_table_of_commands(tmp_path):
+def test_script_imports_the_downloader_and_the_table_of_commands(run):
     script = (
         "from sailenv.agent import CommandsBytes, FrameFlags\nfrom sailenv.downloader import download_executable\n"
         "from sailenv.manager import executables_per_platform\nfrom sailenv.utilities import BaseDataclass\n"
         "print(CommandsBytes.SPAWN_OBJECT, FrameFlags.NONE)\ndownload_executable()\n"
     )
-    done = run(tmp_path, script, "SCRIPT")
-    assert done.stdout.startswith("b'\\t' "), done.stderr
-    assert "nothing to download" in done.stdout
+    printed = run(script)
+    assert printed.startswith("b'\\t' ")
+    assert "nothing to download" in printed
