@@ -24,7 +24,10 @@ HOME = 2.5  # a home of five rooms may be this many times as large as a room
 RATIO = 6.0  # reading a room may take this many times the seconds of libraries; 1.7 to 3.4 measured
 
 
-@pytest.fixture(scope="module", params=ROOMS)
+@pytest.fixture(
+    scope="module",
+    params=[pytest.param(name, marks=pytest.mark.slow) if name == "home_01" else name for name in ROOMS],
+)
 def room(request: pytest.FixtureRequest) -> tuple[SceneDescription, float]:
     """Return a room and the processor time of reading it, s."""
     start = time.process_time()
