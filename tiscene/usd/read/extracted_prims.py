@@ -11,7 +11,7 @@ from pxr import Sdf, Usd, UsdGeom
 
 from tiscene.errors import TemplateNotFound
 from tiscene.scene.assembly import as_one
-from tiscene.scene.description import Template
+from tiscene.scene.description import Matrix, SceneDescription, Template
 from tiscene.usd.core.pose import pose_matrix, read_pose
 from tiscene.usd.core.report import StageReport
 from tiscene.usd.core.semantics import ancestors, asset_name, inherited_label, name_label
@@ -96,20 +96,23 @@ def _template(stage: Usd.Stage, path: str, time: Usd.TimeCode, report: StageRepo
         report.problem(path, "transform", pose)
     else:
         inverse = np.linalg.inv(pose_matrix(pose.position, pose.rotation))
-        instances, colliders, lights = (
-            tuple(replace(each, world_from_object=inverse @ each.world_from_object) for each in description.instances),
-            tuple(replace(each, world_from_object=inverse @ each.world_from_object) for each in description.colliders),
-            tuple(replace(each, world_from_light=inverse @ each.world_from_light) for each in description.lights),
-        )
-        tracks = transformed(description.tracks, np.asarray(inverse, np.float64))
-        light_tracks = tuple(
-            each.mapped("world_from_light", lambda pose: inverse @ pose) for each in description.light_tracks
-        )
-        moved = {"instances": instances, "colliders": colliders, "tracks": tracks}
-        moved |= {"lights": lights, "light_tracks": light_tracks}
-        description = replace(description, **moved)
+        description = _transformed(description, np.asarray(inverse, np.float64))
     if not description.instances:
         report.problem(path, "template", "it holds no geometry that would be drawn")
     category = next((each.category for each in description.objects if each.category), "")
     category = name_label(prim) if reader.by_name else label or category
     return Template(path, category, as_one(description, prim.GetName(), path, category, asset_name(prim)))
+
+
+def _transformed(description: SceneDescription, by: Matrix) -> SceneDescription:
+    """Return a description with its instances, colliders and lights multiplied from the left by a rigid 4x4 matrix."""
+    return replace(
+        description,
+        instances=tuple(replace(each, world_from_object=by @ each.world_from_object) for each in description.instances),
+        colliders=tuple(replace(each, world_from_object=by @ each.world_from_object) for each in description.colliders),
+        tracks=transformed(description.tracks, by),
+        lights=tuple(replace(each, world_from_light=by @ each.world_from_light) for each in description.lights),
+        light_tracks=tuple(
+            each.mapped("world_from_light", lambda pose: by @ pose) for each in description.light_tracks
+        ),
+    )
