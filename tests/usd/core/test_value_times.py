@@ -3,6 +3,8 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 import pytest
 from pxr import Usd, UsdGeom
@@ -101,14 +103,24 @@ def test_objects_lights_and_materials_play_as_usd_reads_them(tmp_path, name):
         assert lamp.radiance[0] == pytest.approx(value("/Lamp", "inputs:intensity", frame, 1.0), abs=1e-6)
 
 
-def test_spline_of_a_size_deforms_its_gprim(tmp_path):
-    path = write(tmp_path, 'def Cube "Body"\n{\n    double size' + curve(1.0) + "\n}", more=RANGE)
+@pytest.mark.parametrize("samples", [curve(1.0), blocked(1, 5, 7)], ids=["spline", "blocks"])
+def test_animated_size_deforms_its_gprim(tmp_path, samples):
+    path = write(tmp_path, 'def Cube "Body"\n{\n    double size' + samples + "\n}", more=RANGE)
     stage = Usd.Stage.Open(str(path))
     size = stage.GetPrimAtPath("/Body").GetAttribute("size")
     times = [1.0 * frame for frame in range(31)]
     (deformation,) = [each.deformation for each in read_stage(path).meshes if each.deformation is not None]
     extent = [float(np.ptp(deformation.at(time / 24.0)[0][:, 0])) for time in times]
-    np.testing.assert_allclose(extent, [size.Get(time) for time in times], rtol=1e-5)
+    expected = [2.0 if size.Get(time) is None else size.Get(time) for time in times]  # 2 is the schema's
+    np.testing.assert_allclose(extent, expected, rtol=1e-5)
+
+
+def test_camera_with_a_blocked_sample_has_the_lens_of_the_schema(tmp_path):
+    body = 'def Camera "Camera"\n{\n    float focalLength.timeSamples = {\n        0: None,\n    }\n'
+    body += "    float2 clippingRange.timeSamples = {\n        0: None,\n    }\n}\n"
+    (camera,) = read_stage(write(tmp_path, body + 'def Cube "Body"\n{\n}', more=RANGE)).cameras
+    assert camera.vertical_fov == pytest.approx(2.0 * math.atan(15.2908 / 100.0))
+    assert (camera.near, camera.far) == pytest.approx((1.0, 1e6))
 
 
 def test_values_between_value_times_are_linear(tmp_path):

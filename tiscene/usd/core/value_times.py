@@ -10,6 +10,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable
 from itertools import pairwise
+from typing import Any
 
 from pxr import Usd, UsdGeom
 
@@ -35,6 +36,14 @@ def value_times(attribute: Usd.Attribute) -> list[float]:
     else:
         return list(times)
     return sorted({*times, *(time - _JUMP for time in jumps)})
+
+
+def value_at(attribute: Usd.Attribute, time: Usd.TimeCode) -> Any:
+    """Return an attribute's value, or its schema's fallback where a time sample is blocked; None if it has neither."""
+    value = attribute.Get(time)
+    if value is None:
+        value = attribute.GetPrim().GetPrimDefinition().GetAttributeFallbackValue(attribute.GetName())
+    return value
 
 
 def has_spline(attribute: Usd.Attribute) -> bool:

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from pxr import Usd
 
 from tiscene.usd.core.report import StageReport
+from tiscene.usd.core.value_times import value_at
 from tiscene.usd.geometry.vertex_weld import WeldedMesh
 
 Floats = NDArray[np.float64]
@@ -40,7 +41,7 @@ def read_gprim(prim: Usd.Prim, time: Usd.TimeCode, report: StageReport) -> Welde
     for name in ("size", "radius", "height", "width", "length", "radiusTop", "radiusBottom"):
         attribute = prim.GetAttribute(name)
         if attribute:
-            value = attribute.Get(time)
+            value = value_at(attribute, time)
             sizes[name] = math.nan if value is None else float(value)
             if not 0.0 <= sizes[name] <= _MAX_SIZE or (name in ("size", "radius") and not sizes[name]):
                 report.problem(prim.GetPath(), kind.lower(), f"{name} is {sizes[name]}")

@@ -15,7 +15,7 @@ from tiscene.scene.camera import Camera, quaternion_from_matrix
 from tiscene.scene.description import Matrix
 from tiscene.usd.core.report import StageReport
 from tiscene.usd.core.transform import unmirrored, unscaled
-from tiscene.usd.core.value_times import is_time_varying
+from tiscene.usd.core.value_times import is_time_varying, value_at
 from tiscene.usd.read.stage_render_settings import DEFAULT_POLICY
 
 _MAX_APERTURE = 1e6  # in focal lengths: a field of view of 180 degrees but for 0.0002
@@ -56,7 +56,7 @@ def read_camera(
         report.frozen(path, f"{', '.join(animated)} of a camera")
 
     def number(name: str) -> float:
-        value = prim.GetAttribute(name).Get(time)
+        value = value_at(prim.GetAttribute(name), time)
         return math.nan if value is None else float(value)
 
     orthographic = camera.GetProjectionAttr().Get(time) == UsdGeom.Tokens.orthographic
@@ -99,7 +99,7 @@ def read_camera(
         optional["focus_distance"] = focus * meters_per_unit
     clipping = camera.GetClippingRangeAttr()
     if clipping.HasAuthoredValue():
-        near, far = (float(distance) * meters_per_unit for distance in clipping.Get(time))
+        near, far = (float(distance) * meters_per_unit for distance in value_at(clipping, time))
         if 0.0 < near < far:
             optional.update(near=near, far=far)
         else:
