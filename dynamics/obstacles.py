@@ -67,16 +67,25 @@ class Obstacles:
         return self.is_bvh8, self.trees.nodes, self.trees.leaf_blocks, self.instances, self.roots, self.root
 
     @classmethod
-    def empty(cls) -> Obstacles:
-        """Return no obstacles. Taichi must be running."""
-        nodes = ti.ndarray(ti.f32, (1, 16))
-        nodes.from_numpy(np.concatenate([np.full(12, np.inf), np.zeros(4)]).astype(np.float32)[None])
-        roots = ti.ndarray(ti.i32, 1)
-        roots.fill(0)
-        leaf_blocks, instances = ti.ndarray(ti.f32, (1, 12)), ti.ndarray(ti.f32, (1, INSTANCE_COLUMNS))
-        leaf_blocks.fill(0.0)
-        instances.fill(0.0)
-        return cls(_EmptyTrees(nodes, leaf_blocks), False, instances, roots, 0)
+    def empty(cls, is_bvh8: bool | None = None) -> Obstacles:
+        """Return no obstacles. Taichi must be running.
+
+        Args:
+            is_bvh8: Whether the layout is bvh8. None: that of tiscene's scenes, so that kernels are compiled once.
+        """
+        if is_bvh8 is None:
+            is_bvh8 = ti.cfg.arch != ti.cuda
+        if is_bvh8:
+            nodes, leaf_blocks = ti.Vector.ndarray(8, ti.f32, 8), ti.Vector.ndarray(4, ti.f32, 10)
+            boxes = np.concatenate([np.full((6, 8), np.inf), np.zeros((2, 8))])
+        else:
+            nodes, leaf_blocks = ti.ndarray(ti.f32, (1, 16)), ti.ndarray(ti.f32, (1, 12))
+            boxes = np.concatenate([np.full((1, 12), np.inf), np.zeros((1, 4))], axis=1)
+        nodes.from_numpy(boxes.astype(np.float32))
+        roots, instances = ti.ndarray(ti.i32, 1), ti.ndarray(ti.f32, (1, INSTANCE_COLUMNS))
+        for array in (leaf_blocks, roots, instances):
+            array.fill(0)
+        return cls(_EmptyTrees(nodes, leaf_blocks), is_bvh8, instances, roots, 0)
 
     @classmethod
     def from_trees(
@@ -92,7 +101,7 @@ class Obstacles:
             root: Reference of the first node of the upper tree.
         """
         if not len(roots):
-            return cls.empty()
+            return cls.empty(is_bvh8)
         instances = ti.ndarray(ti.f32, (len(roots), INSTANCE_COLUMNS))
         instances.from_numpy(instance_rows(matrices))
         mesh_roots = ti.ndarray(ti.i32, len(roots))

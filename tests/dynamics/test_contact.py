@@ -139,8 +139,9 @@ def test_contact_finds_thin_plate_on_long_motion():
     np.testing.assert_allclose(found[0, 2] * 1000.0, 500.0 - 0.01 - SKIN, atol=1e-3)
 
 
-def test_empty_obstacles_return_limits():
+@pytest.mark.parametrize("is_bvh8", [True, False])
+def test_empty_obstacles_return_limits(is_bvh8):
     from dynamics.obstacles import Obstacles
 
-    found = queried(Obstacles.empty(), np.array([[0.0, 0, 0, 1]]), np.array([[1.0, 0, 0]]), 5.0)
+    found = queried(Obstacles.empty(is_bvh8), np.array([[0.0, 0, 0, 1]]), np.array([[1.0, 0, 0]]), 5.0)
     assert found[0].tolist() == [5.0, 1.0, 1.0, 0.0, -1.0]

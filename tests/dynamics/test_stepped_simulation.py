@@ -218,6 +218,7 @@ def test_new_movers_or_obstacles_compile_no_kernel(crowd):
 
     before = compiled()
     run(SteppedSimulation([bouncer(), bouncer("b", (0, 0.8, 0), ROD)], fps=30, obstacles=obstacles(ROOM, PILLAR)), 5)
+    run(SteppedSimulation([bouncer()], fps=30), 5)  # without obstacles
     assert compiled() == before
 
 
