@@ -49,15 +49,16 @@ angles, where a class accepts them, are degrees (see `dynamics.rotation`). Axes 
     errors, argument_checks             exceptions; validation of arguments
     kernel_types                        types of kernel arguments
     lru_cache                           a cache of a bounded number of values
+    lazy_names                          names of packages that are imported at first use
     cache_folder                        folder of Taichi's cache where there is no home
 """
 
 from __future__ import annotations
 
-import importlib
 from typing import TYPE_CHECKING, Any
 
 from dynamics.cache_folder import set_cache_folder
+from dynamics.lazy_names import import_name
 
 if TYPE_CHECKING:
     from dynamics.bodies import Body
@@ -120,46 +121,42 @@ set_cache_folder()
 
 # Module of each public name. Names are imported at first use, so that `import dynamics` loads neither numpy nor Taichi.
 _MODULES = {
-    "AllTogether": "timings",
-    "AllTogetherTimings": "timings",
-    "ArgumentError": "errors",
-    "ArgumentTypeError": "errors",
-    "Body": "bodies",
-    "CatmullWaypoints": "waypoints",
-    "ClosedForm": "dynamic",
-    "CollisionState": "colliding_bodies",
-    "Composite": "closed_form",
-    "Contact": "colliding_bodies",
-    "DictTimings": "timings",
-    "Dynamic": "dynamic",
-    "Keyframes": "closed_form",
-    "LinearWaypoints": "waypoints",
-    "LookAt": "closed_form",
-    "Mover": "colliding_bodies",
-    "Obstacles": "obstacles",
-    "Orbit": "closed_form",
-    "Shape": "sphere_proxy",
-    "Simulation": "simulation",
-    "Stepped": "stepped_dynamic",
-    "SteppedSimulation": "stepped_simulation",
-    "Still": "closed_form",
-    "Teleport": "colliding_bodies",
-    "Timing": "timings",
-    "RigidBody": "rigid_body",
-    "UniformMovementRandomBounce": "random_bounce",
-    "WaitUntilComplete": "timings",
-    "WaitUntilCompleteTimings": "timings",
-    "Waypoint": "waypoints",
-    "cover": "sphere_proxy",
+    "AllTogether": "dynamics.timings",
+    "AllTogetherTimings": "dynamics.timings",
+    "ArgumentError": "dynamics.errors",
+    "ArgumentTypeError": "dynamics.errors",
+    "Body": "dynamics.bodies",
+    "CatmullWaypoints": "dynamics.waypoints",
+    "ClosedForm": "dynamics.dynamic",
+    "CollisionState": "dynamics.colliding_bodies",
+    "Composite": "dynamics.closed_form",
+    "Contact": "dynamics.colliding_bodies",
+    "DictTimings": "dynamics.timings",
+    "Dynamic": "dynamics.dynamic",
+    "Keyframes": "dynamics.closed_form",
+    "LinearWaypoints": "dynamics.waypoints",
+    "LookAt": "dynamics.closed_form",
+    "Mover": "dynamics.colliding_bodies",
+    "Obstacles": "dynamics.obstacles",
+    "Orbit": "dynamics.closed_form",
+    "Shape": "dynamics.sphere_proxy",
+    "Simulation": "dynamics.simulation",
+    "Stepped": "dynamics.stepped_dynamic",
+    "SteppedSimulation": "dynamics.stepped_simulation",
+    "Still": "dynamics.closed_form",
+    "Teleport": "dynamics.colliding_bodies",
+    "Timing": "dynamics.timings",
+    "RigidBody": "dynamics.rigid_body",
+    "UniformMovementRandomBounce": "dynamics.random_bounce",
+    "WaitUntilComplete": "dynamics.timings",
+    "WaitUntilCompleteTimings": "dynamics.timings",
+    "Waypoint": "dynamics.waypoints",
+    "cover": "dynamics.sphere_proxy",
 }
 
 
 def __getattr__(name: str) -> Any:
-    if name not in _MODULES:
-        raise AttributeError(f"module 'dynamics' has no attribute {name!r}")
-    value = getattr(importlib.import_module(f"dynamics.{_MODULES[name]}"), name)
-    globals()[name] = value
-    return value
+    return import_name(__name__, _MODULES, name)
 
 
 def __dir__() -> list[str]:

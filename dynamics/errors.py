@@ -7,6 +7,8 @@ exists once. `tiscene.errors` draws the whole tree.
 
 from __future__ import annotations
 
+import difflib
+from collections.abc import Iterable
 from typing import Any
 
 
@@ -33,3 +35,9 @@ def _rebuild(kind: type[TisceneError], args: tuple[Any, ...], attributes: dict[s
     error = kind.__new__(kind, *args)
     error.__dict__.update(attributes)
     return error
+
+
+def did_you_mean(name: str, known: Iterable[str]) -> str:
+    """Return "; did you mean 'x'?", the end of a message, with the nearest known name; "" if none is near."""
+    nearest = difflib.get_close_matches(name, list(known), n=1)
+    return f"; did you mean {nearest[0]!r}?" if nearest else ""

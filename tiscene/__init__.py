@@ -27,11 +27,11 @@ Two packages stand beside this one: `dynamics` simulates motion, `usd_scenes` co
 
 from __future__ import annotations
 
-import importlib
 import os
 from typing import Any
 
 from dynamics.cache_folder import set_cache_folder
+from dynamics.lazy_names import import_name
 
 # Before Taichi is first imported: without these it prints a banner and looks up its newest version on the network.
 os.environ.setdefault("ENABLE_TAICHI_HEADER_PRINT", "0")
@@ -88,15 +88,8 @@ __version__ = "0.1.0"
 
 
 def __getattr__(name: str) -> Any:
-    if name not in _MODULES:
-        from tiscene.errors import did_you_mean
-
-        raise AttributeError(f"module 'tiscene' has no attribute {name!r}{did_you_mean(name, _MODULES)}")
-    module = importlib.import_module(_MODULES[name])
-    value = module if module.__name__.endswith(f".{name}") else getattr(module, name)
-    globals()[name] = value
-    return value
+    return import_name(__name__, _MODULES, name)
 
 
 def __dir__() -> list[str]:
-    return sorted(__all__)
+    return __all__

@@ -33,7 +33,7 @@ import difflib
 import os
 from collections.abc import Iterable, Iterator, Sequence
 
-from dynamics.errors import ArgumentError, ArgumentTypeError, TisceneError
+from dynamics.errors import ArgumentError, ArgumentTypeError, TisceneError, did_you_mean
 
 __all__ = [
     "ArgumentError",
@@ -59,12 +59,6 @@ __all__ = [
     "requires_extra",
     "scenario_errors",
 ]
-
-
-def did_you_mean(name: str, known: Iterable[str]) -> str:
-    """Return "; did you mean 'x'?", the end of a message, with the nearest known name; "" if none is near."""
-    nearest = difflib.get_close_matches(name, list(known), n=1)
-    return f"; did you mean {nearest[0]!r}?" if nearest else ""
 
 
 class UnknownName(TisceneError, LookupError):

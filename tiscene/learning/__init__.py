@@ -32,8 +32,9 @@
 
 from __future__ import annotations
 
-import importlib
 from typing import Any
+
+from dynamics.lazy_names import import_name
 
 _NAMES = {
     "accuracy_matrix": ("average_accuracy", "backward_transfer", "forgetting", "forward_transfer"),
@@ -55,17 +56,13 @@ _NAMES = {
         *("Moment", "OnePixelPerMovingObject", "Policy", "RandomPixels", "Recorded"),
     ),
 }
-_MODULES = {name: module for module, names in _NAMES.items() for name in names}
+_MODULES = {name: f"{__name__}.{module}" for module, names in _NAMES.items() for name in names}
 __all__ = sorted(_MODULES)  # imported at first use
 
 
 def __getattr__(name: str) -> Any:
-    if name not in _MODULES:
-        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
-    value = getattr(importlib.import_module(f"{__name__}.{_MODULES[name]}"), name)
-    globals()[name] = value
-    return value
+    return import_name(__name__, _MODULES, name)
 
 
 def __dir__() -> list[str]:
-    return sorted(__all__)
+    return __all__

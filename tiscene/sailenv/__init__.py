@@ -40,43 +40,40 @@
 
 from __future__ import annotations
 
-import importlib
 from typing import Any
 
+from dynamics.lazy_names import import_name
+
 _MODULES = {
-    "Agent": "agent",
-    "AllTogetherTimings": "scenario_classes",
-    "CatmullWaypoints": "scenario_classes",
-    "CommandsBytes": "wire_format",
-    "DictTimings": "scenario_classes",
-    "Dynamic": "scenario_classes",
-    "FrameFlags": "agent",
-    "Frustum": "scenario_classes",
-    "LinearWaypoints": "scenario_classes",
-    "Object": "scenario_classes",
-    "SAILenvException": "manager",
-    "SAILenvManager": "manager",
-    "Scenario": "scenario_classes",
-    "Timings": "scenario_classes",
-    "UniformMovementRandomBounce": "scenario_classes",
-    "Vector3": "scenario_classes",
-    "WaitUntilCompleteTimings": "scenario_classes",
-    "Waypoint": "scenario_classes",
-    "download_executable": "downloader",
-    "download_source": "downloader",
-    "draw_flow_map": "utilities",
-    "executables_per_platform": "manager",
+    "Agent": "tiscene.sailenv.agent",
+    "AllTogetherTimings": "tiscene.sailenv.scenario_classes",
+    "CatmullWaypoints": "tiscene.sailenv.scenario_classes",
+    "CommandsBytes": "tiscene.sailenv.wire_format",
+    "DictTimings": "tiscene.sailenv.scenario_classes",
+    "Dynamic": "tiscene.sailenv.scenario_classes",
+    "FrameFlags": "tiscene.sailenv.agent",
+    "Frustum": "tiscene.sailenv.scenario_classes",
+    "LinearWaypoints": "tiscene.sailenv.scenario_classes",
+    "Object": "tiscene.sailenv.scenario_classes",
+    "SAILenvException": "tiscene.sailenv.manager",
+    "SAILenvManager": "tiscene.sailenv.manager",
+    "Scenario": "tiscene.sailenv.scenario_classes",
+    "Timings": "tiscene.sailenv.scenario_classes",
+    "UniformMovementRandomBounce": "tiscene.sailenv.scenario_classes",
+    "Vector3": "tiscene.sailenv.scenario_classes",
+    "WaitUntilCompleteTimings": "tiscene.sailenv.scenario_classes",
+    "Waypoint": "tiscene.sailenv.scenario_classes",
+    "download_executable": "tiscene.sailenv.downloader",
+    "download_source": "tiscene.sailenv.downloader",
+    "draw_flow_map": "tiscene.sailenv.utilities",
+    "executables_per_platform": "tiscene.sailenv.manager",
 }
 __all__ = sorted(_MODULES)
 
 
 def __getattr__(name: str) -> Any:
-    if name not in _MODULES:
-        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
-    value = getattr(importlib.import_module(f"{__name__}.{_MODULES[name]}"), name)
-    globals()[name] = value
-    return value
+    return import_name(__name__, _MODULES, name)
 
 
 def __dir__() -> list[str]:
-    return sorted(__all__)
+    return __all__

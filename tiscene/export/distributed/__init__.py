@@ -18,15 +18,14 @@ from __future__ import annotations
 
 from typing import Any
 
-__all__ = ["generate", "render"]
+from dynamics.lazy_names import import_name
+
+_MODULES = dict.fromkeys(("generate", "render"), "tiscene.export.distributed.cluster_runs")
+__all__ = sorted(_MODULES)
 
 
 def __getattr__(name: str) -> Any:
-    if name not in __all__:
-        raise AttributeError(f"module 'tiscene.distributed' has no attribute {name!r}")
-    from tiscene.export.distributed import cluster_runs
-
-    return getattr(cluster_runs, name)
+    return import_name(__name__, _MODULES, name)
 
 
 def __dir__() -> list[str]:
