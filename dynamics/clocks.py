@@ -28,6 +28,11 @@ def exact(seconds: float | Rational) -> Fraction:
     return Fraction(repr(float(seconds)))
 
 
+def common_multiple(a: Fraction, b: Fraction) -> Fraction:
+    """Return the least common multiple of two positive times, s: the shortest time that both divide."""
+    return Fraction(math.lcm(a.numerator, b.numerator), math.gcd(a.denominator, b.denominator))
+
+
 @dataclass(frozen=True)
 class Window:
     """When a body's clock runs.

@@ -11,12 +11,11 @@ import itertools
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-from fractions import Fraction
 
 import numpy as np
 
 from dynamics import argument_checks
-from dynamics.clocks import exact
+from dynamics.clocks import common_multiple, exact
 from dynamics.dynamic import (
     ROTATION,
     SEGMENT_COLUMNS,
@@ -181,7 +180,7 @@ class Composite(ClosedForm):
         loops = [part.loop_time for part in self.parts if part.loop_time > 0.0]
         if math.inf in loops:
             return math.inf
-        return float(functools.reduce(_common_multiple, map(exact, loops))) if loops else 0.0
+        return float(functools.reduce(common_multiple, map(exact, loops))) if loops else 0.0
 
     def tracks(self, start: Pose) -> tuple[Track, ...]:
         starts = [start] + [Pose()] * (len(self.parts) - 1)
@@ -194,7 +193,3 @@ def check_closed_form(value: object, name: str) -> ClosedForm:
     if not isinstance(dynamic, ClosedForm):
         raise ArgumentTypeError(f"{name}={value!r}: must be a dynamic in closed form, such as CatmullWaypoints")
     return dynamic
-
-
-def _common_multiple(a: Fraction, b: Fraction) -> Fraction:
-    return Fraction(math.lcm(a.numerator, b.numerator), math.gcd(a.denominator, b.denominator))

@@ -18,6 +18,11 @@ from tiscene.scene.device_scene import DeviceScene
 from tiscene.scene.placement import CURRENT, Placement
 
 
+def compiled_kernels() -> int:
+    """Return the number of kernels compiled in this process."""
+    return sum(len(kernel.compiled_kernels) for kernel in ti.lang.impl.get_runtime().kernels)
+
+
 class Traced(NamedTuple):
     """Results of `trace.closest` and `trace.occluded`."""
 

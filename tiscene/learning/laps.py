@@ -14,7 +14,7 @@ from dataclasses import dataclass
 from fractions import Fraction
 
 from dynamics import Still
-from dynamics.clocks import Window, exact
+from dynamics.clocks import Window, common_multiple, exact
 from tiscene.errors import ObjectNotFound, ScenarioError
 from tiscene.scenario.scenario import Scenario
 from tiscene.scene.camera import Camera
@@ -66,7 +66,7 @@ def lap_times(scenario: Scenario, of: str | None = None) -> LapTimes:
     if not periods:
         raise ScenarioError(f"{of or 'the scenario'!r} does not move: it has no laps; give frames=")
     return LapTimes(
-        max(start for start, _ in periods), functools.reduce(_common_multiple, (each for _, each in periods))
+        max(start for start, _ in periods), functools.reduce(common_multiple, (each for _, each in periods))
     )
 
 
@@ -96,7 +96,3 @@ def _period(loop_time: float, window: Window) -> Fraction | float:
     # In each cycle the body goes on by `active`; after `turns` cycles that is a whole number of loops.
     turns = (window.active / loop).denominator
     return window.cycle * turns
-
-
-def _common_multiple(a: Fraction, b: Fraction) -> Fraction:
-    return Fraction(math.lcm(a.numerator, b.numerator), math.gcd(a.denominator, b.denominator))

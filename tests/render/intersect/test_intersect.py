@@ -15,6 +15,7 @@ from embreex.rtcore_scene import EmbreeScene
 from tests.reference.ray_casting import cast
 from tests.render.tracing import (
     Traced,
+    compiled_kernels,
     described,
     mesh,
     placed,
@@ -361,10 +362,6 @@ def test_traversal_stacks_fit_tree_depths() -> None:
     for kernels, layout in ((bvh8, workspace.BVH8), (bvh2, workspace.BVH2)):
         assert layout.blas_stack + layout.tlas_stack <= kernels.STACK
     assert workspace.BVH8.blas_stack + workspace.BVH8.tlas_stack + 3 <= bvh8_any_hit.GROUPS
-
-
-def compiled_kernels() -> int:
-    return sum(len(kernel.compiled_kernels) for kernel in ti.lang.impl.get_runtime().kernels)
 
 
 @both_layouts

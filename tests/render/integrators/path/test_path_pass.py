@@ -5,7 +5,6 @@ import math
 
 import numpy as np
 import pytest
-import taichi as ti
 
 from tests.render.bsdfs.test_bsdfs import MATERIALS
 from tests.render.path_scenes import (
@@ -22,6 +21,7 @@ from tests.render.path_scenes import (
     render,
     towards,
 )
+from tests.render.tracing import compiled_kernels
 from tiscene.errors import ArgumentError
 from tiscene.render.integrators.path.path_pass import PathPass
 from tiscene.render.view import View
@@ -261,11 +261,6 @@ def test_sobol_has_less_error_than_independent_sampling() -> None:
         return float(np.mean((image - reference) ** 2))
 
     assert error(together) < 0.7 * error(apart)
-
-
-def compiled_kernels() -> int:
-    """Return the number of kernels compiled in this process."""
-    return sum(len(kernel.compiled_kernels) for kernel in ti.lang.impl.get_runtime().kernels)
 
 
 def test_new_scene_or_size_compiles_no_kernel() -> None:
