@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Animation within objects: shapes, parts, points of instancers, visibility of groups."""
+"""Animation within objects: shapes, parts, visibility of groups."""
 
 from __future__ import annotations
 
@@ -273,114 +273,6 @@ def test_moving_object_in_a_group_with_animated_visibility(tmp_path):
     path = write(tmp_path, CAR % (HIDDEN, MOVED, ""), more=RANGE)
     frames = stream(path, buffers=("instance",))
     assert [bool(frames[k].instance.any()) for k in (0, 4, 5, 7, 8)] == [True, True, False, False, True]
-
-
-SCATTER = """
-def PointInstancer "P"
-{
-    rel prototypes = [</P/Ball>, </P/Box>]
-    int[] protoIndices%s
-    point3f[] positions%s
-    %s
-    def Sphere "Ball"
-    {
-        double radius = 0.5
-    }
-    def Cube "Box"
-    {
-        double size = 1
-    }
-}
-"""
-
-
-def test_animated_points_of_an_instancer_move(tmp_path):
-    positions = ".timeSamples = { 0: [(-2, 0, 0), (2, 0, 0)], 10: [(-2, 0, 0), (2, 2, 0)] }"
-    path = write(tmp_path, SCATTER % (" = [0, 1]", positions, ""), more=RANGE)
-    description = read_stage(path)
-    assert [each.name for each in description.objects] == ["P[0]", "P[1]"]
-    (track,) = description.tracks
-    assert track.instances.tolist() == [1]  # the other one is static
-    frame = stream(path)[5]
-    assert frame.objects[1].position == pytest.approx((2, 1, 0))
-    assert frame.objects[1].velocity == pytest.approx((0, 2, 0))
-    hit = frame.instance == 2
-    np.testing.assert_allclose(frame.scene_flow[hit], np.tile((0, 0.2, 0), (hit.sum(), 1)), atol=1e-6)
-    assert not frame.scene_flow[frame.instance == 1].any()
-
-
-def test_points_appear_and_vanish_by_id(tmp_path):
-    """A point keeps its id whatever its index in the arrays, and is the same object when it reappears."""
-    ids = """
-    int64[] ids.timeSamples = { 0: [7, 8], 4: [8, 9], 8: [7, 8, 9] }
-    int64[] invisibleIds.timeSamples = { 0: [], 9: [8] }
-"""
-    chosen = ".timeSamples = { 0: [0, 1], 4: [1, 0], 8: [0, 1, 0] }"
-    positions = """.timeSamples = {
-        0: [(-3, 0, 0), (0, 0, 0)], 4: [(0, 0, 0), (3, 0, 0)], 8: [(-3, 1, 0), (0, 0, 0), (3, 0, 0)]
-    }"""
-    path = write(tmp_path, SCATTER % (chosen, positions, ids), more=RANGE)
-    frames = stream(path, buffers=("instance",))
-    names = {each.name: number + 1 for number, each in enumerate(frames.world.stage.objects)}
-    assert sorted(names) == ["P[7]", "P[8]", "P[9]"]
-    for k, expected in ((0, "78"), (3, "78"), (4, "89"), (7, "89"), (8, "789"), (9, "79"), (30, "79")):
-        wanted = {names[f"P[{digit}]"] for digit in expected}
-        assert set(np.unique(frames[k].instance).tolist()) - {0} == wanted, k
-        assert {row.id for row in frames[k].objects} == wanted
-    assert next(row for row in frames[8].objects if row.name == "P[7]").position == (-3.0, 1.0, 0.0)
-
-
-def test_velocities_extrapolate_points_until_the_next_sample(tmp_path):
-    """As in USD: from a sample until the next one, which may have other points."""
-    more = """
-    vector3f[] velocities.timeSamples = { 0: [(0, 10, 0)], 4: [(0, 0, 0), (5, 0, 0)] }
-"""
-    positions = ".timeSamples = { 0: [(0, 0, 0)], 4: [(0, 4, 0), (1, 0, 0)] }"
-    chosen = ".timeSamples = { 0: [0], 4: [0, 1] }"
-    path = write(tmp_path, SCATTER % (chosen, positions, more), more=RANGE)
-    description = read_stage(path)
-    (track,) = description.tracks
-    assert placed(track, 0.3)[0][0] == pytest.approx([0, 3, 0])
-    assert placed(track, 0.2)[1] == [True, False]
-    assert placed(track, 0.4)[1] == [True, True]
-
-
-def test_moving_parts_of_a_prototype_move_in_each_point(tmp_path):
-    body = """
-def PointInstancer "Mills"
-{
-    rel prototypes = [</Mills/Mill>]
-    int[] protoIndices = [0, 0]
-    point3f[] positions = [(-3, 0, 0), (3, 0, 0)]
-    def Xform "Mill" (
-        kind = "component"
-    )
-    {
-        def Cube "Tower"
-        {
-        }
-        def Xform "Wings"
-        {
-            float xformOp:rotateZ.timeSamples = { 0: 0, 10: 90 }
-            uniform token[] xformOpOrder = ["xformOp:rotateZ"]
-            def Cube "Wing"
-            {
-                double3 xformOp:translate = (0, 2, 0)
-                uniform token[] xformOpOrder = ["xformOp:translate"]
-            }
-        }
-    }
-}
-"""
-    description = read(tmp_path, body, more=RANGE)
-    assert len(description.objects) == 2
-    (track,) = description.tracks
-    assert len(track.instances) == 2
-    at, _ = placed(track, 1.0)
-    np.testing.assert_allclose(at, [(-5, 0, 0), (1, 0, 0)], atol=1e-12)
-    at, _ = placed(track, 0.5)
-    root = np.sqrt(2)
-    np.testing.assert_allclose(at, [(-3 - root, root, 0), (3 - root, root, 0)], atol=1e-12)
 
 
 def test_skinned_mesh_is_posed_at_each_frame():
