@@ -24,7 +24,7 @@ import taichi as ti
 def work(values: ti.types.ndarray(dtype=ti.f32, ndim=1)):
     ti.loop_config(block_dim=64)
     for i in values:
-        for k in range(100):
+        for k in range(40):
             values[i] = ti.sin(values[i]) + 1.0
 
 def slices(thread):

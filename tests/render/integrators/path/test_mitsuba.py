@@ -80,7 +80,7 @@ def mitsuba_runs(description: SceneDescription, depth: int) -> np.ndarray:
 
 @pytest.mark.parametrize(
     ("build", "depth"),
-    [(cornell, 2), (cornell, DEPTH), (many_lights, DEPTH), (glass_and_mirror, 8)],
+    [(cornell, 2), pytest.param(cornell, DEPTH, marks=pytest.mark.slow), (many_lights, DEPTH), (glass_and_mirror, 8)],
     ids=["direct light", "cornell box", "every light", "glass and mirror"],
 )
 def test_images_match_mitsuba(build: object, depth: int) -> None:
