@@ -30,6 +30,8 @@ _OTHER_CURE = "Pass the saved {0} to Stream(...)."
 class SavedState:
     """The methods of a stream for checkpoints, for worker processes, and for further streams."""
 
+    _digest: tuple[int, str] | None  # number of edits, and the digest of all files then
+
     def another(self: StreamInterface, scenario: Scenario) -> Any:
         """Return a stream of another scenario with the same settings, which shares the stages and trees that are kept.
 

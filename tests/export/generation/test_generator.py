@@ -138,6 +138,19 @@ def test_folder_of_another_recipe_is_refused(recipe, whole):
         generate(other, whole, COUNT)
 
 
+@pytest.mark.parametrize(
+    ("changed", "difference"),
+    [({"seed": 6}, "scenario.objects: "), ({"settings": {**RECIPE["settings"], "width": 28}}, "settings.width: ")],
+)
+def test_folder_of_another_recipe_is_refused_without_its_description(recipe, whole, tmp_path, changed, difference):
+    shutil.copytree(whole, tmp_path, dirs_exist_ok=True)
+    (tmp_path / "dataset.json").unlink()
+    before = contents(tmp_path)
+    with pytest.raises(ExportError, match=f"data set of another recipe:[^!]*{difference}"):
+        generate(Recipe.from_json(recipe.to_json() | changed), tmp_path, COUNT + 1)
+    assert contents(tmp_path) == before
+
+
 def test_recipe_with_a_wrong_setting_can_be_corrected_in_its_folder(recipe, tmp_path):
     wrong = Recipe.from_json(recipe.to_json() | {"settings": {"width": 24, "height": 18, "quality": "fasst"}})
     with pytest.raises(ArgumentError, match="quality='fasst'"):

@@ -10,11 +10,12 @@ from pathlib import Path
 from typing import Any
 
 from tiscene.errors import ArgumentError, ExportError, ScenarioError, StageError, export_errors
-from tiscene.export.exporter import export, writing_into
+from tiscene.export.exporter import export, provenance, writing_into
 from tiscene.export.generation.data_set_index import DataSet
 from tiscene.export.generation.recipe import Recipe
 from tiscene.export.generation.scenario_summary import FILE, ScenarioSummary
-from tiscene.export.manifest_difference import differences
+from tiscene.export.manifest import Manifest
+from tiscene.export.manifest_difference import Difference, differences
 from tiscene.files import LOCK_NAME, write_atomically
 from tiscene.frame.frame import Frame
 from tiscene.scenario.scenario import Scenario
@@ -129,14 +130,30 @@ def claim(data_set: DataSet) -> None:
         present = None
     if present is not None:
         found = differences(present.recipe.to_json(), data_set.recipe.to_json())
-        if found:
-            listing = "".join(f"\n  {each}" for each in found)
-            raise ExportError(
-                f"{str(data_set.folder)!r} has a data set of another recipe:{listing}\nChoose another folder."
-            )
+    else:
+        found = _differences_of_first_scenario(data_set)
+    if found:
+        listing = "".join(f"\n  {each}" for each in found)
+        raise ExportError(
+            f"{str(data_set.folder)!r} has a data set of another recipe:{listing}\nChoose another folder."
+        )
     if present is None or present.count != data_set.count:
         with export_errors(data_set.folder):
             data_set.save()
+
+
+def _differences_of_first_scenario(data_set: DataSet) -> list[Difference]:
+    """Return how the first scenario that is in the folder differs from the recipe's, where `dataset.json` is lost."""
+    first = next((number for number in range(data_set.count) if data_set.has(number)), None)
+    manifest = None if first is None else Manifest.load(data_set.scenario_folder(first))
+    if first is None or manifest is None:
+        return []
+    recipe = data_set.recipe
+    with Stream(recipe.scenario(first), **recipe.stream_settings()) as stream:
+        wanted = provenance(stream, recipe.format, recipe.objects)
+    names = "format", "buffers", "objects", "settings", "scenario"  # another version of tiscene may continue
+    found = {name: manifest.provenance[name] for name in names}
+    return differences(found, {name: wanted[name] for name in names})
 
 
 class ScenarioRenderer:
