@@ -41,7 +41,7 @@ def integer(value: Any, name: str, low: int, high: int = sys.maxsize) -> int:
     """Return `value` as an int from `low` to `high`, both included; `sys.maxsize` stands for no upper limit."""
     result = whole(value, name)
     if not low <= result <= high:
-        expected = f"from {low} to {high}" if high < sys.maxsize else f"at least {low}"
+        expected = f"at least {low}" if high == sys.maxsize and result < low else f"from {low} to {high}"
         raise ArgumentError(f"{name}={value}: must be {expected}")
     return result
 

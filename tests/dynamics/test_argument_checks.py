@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import math
+import sys
 from fractions import Fraction
 
 import numpy as np
@@ -54,3 +55,12 @@ def test_numpy_numbers_are_stored_as_plain_numbers():
     assert type(UniformMovementRandomBounce(seed=np.int64(7)).seed) is int
     ((key, _),) = DictTimings({np.int64(0): 1.0}).times
     assert type(key) is int
+
+
+@pytest.mark.parametrize(
+    ("value", "high", "expected"),
+    [(-1, sys.maxsize, "at least 0"), (10**30, sys.maxsize, f"from 0 to {sys.maxsize}"), (-1, 9, "from 0 to 9")],
+)
+def test_integer_outside_its_range_is_told_the_bound_that_it_violates(value, high, expected):
+    with pytest.raises(ArgumentError, match=f"^x={value}: must be {expected}$"):
+        argument_checks.integer(value, "x", 0, high)

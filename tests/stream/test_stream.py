@@ -155,6 +155,7 @@ def test_length_and_bounds():
     assert len(finite) == 4
     assert finite[-1].index == 3
     assert len(finite[1:]) == 3
+    assert repr(finite[1:]) == "<FrameSlice of range(1, 4)>"
     for outside in (4, -5):
         with pytest.raises(IndexError, match=rf"frame {outside} is outside 0\.\.3"):
             finite[outside]

@@ -32,6 +32,9 @@ class FrameSlice(Sequence[Frame]):
     def __len__(self) -> int:
         return len(self.indices)
 
+    def __repr__(self) -> str:
+        return f"<FrameSlice of {self.indices}>"
+
     def __iter__(self) -> Iterator[Frame]:
         if self._read is None:
             return (self.stream[index] for index in self.indices)
