@@ -9,6 +9,9 @@ import pytest
 from tests.sailenv.client import MAIN, Client
 from tests.sailenv.served import Served, served
 from tiscene.cli.main import main
+from tiscene.errors import ArgumentError
+from tiscene.sailenv.agent_worlds import AgentWorlds
+from tiscene.sailenv.server import Server
 
 
 @pytest.mark.slow
@@ -47,3 +50,9 @@ def test_signal_stops_the_server_cleanly(tmp_path, number):
 def test_invalid_arguments_of_serve_are_errors(capsys, arguments, message):
     assert main(["serve", *arguments]) == 2
     assert message in capsys.readouterr().err
+
+
+def test_empty_host_is_refused():
+    """It would be that of all networks, where a script's variable is not set."""
+    with pytest.raises(ArgumentError, match=r"127\.0\.0\.1 is this machine alone"):
+        Server(AgentWorlds(), host="")

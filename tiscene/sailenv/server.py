@@ -17,6 +17,7 @@ from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from typing import Any, TypeVar
 
+from tiscene.errors import ArgumentError
 from tiscene.sailenv.agent_camera import AgentCamera
 from tiscene.sailenv.agent_worlds import AgentWorlds
 from tiscene.sailenv.connection import Connection
@@ -35,9 +36,14 @@ class Server:
         host: The address to listen on.
         port: The port; 0 for any free one.
         wait: How long the clock waits for a slow client, s.
+
+    Raises:
+        ArgumentError: The host is empty.
     """
 
     def __init__(self, worlds: AgentWorlds, host: str = "127.0.0.1", port: int = 8085, wait: float = 1.0) -> None:
+        if not host:  # asyncio would listen on all networks
+            raise ArgumentError("host='': is empty; 127.0.0.1 is this machine alone, 0.0.0.0 all of its networks")
         self.worlds = worlds
         self.host, self.port, self.wait = host, port, wait
         self._thread = ThreadPoolExecutor(1, "worlds")
