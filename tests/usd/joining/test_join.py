@@ -256,6 +256,18 @@ def test_openings_without_size_are_refused(field: str) -> None:
         Opening((0.0, 0.0, 0.0), **{field: -1.0})
 
 
+@pytest.mark.parametrize(
+    ("name", "message"),
+    [("east.usda", r"east.usda'\): is a file of .*east.usda"), ("home.txt", r"must end in \.usda, \.usdc, \.usd")],
+)
+def test_file_that_must_not_be_written_is_refused(tmp_path: Path, name: str, message: str) -> None:
+    west, east = write_room(tmp_path, "west"), write_room(tmp_path, "east")
+    before = {path.name: path.read_bytes() for path in tmp_path.iterdir()}
+    with pytest.raises(ArgumentError, match=message):
+        join([(west, (0, 0, 0)), (east, (5, 0, 0))], tmp_path / name)
+    assert {path.name: path.read_bytes() for path in tmp_path.iterdir()} == before
+
+
 def test_missing_room_is_named(tmp_path: Path) -> None:
     with pytest.raises(MissingFile, match=r"cellar\.usda does not exist"):
         join([(tmp_path / "cellar.usda", (0.0, 0.0, 0.0))], tmp_path / "flat.usda")

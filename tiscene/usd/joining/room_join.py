@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 from pxr import Gf, Kind, Sdf, Tf, Usd, UsdGeom, UsdLux, UsdSemantics, UsdShade, Vt
 
+from tiscene.catalog import LAYER_SUFFIXES
 from tiscene.errors import ArgumentError, StageError
 from tiscene.files import write_atomically
 from tiscene.usd.core.stage import open_stage, quiet, readable
@@ -50,17 +51,20 @@ def join(
         The path of the file.
 
     Raises:
-        ArgumentError: no rooms, two rooms of one name, rooms of different units or axes, or an unknown `sky`.
+        ArgumentError: no rooms, two rooms of one name, rooms of different units or axes, an unknown `sky`, or a `path`
+            with another suffix or that is a file of a room.
         MissingFile: there is no file of a room.
         StageError: a room cannot be read, or an opening meets a shape that cannot be cut.
     """
     target = Path(path)
+    if target.suffix.lower() not in LAYER_SUFFIXES:
+        raise ArgumentError(f"join(path={str(path)!r}): must end in {', '.join(LAYER_SUFFIXES)}")
     placements = [RoomPlacement(*each) for each in rooms]
     names = _identifiers(placements)
     if sky is not None and sky not in [each.label for each in placements]:
         raise ArgumentError(f"join(sky={sky!r}): the rooms are {', '.join(each.label for each in placements)}")
     with quiet(), readable(target):
-        first = _common_stage(placements)
+        first = _common_stage(placements, target)
         stage = Usd.Stage.CreateInMemory(f"{target.stem}.usda")
         up_axis, meters = str(UsdGeom.GetStageUpAxis(first)), float(UsdGeom.GetStageMetersPerUnit(first))
         UsdGeom.SetStageUpAxis(stage, up_axis)
@@ -104,12 +108,19 @@ def _identifiers(placements: Sequence[RoomPlacement]) -> list[str]:
     return names
 
 
-def _common_stage(placements: Sequence[RoomPlacement]) -> Usd.Stage:
-    """Open all rooms and return the stage of the first; they must agree in axes and units."""
+def _common_stage(placements: Sequence[RoomPlacement], target: Path) -> Usd.Stage:
+    """Open all rooms and return the stage of the first.
+
+    They must agree in axes and units, and the file to write must not be one of theirs.
+    """
     stages = [open_stage(Path(each.file)) for each in placements]
     for stage, placement in zip(stages, placements, strict=True):
         if not stage.GetDefaultPrim():
             raise StageError(str(placement.file), ["has no default prim, which a reference needs"])
+        if target.resolve() in [Path(layer.realPath) for layer in stage.GetUsedLayers() if layer.realPath]:
+            raise ArgumentError(
+                f"join(path={str(target)!r}): is a file of the room {placement.file}; write another file"
+            )
         mine, other = [(str(UsdGeom.GetStageUpAxis(s)), UsdGeom.GetStageMetersPerUnit(s)) for s in (stage, stages[0])]
         if mine != other:
             raise ArgumentError(
