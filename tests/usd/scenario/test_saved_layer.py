@@ -229,3 +229,26 @@ def test_saved_layer_finds_the_catalog_of_another_environment(tmp_path, monkeypa
     assert elsewhere / "data" / "object_view" / "scene.usda" in used
     assert not [path for path in used if path.is_relative_to(package)]
     assert Scenario.load(moved).objects[0].position == (1, 2, 3)
+
+
+@pytest.mark.parametrize("method", ["save", "to_usd"])
+@pytest.mark.parametrize("scene", ["room.usda", "over.usda"])
+def test_files_of_the_scene_are_not_overwritten(tmp_path, monkeypatch, method, scene):
+    """The layer refers to them: it would refer to itself, and the scene would be lost."""
+    monkeypatch.chdir(tmp_path)
+    Path("room.usda").write_text('#usda 1.0\n(\n    defaultPrim = "Box"\n)\ndef Cube "Box"\n{\n}\n')
+    Path("over.usda").write_text("#usda 1.0\n(\n    subLayers = [@room.usda@]\n)\n")
+    before = Path("room.usda").read_bytes()
+    scenario = ts.Scenario(scene, [ts.Object("ball", "Sphere", (0, 1, -3))])
+    writer = scenario if method == "save" else ts.Stream(scenario, width=8, height=8, buffers=("depth",), frames=2)
+    with pytest.raises(ArgumentError, match=r"'room\.usda': is a file of the scene"):
+        getattr(writer, method)("room.usda")
+    assert Path("room.usda").read_bytes() == before
+
+
+def test_saved_scenario_can_be_saved_into_its_own_file(tmp_path):
+    scenario = ts.Scenario("object_view", [ts.Object("ball", "Sphere", (0, 1, -3))])
+    scenario.save(tmp_path / "run.usda")
+    loaded = ts.Scenario.load(tmp_path / "run.usda")
+    loaded.save(tmp_path / "run.usda")
+    assert ts.Scenario.load(tmp_path / "run.usda").objects == loaded.objects == scenario.objects

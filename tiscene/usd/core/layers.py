@@ -9,7 +9,7 @@ from collections.abc import Iterable
 from pathlib import Path
 from typing import NamedTuple
 
-from pxr import Ar, UsdUtils
+from pxr import Ar, Usd, UsdUtils
 
 from tiscene import catalog
 from tiscene.usd.core.package import split_package
@@ -101,3 +101,8 @@ def _status(path: str) -> tuple[int, ...] | None:
 def _digest(path: Path) -> str:
     with path.open("rb") as file:
         return hashlib.file_digest(file, "sha256").hexdigest()
+
+
+def has_file(stage: Usd.Stage, path: Path) -> bool:
+    """Return whether a stage consists of a file, among others: what is written into it would refer to itself."""
+    return path.resolve() in [Path(layer.realPath) for layer in stage.GetUsedLayers() if layer.realPath]

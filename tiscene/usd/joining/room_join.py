@@ -14,6 +14,7 @@ from pxr import Gf, Kind, Sdf, Tf, Usd, UsdGeom, UsdLux, UsdSemantics, UsdShade,
 from tiscene.catalog import LAYER_SUFFIXES
 from tiscene.errors import ArgumentError, StageError
 from tiscene.files import write_atomically
+from tiscene.usd.core.layers import has_file
 from tiscene.usd.core.stage import open_stage, quiet, readable
 from tiscene.usd.joining.floor_plan import Opening, RoomPlacement
 from tiscene.usd.joining.stage_cut import GprimCut, cuts, release_instances
@@ -117,7 +118,7 @@ def _common_stage(placements: Sequence[RoomPlacement], target: Path) -> Usd.Stag
     for stage, placement in zip(stages, placements, strict=True):
         if not stage.GetDefaultPrim():
             raise StageError(str(placement.file), ["has no default prim, which a reference needs"])
-        if target.resolve() in [Path(layer.realPath) for layer in stage.GetUsedLayers() if layer.realPath]:
+        if has_file(stage, target):
             raise ArgumentError(
                 f"join(path={str(target)!r}): is a file of the room {placement.file}; write another file"
             )

@@ -15,7 +15,7 @@ from tiscene import catalog
 from tiscene.errors import ArgumentError, ExportError
 from tiscene.scene.camera import Camera
 from tiscene.scene.description import Matrix
-from tiscene.usd.core.layers import catalog_path
+from tiscene.usd.core.layers import catalog_path, has_file
 from tiscene.usd.core.pose import PoseOperations, pose_operations, read_pose
 from tiscene.usd.core.semantics import is_in_object, is_object_instance, spaced
 from tiscene.usd.core.stage import Variants, open_stage, reading_time, select_variants
@@ -221,13 +221,17 @@ class OverLayer:
             path: file that ends in .usda, .usdc or .usd.
 
         Raises:
-            ArgumentError: another suffix.
+            ArgumentError: another suffix, or a file of the scene or of a template, which would be lost.
             ExportError: the file cannot be written.
         """
         path = Path(path)
         if path.suffix.lower() not in catalog.LAYER_SUFFIXES:
             raise ArgumentError(
                 f"path={str(path)!r}: a USD layer is a file that ends in {', '.join(catalog.LAYER_SUFFIXES)}"
+            )
+        if has_file(self.stage, path):
+            raise ArgumentError(
+                f"path={str(path)!r}: is a file of the scene, to which the layer refers; write another file"
             )
         folder = path.resolve().parent
         copy = Sdf.Layer.CreateAnonymous(path.suffix)
