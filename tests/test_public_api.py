@@ -120,7 +120,10 @@ def test_help_loads_no_dependency():
 
 @pytest.mark.parametrize(
     "name",
-    ["dynamics", "tiscene", "tiscene.export", "tiscene.export.distributed", "tiscene.learning", "tiscene.sailenv"],
+    [
+        *("dynamics", "tiscene", "tiscene.export", "tiscene.export.distributed", "tiscene.learning"),
+        *("tiscene.sailenv", "tiscene.usd"),
+    ],
 )
 def test_names_that_are_imported_at_first_use_are_listed_and_kept(name):
     package = importlib.import_module(name)

@@ -25,23 +25,9 @@ Arguments = ParamSpec("Arguments")
 Result = TypeVar("Result")
 
 _process: int | None = None  # in which `start` was called
-_lock = patched_kernel.LOCK  # no array can be made while a kernel is compiled, by whatever thread
+ONE_THREAD = patched_kernel.LOCK  # no array can be made while a kernel is compiled, by whatever thread
 
 patched_kernel.install()  # before kernel modules are imported, since their decorators gain by it
-
-
-class _OneThread:
-    """The context of `one_thread_at_a_time`, for code that is no function."""
-
-    def __enter__(self) -> None:
-        check_process()
-        _lock.acquire()
-
-    def __exit__(self, *_: object) -> None:
-        _lock.release()
-
-
-ONE_THREAD = _OneThread()
 
 
 def one_thread_at_a_time(function: Callable[Arguments, Result]) -> Callable[Arguments, Result]:
@@ -55,6 +41,7 @@ def one_thread_at_a_time(function: Callable[Arguments, Result]) -> Callable[Argu
 
     @functools.wraps(function)
     def locked(*args: Arguments.args, **kwargs: Arguments.kwargs) -> Result:
+        check_process()
         with ONE_THREAD:
             return function(*args, **kwargs)
 

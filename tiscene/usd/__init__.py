@@ -15,8 +15,9 @@
 
 from __future__ import annotations
 
-import importlib
 from typing import Any
+
+from dynamics.lazy_names import import_name
 
 _MODULES = {
     "Opening": "tiscene.usd.joining.floor_plan",
@@ -27,10 +28,8 @@ __all__ = sorted(_MODULES)
 
 
 def __getattr__(name: str) -> Any:
-    if name not in _MODULES:
-        raise AttributeError(f"module 'tiscene.usd' has no attribute {name!r}")
-    return getattr(importlib.import_module(_MODULES[name]), name)
+    return import_name(__name__, _MODULES, name)
 
 
 def __dir__() -> list[str]:
-    return sorted(__all__)
+    return __all__
