@@ -258,15 +258,27 @@ def test_environment_needs_a_scenario():
         ({"prefetch": 2}, "ahead"),
         ({"batch": 2}, "ahead"),
         ({"buffers": ("rgb",)}, "have"),
-        ({"qualty": "fast"}, "LookAround has no such argument; there are .*quality"),
     ],
 )
 def test_arguments_without_effect_on_the_environment_are_refused(argument, cure):
     pytest.importorskip("gymnasium")
     from tiscene.learning.adapters.look_around import LookAround
 
-    with pytest.raises(ArgumentError, match=f"{next(iter(argument))}.*{cure}"):
+    with pytest.raises(ArgumentError, match=f"{next(iter(argument))}=.*{cure}"):
         LookAround("object_view", **argument)
+
+
+@pytest.mark.parametrize("argument", ["qualty", "lenght", "source"])
+def test_unknown_arguments_of_the_environment_are_named_with_those_that_there_are(argument):
+    pytest.importorskip("gymnasium")
+    from tiscene.learning.adapters.look_around import LookAround
+
+    with pytest.raises(
+        ArgumentError, match=r"LookAround has no such argument; there are scenario, .*length.*quality"
+    ) as caught:
+        LookAround("object_view", **{argument: "fast"})
+    assert str(caught.value).startswith(f"{argument}: ")
+    assert "prefetch" not in str(caught.value)
 
 
 def test_environment_with_several_cameras_is_refused():

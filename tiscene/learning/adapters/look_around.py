@@ -32,13 +32,13 @@ with requires_extra("gymnasium"):
 
 ACTIONS = ("stay", "forward", "left", "right", "up", "down", "ask")
 BUFFERS = ("rgb", "semantic", "instance", "depth")
-SETTINGS = tuple(inspect.signature(Stream).parameters)
 UNUSED = {  # arguments of `Stream` that change nothing here, and why
     "buffers": f"an agent sees the observation; the frames have {', '.join(BUFFERS)}",
     "frames": "pass `length`, the frames of an episode",
     "prefetch": "frames depend on the actions, and cannot be rendered ahead",
     "batch": "frames depend on the actions, and cannot be rendered ahead",
 }
+SETTINGS = tuple(name for name in inspect.signature(Stream).parameters if name not in ("source", *UNUSED))
 MAX_PITCH = math.radians(80.0)
 
 
@@ -88,9 +88,10 @@ class LookAround(gymnasium.Env):  # type: ignore[misc]  # gymnasium is not read
             raise ArgumentError("scenario: pass a Scenario, a scene's name or a file")
         if render_mode not in (None, "rgb_array"):
             raise ArgumentError(f"render_mode={render_mode!r}: must be None or 'rgb_array'")
-        argument_checks.known_names(settings, SETTINGS, "LookAround")
         for name in UNUSED.keys() & settings.keys():
             raise ArgumentError(f"{name}={settings[name]!r}: {UNUSED[name]}")
+        own = (name for name in inspect.signature(LookAround).parameters if name != "settings")
+        argument_checks.known_names(settings, dict.fromkeys((*own, *SETTINGS)), "LookAround")
         self.length = argument_checks.integer(length, "length", 1)
         self.turn = math.radians(argument_checks.positive(turn, "turn"))
         self.stride = argument_checks.positive(stride, "stride")
