@@ -13,6 +13,7 @@ import pytest
 from tests.gpu import __main__ as program
 from tests.gpu import bake, kit, parts
 from tests.gpu.baked_scene import SPHERE, BakedScene, load
+from tests.gpu.checks import Check
 
 
 @pytest.fixture(scope="module")
@@ -57,6 +58,14 @@ class _Aimed:
 def test_scenes_must_be_baked_first(tmp_path, capsys):
     assert program.main(["labels", "--one", "--arch", "cpu", "--scenes", str(tmp_path)]) == 1
     assert "write them first: python -m tests.gpu.bake" in capsys.readouterr().out
+
+
+def test_failures_of_all_kinds_are_counted(sphere, tmp_path, monkeypatch, capsys):
+    sphere.save(tmp_path)
+    checks = [Check("a", "0", False), Check("b", "1", np.bool_(False)), Check("c", "2", np.bool_(True)), Check("d", "3")]
+    monkeypatch.setitem(parts.PARTS, "labels", (lambda scenes, scale: iter(checks), 60))
+    assert program.main(["labels", "--one", "--arch", "cpu", "--scenes", str(tmp_path)]) == 2
+    assert [line[:4] for line in capsys.readouterr().out.splitlines()] == ["FAIL", "FAIL", "ok  ", "    "]
 
 
 def test_unknown_part_is_refused(capsys):
