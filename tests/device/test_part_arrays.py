@@ -6,7 +6,6 @@ import pytest
 
 from tiscene.device import runtime
 from tiscene.device.part_arrays import ArrayPart, PartArray
-from tiscene.device.taichi_patches import memcpy
 
 
 @pytest.fixture(autouse=True)
@@ -39,8 +38,7 @@ def test_common_first_parts_are_copied_once_and_the_others_replaced():
     for scene in ([stage, stage_end, chair], [stage, stage_end, ball], [stage, stage_end], [stage, stage_end, chair]):
         array.write([each.part() for each in scene])
         np.testing.assert_array_equal(contents(array, scene), np.concatenate([each.values for each in scene]))
-    if memcpy.is_shared():  # else all parts are copied if one differs
-        assert [each.asked for each in (stage, stage_end, chair, ball)] == [1, 1, 2, 1]
+    assert [each.asked for each in (stage, stage_end, chair, ball)] == [1, 1, 2, 1]
 
 
 def test_part_is_copied_again_where_its_number_or_a_part_before_it_differs():
@@ -50,8 +48,7 @@ def test_part_is_copied_again_where_its_number_or_a_part_before_it_differs():
     array.write([first.part(), second.part(number=1)])
     array.write([second.part(), first.part()])
     np.testing.assert_array_equal(contents(array, [second, first]), np.concatenate([second.values, first.values]))
-    if memcpy.is_shared():
-        assert (first.asked, second.asked) == (2, 3)
+    assert (first.asked, second.asked) == (2, 3)
 
 
 def test_array_has_a_row_without_parts_and_keeps_what_it_has():

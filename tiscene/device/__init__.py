@@ -11,7 +11,7 @@
     memory            host arrays to device arrays
     freed_arrays      memory of deleted arrays, used again
     part_arrays       arrays of parts, of which those that are there are not copied again
-    packed_copies     copies of several arrays that travel as one
+    kept_uploads      device arrays for values that are new in every frame
     kernel_types      types of kernel arguments
     argument_bundles  named tuples as kernel parameters
     taichi_patches    replacements for slow parts of Taichi's Python code

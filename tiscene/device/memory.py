@@ -52,6 +52,12 @@ def upload_vectors(values: NDArray[np.float32]) -> Any:
     return array
 
 
+def empty_on_device(shape: tuple[int, ...], dtype: Any) -> Any:
+    """Return a device array for values of a NumPy dtype: float32, int32, or one of a byte, as uint8."""
+    kind = np.dtype(dtype)
+    return device_array(ti.u8 if kind.itemsize == 1 else ti.f32 if kind.kind == "f" else ti.i32, shape)
+
+
 def nbytes(*arrays: Any) -> int:
     """Return the memory of device arrays of numbers or vectors of 32 bits, bytes."""
     return sum(4 * math.prod((*array.shape, *array.element_shape)) for array in arrays)
@@ -59,12 +65,17 @@ def nbytes(*arrays: Any) -> int:
 
 def copy_rows(source: Any, target: Any, count: int) -> None:
     """Copy the first rows of a device array to those of another one of the same type."""
-    write_rows(target, 0, (memcpy.values(source) if memcpy.is_shared() else source.to_numpy())[:count])
+    if memcpy.is_direct():
+        memcpy.copy_rows(source, target, count)
+    else:
+        write_rows(target, 0, source.to_numpy()[:count])
 
 
 def write_rows(target: Any, first: int, rows: NDArray[Any]) -> None:
     """Write rows of a device array from a row on; the others stay."""
-    values = memcpy.values(target) if memcpy.is_shared() else target.to_numpy()
+    if memcpy.is_direct():
+        memcpy.write_rows(target, first, rows)
+        return
+    values = target.to_numpy()
     values[first : first + len(rows)] = rows
-    if not memcpy.is_shared():
-        target.from_numpy(values)
+    target.from_numpy(values)

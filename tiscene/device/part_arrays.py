@@ -11,8 +11,7 @@ import numpy as np
 import taichi as ti
 from numpy.typing import NDArray
 
-from tiscene.device.memory import device_array, nbytes, upload, write_rows
-from tiscene.device.taichi_patches import memcpy
+from tiscene.device.memory import copy_rows, device_array, nbytes, write_rows
 
 SPARE = 8  # the part of the rows that is added when an array with some of the parts grows
 
@@ -35,8 +34,6 @@ class ArrayPart(NamedTuple):
 
 class PartArray:
     """A device array [n] or [n, width] that scenes with the same first parts use one after another.
-
-    On a GPU all parts are copied if one differs.
 
     Args:
         dtype: np.int32 or np.float32.
@@ -68,30 +65,18 @@ class PartArray:
             )
         )
         count, first = sum(part.length for part in parts), sum(part.length for part in parts[:same])
-        if not memcpy.is_shared():
-            if same < len(parts):
-                self.array = upload(
-                    np.concatenate([self._empty(), *(self._rows(part) for part in parts if part.length)])
-                )
-        else:
-            if count > self.array.shape[0]:
-                larger = self._new(count + count // SPARE if first else count)
-                write_rows(larger, 0, memcpy.values(self.array)[:first])
-                self.array = larger
-            for part in filter(lambda part: part.length, parts[same:]):
-                write_rows(self.array, first, self._rows(part))
-                first += part.length
+        if count > self.array.shape[0]:
+            larger = self._new(count + count // SPARE if first else count)
+            copy_rows(self.array, larger, first)
+            self.array = larger
+        for part in filter(lambda part: part.length, parts[same:]):
+            write_rows(self.array, first, np.asarray(part.rows(), self._dtype))
+            first += part.length
         self._held = [(part.source, part.number, part.length) for part in parts]
         return self.array
 
-    def _rows(self, part: ArrayPart) -> NDArray[Any]:
-        return np.asarray(part.rows(), self._dtype)
-
     def _shape(self, count: int) -> tuple[int, ...]:
         return (count,) if self._width is None else (count, self._width)
-
-    def _empty(self) -> NDArray[Any]:
-        return np.zeros(self._shape(0), self._dtype)
 
     def _new(self, count: int) -> Any:
         return device_array(ti.i32 if self._dtype is np.int32 else ti.f32, self._shape(count))

@@ -17,5 +17,6 @@ patches off, and any other version of Taichi does so with a warning; the results
     recording_file    recorded calls as files
     fingerprint       identify a kernel by everything its source depends on
     memcpy            copy arrays without kernels
+    cuda_memory       copies to and from a CUDA card by its driver
     tracebacks        make arrays without the text of the call stack
 """

@@ -220,10 +220,10 @@ def _plan(kernel: Any) -> LaunchPlan:
         annotation, slot = argument.annotation, (len(plan.parameters),)
         if isinstance(annotation, template):
             plan.templates.append(row)
-        elif isinstance(annotation, NdarrayType) and annotation.dtype is None and annotation.ndim is None:
+        elif isinstance(annotation, NdarrayType) and annotation.ndim is None:
             plan.untyped.append(row)
             plan.parameters.append((slot, UNTYPED, None, None, 0, 0))
-        elif isinstance(annotation, NdarrayType) and annotation.dtype is not None and annotation.ndim is not None:
+        elif isinstance(annotation, NdarrayType) and annotation.dtype is not None:
             dtype, axes = annotation.dtype, annotation.ndim
             if not isinstance(dtype, MatrixType):
                 plan.parameters.append((slot, SCALAR_ARRAY, dtype, np.dtype(to_numpy_type(dtype)), 0, axes))

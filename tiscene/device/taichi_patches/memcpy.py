@@ -1,15 +1,16 @@
 # SPDX-License-Identifier: Apache-2.0
-"""On a CPU, copy values between NumPy arrays and Taichi arrays in memory.
+"""Copy values between NumPy arrays and Taichi arrays in memory: on a CPU by NumPy, on a CUDA card by its driver.
 
 Taichi 1.7.4 launches a kernel for it, one for each element type and number of axes: ten more kernels to compile before
-a first frame. `to_numpy`, `from_numpy` and `fill` of Taichi's arrays are replaced; the replacements act on calls from
-the packages that `fence` names, and pass all other calls on to Taichi's own methods.
+a first frame. `to_numpy`, `from_numpy` and, on a CPU, `fill` of Taichi's arrays are replaced; the replacements act on
+calls from the packages that `fence` names, and pass all other calls on to Taichi's own methods.
 """
 
 from __future__ import annotations
 
 import ctypes
 import sys
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -21,7 +22,7 @@ from taichi.lang.matrix import MatrixNdarray, VectorNdarray
 from taichi.lang.util import to_numpy_type
 
 from tiscene.device import restart
-from tiscene.device.taichi_patches import fence
+from tiscene.device.taichi_patches import cuda_memory, fence
 
 _METHODS = [
     (kind, name) for kind in (ScalarNdarray, VectorNdarray, MatrixNdarray) for name in ("to_numpy", "from_numpy")
@@ -30,18 +31,18 @@ _METHODS = [
 
 def install() -> None:
     """Replace the methods."""
-    for owner, name in (*_METHODS, (Ndarray, "fill")):
-        replacement = {"to_numpy": _to_numpy, "from_numpy": _from_numpy, "fill": _fill}[name]
-        setattr(owner, name, _dispatching(getattr(owner, name), replacement))
+    for owner, name in _METHODS:
+        replacement = {"to_numpy": read, "from_numpy": write}[name]
+        setattr(owner, name, _dispatching(getattr(owner, name), replacement, is_direct))
+    Ndarray.fill = _dispatching(Ndarray.fill, _fill, is_shared)
 
 
-def _dispatching(original: Any, replacement: Any) -> Any:
-    """Return a method that calls `replacement` for this project's code on a CPU, else `original`."""
+def _dispatching(original: Any, replacement: Any, applies: Callable[[], bool]) -> Any:
+    """Return a method that calls `replacement` for this project's code where it applies, else `original`."""
 
     def method(self: Any, *args: Any, **kwargs: Any) -> Any:
         is_ours = fence.is_inside(sys._getframe(1).f_globals.get("__name__"))
-        chosen = replacement if is_ours and ti.cfg.arch in (ti.x64, ti.arm64) else original
-        return chosen(self, *args, **kwargs)
+        return (replacement if is_ours and applies() else original)(self, *args, **kwargs)
 
     method.__name__, method.__doc__, method.__wrapped__ = original.__name__, original.__doc__, original  # type: ignore[attr-defined]
     return method
@@ -52,27 +53,80 @@ def is_shared() -> bool:
     return fence.enabled() and ti.cfg.arch in (ti.x64, ti.arm64)
 
 
+def is_direct() -> bool:
+    """Return whether `read`, `write` and `copy` can be used."""
+    return is_shared() or (fence.enabled() and ti.cfg.arch == ti.cuda and cuda_memory.driver() is not None)
+
+
 def values(array: Any) -> NDArray[Any]:
-    """Return a NumPy view of a Taichi array's memory, valid as long as the Taichi array lives."""
-    restart.check_array(array)
-    impl.get_runtime().materialize()
-    shape, dtype = tuple(array.arr.total_shape()), np.dtype(to_numpy_type(array.dtype))
-    address = impl.get_runtime().prog.get_ndarray_data_ptr_as_int(array.arr)
+    """Return a NumPy view of a Taichi array's memory on a CPU, valid as long as the Taichi array lives."""
+    address, shape, dtype = _memory(array)
     memory = (ctypes.c_byte * (dtype.itemsize * int(np.prod(shape)))).from_address(address)
     return np.frombuffer(memory, dtype).reshape(shape)
 
 
-def _to_numpy(self: Any) -> NDArray[Any]:
-    return values(self).copy()
+def read(array: Any) -> NDArray[Any]:
+    """Return the values of a Taichi array."""
+    if is_shared():
+        return values(array).copy()
+    address, shape, dtype = _memory(array)
+    result = np.empty(shape, dtype)
+    _driver().read(address, result)
+    return result
 
 
-def _from_numpy(self: Any, arr: NDArray[Any]) -> None:
+def write(array: Any, arr: NDArray[Any]) -> None:
+    """Set the values of a Taichi array.
+
+    Args:
+        array: The array.
+        arr: Values of the same shape and any type.
+
+    Raises:
+        TypeError: `arr` is not a NumPy array.
+        ValueError: It has another shape.
+    """
     if not isinstance(arr, np.ndarray):
         raise TypeError(f"{np.ndarray} expected, but {type(arr)} provided")
-    present = values(self)
-    if present.shape != arr.shape:
-        raise ValueError(f"Mismatch shape: {present.shape} expected, but {arr.shape} provided")
-    np.copyto(present, arr, casting="unsafe")
+    shape = _memory(array)[1]
+    if shape != arr.shape:
+        raise ValueError(f"Mismatch shape: {shape} expected, but {arr.shape} provided")
+    write_rows(array, 0, arr)
+
+
+def write_rows(array: Any, first: int, rows: NDArray[Any]) -> None:
+    """Set rows of a Taichi array, from a row on."""
+    if is_shared():
+        np.copyto(values(array)[first : first + len(rows)], rows, casting="unsafe")
+        return
+    address, shape, dtype = _memory(array)
+    if first + len(rows) > shape[0]:
+        raise ValueError(f"rows {first} to {first + len(rows)} of an array of {shape[0]}")
+    size = dtype.itemsize * int(np.prod(shape[1:]))
+    _driver().write(address + first * size, np.ascontiguousarray(rows, dtype))
+
+
+def copy_rows(source: Any, target: Any, count: int) -> None:
+    """Copy the first rows of a Taichi array to those of another one of the same type."""
+    if is_shared():
+        values(target)[:count] = values(source)[:count]
+        return
+    address, shape, dtype = _memory(source)
+    _driver().copy(address, _memory(target)[0], count * dtype.itemsize * int(np.prod(shape[1:])))
+
+
+def _memory(array: Any) -> tuple[int, tuple[int, ...], np.dtype[Any]]:
+    """Return the address, shape and type of a Taichi array's memory."""
+    restart.check_array(array)
+    impl.get_runtime().materialize()
+    address = impl.get_runtime().prog.get_ndarray_data_ptr_as_int(array.arr)
+    return address, tuple(array.arr.total_shape()), np.dtype(to_numpy_type(array.dtype))
+
+
+def _driver() -> cuda_memory.CudaDriver:
+    found = cuda_memory.driver()
+    assert found is not None
+    return found
 
 
 def _fill(self: Any, val: float) -> None:

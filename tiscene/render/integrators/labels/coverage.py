@@ -12,7 +12,7 @@ import taichi as ti
 from numpy.typing import NDArray
 
 from tiscene.device.kernel_types import Floats2, Floats4, Ints1, Ints2
-from tiscene.device.packed_copies import empty_on_device
+from tiscene.device.memory import empty_on_device
 from tiscene.frame.buffers import RANKS
 from tiscene.render.integrators.labels.first_hits import first_hits
 from tiscene.render.intersect.ray_queue import HitIds, Hits, Rays, RayWave, write_ray

@@ -14,8 +14,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from tiscene.device.kept_uploads import KeptUploads
 from tiscene.device.memory import upload
-from tiscene.device.packed_copies import PackedCopies
 from tiscene.render.integrators.labels import label_kernels as kernels
 from tiscene.render.view import View
 from tiscene.scene.placement import CURRENT, NEXT, PREVIOUS, Placement
@@ -39,14 +39,14 @@ class LabelFrames:
 
     @classmethod
     def of(
-        cls, views: Sequence[View], placements: Sequence[Placement], copies: PackedCopies | None = None
+        cls, views: Sequence[View], placements: Sequence[Placement], uploads: KeptUploads | None = None
     ) -> LabelFrames:
         """Return the frames with these views and placements.
 
         Args:
             views: The views.
             placements: The placements.
-            copies: Takes the arrays to the device, together; None: kernels read NumPy arrays.
+            uploads: Takes the arrays to the device; None: kernels read NumPy arrays.
         """
         if len(views) == 1:
             parts = instance_motion(placements[0], views[0]), camera_motion(views[0])
@@ -54,8 +54,8 @@ class LabelFrames:
             motion = [instance_motion(*pair)[: len(pair[0].mesh)] for pair in zip(placements, views, strict=True)]
             empty = np.zeros((0 if any(map(len, motion)) else 1, kernels.MOTION_COLUMNS), np.float32)
             parts = np.concatenate([*motion, empty]), np.concatenate([camera_motion(view) for view in views])
-        if copies is not None:
-            moved, turned, cameras = copies.upload([*parts, np.concatenate([view.rows() for view in views])])
+        if uploads is not None:
+            moved, turned, cameras = uploads.upload([*parts, np.concatenate([view.rows() for view in views])])
             return cls(views, cameras, moved, turned)
         cameras = views[0].array() if len(views) == 1 else upload(np.concatenate([view.rows() for view in views]))
         return cls(views, cameras, *parts)

@@ -1,8 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """LabelImages: the arrays that label kernels write.
 
-On a CPU these are the NumPy arrays of the result. On a card they stay in its memory from frame to frame, and those of a
-frame travel as one.
+On a CPU these are the NumPy arrays of the result. On a card they stay in its memory from frame to frame.
 """
 
 from collections.abc import Iterable, Mapping
@@ -11,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from tiscene.device.packed_copies import PackedCopies, empty_on_device
+from tiscene.device.memory import empty_on_device
 from tiscene.frame.buffers import BUFFERS
 from tiscene.render.integrators.labels.surface_labels import FILTERED_ALBEDO
 
@@ -28,7 +27,6 @@ class LabelImages:
 
     def __init__(self, on_card: bool) -> None:
         self.on_card = on_card
-        self._copies = PackedCopies()
         self._kept: Images = {}
         self._placeholders: Images = {}
 
@@ -68,8 +66,7 @@ class LabelImages:
         """Return NumPy arrays of what the kernels have written."""
         if not self.on_card:
             return images
-        values = self._copies.download(list(images.values()), [IMAGES[name].dtype for name in images])
-        return dict(zip(images, values, strict=True))
+        return {name: array.to_numpy().view(IMAGES[name].dtype) for name, array in images.items()}
 
     def argument(self, images: Mapping[str, Any], name: str) -> Any:
         """Return the kernel argument for a buffer: its array, as bytes if of truth values; without one, a pixel."""

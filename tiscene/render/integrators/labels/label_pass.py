@@ -12,8 +12,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from tiscene.device.kept_uploads import KeptUploads
 from tiscene.device.memory import upload
-from tiscene.device.packed_copies import PackedCopies
 from tiscene.device.restart import cached_on_device
 from tiscene.errors import BufferNotFound
 from tiscene.frame.buffers import LABELS, times_needed
@@ -56,7 +56,7 @@ class LabelPass:
         self._occlusion_rays = RayArrays()
         on_card = scene.traversal == "bvh2"
         self._images = LabelImages(on_card)
-        self._copies = PackedCopies() if on_card else None
+        self._uploads = KeptUploads() if on_card else None
         self._coverage = CoverageLabels(scene)
         self._static_labels = StaticLabelCache(scene)
 
@@ -121,7 +121,7 @@ class LabelPass:
         rays = self._rays.resized(width, height * len(views))
         arrays = self._images.empty(buffers, width, height * len(views))
         self.traced_pixels = 0
-        self._draw(LabelFrames.of(views, placements, self._copies), rays.queue, rays.count, arrays)
+        self._draw(LabelFrames.of(views, placements, self._uploads), rays.queue, rays.count, arrays)
         frames = [slice(row, row + height) for row in range(0, height * len(views), height)]
         results = self._images.results(arrays)
         return [{name: array[rows].copy() for name, array in results.items()} for rows in frames]
@@ -139,7 +139,7 @@ class LabelPass:
         return image
 
     def _frame(self, view: View) -> LabelFrames:
-        return LabelFrames.of([view], [self.scene.placement], self._copies)
+        return LabelFrames.of([view], [self.scene.placement], self._uploads)
 
     def _draw(
         self,
