@@ -37,5 +37,4 @@ def cache_folder(tmp_path_factory: pytest.TempPathFactory) -> None:
 
 @pytest.fixture(scope="session", autouse=True)
 def taichi() -> str:
-    """Start Taichi on the architecture TISCENE_TEST_ARCH, "cpu" if it is not set, and return it."""
-    return runtime.start(os.environ.get("TISCENE_TEST_ARCH"), threads=2)
+    return runtime.start(threads=2)

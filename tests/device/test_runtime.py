@@ -66,7 +66,15 @@ def test_running_taichi_with_options_that_change_results_is_refused(given, shown
 
 def test_second_architecture_in_a_process_is_refused():
     printed = run_python(CAUGHT.format(before="runtime.start()", arguments="'cuda'")).splitlines()[-1]
-    assert printed == "DeviceError arch='cuda', but this process already runs Taichi on 'cpu'; use a new process"
+    assert printed.startswith("DeviceError arch='cuda', but this process already runs Taichi on 'cpu'")
+    assert printed.endswith("Use a new process, with TISCENE_ARCH=cuda in its environment")
+
+
+def test_environment_names_the_architecture_where_none_is_asked_for():
+    code = CAUGHT.format(before="import os; os.environ.update(TISCENE_ARCH='{}')", arguments="")
+    assert "TISCENE_ARCH='gpu': must be one of cpu, cuda" in run_python(code.format("gpu")).splitlines()[-1]
+    missing = run_python(code.format("cuda', CUDA_VISIBLE_DEVICES='-1")).splitlines()[-1]
+    assert missing == "DeviceError arch='cuda': Taichi finds no such device here; use arch='cpu'"
 
 
 def test_missing_gpu_is_reported():

@@ -21,6 +21,7 @@ from tiscene.device.worker_affinity import bind_workers, running_threads
 from tiscene.errors import ArgumentError, DeviceError
 
 ARCHITECTURES = ("cpu", "cuda")
+VARIABLE = "TISCENE_ARCH"  # the environment variable with the architecture where none is asked for
 Arguments = ParamSpec("Arguments")
 Result = TypeVar("Result")
 
@@ -60,7 +61,7 @@ def start(arch: str | None = None, threads: int | None = None) -> str:
     """Start Taichi if it does not run yet.
 
     Args:
-        arch: "cpu" or "cuda". None: what Taichi runs on, else "cpu".
+        arch: "cpu" or "cuda". None: what Taichi runs on, else the environment variable TISCENE_ARCH, else "cpu".
         threads: CPU threads. None: all.
 
     Returns:
@@ -70,18 +71,23 @@ def start(arch: str | None = None, threads: int | None = None) -> str:
         ArgumentError: The architecture is unknown.
         DeviceError: Taichi runs on another architecture or with options that change results, or it cannot start.
     """
-    if arch is not None and arch not in ARCHITECTURES:
-        raise ArgumentError(f"arch={arch!r}: must be one of {', '.join(ARCHITECTURES)}")
+    preset = os.environ.get(VARIABLE) or "cpu"
+    for name, value in (("arch", arch), (VARIABLE, preset)):
+        if value is not None and value not in ARCHITECTURES:
+            raise ArgumentError(f"{name}={value!r}: must be one of {', '.join(ARCHITECTURES)}")
     global _process
     _process = os.getpid()
     restart.watch()
     present = running()
     if present is not None:
         if arch not in (None, present):
-            raise DeviceError(f"arch={arch!r}, but this process already runs Taichi on {present!r}; use a new process")
+            raise DeviceError(
+                f"arch={arch!r}, but this process already runs Taichi on {present!r}, which the first stream or sampled "
+                f"scenario decided. Use a new process, with {VARIABLE}={arch} in its environment"
+            )
         _check_options()
         return present
-    chosen = arch or "cpu"
+    chosen = arch or preset
     options = {"cpu_max_num_threads": threads} if threads else {}
     others = running_threads()
     try:

@@ -96,7 +96,7 @@ class Stream(FixedSettings, LoaderMethods, StreamOutput, SavedState, Iterator[Fr
             refined; None: 3,000,000.
         limits: time and memory that reading a stage may take, `ts.Limits(seconds=, memory=)`; None: unlimited, unless
             it is untrusted.
-        arch: "cpu" or "cuda"; None for "cpu".
+        arch: "cpu" or "cuda"; None: what this process runs on, else the environment variable TISCENE_ARCH, else "cpu".
         cache_bytes: memory limit of what incremental rendering keeps.
         prefetch: number of frames that a worker process renders ahead while iterating; 0: none. The bytes are the same.
             Scripts then need `if __name__ == "__main__":`.

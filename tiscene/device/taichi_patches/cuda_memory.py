@@ -13,6 +13,7 @@ import functools
 import sys
 from typing import Any
 
+import numpy as np
 from numpy.typing import NDArray
 
 from tiscene.errors import DeviceError
@@ -39,6 +40,15 @@ class CudaDriver:
     def __init__(self, library: Any) -> None:
         self._library = library
         self._context = ctypes.c_void_p()
+
+    def reads(self, address: int, values: NDArray[Any]) -> bool:
+        """Return whether an address of the card holds these values."""
+        found = np.empty_like(values)
+        try:
+            self.read(address, found)
+        except DeviceError:
+            return False
+        return np.array_equal(found, values)
 
     def read(self, address: int, target: NDArray[Any]) -> None:
         """Copy from the card into a contiguous array."""

@@ -2,8 +2,10 @@
 """Which code the patches of Taichi apply to, and whether they are on.
 
 The patches apply to kernels and functions that are defined in `tiscene` or `dynamics`, and to array copies that these
-packages ask for. They are off if the environment variable ``TISCENE_TAICHI_PATCHES`` is "0", for a version of Taichi
-that they were not written for, and on a GPU, where they have not been tried; there, "1" turns them on.
+packages ask for. They are off if the environment variable ``TISCENE_TAICHI_PATCHES`` is "0", and for a version of
+Taichi that they were not written for. On a GPU, kernels are launched and arrays copied as on a CPU, but compiled by
+Taichi's own front end: CUDA's compiler reorders sums, and differently if a kernel is built in fewer steps. "1" turns
+the patched front end on there.
 """
 
 from __future__ import annotations
@@ -38,8 +40,8 @@ def enabled() -> bool:
     return True
 
 
-def on_this_device() -> bool:
-    """Return whether the patches are on for the backend that Taichi runs on."""
+def compiles_here() -> bool:
+    """Return whether the patched front end is on for the backend that Taichi runs on."""
     return ti.cfg.arch in (ti.x64, ti.arm64) or os.environ.get(SWITCH) == "1"
 
 

@@ -208,8 +208,6 @@ def _plan(kernel: Any) -> LaunchPlan:
     integers = (primitive_types.i32,), (primitive_types.i64,)
     returns_integer = kernel.return_type is not None and tuple(kernel.return_type) in integers
     unsupported = LaunchPlan(kernel.runtime, supported=False)
-    if not fence.on_this_device():
-        return unsupported
     if kernel.classkernel or kernel.autodiff_mode != kernel_impl.AutodiffMode.NONE:
         return unsupported
     if kernel.return_type is not None and not returns_integer:

@@ -28,11 +28,14 @@ _METHODS = [
     (kind, name) for kind in (ScalarNdarray, VectorNdarray, MatrixNdarray) for name in ("to_numpy", "from_numpy")
 ]
 
+_originals: dict[tuple[type, str], Any] = {}
+
 
 def install() -> None:
     """Replace the methods."""
     for owner, name in _METHODS:
         replacement = {"to_numpy": read, "from_numpy": write}[name]
+        _originals[owner, name] = getattr(owner, name)
         setattr(owner, name, _dispatching(getattr(owner, name), replacement, is_direct))
     Ndarray.fill = _dispatching(Ndarray.fill, _fill, is_shared)
 
@@ -55,7 +58,19 @@ def is_shared() -> bool:
 
 def is_direct() -> bool:
     """Return whether `read`, `write` and `copy` can be used."""
-    return is_shared() or (fence.enabled() and ti.cfg.arch == ti.cuda and cuda_memory.driver() is not None)
+    return is_shared() or (fence.enabled() and ti.cfg.arch == ti.cuda and _driver_reads())
+
+
+@restart.cached_on_device(maxsize=1)
+def _driver_reads() -> bool:
+    """Return whether the CUDA driver reads from a Taichi array what Taichi has written to it."""
+    driver, runtime, expected = cuda_memory.driver(), impl.get_runtime(), np.arange(1, 5, dtype=np.int32)
+    if driver is None:
+        return False
+    array = ScalarNdarray(ti.i32, expected.shape)
+    _originals[ScalarNdarray, "from_numpy"](array, expected)
+    runtime.sync()
+    return driver.reads(runtime.prog.get_ndarray_data_ptr_as_int(array.arr), expected)
 
 
 def values(array: Any) -> NDArray[Any]:

@@ -41,7 +41,7 @@ class PatchedKernel(Kernel):  # type: ignore[misc]  # Taichi has no types
         """Create the kernel's AST for arguments of the given types, from a recording if there is one."""
         if key is not None and key in self.compiled_kernels:
             return
-        if not fence.on_this_device():
+        if not fence.compiles_here():
             super().materialize(key=key, args=args, arg_features=arg_features)
             return
         with LOCK, frontend.patched_frontend():
