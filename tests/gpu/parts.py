@@ -213,7 +213,9 @@ def patches(scenes: list[BakedScene], scale: float) -> Iterator[Check]:
         done = subprocess.run(command, capture_output=True, text=True, check=False, env=environment)
         digests[switch] = [line for line in done.stdout.splitlines() if line.startswith(tuple(s.name for s in scenes))]
         if done.returncode:
-            yield Check(f"TISCENE_TAICHI_PATCHES={switch}", (done.stderr.strip() or "no output").splitlines()[-1], False)
+            yield Check(
+                f"TISCENE_TAICHI_PATCHES={switch}", (done.stderr.strip() or "no output").splitlines()[-1], False
+            )
     same = digests[""] == digests["0"] and len(digests[""]) == len(scenes)
     yield Check("digests with patches on and off", "equal" if same else "differ", same)
     # The compiler may order sums otherwise where the front end leaves out steps: no failure on a card.

@@ -62,7 +62,12 @@ def test_scenes_must_be_baked_first(tmp_path, capsys):
 
 def test_failures_of_all_kinds_are_counted(sphere, tmp_path, monkeypatch, capsys):
     sphere.save(tmp_path)
-    checks = [Check("a", "0", False), Check("b", "1", np.bool_(False)), Check("c", "2", np.bool_(True)), Check("d", "3")]
+    checks = [
+        Check("a", "0", False),
+        Check("b", "1", np.bool_(False)),
+        Check("c", "2", np.bool_(True)),
+        Check("d", "3"),
+    ]
     monkeypatch.setitem(parts.PARTS, "labels", (lambda scenes, scale: iter(checks), 60))
     assert program.main(["labels", "--one", "--arch", "cpu", "--scenes", str(tmp_path)]) == 2
     assert [line[:4] for line in capsys.readouterr().out.splitlines()] == ["FAIL", "FAIL", "ok  ", "    "]

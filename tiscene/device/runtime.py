@@ -82,8 +82,8 @@ def start(arch: str | None = None, threads: int | None = None) -> str:
     if present is not None:
         if arch not in (None, present):
             raise DeviceError(
-                f"arch={arch!r}, but this process already runs Taichi on {present!r}, which the first stream or sampled "
-                f"scenario decided. Use a new process, with {VARIABLE}={arch} in its environment"
+                f"arch={arch!r}, but this process already runs Taichi on {present!r}, as the first stream or sampled "
+                f"scenario had it. Use a new process, with {VARIABLE}={arch} in its environment"
             )
         _check_options()
         return present

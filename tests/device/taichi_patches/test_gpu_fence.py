@@ -27,7 +27,9 @@ def test_front_end_on_a_gpu_is_not_patched(switch: str | None, monkeypatch: pyte
     assert fence.compiles_here() is (switch == "1")
 
 
-def test_kernel_is_compiled_by_taichi_but_launched_directly_where_the_front_end_is_off(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_kernel_is_compiled_by_taichi_but_launched_directly_where_the_front_end_is_off(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
     def refuse(*_args: object) -> None:
         raise AssertionError("patched")
 

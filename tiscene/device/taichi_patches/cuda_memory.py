@@ -80,4 +80,3 @@ class CudaDriver:
         if not self._context.value:
             self._library.cuDevicePrimaryCtxRetain(ctypes.byref(self._context), ctypes.c_int(0))
         self._library.cuCtxSetCurrent(self._context)
-

@@ -27,7 +27,6 @@ from taichi.types.annotations import template
 from taichi.types.ndarray_type import NdarrayType
 
 from tiscene.device import restart
-from tiscene.device.taichi_patches import fence
 
 # Kinds of parameters. UNTYPED: an array of any element type and number of axes.
 SCALAR_ARRAY, VECTOR_ARRAY, UNTYPED, INTEGER, REAL = range(5)

@@ -76,8 +76,9 @@ def _driver_reads() -> bool:
 def values(array: Any) -> NDArray[Any]:
     """Return a NumPy view of a Taichi array's memory on a CPU, valid as long as the Taichi array lives."""
     address, shape, dtype = _memory(array)
-    memory = (ctypes.c_byte * (dtype.itemsize * int(np.prod(shape)))).from_address(address)
-    return np.frombuffer(memory, dtype).reshape(shape)
+    memory: Any = (ctypes.c_byte * (dtype.itemsize * int(np.prod(shape)))).from_address(address)
+    result: NDArray[Any] = np.frombuffer(memory, dtype).reshape(shape)
+    return result
 
 
 def read(array: Any) -> NDArray[Any]:
