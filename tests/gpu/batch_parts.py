@@ -18,13 +18,13 @@ from tests.gpu.checks import Check, median
 from tiscene.device import runtime
 from tiscene.device.kernel_types import float8
 from tiscene.device.memory import device_array, upload
+from tiscene.device.prefix_sums import scans_in_blocks
 from tiscene.render.integrators.incremental.mover_culling import cull_rays
 from tiscene.render.integrators.labels.label_pass import LabelPass
 from tiscene.render.integrators.path.path_frames import PathFrames
 from tiscene.render.integrators.path.path_image import PathImage
 from tiscene.render.integrators.path.path_pass import PathPass
 from tiscene.render.integrators.path.path_state import LIGHT_PENDING, LIVE, chunks_for
-from tiscene.render.integrators.path.prefix_sums import scans_in_blocks
 from tiscene.render.integrators.path.wavefront_kernels import compact_queue
 from tiscene.render.intersect.ray_queue import upload_rays
 from tiscene.scene.placement import CURRENT, NEXT, PREVIOUS, Placement

@@ -63,6 +63,14 @@ def nbytes(*arrays: Any) -> int:
     return sum(4 * math.prod((*array.shape, *array.element_shape)) for array in arrays)
 
 
+def read_rows(array: Any, count: int) -> NDArray[Any]:
+    """Return the first rows of a device array."""
+    if memcpy.is_direct():
+        return memcpy.read_rows(array, count)
+    values: NDArray[Any] = array.to_numpy()[:count]
+    return values
+
+
 def copy_rows(source: Any, target: Any, count: int) -> None:
     """Copy the first rows of a device array to those of another one of the same type."""
     if memcpy.is_direct():

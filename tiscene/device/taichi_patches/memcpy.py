@@ -83,10 +83,15 @@ def values(array: Any) -> NDArray[Any]:
 
 def read(array: Any) -> NDArray[Any]:
     """Return the values of a Taichi array."""
+    return read_rows(array, int(array.shape[0]))
+
+
+def read_rows(array: Any, count: int) -> NDArray[Any]:
+    """Return the first rows of a Taichi array."""
     if is_shared():
-        return values(array).copy()
+        return values(array)[:count].copy()
     address, shape, dtype = _memory(array)
-    result = np.empty(shape, dtype)
+    result = np.empty((min(count, shape[0]), *shape[1:]), dtype)
     _driver().read(address, result)
     return result
 

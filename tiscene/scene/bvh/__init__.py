@@ -9,6 +9,8 @@
     template_trees  the trees of templates, built once in a process
     blas            Blas: the tree of one mesh
     build_kernels   binned surface-area heuristic
+    binary_trees    the layout "bvh2": trees without a loop in one thread
+    large_range_kernels  split large ranges by all threads together
     layout_kernels  binary trees to 8-wide nodes and leaf blocks
     refit_kernels   move a deforming mesh's tree
     workspace       arrays of a build in progress

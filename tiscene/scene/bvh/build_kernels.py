@@ -43,13 +43,54 @@ def blocks(count: ti.i32, block: ti.i32) -> ti.f32:
 
 
 @ti.func
+def best_plane(count: Template, lows: Template, highs: Template, primitives: ti.i32, block: ti.i32):
+    """Return the cost, and the last bin of the left side, of the best plane between the BINS bins of an axis.
+
+    Args:
+        count: Number of primitives of each bin.
+        lows: Lowest corners of the bins, [BINS, 3].
+        highs: Highest corners.
+        primitives: Number of primitives of all bins.
+        block: Number of primitives that are tested at once.
+    """
+    best = ti.math.inf
+    best_bin = 0
+    right = ti.Vector([0.0] * BINS)
+    box_low = ti.Vector([FAR, FAR, FAR])
+    box_high = -box_low
+    total = 0
+    for step in range(BINS - 1):
+        b = BINS - 1 - step
+        total += count[b]
+        for c in ti.static(range(3)):
+            box_low[c] = ti.min(box_low[c], lows[b, c])
+            box_high[c] = ti.max(box_high[c], highs[b, c])
+        right[b] = 0.0
+        if total > 0:
+            right[b] = half_area(box_low, box_high) * blocks(total, block)
+    box_low = ti.Vector([FAR, FAR, FAR])
+    box_high = -box_low
+    total = 0
+    for b in range(BINS - 1):
+        total += count[b]
+        for c in ti.static(range(3)):
+            box_low[c] = ti.min(box_low[c], lows[b, c])
+            box_high[c] = ti.max(box_high[c], highs[b, c])
+        if total > 0 and total < primitives:
+            cost = half_area(box_low, box_high) * blocks(total, block) + right[b + 1]
+            if cost < best:
+                best = cost
+                best_bin = b
+    return best, best_bin
+
+
+@ti.func
 def choose_split(boxes: Template, begin: ti.i32, end: ti.i32, low: Template, size: Template, block: ti.i32):
     """Return axis, last bin of the left side and cost of the best of 3 * (BINS - 1) split planes; axis -1 for none."""
     best = ti.math.inf
     best_axis = -1
     best_bin = 0
     count = ti.Vector([0] * BINS)
-    right = ti.Vector([0.0] * BINS)
     lows = ti.Matrix([[FAR] * 3] * BINS)
     highs = ti.Matrix([[-FAR] * 3] * BINS)
     for axis in range(3):
@@ -66,32 +107,11 @@ def choose_split(boxes: Template, begin: ti.i32, end: ti.i32, low: Template, siz
                 for c in ti.static(range(3)):
                     lows[b, c] = ti.min(lows[b, c], boxes[i, c])
                     highs[b, c] = ti.max(highs[b, c], boxes[i, 3 + c])
-            box_low = ti.Vector([FAR, FAR, FAR])
-            box_high = -box_low
-            total = 0
-            for step in range(BINS - 1):
-                b = BINS - 1 - step
-                total += count[b]
-                for c in ti.static(range(3)):
-                    box_low[c] = ti.min(box_low[c], lows[b, c])
-                    box_high[c] = ti.max(box_high[c], highs[b, c])
-                right[b] = 0.0
-                if total > 0:
-                    right[b] = half_area(box_low, box_high) * blocks(total, block)
-            box_low = ti.Vector([FAR, FAR, FAR])
-            box_high = -box_low
-            total = 0
-            for b in range(BINS - 1):
-                total += count[b]
-                for c in ti.static(range(3)):
-                    box_low[c] = ti.min(box_low[c], lows[b, c])
-                    box_high[c] = ti.max(box_high[c], highs[b, c])
-                if total > 0 and total < end - begin:
-                    cost = half_area(box_low, box_high) * blocks(total, block) + right[b + 1]
-                    if cost < best:
-                        best = cost
-                        best_axis = axis
-                        best_bin = b
+            cost, last = best_plane(count, lows, highs, end - begin, block)
+            if cost < best:
+                best = cost
+                best_axis = axis
+                best_bin = last
     return best_axis, best_bin, best
 
 

@@ -19,8 +19,9 @@ from tiscene.device.kernel_types import float4, float8
 from tiscene.device.memory import device_array, upload, write_rows
 from tiscene.errors import ArgumentError
 from tiscene.scene.bvh import layout_kernels, refit_kernels
+from tiscene.scene.bvh.binary_trees import placed_nodes
 from tiscene.scene.bvh.blas import EMPTY_NODE, Blas, levels_below
-from tiscene.scene.bvh.instance_tree import NODE_COLUMNS, median_trees, node_count
+from tiscene.scene.bvh.instance_tree import NODE_COLUMNS, empty_nodes, median_trees, node_count
 from tiscene.scene.bvh.moved_trees import MovedTrees
 from tiscene.scene.bvh.rebraid import SplitInstances, root_children
 from tiscene.scene.bvh.workspace import BVH8, LAYOUTS, MAX_KEPT_CAPACITY, Boxes, Workspace, grown, widened
@@ -63,9 +64,11 @@ class Bvh:
         self._used_nodes = 2  # the empty node and the guard node
         self._nodes = self._new_nodes(self._used_nodes)
         self.leaf_blocks = self._new_leaf_blocks(1)
-        self._write_nodes(self._used_nodes, EMPTY_NODE, 0, layout_kernels.INSTANCE_LEAF)
         if self.layout is BVH8:
+            self._write_nodes(self._used_nodes, EMPTY_NODE, 0, layout_kernels.INSTANCE_LEAF)
             layout_kernels.write_guard(self._nodes)
+        else:
+            write_rows(self._nodes, EMPTY_NODE, empty_nodes(self._used_nodes))
 
     @property
     def nodes(self) -> Any:
@@ -346,7 +349,7 @@ class Bvh:
         tasks = np.stack([2 * starts, starts, ends, np.zeros_like(starts)], axis=1).astype(np.int32)
         for sah_depth in SAH_DEPTHS if len(starts) == 1 else SAH_DEPTHS[:1]:
             self._work.grow(boxes, order, tasks, sah_depth, self.layout, leaf_size, block)
-            found = self._work.collapse(len(starts), self.layout.width, leaf_kind, by_count=sah_depth == 0)
+            found = self._work.collapse(starts, self.layout, leaf_kind, by_count=sah_depth == 0)
             if found[:, 2].max() <= budget:
                 return found
         return None
@@ -369,9 +372,7 @@ class Bvh:
                 work.node_box, work.node_link, work.children, count, self._nodes, first, first_block, rows
             )
         else:
-            layout_kernels.write_bvh2_nodes(
-                work.node_box, work.node_link, work.children, count, self._nodes, first, first_block
-            )
+            write_rows(self._nodes, first, placed_nodes(work.nodes, first, first_block))
 
     def _reserve(self, nodes: int, leaf_blocks: int) -> None:
         """Make room for more BLAS nodes and leaf blocks. The TLAS regions are at the end of the nodes."""

@@ -27,7 +27,7 @@ def median_trees(
         first_nodes: int64 [t], number of each tree's root; its other nodes follow, depth first.
 
     Returns:
-        The nodes as `layout_kernels.write_bvh2_nodes` writes them, float32 [m, 16], and their numbers, int64 [m].
+        The nodes as `binary_trees.numbered_nodes` describes them, float32 [m, 16], and their numbers, int64 [m].
     """
     begin, end = starts, np.append(starts[1:], len(rows))
     sizes = end - begin
@@ -38,8 +38,8 @@ def median_trees(
     nodes, numbers = [], []
     single = sizes == 1
     if single.any():
-        leaves = _nodes(int(single.sum()))
-        leaves[:, :6], leaves[:, 12] = boxes[begin[single]], _bits(_leaf(rows[begin[single]]))
+        leaves = empty_nodes(int(single.sum()))
+        leaves[:, :6], leaves[:, 12] = boxes[begin[single]], as_bits(_leaf(rows[begin[single]]))
         nodes.append(leaves)
         numbers.append(first_nodes[single])
     begin, end, number = begin[~single], end[~single], first_nodes[~single]
@@ -58,18 +58,18 @@ def median_trees(
         low = np.minimum.reduceat(boxes[here, :3], halves)
         high = np.maximum.reduceat(boxes[here, 3:], halves)
         left, right = number + 1, number + middle - begin
-        found = _nodes(len(begin))
+        found = empty_nodes(len(begin))
         found[:, :12] = np.concatenate([low, high], axis=1).reshape(-1, 12)
         is_leaf = np.stack([middle - begin == 1, end - middle == 1], axis=1)
         names = _leaf(rows[order[np.stack([begin, middle], axis=1)]])
-        found[:, 12:14] = _bits(np.where(is_leaf, names, np.stack([left, right], axis=1)))
+        found[:, 12:14] = as_bits(np.where(is_leaf, names, np.stack([left, right], axis=1)))
         nodes.append(found)
         numbers.append(number)
         inner = ~is_leaf.T
         begin, end, number = (
             np.concatenate([a[inner[0]], b[inner[1]]]) for a, b in ((begin, middle), (middle, end), (left, right))
         )
-    return np.concatenate([_nodes(0), *nodes]), np.concatenate([np.zeros(0, np.int64), *numbers])
+    return np.concatenate([empty_nodes(0), *nodes]), np.concatenate([np.zeros(0, np.int64), *numbers])
 
 
 def node_count(instances: int) -> int:
@@ -77,7 +77,7 @@ def node_count(instances: int) -> int:
     return max(instances - 1, 1) if instances else 0
 
 
-def _nodes(count: int) -> NDArray[np.float32]:
+def empty_nodes(count: int) -> NDArray[np.float32]:
     """Return nodes without children: boxes that no ray hits, in any direction."""
     nodes = np.zeros((count, NODE_COLUMNS), np.float32)
     nodes[:, :12] = np.inf
@@ -89,5 +89,5 @@ def _leaf(rows: NDArray[np.int32]) -> NDArray[np.int32]:
     return -1 - 4 * rows
 
 
-def _bits(references: NDArray[np.integer]) -> NDArray[np.float32]:
+def as_bits(references: NDArray[np.integer]) -> NDArray[np.float32]:
     return np.ascontiguousarray(references, np.int32).view(np.float32)

@@ -25,11 +25,10 @@ def collapse(
     stack: Ints2,
     roots: Ints2,
     found: Ints2,
-    width: ti.i32,
     leaf_kind: ti.i32,
     by_count: ti.i32,
 ):
-    """Merge the binary nodes of trees into nodes of up to `width` children, numbered depth first, tree after tree.
+    """Merge the binary nodes of trees into nodes of up to 8 children, numbered depth first, tree after tree.
 
     The child with the largest area is opened first.
 
@@ -43,8 +42,7 @@ def collapse(
         roots: Column 0 holds the slot of each tree's root.
         found: Receives, for each tree, the numbers of nodes and leaf blocks up to it, and the most entries that its
             traversal can have on the stack.
-        width: 2 or 8.
-        leaf_kind: INSTANCE_LEAF, BLOCK_LEAF or ROW_LEAF.
+        leaf_kind: INSTANCE_LEAF or BLOCK_LEAF.
         by_count: 1: the child with the most primitives is opened first.
     """
     ti.loop_config(serialize=True)
@@ -66,7 +64,7 @@ def collapse(
             opened[0] = slot
             count = 1
             candidate = 0
-            while candidate >= 0 and count < width:
+            while candidate >= 0 and count < 8:
                 candidate = -1
                 largest = -1.0
                 for k in range(count):
@@ -98,11 +96,9 @@ def collapse(
                         pending += 1
                     elif leaf_kind == INSTANCE_LEAF:
                         node_link[s, 1] = order[node_link[s, 2]]
-                    elif leaf_kind == BLOCK_LEAF:
+                    else:
                         node_link[s, 1] = leaf_blocks
                         leaf_blocks += 1
-                    else:
-                        node_link[s, 1] = node_link[s, 2]
             nodes += 1
         found[tree, 0] = nodes
         found[tree, 1] = leaf_blocks
@@ -196,38 +192,6 @@ def sort(order: Template, begin: ti.i32, end: ti.i32):
         while j > begin and order[j - 1] > order[j]:
             order[j - 1], order[j] = order[j], order[j - 1]
             j -= 1
-
-
-@ti.kernel
-def write_bvh2_nodes(
-    node_box: Floats2,
-    node_link: Ints2,
-    children: Ints2,
-    count: ti.i32,
-    nodes: Floats2,
-    first_node: ti.i32,
-    first_leaf: ti.i32,
-):
-    """Write nodes of the layout "bvh2": 16 numbers each.
-
-    Two boxes (lowest x, y, z, highest x, y, z), two references (bits of int32), two unused. A reference is an inner
-    node, or -1 - (4 * first row + rows - 1) of a leaf.
-    """
-    for node, k in ti.ndrange(count, 2):
-        at = first_node + node
-        for c in ti.static(range(3)):
-            nodes[at, 6 * k + c] = ti.math.inf  # a box that no ray hits, in any direction
-            nodes[at, 6 * k + 3 + c] = ti.math.inf
-        nodes[at, 12 + k] = 0.0
-        nodes[at, 14 + k] = 0.0
-        slot = children[node, k]
-        if slot >= 0:
-            for c in ti.static(range(6)):
-                nodes[at, 6 * k + c] = node_box[slot, c]
-            reference = first_node + node_link[slot, 2]
-            if node_link[slot, 0] < 0:
-                reference = -4 * (first_leaf + node_link[slot, 1]) - node_link[slot, 3]
-            nodes[at, 12 + k] = ti.bit_cast(reference, ti.f32)
 
 
 @ti.kernel

@@ -10,8 +10,8 @@ import numpy as np
 import taichi as ti
 from numpy.typing import NDArray
 
-from tiscene.device.memory import copy_rows, device_array
-from tiscene.scene.bvh import build_kernels, layout_kernels
+from tiscene.device.memory import copy_rows, device_array, read_rows, upload
+from tiscene.scene.bvh import binary_trees, build_kernels, layout_kernels
 
 Boxes = NDArray[np.float32]
 
@@ -22,7 +22,6 @@ class Layout:
 
     Attributes:
         name: "bvh8" or "bvh2".
-        width: Children of a node.
         unit: Rows of a node; a reference is the node's number times this.
         block: Triangles that are tested at once.
         leaf_kind: BLOCK_LEAF or ROW_LEAF of `layout_kernels`.
@@ -32,7 +31,6 @@ class Layout:
     """
 
     name: str
-    width: int
     unit: int
     block: int
     leaf_kind: int
@@ -41,15 +39,20 @@ class Layout:
     tlas_stack: int
 
 
-BVH8 = Layout("bvh8", 8, 8, 4, layout_kernels.BLOCK_LEAF, 0.5, 56, 56)
-BVH2 = Layout("bvh2", 2, 1, 1, layout_kernels.ROW_LEAF, 1.0, 48, 24)
+BVH8 = Layout("bvh8", 8, 4, layout_kernels.BLOCK_LEAF, 0.5, 56, 56)
+BVH2 = Layout("bvh2", 1, 1, layout_kernels.ROW_LEAF, 1.0, 48, 24)
 LAYOUTS = {layout.name: layout for layout in (BVH8, BVH2)}
 MAX_KEPT_CAPACITY = 1 << 18  # primitives; a larger workspace is freed after the build
 SERIAL_BUILD = 4096  # primitives up to which one thread builds the whole tree
 
 
 class Workspace:
-    """Arrays of a build in progress. Those on the device grow and are reused; order and tasks are on the host."""
+    """Arrays of a build in progress, which grow and are reused.
+
+    Attributes:
+        order: Primitives in the order of the leaves, of the last build.
+        nodes: Nodes of the layout "bvh2" after `collapse`, with references from 0 on.
+    """
 
     def __init__(self) -> None:
         self._allocate(64)
@@ -76,6 +79,14 @@ class Workspace:
         count, trees = len(order), len(tasks)
         if count > self.capacity:
             self._allocate(max(count, 2 * min(self.capacity, MAX_KEPT_CAPACITY)))
+        if layout.name == BVH2.name:
+            primitives, tasks = binary_trees.split_large(
+                boxes, order, tasks, self.node_box, self.node_link, sah_depth, block
+            )
+            self.order = primitives.order
+            arrays = *primitives, self.node_box, self.node_link, upload(tasks)
+            build_kernels.grow(*arrays, 0, len(tasks), 0, sah_depth, leaf_size, block, layout.node_cost)
+            return
         serial_until = 0 if count <= SERIAL_BUILD or trees > 1 else max(SERIAL_BUILD // 4, count // 64)
         boxes, self.order = boxes.copy(), order.copy()  # they are sorted in place
         self.tasks = np.concatenate([tasks, np.zeros((count + 1 - trees, 4), np.int32)])
@@ -88,11 +99,20 @@ class Workspace:
         if subtrees:
             run(1, subtrees, 0)
 
-    def collapse(self, trees: int, width: int, leaf_kind: int, by_count: bool) -> NDArray[np.int32]:
-        """Merge binary nodes; return `found` of `layout_kernels.collapse`, int32 [trees, 3]."""
-        found = np.zeros((trees, 3), np.int32)
+    def collapse(self, starts: NDArray[np.int64], layout: Layout, leaf_kind: int, by_count: bool) -> NDArray[np.int32]:
+        """Merge and number the nodes of trees over the primitives from one of `starts` to the next.
+
+        Returns:
+            int32 [trees, 3], see `layout_kernels.collapse`.
+        """
+        if layout.name == BVH2.name:
+            used = 2 * self.order.shape[0]
+            boxes, links = read_rows(self.node_box, used), read_rows(self.node_link, used)
+            self.nodes, found = binary_trees.numbered_nodes(boxes, links, 2 * starts)
+            return found
+        found = np.zeros((len(starts), 3), np.int32)
         arrays = (self.order, self.node_box, self.node_link, self.children, self.stack, self.tasks, found)
-        layout_kernels.collapse(*arrays, width, leaf_kind, int(by_count))
+        layout_kernels.collapse(*arrays, leaf_kind, int(by_count))
         return found
 
 

@@ -8,8 +8,8 @@ cached for one frame alone need not be traced on. Compiled in vector mode, see `
 import taichi as ti
 
 from tiscene.device.kernel_types import Float8s1, Ints1, Template
+from tiscene.device.prefix_sums import exclusive_scan
 from tiscene.render.integrators.path.path_state import DEPTH_MASK, LIGHT_PENDING, LIVE, chunk_size
-from tiscene.render.integrators.path.prefix_sums import exclusive_scan
 from tiscene.render.intersect.bvh8 import slabs
 from tiscene.render.intersect.ray_queue import Rays
 

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from tiscene.device.kernel_types import float8
 from tiscene.device.memory import device_array
+from tiscene.device.prefix_sums import scans_in_blocks
 from tiscene.render.integrators.incremental import retrace_kernels as kernels
 from tiscene.render.integrators.incremental.frame_scratch import FrameScratch
 from tiscene.render.integrators.incremental.mover_bounds import cluster_boxes
@@ -18,7 +19,6 @@ from tiscene.render.integrators.incremental.path_cache import PathBlock, PathCac
 from tiscene.render.integrators.path.path_pass import PathPass
 from tiscene.render.integrators.path.path_scene import PathScene
 from tiscene.render.integrators.path.path_state import PathSamples
-from tiscene.render.integrators.path.prefix_sums import scans_in_blocks
 from tiscene.render.intersect.trace import occluded
 from tiscene.scene.placement import MOVERS
 

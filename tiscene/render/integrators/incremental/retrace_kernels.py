@@ -9,6 +9,7 @@ with the same random numbers, in the scene with the movers.
 import taichi as ti
 
 from tiscene.device.kernel_types import Floats2, Floats3, Ints1, Ints2, Template, vec3
+from tiscene.device.prefix_sums import exclusive_scan
 from tiscene.render.integrators.incremental.mover_coverage import SUBPIXELS
 from tiscene.render.integrators.incremental.path_recording import (
     R_DIFFUSE,
@@ -39,7 +40,6 @@ from tiscene.render.integrators.path.path_state import (
     get3,
     set3,
 )
-from tiscene.render.integrators.path.prefix_sums import exclusive_scan
 from tiscene.render.integrators.path.shading import read3, write3
 from tiscene.render.intersect.ray_queue import ROW, Pixels, Rays, ray_direction, ray_origin, write_ray
 

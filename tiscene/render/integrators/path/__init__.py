@@ -14,7 +14,6 @@ edition, chapter 15.
     frame_stack        what tells the paths of these frames apart
     path_scene         scene arrays for the kernels
     path_state         arrays of a batch of paths
-    prefix_sums        prefix sums of counts, for compactions
     wavefront_kernels  start paths, compact queues, accumulate the film
     shading            one vertex of every live path
     shadow_rays        shadow rays through partially opaque surfaces

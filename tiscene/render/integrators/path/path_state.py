@@ -11,6 +11,7 @@ import taichi as ti
 
 from tiscene.device.kernel_types import Template
 from tiscene.device.memory import device_array
+from tiscene.device.prefix_sums import SCAN_BLOCKS
 from tiscene.errors import ArgumentError
 from tiscene.render.intersect.ray_queue import hit, hit_id, ray
 
@@ -38,7 +39,6 @@ DROPPED = 9
 # Stream compaction works on chunks of up to CHUNK entries. Short queues use smaller chunks, since Taichi gives a thread
 # at least 512 iterations of a loop and there would be too few chunks for all threads.
 CHUNK, CHUNKS = 128, 1 << 10
-SCAN_BLOCKS = 128  # of chunks, whose counts a GPU sums up in parallel
 
 
 @ti.func

@@ -8,6 +8,7 @@ same bytes for any number of threads and any batch size.
 import taichi as ti
 
 from tiscene.device.kernel_types import Floats1, Floats2, Floats3, Ints1, Ints2, Template, uint3, vec3
+from tiscene.device.prefix_sums import SCAN_BLOCKS, scans_in_blocks
 from tiscene.render.integrators.path.frame_stack import frame_of, key_of
 from tiscene.render.integrators.path.path_state import (
     DIRECT,
@@ -19,7 +20,6 @@ from tiscene.render.integrators.path.path_state import (
     PDF,
     RADIANCE,
     RELATIVE_IOR2,
-    SCAN_BLOCKS,
     SPREAD,
     THROUGHPUT,
     PathState,
@@ -28,7 +28,6 @@ from tiscene.render.integrators.path.path_state import (
     get3,
     set3,
 )
-from tiscene.render.integrators.path.prefix_sums import scans_in_blocks
 from tiscene.render.intersect.ray_queue import PLACE, ROW, Pixels, Rays, write_ray
 from tiscene.render.sampling import warp
 from tiscene.render.sampling.pixel_filter import offset_weight, sample_offset

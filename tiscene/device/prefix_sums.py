@@ -5,7 +5,8 @@ import taichi as ti
 
 from tiscene.device import runtime
 from tiscene.device.kernel_types import Template
-from tiscene.render.integrators.path.path_state import SCAN_BLOCKS
+
+SCAN_BLOCKS = 128  # whose counts a GPU sums up in parallel
 
 
 def scans_in_blocks() -> bool:
