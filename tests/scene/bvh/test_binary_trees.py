@@ -7,6 +7,7 @@ import taichi as ti
 from numpy.typing import NDArray
 
 from tiscene.device.memory import device_array, upload
+from tiscene.errors import DeviceError
 from tiscene.scene.bvh import binary_trees, build_kernels
 from tiscene.scene.bvh.workspace import widened
 
@@ -84,3 +85,8 @@ def test_nodes_are_numbered_tree_after_tree(monkeypatch: pytest.MonkeyPatch) -> 
     assert (placed[references > 0] == references[references > 0] + 100).all()
     assert (placed[references < 0] == references[references < 0] - 4000).all()
     assert (placed[references == 0] == 0).all()
+
+
+def test_links_that_form_a_circle_are_reported() -> None:
+    with pytest.raises(DeviceError, match="nodes form a circle"):
+        binary_trees.numbered_nodes(np.zeros((6, 6), np.float32), np.zeros((6, 4), np.int32), np.zeros(1, np.int32))

@@ -11,8 +11,9 @@ from numpy.typing import NDArray
 
 from tiscene.device.memory import device_array, upload
 from tiscene.device.prefix_sums import SCAN_BLOCKS, scans_in_blocks
+from tiscene.errors import DeviceError
 from tiscene.scene.bvh import large_range_kernels as kernels
-from tiscene.scene.bvh.build_kernels import BINS
+from tiscene.scene.bvh.build_kernels import BINS, STACK
 from tiscene.scene.bvh.instance_tree import as_bits, empty_nodes
 
 LARGE = 512  # primitives of a range from which on all threads split it
@@ -95,12 +96,17 @@ def numbered_nodes(
         unused. A reference is an inner node, or -1 - (4 * first row + rows - 1) of a leaf. And for each tree, the
         numbers of nodes and of primitives up to it, and the most entries that the traversal of any tree can have on the
         stack, int32 [trees, 3].
+
+    Raises:
+        DeviceError: The links form no trees.
     """
     inner = [level := roots[node_link[roots, 0] >= 0]]
     while len(level):
         level = node_link[level, :2].ravel()
         level = level[node_link[level, 0] >= 0]
         inner.append(level)
+        if len(inner) > STACK:
+            raise DeviceError("the device built a tree whose nodes form a circle: its kernels do not work")
     single = roots[node_link[roots, 0] < 0]  # a tree of one leaf
     slots = np.sort(np.concatenate([*inner, single]))  # a node's slot is before those below it
     number_of_slot = np.zeros(len(node_link), np.int32)
