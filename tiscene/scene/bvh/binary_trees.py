@@ -56,7 +56,8 @@ def split_large(
     """
     count = len(order)
     here, there = (Primitives(upload(boxes), upload(order)) for _ in range(2))
-    before, small = device_array(ti.i32, count + 1 + SCAN_BLOCKS), []
+    before, bin_numbers = device_array(ti.i32, count + 1 + SCAN_BLOCKS), device_array(ti.i32, count)
+    small = []
     while True:
         is_large = ranges[:, 2] - ranges[:, 1] > LARGE
         small.append(ranges[~is_large])
@@ -67,12 +68,15 @@ def split_large(
         for number, (_, begin, end, _) in enumerate(ranges.tolist()):
             numbers[begin:end] = number
         owner, rows = upload(numbers), upload(ranges)
-        bounds, splits = device_array(ti.f32, (len(ranges), kernels.BOUNDS)), device_array(ti.i32, (len(ranges), 3))
+        bounds, splits = (
+            device_array(ti.f32, (len(ranges), kernels.BOUNDS)),
+            device_array(ti.i32, (len(ranges), kernels.SPLITS)),
+        )
         counts, bins = device_array(ti.i32, (len(ranges), 3 * BINS)), device_array(ti.f32, (len(ranges), 3 * BINS, 6))
         kernels.bound_ranges(here.boxes, owner, len(ranges), bounds)
-        kernels.bin_ranges(here.boxes, owner, len(ranges), bounds, counts, bins)
+        kernels.bin_ranges(here.boxes, owner, len(ranges), bounds, bin_numbers, counts, bins)
         kernels.choose_splits(rows, len(ranges), bounds, counts, bins, splits, node_box, node_link, sah_depth, block)
-        kernels.part_ranges(*here, owner, rows, bounds, splits, before, *there, scans_in_blocks())
+        kernels.part_ranges(*here, owner, rows, bin_numbers, splits, before, *there, scans_in_blocks())
         here, there = there, here
         slot, begin, end, depth = ranges.T
         middle = splits.to_numpy()[:, kernels.MIDDLE]

@@ -2,7 +2,8 @@
 """Kernels that split large ranges of primitives by all threads together, a level of the tree at a time.
 
 `build_kernels.grow` gives each subtree to one thread, which on a GPU takes seconds for the top of a large tree. The
-splits are the same.
+splits are the same. The bin of a primitive is computed once: a GPU's compiler may round it differently in two kernels,
+and a side would then have another number of primitives than were counted.
 """
 
 import taichi as ti
@@ -14,6 +15,7 @@ from tiscene.scene.bvh.build_kernels import BINS, FAR, best_plane, bin_of
 # Columns of bounds: lowest and highest corner, and those of the doubled centers.
 LOW, HIGH, CENTER_LOW, CENTER_HIGH, BOUNDS = 0, 3, 6, 9, 12
 AXIS, LAST_BIN, MIDDLE, SPLITS = 0, 1, 2, 3  # columns of splits
+LOG_BINS = BINS.bit_length() - 1
 
 
 @ti.kernel
@@ -39,7 +41,9 @@ def bound_ranges(boxes: Floats2, owner: Ints1, ranges: ti.i32, bounds: Floats2):
 
 
 @ti.kernel
-def bin_ranges(boxes: Floats2, owner: Ints1, ranges: ti.i32, bounds: Floats2, counts: Ints2, bins: Floats3):
+def bin_ranges(
+    boxes: Floats2, owner: Ints1, ranges: ti.i32, bounds: Floats2, bin_numbers: Ints1, counts: Ints2, bins: Floats3
+):
     """Count the primitives of each bin, and compute its box.
 
     Args:
@@ -47,6 +51,7 @@ def bin_ranges(boxes: Floats2, owner: Ints1, ranges: ti.i32, bounds: Floats2, co
         owner: Range of each primitive, -1 for none.
         ranges: Number of ranges.
         bounds: A row for each range.
+        bin_numbers: Receives the bins of each primitive, LOG_BINS bits for each axis.
         counts: Receives the number of primitives, [ranges, 3 * BINS].
         bins: Receives the boxes, [ranges, 3 * BINS, 6].
     """
@@ -58,17 +63,21 @@ def bin_ranges(boxes: Floats2, owner: Ints1, ranges: ti.i32, bounds: Floats2, co
     for i in range(owner.shape[0]):
         r = owner[i]
         if r >= 0:
+            numbers = 0
             for axis in ti.static(range(3)):
                 low = bounds[r, CENTER_LOW + axis]
                 size = bounds[r, CENTER_HIGH + axis] - low
                 if size > 1e-30:
-                    b = axis * BINS + bin_of(boxes, i, axis, low, BINS * 0.99999 / size)
+                    number = bin_of(boxes, i, axis, low, BINS * 0.99999 / size)
+                    numbers |= number << (axis * LOG_BINS)
+                    b = axis * BINS + number
                     ti.atomic_add(counts[r, b], 1)
                     for c in ti.static(range(3)):
                         if boxes[i, c] < bins[r, b, c]:
                             ti.atomic_min(bins[r, b, c], boxes[i, c])
                         if boxes[i, 3 + c] > bins[r, b, 3 + c]:
                             ti.atomic_max(bins[r, b, 3 + c], boxes[i, 3 + c])
+            bin_numbers[i] = numbers
 
 
 @ti.kernel
@@ -143,7 +152,7 @@ def part_ranges(
     order: Ints1,
     owner: Ints1,
     ranges: Ints2,
-    bounds: Floats2,
+    bin_numbers: Ints1,
     splits: Ints2,
     before: Ints1,
     boxes_out: Floats2,
@@ -157,7 +166,7 @@ def part_ranges(
         order: Primitives.
         owner: Range of each primitive, -1 for none.
         ranges: Rows of (slot, begin, end, depth).
-        bounds: A row for each range.
+        bin_numbers: Of `bin_ranges`.
         splits: Of `choose_splits`.
         before: Scratch, [n + 1 + SCAN_BLOCKS].
         boxes_out: Receives the boxes.
@@ -172,9 +181,8 @@ def part_ranges(
             if axis < 0:
                 is_left = ti.cast(i < splits[r, MIDDLE], ti.i32)
             else:
-                low = bounds[r, CENTER_LOW + axis]
-                scale = BINS * 0.99999 / (bounds[r, CENTER_HIGH + axis] - low)
-                is_left = ti.cast(bin_of(boxes, i, axis, low, scale) <= splits[r, LAST_BIN], ti.i32)
+                number = (bin_numbers[i] >> (axis * LOG_BINS)) & (BINS - 1)
+                is_left = ti.cast(number <= splits[r, LAST_BIN], ti.i32)
         before[i] = is_left
     exclusive_scan(before, owner.shape[0], in_blocks)
     for i in range(owner.shape[0]):
