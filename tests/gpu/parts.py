@@ -24,6 +24,7 @@ from numpy.typing import NDArray
 from tests.gpu.baked_scene import LABEL_SIZE, LABELS, SPHERE, BakedScene
 from tests.gpu.batch_parts import SIZE, TIME, batch, batch_colors, serial
 from tests.gpu.checks import Check, median
+from tests.gpu.stream_parts import streams
 from tiscene.device import runtime
 from tiscene.device.memory import device_array, upload
 from tiscene.render.integrators.incremental.incremental_pass import IncrementalPass
@@ -274,6 +275,7 @@ PARTS: dict[str, tuple[Part, int]] = {  # with the limit of time, s
     "memory": (memory, 180),
     "patches": (patches, 400),
     "speed": (speed, 240),
+    "streams": (streams, 300),
     "compile": (compile_times, 400),
 }
 

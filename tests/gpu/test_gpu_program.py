@@ -104,8 +104,18 @@ def test_kit_runs_without_the_repository(sphere, tmp_path, capsys):
     kit.main([str(scenes), str(tmp_path / "kit")])
     sizes = [float(size) for size in re.findall(r": ([\d.]+) MiB", capsys.readouterr().out)]
     assert 1.0 < sizes[0] < 10.0  # with the scenes of the bake and a wheel of Taichi (54 MiB): less than 64 MiB
-    assert 10.0 < sizes[1] < 60.0
-    path = os.pathsep.join(str(tmp_path / "kit" / name) for name in ("code", "denoiser"))
+    assert 10.0 < sizes[1] < 25.0
+    assert 10.0 < sizes[2] < 60.0
+    path = os.pathsep.join(str(tmp_path / "kit" / name) for name in ("code", "rooms", "denoiser"))
+    shown = "import tiscene as ts; from tests.gpu import stream_parts as s; print(ts.Stream(s._scenario()).world.stage)"
+    found = subprocess.run(
+        [sys.executable, "-c", shown],
+        cwd=tmp_path,
+        capture_output=True,
+        text=True,
+        env={**os.environ, "PYTHONPATH": path},
+    )
+    assert found.returncode == 0, found.stderr
     command = [sys.executable, "-m", "tests.gpu", "environment", "denoiser", "--arch", "cpu", "--limits", "5"]
     environment = {**os.environ, "PYTHONPATH": path}
     code = tmp_path / "kit" / "code"

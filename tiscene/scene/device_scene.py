@@ -301,7 +301,7 @@ class DeviceScene:
     def _split_instances(self, time: int, rows: NDArray[np.int32]) -> tuple[NDArray[np.float64], NDArray[np.int32]]:
         """Return world boxes and names for the TLAS: of the instances, and of the parts of large ones instead."""
         boxes = self.instance_boxes[time, rows]
-        if not len(rows):
+        if not len(rows) or self.traversal == "bvh2":
             return boxes, rows
         large = instances_to_split(boxes)
         meshes = self.placement.mesh[rows[large]]
