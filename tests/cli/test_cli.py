@@ -2,6 +2,7 @@
 """The command line: files, output and exit status. A fake stream takes the place of rendering."""
 
 import json
+import os
 import signal
 import subprocess
 import sys
@@ -197,6 +198,15 @@ def test_closed_pipe_prints_no_traceback():
     done = subprocess.run(["bash", "-c", command], capture_output=True, text=True, check=False)
     assert "Traceback" not in done.stderr
     assert done.returncode in (0, 1)
+
+
+@pytest.mark.skipif(not os.path.exists("/dev/full"), reason="needs a device that is always full")
+def test_full_device_is_reported_in_one_line():
+    with open("/dev/full", "w") as full:
+        command = [sys.executable, "-m", "tiscene", "list"]
+        done = subprocess.run(command, stdout=full, stderr=subprocess.PIPE, text=True, check=False)
+    assert done.stderr == "tiscene: the output cannot be written: no space left on its device\n"
+    assert done.returncode == 2
 
 
 @pytest.mark.parametrize(

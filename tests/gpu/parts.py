@@ -36,6 +36,7 @@ from tiscene.scene.device_scene import DeviceScene
 from tiscene.scene.placement import CURRENT
 
 INTEGERS = ("semantic", "instance", "part")
+MAX_LISTED = 8  # pixels of a line
 SILHOUETTE = 1e-4  # fraction of pixels that may show another object than on the CPU
 
 
@@ -60,7 +61,12 @@ def labels(scenes: list[BakedScene], scale: float) -> Iterator[Check]:
         for name in INTEGERS:
             differs = found[name] != scene.labels[name]
             same &= ~differs
-            yield Check(f"{scene.name}: {name}", f"{differs.mean():.1e} of pixels differ", differs.mean() <= SILHOUETTE)
+            where = [
+                f"({x}, {y}) {found[name][y, x]} for {scene.labels[name][y, x]} at {scene.labels['depth'][y, x]:.3f} m"
+                for y, x in np.argwhere(differs)[:MAX_LISTED]
+            ]
+            text = ", ".join([f"{differs.mean():.1e} of pixels differ", *where])
+            yield Check(f"{scene.name}: {name}", text, bool(differs.mean() <= SILHOUETTE))
         for name in LABELS:
             if name not in INTEGERS:
                 ours, theirs = found[name][same], scene.labels[name][same]

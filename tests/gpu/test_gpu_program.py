@@ -31,8 +31,9 @@ def test_labels_of_the_same_machine_are_equal(sphere):
 
 def test_labels_that_differ_are_found(sphere):
     wrong = sphere.labels | {"instance": sphere.labels["instance"] + 1}
-    failed = [check.what for check in parts.labels([replace(sphere, labels=wrong)], 0.01) if not check.passed]
-    assert failed[0] == "sphere: instance"
+    failed = [check for check in parts.labels([replace(sphere, labels=wrong)], 0.01) if not check.passed]
+    assert failed[0].what == "sphere: instance"
+    assert failed[0].found.startswith("1.0e+00 of pixels differ, (0, 0) 1 for 2 at ")
 
 
 def test_missed_edges_are_found(sphere):

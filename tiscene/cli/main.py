@@ -7,6 +7,7 @@ which shells show as 130). Commands are imported when they run, so that `tiscene
 
 from __future__ import annotations
 
+import errno
 import importlib
 import os
 import sys
@@ -59,10 +60,15 @@ def main(arguments: Sequence[str] | None = None) -> int:
         except KeyboardInterrupt:
             interruption.say_interrupted()
             return 130
-        except BrokenPipeError:
-            # For example `tiscene list | head`. Without this, Python reports the closed pipe once more at exit.
-            os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
-            return 1
+        except OSError as error:
+            # For example `tiscene list | head` or `tiscene list > /dev/full`. Errors of named files are not expected.
+            if error.filename is not None or error.errno not in (errno.EPIPE, errno.ENOSPC):
+                raise
+            os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())  # Python would report it once more at exit
+            if error.errno == errno.EPIPE:
+                return 1
+            print("tiscene: the output cannot be written: no space left on its device", file=sys.stderr)
+            return 2
     return 0
 
 

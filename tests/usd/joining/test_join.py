@@ -234,6 +234,7 @@ def test_rooms_in_centimeters_are_joined_in_meters(tmp_path: Path) -> None:
     ("arguments", "message"),
     [
         ({"rooms": []}, "at least one room"),
+        ({"rooms": ["a.usda"]}, r"room 0 is 'a.usda'; expected \(file, position\)"),
         ({"twice": True}, "several rooms are called room"),
         ({"sky": "cellar"}, "the rooms are west, east"),
         ({"units": True}, "convert one of them"),

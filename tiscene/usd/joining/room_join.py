@@ -52,15 +52,15 @@ def join(
         The path of the file.
 
     Raises:
-        ArgumentError: no rooms, two rooms of one name, rooms of different units or axes, an unknown `sky`, or a `path`
-            with another suffix or that is a file of a room.
+        ArgumentError: no rooms, one that is no placement, two rooms of one name, rooms of different units or axes, an
+            unknown `sky`, or a `path` with another suffix or that is a file of a room.
         MissingFile: there is no file of a room.
         StageError: a room cannot be read, or an opening meets a shape that cannot be cut.
     """
     target = Path(path)
     if target.suffix.lower() not in LAYER_SUFFIXES:
         raise ArgumentError(f"join(path={str(path)!r}): must end in {', '.join(LAYER_SUFFIXES)}")
-    placements = [RoomPlacement(*each) for each in rooms]
+    placements = [_placement(number, each) for number, each in enumerate(rooms)]
     names = _identifiers(placements)
     if sky is not None and sky not in [each.label for each in placements]:
         raise ArgumentError(f"join(sky={sky!r}): the rooms are {', '.join(each.label for each in placements)}")
@@ -94,6 +94,13 @@ def join(
         _line(stage, root, openings, up_axis, meters)
         _export(stage, target, dict(zip([prim.GetPath() for prim in prims], placements, strict=True)))
     return target
+
+
+def _placement(number: int, room: object) -> RoomPlacement:
+    """Return a room as a placement."""
+    if not isinstance(room, tuple | list) or not 1 <= len(room) <= len(RoomPlacement._fields):
+        raise ArgumentError(f"join(rooms=): room {number} is {room!r}; expected (file, position) or a RoomPlacement")
+    return RoomPlacement(*room)
 
 
 def _identifiers(placements: Sequence[RoomPlacement]) -> list[str]:
