@@ -109,7 +109,7 @@ def numbered_nodes(
         level = node_link[level, :2].ravel()
         level = level[node_link[level, 0] >= 0]
         inner.append(level)
-        if len(inner) > STACK:
+        if len(level) > len(node_link) or len(inner) > STACK:
             raise DeviceError("the device built a tree whose nodes form a circle: its kernels do not work")
     single = roots[node_link[roots, 0] < 0]  # a tree of one leaf
     slots = np.sort(np.concatenate([*inner, single]))  # a node's slot is before those below it
