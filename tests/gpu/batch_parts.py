@@ -30,6 +30,7 @@ from tiscene.render.intersect.ray_queue import upload_rays
 from tiscene.scene.placement import CURRENT, NEXT, PREVIOUS, Placement
 
 SIZE = 256, 192
+TIMED = ("instance", "semantic", "depth", "forward_flow")  # label buffers whose time is taken
 BATCHED_SIZE = 64, 48  # of colors
 TIME = (PREVIOUS, CURRENT, NEXT)
 
@@ -37,7 +38,6 @@ TIME = (PREVIOUS, CURRENT, NEXT)
 def batch(scenes: list[BakedScene], scale: float) -> Iterator[Check]:
     """Labels of several frames in one launch: the bytes of frames one by one, and the speed of both."""
     count = max(2, int(16 * scale))
-    buffers = ("instance", "semantic", "depth", "forward_flow")
     for scene in scenes:
         device, passes = scene.device_scene(), LabelPass(scene.device_scene())
         placements = [scene.placements[frame % len(scene.placements)] for frame in range(count)]
@@ -63,7 +63,7 @@ def batch(scenes: list[BakedScene], scale: float) -> Iterator[Check]:
         yield Check(f"{scene.name}: {count} frames at once", "same bytes" if same else "differ", same)
         for name, render, goal in (("one by one", one_by_one, ""), ("at once", at_once, " (goal: 0.5 ms)")):
             turns = itertools.count()
-            seconds = median(lambda: render(SIZE, buffers, 0.5 * next(turns)), 5) / count  # noqa: B023
+            seconds = median(lambda: render(SIZE, TIMED, 0.5 * next(turns)), 5) / count  # noqa: B023
             yield Check(f"{scene.name}: labels, 256x192, {name}", f"{1e3 * seconds:.2f} ms a frame{goal}")
 
 

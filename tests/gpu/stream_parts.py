@@ -13,19 +13,19 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tests.gpu.baked_scene import BakedScene
+from tests.gpu.batch_parts import TIMED
 from tests.gpu.checks import Check
 from tiscene.device import runtime
 
 ROOM, TEMPLATES = "room_02", ("Cube", "Sphere", "Torus")
-LABELS = ("semantic", "instance", "forward_flow", "depth")
-COLORS = ("rgb", *LABELS)
+COLORS = ("rgb", *TIMED)
 FRAMES = 48
 SMALL, LARGE = {"width": 256, "height": 192}, {"width": 640, "height": 480}
 TRACED = {"buffers": COLORS, "quality": "standard", "incremental": False}
 # Settings of each stream, and the goal of an H200.
 STREAMS: dict[str, tuple[dict[str, Any], str]] = {
-    "labels": ({"buffers": LABELS, **SMALL}, "500"),
-    "labels, batch=16": ({"buffers": LABELS, "batch": 16, **SMALL}, "2,000"),
+    "labels": ({"buffers": TIMED, **SMALL}, "500"),
+    "labels, batch=16": ({"buffers": TIMED, "batch": 16, **SMALL}, "2,000"),
     "4 spp": ({"spp": 4, **TRACED, **SMALL}, "60"),
     "4 spp, batch=8": ({"spp": 4, "batch": 8, **TRACED, **SMALL}, "60"),
     "16 spp, 640x480": ({"spp": 16, **TRACED, **LARGE}, "10"),

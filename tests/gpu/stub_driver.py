@@ -72,28 +72,27 @@ def render(folder: Path, colors: bool) -> None:
 def times(folder: Path) -> None:
     """Print the host's milliseconds per frame of the baked scenes in a folder."""
     from tests.gpu.baked_scene import load
-    from tests.gpu.batch_parts import SIZE, TIME
+    from tests.gpu.batch_parts import SIZE, TIME, TIMED
     from tests.gpu.checks import median
     from tiscene.device import runtime
     from tiscene.render.integrators.labels.label_pass import LabelPass
 
     without_trees()
     runtime.start("cuda")
-    buffers = ("instance", "semantic", "depth", "forward_flow")
     for scene in load(folder):
         device, frames = scene.device_scene(), count()
         single, stacked = LabelPass(device), LabelPass(scene.device_scene())
         placements = [scene.placements[frame % len(scene.placements)] for frame in range(16)]
 
         def label() -> None:
-            single.render(scene.view(SIZE, turned=0.02 * next(frames)), buffers)  # noqa: B023
+            single.render(scene.view(SIZE, turned=0.02 * next(frames)), TIMED)  # noqa: B023
 
         def place() -> None:
             device.place(placements[next(frames) % 16], times=TIME)  # noqa: B023
 
         def batch() -> None:
             views = [scene.view(SIZE, turned=0.02 * next(frames)) for _ in placements]  # noqa: B023
-            stacked.render_frames(views, placements, buffers)  # noqa: B023
+            stacked.render_frames(views, placements, TIMED)  # noqa: B023
 
         parts: dict[str, tuple[Callable[[], None], int]] = {
             "labels": (label, 1),

@@ -14,9 +14,6 @@ if TYPE_CHECKING:
     Bytes3: TypeAlias = Any
     Doubles1: TypeAlias = Any
     Doubles2: TypeAlias = Any
-    Bytes: TypeAlias = Any
-    Floats: TypeAlias = Any
-    Ints: TypeAlias = Any
     Floats1: TypeAlias = Any
     Floats2: TypeAlias = Any
     Floats3: TypeAlias = Any
@@ -40,9 +37,6 @@ else:
     Bytes3 = ti.types.ndarray(ti.u8, 3)
     Doubles1 = ti.types.ndarray(ti.f64, 1)
     Doubles2 = ti.types.ndarray(ti.f64, 2)
-    Bytes = ti.types.ndarray(dtype=ti.u8)
-    Floats = ti.types.ndarray(dtype=ti.f32)
-    Ints = ti.types.ndarray(dtype=ti.i32)
     Floats1 = ti.types.ndarray(ti.f32, 1)
     Floats2 = ti.types.ndarray(ti.f32, 2)
     Floats3 = ti.types.ndarray(ti.f32, 3)

@@ -55,7 +55,10 @@ def split_large(
         The primitives in another order, and the ranges that remain.
     """
     count = len(order)
-    here, there = (Primitives(upload(boxes), upload(order)) for _ in range(2))
+    here = Primitives(upload(boxes), upload(order))
+    if not (ranges[:, 2] - ranges[:, 1] > LARGE).any():
+        return here, ranges
+    there = Primitives(device_array(ti.f32, (count, 6)), device_array(ti.i32, count))  # where the next level goes
     before, bin_numbers = device_array(ti.i32, count + 1 + SCAN_BLOCKS), device_array(ti.i32, count)
     small = []
     while True:
@@ -68,10 +71,8 @@ def split_large(
         for number, (_, begin, end, _) in enumerate(ranges.tolist()):
             numbers[begin:end] = number
         owner, rows = upload(numbers), upload(ranges)
-        bounds, splits = (
-            device_array(ti.f32, (len(ranges), kernels.BOUNDS)),
-            device_array(ti.i32, (len(ranges), kernels.SPLITS)),
-        )
+        bounds = device_array(ti.f32, (len(ranges), kernels.BOUNDS))
+        splits = device_array(ti.i32, (len(ranges), kernels.SPLITS))
         counts, bins = device_array(ti.i32, (len(ranges), 3 * BINS)), device_array(ti.f32, (len(ranges), 3 * BINS, 6))
         kernels.bound_ranges(here.boxes, owner, len(ranges), bounds)
         kernels.bin_ranges(here.boxes, owner, len(ranges), bounds, bin_numbers, counts, bins)
