@@ -1,7 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """Coming back to a scene by `restart`: its trees are not built again, and its frames are those of a new stream."""
 
+import gc
 import pickle
+import weakref
 
 import pytest
 
@@ -131,3 +133,19 @@ def test_meshes_and_images_of_a_scene_that_is_come_back_to_are_not_copied_again(
             counts.append(sum(copied))
     assert counts[2] == 0  # all is there
     assert 0 < counts[3] < counts[0] / 3  # the stage is there
+
+
+def test_arrays_of_a_stream_that_is_dropped_unclosed_serve_the_next_one():
+    # The stream's world is a cycle of references, which the collector deletes at once, arrays included.
+    visited = scenario("room_02", "Cube")  # its arrays are too large to be kept for others once deleted
+    stream = Stream(visited, **SETTINGS)
+    expected, stages = rendered(stream), stream.stages
+    stream.restart(visited)
+    stream[0]
+    dropped = weakref.ref(stream.world)
+    del vars(stream)["world"], vars(stream)["_renderer"]
+    gc.collect()
+    assert dropped() is None
+    assert stages.trees.get(stages.stage(visited)).arrays is not None
+    stream.restart(visited)
+    assert rendered(stream) == expected

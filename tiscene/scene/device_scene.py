@@ -11,6 +11,7 @@ import taichi as ti
 from numpy.typing import NDArray
 
 from tiscene.device import runtime
+from tiscene.device.freed_arrays import on_deletion
 from tiscene.device.memory import device_array, upload
 from tiscene.errors import ArgumentError
 from tiscene.scene.affine_maps import inverted, transformed_boxes
@@ -83,6 +84,8 @@ class DeviceScene:
         self._bvh = Bvh(self.traversal) if stage_trees is None else BvhCopy(stage_trees.bvh)
         self.materials = MaterialTable()
         self._arrays = (None if stage_trees is None else stage_trees.take_arrays()) or ReusedArrays()
+        if stage_trees is not None:
+            on_deletion(self, stage_trees.keep_arrays, self._arrays)
         self.textures = TextureAtlas(self._arrays.texture_words, self._arrays.texture_floats)
         self.lights = LightTable()
         self.descriptions: list[tuple[int, SceneDescription]] = []
@@ -106,11 +109,6 @@ class DeviceScene:
         self._upload_meshes()
         self._inverse, self._determinant = np.zeros((3, 0, 3, 4)), np.zeros((3, 0))
         self._upload_instances()
-
-    def __del__(self) -> None:
-        trees = vars(self).get("_stage_trees")
-        if trees is not None and "_arrays" in vars(self):
-            trees.arrays = self._arrays
 
     @property
     def meshes(self) -> tuple[Mesh, ...]:

@@ -38,9 +38,8 @@ class WarmTrees:
 
     def get(self, stage: SceneDescription) -> MeshTrees | None:
         """Return the trees of a stage; None if there are none."""
-        key = id(stage.meshes)
-        if key in self._kept and self._kept[key][2] is not runtime.session():
-            del self._kept[key]
+        key, session = id(stage.meshes), runtime.session()
+        self._kept = {other: kept for other, kept in self._kept.items() if kept[2] is session}
         if key in self._kept:
             self._kept[key] = self._kept.pop(key)
         for other in self._kept:

@@ -6,6 +6,7 @@ from __future__ import annotations
 import weakref
 from typing import Any
 
+from tiscene.device.freed_arrays import on_deletion
 from tiscene.device.memory import copy_rows
 from tiscene.scene.bvh.bvh import Bvh
 
@@ -25,10 +26,10 @@ class BvhCopy(Bvh):
         super().__init__(source.layout.name)
         # Of a copy that has grown and ended: larger arrays whose first rows are those of this one.
         self.spare: tuple[Any, ...] = ()
-        self._source = weakref.ref(source)
         nodes, blocks = source.used_rows if rows is None else rows
         self._used_nodes = nodes // self.layout.unit
         self._used_leaf_blocks = blocks // source.rows_of_block
+        on_deletion(self, _keep_larger, weakref.ref(source), vars(self))
         if rows is None and isinstance(source, BvhCopy) and source.spare:
             (self._nodes, self.leaf_blocks), source.spare = source.spare, ()
             return
@@ -43,8 +44,10 @@ class BvhCopy(Bvh):
             self.leaf_blocks = self._new_leaf_blocks(self._used_leaf_blocks)
             copy_rows(source.leaf_blocks, self.leaf_blocks, blocks)
 
-    def __del__(self) -> None:
-        source = self._source() if "_source" in vars(self) else None
-        if isinstance(source, BvhCopy) and self._nodes is not source._nodes:
-            if self.leaf_blocks is not source.leaf_blocks:
-                source.spare = self._nodes, self.leaf_blocks
+
+def _keep_larger(source: weakref.ref[Bvh], copy: dict[str, Any]) -> None:
+    """Give the arrays of a copy that has grown and ended to the copy that it was made of."""
+    there = source()
+    if isinstance(there, BvhCopy) and copy["_nodes"] is not there._nodes:
+        if copy["leaf_blocks"] is not there.leaf_blocks:
+            there.spare = copy["_nodes"], copy["leaf_blocks"]

@@ -38,6 +38,10 @@ class MeshTrees:
         arrays, self.arrays = self.arrays, None
         return arrays
 
+    def keep_arrays(self, arrays: ReusedArrays) -> None:
+        """Keep the arrays of a scene that has ended as `arrays`."""
+        self.arrays = arrays
+
     def drop_arrays(self) -> None:
         """Free everything but the trees."""
         self.arrays = None
