@@ -8,7 +8,7 @@ import weakref
 import pytest
 
 from tiscene import LinearWaypoints, MaterialOverride, Object, Scenario, Stream, UniformMovementRandomBounce, Waypoint
-from tiscene.device import part_arrays
+from tiscene.device import freed_arrays, part_arrays
 from tiscene.errors import MaterialNotFound
 from tiscene.scene.bvh.bvh import Bvh
 
@@ -135,9 +135,10 @@ def test_meshes_and_images_of_a_scene_that_is_come_back_to_are_not_copied_again(
     assert 0 < counts[3] < counts[0] / 3  # the stage is there
 
 
-def test_arrays_of_a_stream_that_is_dropped_unclosed_serve_the_next_one():
+def test_arrays_of_a_stream_that_is_dropped_unclosed_serve_the_next_one(monkeypatch):
     # The stream's world is a cycle of references, which the collector deletes at once, arrays included.
-    visited = scenario("room_02", "Cube")  # its arrays are too large to be kept for others once deleted
+    monkeypatch.setattr(freed_arrays, "MAX_ARRAY", 0)  # as if they were too large to be kept once deleted
+    visited = scenario("solid_benchmark", "Cube")
     stream = Stream(visited, **SETTINGS)
     expected, stages = rendered(stream), stream.stages
     stream.restart(visited)
