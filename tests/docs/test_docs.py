@@ -165,7 +165,7 @@ def test_loop_of_readme_runs():
     assert learned == [[(24, 32, 3), (24, 32), (24, 32), (24, 32, 2)]] * 2
 
 
-@pytest.mark.parametrize("number", range(3))
+@pytest.mark.parametrize("number", [0, *(pytest.param(each, marks=pytest.mark.slow) for each in (1, 2))])
 def test_examples_render_objects_that_move(number):
     examples = BLOCK.findall(read("docs/examples.md"))
     assert len(examples) == 3

@@ -62,7 +62,7 @@ def run_queries(
                 found[i, 4] = row
 
 
-@pytest.fixture(scope="module", params=["bvh8", "bvh2"])
+@pytest.fixture(scope="module", params=["bvh8", pytest.param("bvh2", marks=pytest.mark.slow)])
 def scene(request):
     """Return clouds of triangles, some of them slivers, in instances that stretch, rotate, mirror and shear."""
     random = np.random.default_rng(3)

@@ -71,7 +71,10 @@ def covered(opens: float, closes: float) -> np.ndarray:
     return inside.mean(axis=1) / (closes - opens)
 
 
-@pytest.mark.parametrize("shutter", [(0.0, 0.5), (-0.25, 0.25), (0.0, 1.0), (-1.0, -0.5)])
+@pytest.mark.parametrize(
+    "shutter",
+    [(0.0, 0.5), (-0.25, 0.25), *(pytest.param(each, marks=pytest.mark.slow) for each in ((0.0, 1.0), (-1.0, -0.5)))],
+)
 def test_the_blur_is_as_wide_and_as_bright_as_it_should_be(square, shutter):
     stream = ts.Stream(crossing(square), buffers=("hdr", "depth", "instance"), shutter=shutter, **SETTINGS)
     sharp = ts.Stream(crossing(square), buffers=("hdr", "depth", "instance"), **SETTINGS)[FRAME]

@@ -52,7 +52,7 @@ def image(meshes, lights, materials=(WHITE, BLACK, METAL, MIRROR), **others):
 
 
 @pytest.mark.parametrize("light", [SUN, POINT, PANEL], ids=lambda light: light.name)
-@pytest.mark.parametrize("material", [0, 2], ids=["matte", "glossy"])
+@pytest.mark.parametrize("material", [0, pytest.param(2, marks=pytest.mark.slow)], ids=["matte", "glossy"])
 def test_light_lights_only_the_meshes_that_are_linked(light, material):
     everywhere = image(plates(material), [light])
     both = image(plates(material), [replace(light, lit=(True, True))])

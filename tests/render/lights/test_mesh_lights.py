@@ -82,7 +82,9 @@ def unsampled(scene: DeviceScene) -> DeviceScene:
     return scene
 
 
-@pytest.mark.parametrize("name", SCENES)
+@pytest.mark.parametrize(
+    "name", ["bulb", "screen", "lace", *(pytest.param(each, marks=pytest.mark.slow) for each in ("globe", "squashed"))]
+)
 def test_light_sampling_reduces_noise_without_bias(name: str) -> None:
     description = SCENES[name]()
     scenes = {"sampled": (device_scene(description), True), "lights alone": (device_scene(description), False)}

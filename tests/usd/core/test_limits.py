@@ -188,6 +188,7 @@ def test_a_child_process_stops_without_its_parent(tmp_path):
             reader.result()
 
 
+@pytest.mark.slow
 def test_a_prim_bomb_is_stopped_at_the_time_limit(tmp_path):
     with pytest.raises(StageError, match="reading it took longer than 4 s"):
         read_stage(prim_bomb(tmp_path, 22), limits=Limits(seconds=4.0))

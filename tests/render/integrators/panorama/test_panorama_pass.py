@@ -96,7 +96,13 @@ class SurroundedBalls(MovingBalls):
 
 @pytest.mark.parametrize(
     ("wall", "lights"),
-    [(None, "sky and bulb"), (GLOSSY, "lamp"), (MIRROR, "lamp"), (EMISSIVE, "lamp"), (LACE, "shadowless")],
+    [
+        (None, "sky and bulb"),
+        (MIRROR, "lamp"),
+        (LACE, "shadowless"),
+        pytest.param(GLOSSY, "lamp", marks=pytest.mark.slow),
+        pytest.param(EMISSIVE, "lamp", marks=pytest.mark.slow),
+    ],
     ids=lambda each: getattr(each, "name", str(each)),
 )
 def test_mean_light_equals_that_of_path_tracing(wall: Material | None, lights: str) -> None:

@@ -191,7 +191,13 @@ def test_images_whose_subpixels_or_cells_are_too_many_have_no_panorama(empty_box
 
 @pytest.mark.parametrize(
     ("wall", "lights"),
-    [(None, "sky and bulb"), (GLOSSY, "lamp"), (MIRROR, "lamp"), (GLASS, "lamp"), (LACE, "shadowless")],
+    [
+        (None, "sky and bulb"),
+        (GLASS, "lamp"),
+        (LACE, "shadowless"),
+        pytest.param(GLOSSY, "lamp", marks=pytest.mark.slow),
+        pytest.param(MIRROR, "lamp", marks=pytest.mark.slow),
+    ],
     ids=lambda each: getattr(each, "name", str(each)),
 )
 def test_mean_light_equals_that_of_path_tracing(wall: Material | None, lights: str) -> None:
