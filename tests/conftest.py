@@ -17,6 +17,13 @@ if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:  # in the background of a 
     signal.signal(signal.SIGINT, signal.default_int_handler)
 
 
+@pytest.hookimpl(tryfirst=True)
+def pytest_configure(config: pytest.Config) -> None:
+    """End the tests if a worker crashes: with `--dist loadfile`, pytest-xdist 3.8 would replace it and then wait."""
+    if getattr(config.option, "maxworkerrestart", "0") is None:
+        config.option.maxworkerrestart = "0"
+
+
 def pytest_collection_finish() -> None:
     """Leave what has been collected out of garbage collections, each of which would take a second."""
     gc.collect()
