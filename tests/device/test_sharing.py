@@ -239,6 +239,10 @@ import taichi as ti
 import tiscene as ts
 stream = ts.Stream("object_view", width=16, height=12, buffers=("depth",))
 first = stream[0].depth
+visitor = ts.Stream("solid_benchmark", width=16, height=12, buffers=("depth",))
+visitor[0]
+visitor.restart(ts.Scenario("object_view"))  # the trees of the other scene are kept
+visitor[0]
 {restart}
 mine = [ti.ndarray(ti.f32, 100) for _ in range(300)]
 for k, array in enumerate(mine):
@@ -250,6 +254,10 @@ for use in (lambda: stream[0], lambda: stream[1], lambda: next(stream), lambda: 
         print(type(error).__name__, error)
 fresh = ts.Stream("object_view", width=16, height=12, buffers=("depth",))
 print((fresh[0].depth == first).all())
+visitor.restart(ts.Scenario("object_view"))
+print((visitor[0].depth == first).all())
+visitor.restart(ts.Scenario("solid_benchmark"))
+visitor[0]
 del stream
 gc.collect()
 more = [ti.ndarray(ti.f32, 100) for _ in range(300)]
@@ -265,7 +273,7 @@ def test_stream_after_a_restart_of_taichi_raises_and_a_new_one_works(switch):
     restart = "ti.init(arch=ti.cpu, fast_math=False, advanced_optimization=False, log_level=ti.ERROR)"
     printed = run_python(RESTARTED.format(restart=restart), env={"TISCENE_TAICHI_PATCHES": switch}).splitlines()
     lines = [line for line in printed if not line.startswith("[Taichi]")]
-    assert lines[4:] == ["True"] * 3
+    assert lines[4:] == ["True"] * 4
     for line in lines[:4]:
         assert line.startswith("DeviceError Taichi was restarted in this process, by ti.init() or ti.reset()")
         assert "Call ti.init(fast_math=False, ...) before the first Stream" in line
