@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from tiscene.errors import ArgumentError
 from tiscene.scene.bvh import bvh, layout_kernels
 from tiscene.scene.bvh.bvh import Bvh
+from tiscene.scene.bvh.instance_tree import InstanceTrees
 from tiscene.scene.bvh.workspace import Workspace
 
 both_layouts = pytest.mark.parametrize("layout", ["bvh8", "bvh2"])
@@ -209,10 +210,13 @@ def test_recently_placed_tree_is_not_built_again(layout: str, monkeypatch: pytes
     built: list[int] = []
     grow = Workspace.grow
     monkeypatch.setattr(Workspace, "grow", lambda self, *args: built.append(len(args[0])) or grow(self, *args))
-    median = bvh.median_trees
-    monkeypatch.setattr(
-        bvh, "median_trees", lambda *args: built.extend(np.diff([*args[2], len(args[1])]).tolist()) or median(*args)
-    )
+    build = InstanceTrees.build
+
+    def counted(self: InstanceTrees, trees: list[Child], roots: list[int]) -> object:
+        built.extend(len(rows) for _, rows in trees)
+        return build(self, trees, roots)
+
+    monkeypatch.setattr(InstanceTrees, "build", counted)
     rows = np.arange(40, dtype=np.int32)
     boxes = np.random.default_rng(3).uniform(0, 9, (7, 40, 6))
     boxes[..., 3:] += boxes[..., :3]

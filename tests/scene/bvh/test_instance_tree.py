@@ -7,15 +7,18 @@ from pathlib import Path
 import numpy as np
 import pytest
 import trimesh
+from numpy.typing import NDArray
 
 import tiscene
 from tests.render.tracing import placed, random_matrices, random_rays, scene_of, shape, trace_rays
 from tiscene.device.memory import upload
-from tiscene.scene.bvh import bvh, layout_kernels
+from tiscene.scene.bvh import bvh, instance_tree, layout_kernels
 from tiscene.scene.bvh.blas import levels_below
 from tiscene.scene.bvh.bvh import Bvh
-from tiscene.scene.bvh.instance_tree import median_trees, node_count
+from tiscene.scene.bvh.instance_tree import InstanceTrees, median_trees, node_count
 from tiscene.scene.bvh.workspace import Workspace
+
+Floats = NDArray[np.float32]
 
 ROOT = Path(tiscene.__file__).parents[1]
 BALL = shape(trimesh.creation.icosphere(subdivisions=3))
@@ -24,18 +27,18 @@ BALL = shape(trimesh.creation.icosphere(subdivisions=3))
 SERIAL = {"collapse", "refit_bvh8", "compact_queue", "exclusive_scan"}
 
 
-@pytest.mark.parametrize("sizes", [[1], [2], [3], [402], [1, 5, 1, 64, 17]])
-def test_every_instance_is_in_one_leaf_inside_all_boxes_above(sizes: list[int]) -> None:
-    random = np.random.default_rng(len(sizes))
-    total = sum(sizes)
-    boxes = random.uniform(-5.0, 5.0, (total, 6)).astype(np.float32)
-    boxes[:, 3:] = boxes[:, :3] + random.uniform(0.0, 2.0, (total, 3)).astype(np.float32)
-    rows = random.permutation(total).astype(np.int32)
-    starts, roots = np.cumsum([0, *sizes[:-1]]), 7 + 1000 * np.arange(len(sizes))
-    nodes, numbers = median_trees(boxes, rows, starts, roots)
+def check_trees(
+    nodes: Floats,
+    numbers: NDArray[np.int64],
+    boxes: Floats,
+    rows: NDArray[np.int32],
+    sizes: list[int],
+    roots: list[int],
+) -> None:
+    """Check that each instance is in one leaf, inside all boxes above it."""
     assert len(set(numbers.tolist())) == len(nodes) == sum(map(node_count, sizes))
     by_number = dict(zip(numbers.tolist(), nodes, strict=True))
-    for start, size, root in zip(starts.tolist(), sizes, roots.tolist(), strict=True):
+    for start, size, root in zip(np.cumsum([0, *sizes[:-1]]).tolist(), sizes, roots, strict=True):
         found, pending = [], [(root, np.full(3, -np.inf), np.full(3, np.inf), 0)]
         while pending:
             number, low, high, depth = pending.pop()
@@ -58,6 +61,48 @@ def test_every_instance_is_in_one_leaf_inside_all_boxes_above(sizes: list[int]) 
                     at = start + int(np.flatnonzero(rows[start : start + size] == row)[0])
                     np.testing.assert_array_equal(node[6 * k : 6 * k + 6], boxes[at])
         assert sorted(found) == sorted(rows[start : start + size].tolist())
+
+
+@pytest.mark.parametrize("sizes", [[1], [2], [3], [402], [1, 5, 1, 64, 17]])
+def test_every_instance_is_in_one_leaf_inside_all_boxes_above(sizes: list[int]) -> None:
+    random = np.random.default_rng(len(sizes))
+    total = sum(sizes)
+    boxes = random.uniform(-5.0, 5.0, (total, 6)).astype(np.float32)
+    boxes[:, 3:] = boxes[:, :3] + random.uniform(0.0, 2.0, (total, 3)).astype(np.float32)
+    rows = random.permutation(total).astype(np.int32)
+    starts, roots = np.cumsum([0, *sizes[:-1]]), 7 + 1000 * np.arange(len(sizes))
+    nodes, numbers = median_trees(boxes, rows, starts, roots)
+    check_trees(nodes, numbers, boxes, rows, sizes, roots.tolist())
+
+
+@pytest.mark.parametrize("count", [1, 2, 3, 300])
+def test_tree_keeps_its_shape_while_few_instances_move(count: int, monkeypatch: pytest.MonkeyPatch) -> None:
+    random, built = np.random.default_rng(count), []
+    monkeypatch.setattr(instance_tree, "median_trees", lambda *args: built.append(1) or median_trees(*args))
+    boxes = random.uniform(-5.0, 5.0, (count, 6)).astype(np.float32)
+    boxes[:, 3:] = boxes[:, :3] + random.uniform(0.0, 2.0, (count, 3)).astype(np.float32)
+    rows, trees = 4 * random.permutation(count).astype(np.int32), InstanceTrees()
+    for root, distance, expected in ((7, 0.0, 1), (900, 0.1, 1), (900, 0.3, 1), (7, 100.0, 2), (900, 100.1, 2)):
+        moved = boxes.copy()
+        moved[:1] += np.float32(distance)
+        nodes, numbers = trees.build([(moved, rows)], [root])
+        check_trees(nodes, numbers, moved, rows, [count], [root])
+        if count == 300:  # of fewer, each is much of the whole area
+            assert len(built) == expected
+
+
+def test_several_trees_at_once_are_those_that_are_built_one_by_one() -> None:
+    random = np.random.default_rng(1)
+    sizes, roots = [5, 1, 40, 2, 3, 9], [100 * k for k in range(1, 7)]
+    trees = []
+    for size in sizes:
+        low = random.uniform(-5.0, 5.0, (size, 3)).astype(np.float32)
+        trees.append((np.concatenate([low, low + 1.0], axis=1), random.permutation(size).astype(np.int32)))
+    nodes, numbers = InstanceTrees().build(trees, roots)
+    single = [InstanceTrees().build([tree], [root]) for tree, root in zip(trees, roots, strict=True)]
+    order = np.argsort(numbers)
+    assert nodes[order].tobytes() == b"".join(each.tobytes() for each, _ in single)
+    np.testing.assert_array_equal(numbers[order], np.concatenate([each for _, each in single]))
 
 
 def test_placing_instances_builds_nothing_in_a_kernel(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -21,7 +21,7 @@ from tiscene.errors import ArgumentError
 from tiscene.scene.bvh import layout_kernels, refit_kernels
 from tiscene.scene.bvh.binary_trees import placed_nodes
 from tiscene.scene.bvh.blas import EMPTY_NODE, Blas, levels_below
-from tiscene.scene.bvh.instance_tree import NODE_COLUMNS, empty_nodes, median_trees, node_count
+from tiscene.scene.bvh.instance_tree import NODE_COLUMNS, InstanceTrees, empty_nodes, median_trees, node_count
 from tiscene.scene.bvh.moved_trees import MovedTrees
 from tiscene.scene.bvh.rebraid import SplitInstances, root_children
 from tiscene.scene.bvh.workspace import BVH8, LAYOUTS, MAX_KEPT_CAPACITY, Boxes, Workspace, grown, widened
@@ -59,6 +59,7 @@ class Bvh:
         self._cached: dict[int, tuple[NDArray[np.float64], NDArray[np.int32]]] = {}
         # Of the layout "bvh2": root, boxes and rows of each TLAS that is not written yet.
         self._unwritten: dict[int, tuple[Boxes, NDArray[np.int32]]] = {}
+        self._instance_trees = InstanceTrees()
         self._regions = TLAS_COUNT
         self._levels: dict[int, tuple[Any, list[int]]] = {}  # of deforming meshes, by first node
         self._used_nodes = 2  # the empty node and the guard node
@@ -88,9 +89,7 @@ class Bvh:
         if not trees:
             return np.zeros(0, np.int32), np.zeros((0, NODE_COLUMNS), np.int32)
         self._unwritten.clear()
-        sizes = np.array([len(rows) for _, rows in trees])
-        boxes, rows = (np.concatenate(parts) for parts in zip(*trees, strict=True))
-        values, numbers = median_trees(boxes, rows, np.cumsum(sizes) - sizes, np.array(roots))
+        values, numbers = self._instance_trees.build(trees, roots)
         return numbers.astype(np.int32), values.view(np.int32)
 
     def reserve_trees(self, count: int) -> None:

@@ -3,16 +3,106 @@
 
 The kernels of `build_kernels` build a tree over a few hundred instances in one thread, which a GPU takes tens of
 milliseconds for, at every frame. Here all trees of a frame are built together, level by level, with NumPy: each range
-of instances is halved at the median of its centers along the axis in which they extend most. Rays find the same hits
-in any tree.
+of instances is halved at the median of its centers along the axis in which they extend most. Where few instances have
+moved since, their tree keeps its shape, and only its boxes are found again. Rays find the same hits in any tree.
 """
 
 from __future__ import annotations
+
+from collections.abc import Sequence
 
 import numpy as np
 from numpy.typing import NDArray
 
 NODE_COLUMNS = 16
+SHAPES = 4  # trees whose shapes are kept; more trees at once, those of several frames, are built together
+GROWTH = 1.1  # of the surface area of all boxes, up to which a tree keeps its shape
+
+
+class InstanceTrees:
+    """Builds trees over instances, with the shapes of earlier trees over the same instances."""
+
+    def __init__(self) -> None:
+        self._shapes: dict[bytes, TreeShape] = {}  # by the names of the instances, the least recently used first
+
+    def build(
+        self, trees: Sequence[tuple[NDArray[np.float32], NDArray[np.int32]]], roots: Sequence[int]
+    ) -> tuple[NDArray[np.float32], NDArray[np.int64]]:
+        """Return the nodes of trees, and their numbers, as `median_trees` does.
+
+        Args:
+            trees: Boxes and rows of the instances of each.
+            roots: Number of each tree's root.
+        """
+        if len(trees) > SHAPES:
+            sizes = np.array([len(rows) for _, rows in trees])
+            boxes, rows = (np.concatenate(parts) for parts in zip(*trees, strict=True))
+            return median_trees(boxes, rows, np.cumsum(sizes) - sizes, np.array(roots))
+        nodes = [self._shape(rows).nodes(boxes, rows, root) for (boxes, rows), root in zip(trees, roots, strict=True)]
+        numbers = [root + np.arange(len(each)) for each, root in zip(nodes, roots, strict=True)]
+        return np.concatenate(nodes), np.concatenate(numbers)
+
+    def _shape(self, rows: NDArray[np.int32]) -> TreeShape:
+        """Return the shape that is kept for instances of these names, a new one if there is none."""
+        key = rows.tobytes()
+        self._shapes[key] = shape = self._shapes.pop(key, None) or TreeShape()
+        if len(self._shapes) > SHAPES:
+            del self._shapes[next(iter(self._shapes))]
+        return shape
+
+
+class TreeShape:
+    """Which nodes and leaves are below each node of a tree over some instances."""
+
+    def __init__(self) -> None:
+        self._area = -np.inf  # of the boxes of all nodes when they were built, m²
+
+    def nodes(self, boxes: NDArray[np.float32], rows: NDArray[np.int32], root: int) -> NDArray[np.float32]:
+        """Return the nodes of a tree in the order of their numbers, float32 [m, 16].
+
+        Args:
+            boxes: float32 [n, 6], world boxes, m.
+            rows: int32 [n], names of the instances, each another one; the same in every call.
+            root: Number of the root.
+        """
+        if self._area >= 0.0:
+            pairs, area = self._fitted(boxes)
+            if area <= GROWTH * self._area:
+                nodes = empty_nodes(len(pairs))
+                nodes[:, :12] = pairs.reshape(-1, 12)
+                nodes[:, 12:14] = as_bits(self._links + root * self._is_inner)
+                return nodes
+        found, numbers = median_trees(boxes, rows, np.zeros(1, np.int64), np.array([root]))
+        nodes = found[np.argsort(numbers)]
+        if len(rows) > 1:
+            self._keep(nodes, boxes, rows, root)
+        return nodes
+
+    def _keep(self, nodes: NDArray[np.float32], boxes: NDArray[np.float32], rows: NDArray[np.int32], root: int) -> None:
+        """Keep the shape of a tree."""
+        count, order = len(rows), np.argsort(rows)
+        self._links = nodes[:, 12:14].view(np.int32).astype(np.int64)
+        self._is_inner = self._links > 0
+        self._links -= root * self._is_inner
+        leaves = order[np.searchsorted(rows[order], (-1 - self._links) // 4).clip(0, count - 1)]
+        # Rows of the boxes of the instances, then of those of the nodes.
+        self._children = np.where(self._is_inner, count + self._links, leaves)
+        self._levels = [np.zeros(1, np.int64)]
+        while len(below := self._links[self._levels[-1]][self._is_inner[self._levels[-1]]]):
+            self._levels.append(below)
+        self._area = self._fitted(boxes)[1]
+
+    def _fitted(self, boxes: NDArray[np.float32]) -> tuple[NDArray[np.float32], float]:
+        """Return the boxes of each node's children, float32 [n - 1, 2, 6], and the area of all nodes' boxes, m²."""
+        count = len(boxes)
+        every = np.concatenate([boxes, np.empty((count - 1, 6), np.float32)])
+        pairs = np.empty((count - 1, 2, 6), np.float32)
+        for level in reversed(self._levels):
+            pairs[level] = pair = every[self._children[level]]
+            every[count + level, :3] = np.minimum(pair[:, 0, :3], pair[:, 1, :3])
+            every[count + level, 3:] = np.maximum(pair[:, 0, 3:], pair[:, 1, 3:])
+        x, y, z = (every[count:, 3:] - every[count:, :3]).T
+        return pairs, 2.0 * float((x * y + y * z + z * x).sum())
 
 
 def median_trees(
