@@ -91,6 +91,14 @@ def test_tree_keeps_its_shape_while_few_instances_move(count: int, monkeypatch: 
             assert len(built) == expected
 
 
+def test_area_of_boxes_may_be_more_than_a_number_holds() -> None:
+    boxes = np.float32([[0, 0, 0, 1, 1, 1], [1, 1, 1, 2, 2, 2], [-1e30, -1e30, -1e30, 1e30, 1e30, 1e30]])
+    rows, trees = np.arange(3, dtype=np.int32), InstanceTrees()
+    for _ in range(3):
+        nodes, numbers = trees.build([(boxes, rows)], [5])
+        check_trees(nodes, numbers, boxes, rows, [3], [5])
+
+
 def test_several_trees_at_once_are_those_that_are_built_one_by_one() -> None:
     random = np.random.default_rng(1)
     sizes, roots = [5, 1, 40, 2, 3, 9], [100 * k for k in range(1, 7)]

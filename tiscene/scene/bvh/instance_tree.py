@@ -101,8 +101,9 @@ class TreeShape:
             pairs[level] = pair = every[self._children[level]]
             every[count + level, :3] = np.minimum(pair[:, 0, :3], pair[:, 1, :3])
             every[count + level, 3:] = np.maximum(pair[:, 0, 3:], pair[:, 1, 3:])
-        x, y, z = (every[count:, 3:] - every[count:, :3]).T
-        return pairs, 2.0 * float((x * y + y * z + z * x).sum())
+        with np.errstate(over="ignore"):  # of huge boxes
+            x, y, z = (every[count:, 3:] - every[count:, :3]).T
+            return pairs, 2.0 * float((x * y + y * z + z * x).sum())
 
 
 def median_trees(
