@@ -43,7 +43,7 @@ class CudaDriver:
 
     def reads(self, address: int, values: NDArray[Any]) -> bool:
         """Return whether an address of the card holds these values."""
-        found = np.empty_like(values)
+        found = np.zeros_like(values)  # not `empty`: freed memory may hold them
         try:
             self.read(address, found)
         except DeviceError:
