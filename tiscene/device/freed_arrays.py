@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import ctypes
 import sys
-import weakref
 from collections import OrderedDict, deque
 from collections.abc import Callable, Hashable
 from typing import Any
@@ -97,20 +96,6 @@ class FreedArrays:
 
 
 FREED = FreedArrays()
-
-
-def on_deletion(owner: object, function: Callable[..., None], *arguments: Any) -> None:
-    """Call a function with arguments when Python deletes an object, for arrays that outlive their owner.
-
-    `__del__` of the owner may come too late: where an owner and its arrays are deleted together, as parts of a cycle of
-    references, Python calls `__del__` of both in any order. The arguments are kept until the call.
-
-    Args:
-        owner: The object. Neither the function nor its arguments may refer to it.
-        function: The function.
-        *arguments: Its arguments.
-    """
-    weakref.finalize(owner, function, *arguments).atexit = False
 
 
 class _Returned:

@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import weakref
 from collections.abc import Iterable, Sequence
 from typing import Any
 
@@ -11,7 +12,6 @@ import taichi as ti
 from numpy.typing import NDArray
 
 from tiscene.device import runtime
-from tiscene.device.freed_arrays import on_deletion
 from tiscene.device.memory import device_array, upload
 from tiscene.errors import ArgumentError
 from tiscene.scene.affine_maps import inverted, transformed_boxes
@@ -85,7 +85,8 @@ class DeviceScene:
         self.materials = MaterialTable()
         self._arrays = (None if stage_trees is None else stage_trees.take_arrays()) or ReusedArrays()
         if stage_trees is not None:
-            on_deletion(self, stage_trees.keep_arrays, self._arrays)
+            # Not `__del__`, see `BvhCopy`.
+            weakref.finalize(self, stage_trees.keep_arrays, self._arrays).atexit = False
         self.textures = TextureAtlas(self._arrays.texture_words, self._arrays.texture_floats)
         self.lights = LightTable()
         self.descriptions: list[tuple[int, SceneDescription]] = []

@@ -76,7 +76,7 @@ def test_every_instance_is_in_one_leaf_inside_all_boxes_above(sizes: list[int]) 
 
 
 @pytest.mark.parametrize("count", [1, 2, 3, 300])
-def test_tree_keeps_its_shape_while_few_instances_move(count: int, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_tree_keeps_its_topology_while_few_instances_move(count: int, monkeypatch: pytest.MonkeyPatch) -> None:
     random, built = np.random.default_rng(count), []
     monkeypatch.setattr(instance_tree, "median_trees", lambda *args: built.append(1) or median_trees(*args))
     boxes = random.uniform(-5.0, 5.0, (count, 6)).astype(np.float32)

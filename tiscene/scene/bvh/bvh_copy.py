@@ -6,7 +6,6 @@ from __future__ import annotations
 import weakref
 from typing import Any
 
-from tiscene.device.freed_arrays import on_deletion
 from tiscene.device.memory import copy_rows
 from tiscene.scene.bvh.bvh import Bvh
 
@@ -29,7 +28,9 @@ class BvhCopy(Bvh):
         nodes, blocks = source.used_rows if rows is None else rows
         self._used_nodes = nodes // self.layout.unit
         self._used_leaf_blocks = blocks // source.rows_of_block
-        on_deletion(self, _keep_larger, weakref.ref(source), vars(self))
+        # Not `__del__`: where a copy and its arrays are deleted together, as parts of a cycle of references, Python
+        # calls that of an array first or last, and arrays that were handed on would have freed their memory.
+        weakref.finalize(self, _keep_larger, weakref.ref(source), vars(self)).atexit = False
         if rows is None and isinstance(source, BvhCopy) and source.spare:
             (self._nodes, self.leaf_blocks), source.spare = source.spare, ()
             return

@@ -2,9 +2,9 @@
 """Trees over instances in the layout "bvh2", built on the host.
 
 The kernels of `build_kernels` build a tree over a few hundred instances in one thread, which a GPU takes tens of
-milliseconds for, at every frame. Here all trees of a frame are built together, level by level, with NumPy: each range
-of instances is halved at the median of its centers along the axis in which they extend most. Where few instances have
-moved since, their tree keeps its shape, and only its boxes are found again. Rays find the same hits in any tree.
+milliseconds for, at every frame. Here trees are built level by level, with NumPy: each range of instances is halved at
+the median of its centers along the axis in which they extend most. Where few instances have moved since, a tree keeps
+its topology and is refitted. Rays find the same hits in any tree.
 """
 
 from __future__ import annotations
@@ -15,15 +15,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 NODE_COLUMNS = 16
-SHAPES = 4  # trees whose shapes are kept; more trees at once, those of several frames, are built together
-GROWTH = 1.1  # of the surface area of all boxes, up to which a tree keeps its shape
+TOPOLOGIES = 4  # that are kept; more trees at once, those of several frames, are built together
+GROWTH = 1.1  # of the surface area of all boxes, up to which a tree keeps its topology
 
 
 class InstanceTrees:
-    """Builds trees over instances, with the shapes of earlier trees over the same instances."""
+    """Builds trees over instances, or refits earlier trees over the same instances."""
 
     def __init__(self) -> None:
-        self._shapes: dict[bytes, TreeShape] = {}  # by the names of the instances, the least recently used first
+        self._topologies: dict[bytes, TreeTopology] = {}  # by the names of the instances, the least recently used first
 
     def build(
         self, trees: Sequence[tuple[NDArray[np.float32], NDArray[np.int32]]], roots: Sequence[int]
@@ -34,24 +34,26 @@ class InstanceTrees:
             trees: Boxes and rows of the instances of each.
             roots: Number of each tree's root.
         """
-        if len(trees) > SHAPES:
+        if len(trees) > TOPOLOGIES:
             sizes = np.array([len(rows) for _, rows in trees])
             boxes, rows = (np.concatenate(parts) for parts in zip(*trees, strict=True))
             return median_trees(boxes, rows, np.cumsum(sizes) - sizes, np.array(roots))
-        nodes = [self._shape(rows).nodes(boxes, rows, root) for (boxes, rows), root in zip(trees, roots, strict=True)]
+        nodes = [
+            self._topology(rows).nodes(boxes, rows, root) for (boxes, rows), root in zip(trees, roots, strict=True)
+        ]
         numbers = [root + np.arange(len(each)) for each, root in zip(nodes, roots, strict=True)]
         return np.concatenate(nodes), np.concatenate(numbers)
 
-    def _shape(self, rows: NDArray[np.int32]) -> TreeShape:
-        """Return the shape that is kept for instances of these names, a new one if there is none."""
+    def _topology(self, rows: NDArray[np.int32]) -> TreeTopology:
+        """Return the topology that is kept for instances of these names, a new one if there is none."""
         key = rows.tobytes()
-        self._shapes[key] = shape = self._shapes.pop(key, None) or TreeShape()
-        if len(self._shapes) > SHAPES:
-            del self._shapes[next(iter(self._shapes))]
-        return shape
+        self._topologies[key] = topology = self._topologies.pop(key, None) or TreeTopology()
+        if len(self._topologies) > TOPOLOGIES:
+            del self._topologies[next(iter(self._topologies))]
+        return topology
 
 
-class TreeShape:
+class TreeTopology:
     """Which nodes and leaves are below each node of a tree over some instances."""
 
     def __init__(self) -> None:
@@ -79,7 +81,7 @@ class TreeShape:
         return nodes
 
     def _keep(self, nodes: NDArray[np.float32], boxes: NDArray[np.float32], rows: NDArray[np.int32], root: int) -> None:
-        """Keep the shape of a tree."""
+        """Keep the topology of a tree."""
         count, order = len(rows), np.argsort(rows)
         self._links = nodes[:, 12:14].view(np.int32).astype(np.int64)
         self._is_inner = self._links > 0
