@@ -173,6 +173,14 @@ def test_objects_that_are_too_small_are_named(template, scale, tmp_path, monkeyp
         stream.world.state(60)
 
 
+def test_objects_that_are_too_large_are_named():
+    floor = ts.Object("floor", "Cube", (0.0, -1.0, 0.0), scale=1e7, dynamic=ts.Still())
+    ball = ts.Object("ball", "Ball 01", (0.0, 0.1, 0.0))
+    stream = ts.Stream(ts.Scenario("object_view", [floor, ball], physics=True), width=8, height=6)
+    with pytest.raises(ScenarioError, match=r"object 'floor' is 4e\+06 m large: .* larger than 100000 m"):
+        stream.world.state(1)
+
+
 def test_missing_engine_is_named_at_once(monkeypatch):
     """It was named at the next frame, when the spawned object was part of the scenario already."""
     stream = ts.Stream("object_view", width=8, height=6, buffers=("depth",))

@@ -19,6 +19,7 @@ from dynamics.clocks import exact
 from dynamics.lru_cache import LRUCache
 from dynamics.rigid_body import RigidBody
 from dynamics.rotation import quaternion
+from tiscene.errors import ScenarioError
 from tiscene.scenario.edits import Edit, EditLog
 from tiscene.scenario.joints import Joint
 from tiscene.scenario.objects import Object
@@ -33,6 +34,7 @@ from tiscene.world.trajectories import Array, Collision, Trajectories, Trajector
 
 GRAVITY = 9.81  # m/s2
 KEPT_SHAPES = 64
+MAX_SIZE = 1e5  # m, of objects: the engine fails on parts of much larger ones
 
 
 class PhysicsTrajectories(Trajectories):
@@ -213,11 +215,15 @@ class ScenarioPhysics:
 
     def _parts_of(self, spec: Object) -> list[PartShape]:
         """Return the parts of an object's collision surface, shared by template and scale."""
-        return self._parts.get((spec.template, spec.scale), lambda: _parts_of(self._setting.surface(spec)))
+        return self._parts.get((spec.template, spec.scale), lambda: _parts_of(self._setting.surface(spec), spec.id))
 
 
-def _parts_of(surface: Array) -> list[PartShape]:
+def _parts_of(surface: Array, name: str) -> list[PartShape]:
     size = float(np.ptp(surface.reshape(-1, 3), axis=0).max()) if len(surface) else 0.0
+    if not size <= MAX_SIZE:
+        raise ScenarioError(
+            f"object {name!r} is {size:.3g} m large: with physics=True, none may be larger than {MAX_SIZE:g} m"
+        )
     disk = PartsCache(hashlib.sha256(surface.tobytes()).digest())
     parts = disk.parts(surface, min(max(0.02 * size, 0.001), 0.01), min(0.02 * size, 0.004))
     disk.save()

@@ -101,7 +101,7 @@ class PhysicsModel:
             joints: Joints between the bodies.
 
         Raises:
-            ScenarioError: A body has too little mass.
+            ScenarioError: A body has too little mass, or a shape without volume.
         """
         import mujoco
 
@@ -142,12 +142,13 @@ class PhysicsModel:
         try:
             self._model = spec.compile()
         except ValueError as error:
-            body = re.search(r"'body_(\d+)'", str(error))
-            if body is None:
-                raise
-            raise ScenarioError(
-                f"{self._named(int(body[1]))} is too small or light to be simulated; {ENLARGE}"
-            ) from error
+            body, mesh = (re.search(pattern, str(error)) for pattern in (r"'body_(\d+)'", r"'body_(\d+)/\d+'"))
+            if body is not None:
+                message = f"{self._named(int(body[1]))} is too small or light to be simulated; {ENLARGE}"
+            else:
+                owner = self._named(int(mesh[1])) if mesh is not None else "a part of the stage"
+                message = f"{owner} has a shape that cannot be simulated: {error}"
+            raise ScenarioError(message) from error
         masses = [
             float(self._model.body(f"body_{row}").mass[0])
             for row, body in enumerate(self.bodies)
@@ -205,7 +206,7 @@ class PhysicsModel:
                 half = math.sqrt(0.5)  # MuJoCo's axis is z: turn about x by -90 degrees first
                 turn = half * np.array([w + x, x - w, y - z, z + y])
             case _:
-                name = f"part_{len(spec.meshes)}"
+                name = f"{body.name}/{len(spec.meshes)}"
                 mesh = spec.add_mesh(name=name)
                 mesh.uservert = part.points.ravel().tolist()
                 mesh.inertia = self._engine.mjtMeshInertia.mjMESH_INERTIA_CONVEX
