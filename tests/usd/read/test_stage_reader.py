@@ -28,6 +28,9 @@ def test_file_that_is_not_usd_raises_stage_error(tmp_path):
     path.write_text("#usda 1.0\ndef Mesh 'M' { int x = }")
     with pytest.raises(StageError, match=r"has 1 problem:\n  cannot be read: .*text\.usda:2:16: Expected }"):
         read_stage(path)
+    path.write_text("#usda 1.0\ndef Mesh 'M' {\n float x.timeSamples = { 0: [1, 2 }\n}")
+    with pytest.raises(StageError, match=r"text\.usda:3:\d+: syntax error at '}' in </M\.x>"):
+        read_stage(path)
     path = tmp_path / "noise.usdc"
     path.write_bytes(bytes(range(256)) * 8)
     with pytest.raises(StageError, match="cannot be read"):

@@ -20,6 +20,7 @@ from tiscene.errors import StageError, StageWarning, TisceneError
 from tiscene.usd.core.limits import Limits, ReadingBudget, RootFolder
 
 _INTERNAL_NAMESPACE = re.compile(r"\bpxrInternal\w*::")
+_GRAMMAR_RULE = re.compile(r"\bparse error matching .*?(?= at ')")  # a C++ type of up to 500 letters
 _SESSION_LAYER = re.compile(r",?@anon:0x[0-9a-f]+:[^@]*@")  # its name has an address
 UNDRAWN = "are not drawn"  # ends the omission of prims of a type
 _MAX_PATHS = 5  # prims listed per line of the warning
@@ -41,7 +42,8 @@ def one_line(error: Any) -> str:
     """
     try:
         text = " ".join(str(getattr(error, "commentary", error)).split())
-        return _SESSION_LAYER.sub("", _INTERNAL_NAMESPACE.sub("", text))
+        text = _GRAMMAR_RULE.sub("syntax error", _INTERNAL_NAMESPACE.sub("", text))
+        return _SESSION_LAYER.sub("", text)
     except UnicodeDecodeError:
         return "USD's message about it is not valid UTF-8; the file is probably damaged"
 
