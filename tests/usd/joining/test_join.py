@@ -12,7 +12,7 @@ import pytest
 from pxr import Gf, Kind, Usd, UsdGeom, UsdLux, UsdSemantics, Vt
 
 import tiscene as ts
-from tiscene.errors import ArgumentError, MissingFile, StageError
+from tiscene.errors import ArgumentError, MissingFile, StageError, StageWarning
 from tiscene.usd import Opening, RoomPlacement, join
 from tiscene.usd.read.stage_reader import read_stage
 
@@ -279,3 +279,11 @@ def test_subdivision_surface_in_an_opening_is_refused_by_name(tmp_path: Path) ->
     with pytest.raises(StageError, match=r"</Flat/west/WallRight/Shape> opening: a subdivision surface cannot be cut"):
         join(rooms, tmp_path / "flat.usda", openings=[OPENING])
     assert not list(tmp_path.glob("*flat*"))
+
+
+def test_opening_without_a_wall_is_named(tmp_path):
+    room = write_room(tmp_path, "one")
+    astray = replace(OPENING, position=(0.5, 0.0, 0.5))
+    with pytest.warns(StageWarning, match=r"openings that cut nothing.*: at \(0\.5, 0\.0, 0\.5\), yaw 90$"):
+        join([(room, (0, 0, 0))], tmp_path / "joined.usda", openings=[OPENING, astray])
+    assert (tmp_path / "joined.usda").exists()

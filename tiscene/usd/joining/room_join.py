@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import os
+import warnings
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
@@ -12,7 +13,7 @@ from numpy.typing import NDArray
 from pxr import Gf, Kind, Sdf, Tf, Usd, UsdGeom, UsdLux, UsdSemantics, UsdShade, Vt
 
 from tiscene.catalog import LAYER_SUFFIXES
-from tiscene.errors import ArgumentError, StageError
+from tiscene.errors import ArgumentError, StageError, StageWarning
 from tiscene.files import write_atomically
 from tiscene.usd.core.layers import has_file
 from tiscene.usd.core.stage import open_stage, quiet, readable
@@ -40,6 +41,8 @@ def join(
     - Domes and distant lights light all rooms, so those of one room are kept; the dome gets the portals of all rooms.
     - Cameras are kept under the names `ROOM CAMERA`, such as "kitchen Main".
     - Each room has a volume (`frame.room`): its own, or a box over its floor up to its ceiling.
+
+    Openings that cut nothing are named in a StageWarning.
 
     Args:
         rooms: the rooms; their stages have one up axis and one unit of length.
@@ -90,9 +93,14 @@ def join(
         _keep_one_sky(prims, [each.label for each in placements], sky)
         boxes = [_in_units(opening.box(up_axis), meters) for opening in openings]
         release_instances(stage, boxes)
-        _cut(stage, root, boxes, choices)
+        cut = _cut(stage, root, boxes, choices)
         _line(stage, root, openings, up_axis, meters)
         _export(stage, target, dict(zip([prim.GetPath() for prim in prims], placements, strict=True)))
+    idle = [openings[row] for row in range(len(boxes)) if row not in cut]
+    if idle:
+        places = "; ".join(f"at {each.position}, yaw {each.yaw:g}" for each in idle)
+        text = f"{target}: openings that cut nothing, since no wall is there: {places}"
+        warnings.warn(StageWarning(text), stacklevel=2)
     return target
 
 
@@ -221,10 +229,10 @@ def _in_units(matrix: NDArray[np.float64], meters: float) -> NDArray[np.float64]
 
 def _cut(
     stage: Usd.Stage, root: Usd.Prim, boxes: Sequence[NDArray[np.float64]], choices: Mapping[str, Sequence[str]]
-) -> None:
-    """Author the cuts; where a variant set changes what is cut, in its variants."""
+) -> set[int]:
+    """Author the cuts; where a variant set changes what is cut, in its variants. Return the rows of boxes that cut."""
     if not boxes:
-        return
+        return set()
     plain = cuts(stage, boxes)
     shaping: dict[str, dict[str, dict[Sdf.Path, GprimCut]]] = {}
     for name, variants in choices.items():
@@ -254,6 +262,8 @@ def _cut(
                 for each in changed.values():
                     each.author(stage)
         variant_set.SetVariantSelection(selected)
+    made = [plain, *(changed for found in shaping.values() for changed in found.values())]
+    return {row for changed in made for each in changed.values() for row in each.boxes}
 
 
 def _same(first: Mapping[Sdf.Path, GprimCut], second: Mapping[Sdf.Path, GprimCut]) -> bool:

@@ -3,7 +3,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -35,12 +35,14 @@ class GprimCut:
 
     Attributes:
         path: the gprim.
+        boxes: rows of the boxes that take something away from it.
         values: new values of attributes by name; empty: nothing is left of it.
         indexed: names of primvars whose indices the new values replace.
         subsets: new indices of its GeomSubsets by path.
     """
 
     path: Sdf.Path
+    boxes: frozenset[int]
     values: dict[str, NDArray[Any]] = field(default_factory=dict)
     indexed: tuple[str, ...] = ()
     subsets: dict[Sdf.Path, NDArray[np.int32]] = field(default_factory=dict)
@@ -92,7 +94,7 @@ def release_instances(stage: Usd.Stage, boxes: Sequence[Floats]) -> None:
 
 def _is_cut(prim: Usd.Prim, boxes: Sequence[Floats]) -> bool:
     """Return whether boxes take something away from a gprim, or it cannot be cut."""
-    met = [box for box in boxes if _meets(prim, box)]
+    met = {row: box for row, box in enumerate(boxes) if _meets(prim, box)}
     try:
         return bool(met) and _cut(prim, met) is not None
     except ValueError:
@@ -112,7 +114,7 @@ def cuts(stage: Usd.Stage, boxes: Sequence[Floats]) -> dict[Sdf.Path, GprimCut]:
     result: dict[Sdf.Path, GprimCut] = {}
     problems: list[str] = []
     for prim in _gprims(stage):
-        met = [box for box in boxes if _meets(prim, box)]
+        met = {row: box for row, box in enumerate(boxes) if _meets(prim, box)}
         if not met:
             continue
         try:
@@ -158,20 +160,21 @@ def _to_box(prim: Usd.Prim, box: Floats, points: Floats) -> Floats:
     return np.asarray(points @ matrix[:3, :3].T + matrix[:3, 3])
 
 
-def _cut(prim: Usd.Prim, boxes: Sequence[Floats]) -> GprimCut | None:
-    """Return a gprim without what is in the boxes; None if they take nothing away."""
+def _cut(prim: Usd.Prim, boxes: Mapping[int, Floats]) -> GprimCut | None:
+    """Return a gprim without what is in the boxes, by their rows; None if they take nothing away."""
     if prim.IsA(UsdGeom.Mesh):
         data = _MeshData.of(UsdGeom.Mesh(prim))
     elif prim.GetTypeName() in TYPES:
         data = _MeshData.of_shape(prim)
     else:
         raise ValueError(f"a {prim.GetTypeName()} cannot be cut; move it out of the opening, or deactivate it")
-    changed = False
-    for box in boxes:
+    taking = []
+    for row, box in boxes.items():
         faces = cut_box(_to_box(prim, box, data.points), data.counts, data.indices)
         if faces is not None:
-            data, changed = data.after(faces), True
-    return data.as_cut(prim.GetPath()) if changed else None
+            data = data.after(faces)
+            taking.append(row)
+    return data.as_cut(prim.GetPath(), frozenset(taking)) if taking else None
 
 
 @dataclass(frozen=True, eq=False)
@@ -259,10 +262,10 @@ class _MeshData:
             self.subsets,
         )
 
-    def as_cut(self, path: Sdf.Path) -> GprimCut:
-        """Return the arrays as the new values of a mesh's attributes."""
+    def as_cut(self, path: Sdf.Path, boxes: frozenset[int]) -> GprimCut:
+        """Return the arrays as the new values of a mesh's attributes; boxes: of a `GprimCut`."""
         if not len(self.counts):
-            return GprimCut(path)
+            return GprimCut(path, boxes)
         values = {**self.by_vertex, **self.by_corner, **self.by_face}
         if "normals" in values:
             lengths = np.linalg.norm(values["normals"], axis=-1, keepdims=True)
@@ -273,7 +276,7 @@ class _MeshData:
         subsets = {
             subset: np.flatnonzero(np.isin(self.face, faces)).astype(np.int32) for subset, faces in self.subsets.items()
         }
-        return GprimCut(path, values, self.indexed, subsets)
+        return GprimCut(path, boxes, values, self.indexed, subsets)
 
 
 def _to_vt(array: NDArray[Any]) -> Any:
