@@ -13,8 +13,13 @@ pytest.importorskip("mujoco")
 
 from dynamics import RigidBody
 from tests.world.physics.fake_physics_world import FakePhysicsWorld, ball, box, dropped, pose
+from tiscene.errors import ScenarioError
+from tiscene.world.physics.part_shapes import PartShape
 
 FLOOR = (pose(y=-0.5), box(5, 0.5, 5))
+PLATE = PartShape(
+    "hull", np.zeros(3), np.array([1.0, 0.0, 1.0]), np.array([[0, 0, 0], [1, 0, 0], [1, 0, 1], [0, 0, 1.0]])
+)
 
 
 def digest(simulation, frames):
@@ -178,3 +183,13 @@ def test_body_that_is_placed_inside_of_something_is_moved_out_without_a_jump():
     assert heights[0, 0] == 0.06
     np.testing.assert_allclose(heights[29], 0.1 + 0.2 * np.arange(3), atol=5e-3)
     assert (heights[:, :].max(axis=0) < 0.13 + 0.2 * np.arange(3)).all()
+
+
+@pytest.mark.parametrize(
+    ("movers", "static", "owner"),
+    [([(PLATE, lambda _time: pose())], [FLOOR], "object ''"), ([], [(pose(), PLATE)], "a part of the stage")],
+)
+def test_shape_without_volume_is_named(movers, static, owner):
+    simulation = FakePhysicsWorld([(ball(0.1), pose(y=1.0), RigidBody())], static, movers).simulation()
+    with pytest.raises(ScenarioError, match=f"^{owner} has a shape that cannot be simulated: .*coplanar"):
+        simulation.frame(1)

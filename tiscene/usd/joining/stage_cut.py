@@ -94,7 +94,7 @@ def release_instances(stage: Usd.Stage, boxes: Sequence[Floats]) -> None:
 
 def _is_cut(prim: Usd.Prim, boxes: Sequence[Floats]) -> bool:
     """Return whether boxes take something away from a gprim, or it cannot be cut."""
-    met = {row: box for row, box in enumerate(boxes) if _meets(prim, box)}
+    met = _boxes_met(prim, boxes)
     try:
         return bool(met) and _cut(prim, met) is not None
     except ValueError:
@@ -114,7 +114,7 @@ def cuts(stage: Usd.Stage, boxes: Sequence[Floats]) -> dict[Sdf.Path, GprimCut]:
     result: dict[Sdf.Path, GprimCut] = {}
     problems: list[str] = []
     for prim in _gprims(stage):
-        met = {row: box for row, box in enumerate(boxes) if _meets(prim, box)}
+        met = _boxes_met(prim, boxes)
         if not met:
             continue
         try:
@@ -138,6 +138,11 @@ def _gprims(stage: Usd.Stage) -> Iterator[Usd.Prim]:
             and not prim.HasAPI(UsdSemantics.LabelsAPI, ROOM)
         ):
             yield prim
+
+
+def _boxes_met(prim: Usd.Prim, boxes: Sequence[Floats]) -> dict[int, Floats]:
+    """Return the boxes that the bounds of a gprim meet, by their rows."""
+    return {row: box for row, box in enumerate(boxes) if _meets(prim, box)}
 
 
 def _meets(prim: Usd.Prim, box: Floats) -> bool:

@@ -142,13 +142,11 @@ class PhysicsModel:
         try:
             self._model = spec.compile()
         except ValueError as error:
-            body, mesh = (re.search(pattern, str(error)) for pattern in (r"'body_(\d+)'", r"'body_(\d+)/\d+'"))
-            if body is not None:
-                message = f"{self._named(int(body[1]))} is too small or light to be simulated; {ENLARGE}"
-            else:
-                owner = self._named(int(mesh[1])) if mesh is not None else "a part of the stage"
-                message = f"{owner} has a shape that cannot be simulated: {error}"
-            raise ScenarioError(message) from error
+            found = re.search(r"'body_(\d+)(/\d+)?'", str(error))  # a body, or one of its meshes
+            owner = "a part of the stage" if found is None else self._named(int(found[1]))
+            if found is None or found[2]:
+                raise ScenarioError(f"{owner} has a shape that cannot be simulated: {error}") from error
+            raise ScenarioError(f"{owner} is too small or light to be simulated; {ENLARGE}") from error
         masses = [
             float(self._model.body(f"body_{row}").mass[0])
             for row, body in enumerate(self.bodies)
