@@ -2,6 +2,7 @@
 """Freed arrays: small memory is used again, as zeros; what is kept is bounded, and forgotten at a restart of Taichi."""
 
 import gc
+import time
 
 import pytest
 import taichi as ti
@@ -61,6 +62,25 @@ def test_ctrl_c_while_an_array_is_made_leaves_nothing_to_complain_of(dtype, step
     with pytest.raises(KeyboardInterrupt):
         device_array(dtype, (3, 5))
     gc.collect()  # pytest turns an exception in __del__ into an error
+
+
+@pytest.mark.filterwarnings("error::pytest.PytestUnraisableExceptionWarning")
+def test_ctrl_c_while_an_array_is_deleted_is_not_lost(monkeypatch):
+    arrays = [device_array(ti.f32, (5, 3))]
+    give = freed_arrays.FREED.give
+
+    def interrupted(*given):
+        monkeypatch.setattr(freed_arrays.FREED, "give", give)
+        raise KeyboardInterrupt
+
+    def delete():
+        arrays.clear()
+        for _ in range(500):
+            time.sleep(0.01)
+
+    monkeypatch.setattr(freed_arrays.FREED, "give", interrupted)
+    with pytest.raises(KeyboardInterrupt):
+        delete()
 
 
 def test_memory_is_not_shared_by_living_arrays_nor_used_for_other_types():

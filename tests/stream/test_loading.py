@@ -210,8 +210,11 @@ def test_ctrl_c_ends_both_processes_and_leaves_nothing(step, waiting):
     (child,) = children(process)
     os.killpg(process.pid, signal.SIGINT)
     _, said = process.communicate(timeout=60)
-    assert process.returncode == -signal.SIGINT
-    assert said.count("Traceback") == said.count("KeyboardInterrupt\n") == 1
+    assert process.returncode == -signal.SIGINT, said
+    # It may come where pathlib handles an exception, with which the traceback then begins.
+    assert said.startswith("Traceback")
+    assert said.endswith("KeyboardInterrupt\n")
+    assert said.count("KeyboardInterrupt\n") == 1
     assert not Path("/proc", child).exists()
     assert not list(files.iterdir())
 

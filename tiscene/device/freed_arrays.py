@@ -7,8 +7,10 @@ it was deleted too. A restart of a stream makes dozens of small arrays, so that 
 
 from __future__ import annotations
 
+import _thread
 import ctypes
 import sys
+import threading
 from collections import OrderedDict, deque
 from collections.abc import Callable, Hashable
 from typing import Any
@@ -21,6 +23,7 @@ from taichi.lang.util import cook_dtype
 
 MAX_ARRAY = 1 << 20  # bytes of the largest array that is kept
 MAX_KEPT = 1 << 25  # bytes of all arrays that are kept
+_LATER = 0.001  # s, until a Ctrl-C is passed on that came while an array was deleted
 
 
 class FreedArrays:
@@ -112,8 +115,12 @@ class _Returned:
 
     def __del__(self, python_ends: Callable[[], bool] = sys.is_finalizing) -> None:
         # Names of modules may be None as Python ends; Ctrl-C inside of __init__ leaves an array without memory.
-        if not python_ends() and self.__dict__.get("arr") is not None:
-            FREED.give(self.key, self.__dict__, self.made_in)
+        try:
+            if not python_ends() and self.__dict__.get("arr") is not None:
+                FREED.give(self.key, self.__dict__, self.made_in)
+        except KeyboardInterrupt:
+            # Python would print it here and go on. The memory may be lost: to free it twice would be worse.
+            threading.Timer(_LATER, _thread.interrupt_main).start()
 
 
 class ReturnedScalars(_Returned, ScalarNdarray):  # type: ignore[misc]
