@@ -9,7 +9,6 @@ and arrays of them, which the classes validate when they are constructed.
 from __future__ import annotations
 
 import dataclasses
-import difflib
 import json
 import math
 import os
@@ -19,7 +18,7 @@ from inspect import isabstract
 from pathlib import Path
 from typing import Any, TypeVar
 
-from tiscene.errors import ArgumentError, ExportError, MissingFile, ScenarioError, export_errors
+from tiscene.errors import ArgumentError, ExportError, MissingFile, ScenarioError, did_you_mean, export_errors
 from tiscene.files import write_atomically
 
 Classes = Mapping[str, type]
@@ -92,7 +91,7 @@ def decode(value: Any, table: Mapping[str, Classes], classes: Classes | None = N
     fields = {field.name: field for field in dataclasses.fields(kind)}
     for name in members:
         if name not in fields:
-            raise ScenarioError(f"{_member(path, name)}: {kind.__name__} has no such key.{_nearest(name, fields)}")
+            raise ScenarioError(f"{_member(path, name)}: {kind.__name__} has no such key{did_you_mean(name, fields)}")
     for name, field in fields.items():
         optional = field.default is not dataclasses.MISSING or field.default_factory is not dataclasses.MISSING
         if name not in members and not optional:
@@ -158,7 +157,8 @@ def _class_of(members: dict[str, Any], classes: Classes, path: str) -> type:
         raise ScenarioError(f"{where}: is missing; must be one of {_names(classes)}")
     name = members.pop("type")
     if not isinstance(name, str) or name not in classes:
-        raise ScenarioError(f"{where}: unknown type {name!r}.{_nearest(name, classes)} There are: {_names(classes)}")
+        hint = did_you_mean(str(name), classes) or f"; there are {_names(classes)}"
+        raise ScenarioError(f"{where}: unknown type {name!r}{hint}")
     return classes[name]
 
 
@@ -173,11 +173,6 @@ def _located(path: str, message: str, fields: Iterable[str]) -> str:
     if first and first.group(2) in fields:
         return _member(path, first.group(1))
     return f"{path}: {message}" if path else message
-
-
-def _nearest(name: Any, known: Iterable[str]) -> str:
-    nearest = difflib.get_close_matches(str(name), list(known), n=1)
-    return f" Did you mean {nearest[0]!r}?" if nearest else ""
 
 
 def _names(classes: Classes) -> str:

@@ -88,5 +88,5 @@ def test_nodes_are_numbered_tree_after_tree(monkeypatch: pytest.MonkeyPatch) -> 
 
 
 def test_links_that_form_a_circle_are_reported() -> None:
-    with pytest.raises(DeviceError, match="nodes form a circle"):
+    with pytest.raises(DeviceError, match="nodes form a cycle"):
         binary_trees.numbered_nodes(np.zeros((6, 6), np.float32), np.zeros((6, 4), np.int32), np.zeros(1, np.int32))

@@ -178,10 +178,10 @@ MOTION = 'def Cube "A" (prepend apiSchemas = ["TisceneMotionAPI"])\n{{\n{}\n}}'
         ),
         (
             MOTION.format(
-                'uniform token tiscene:motion:type = "stepped"\nuniform string tiscene:motion:class = "Drifd"'
+                'uniform token tiscene:motion:type = "stepped"\nuniform string tiscene:motion:class = "LookAtt"'
             ),
             ScenarioError,
-            "</A> .*unknown type 'Drifd'. Did you mean 'Drift'",
+            "</A> .*unknown type 'LookAtt'; did you mean 'LookAt'",
         ),
         (
             'def Scope "S" (prepend apiSchemas = ["TisceneScenarioAPI"])\n{\n'

@@ -111,7 +111,7 @@ def numbered_nodes(
         level = level[node_link[level, 0] >= 0]
         inner.append(level)
         if len(level) > len(node_link) or len(inner) > STACK:
-            raise DeviceError("the device built a tree whose nodes form a circle: its kernels do not work")
+            raise DeviceError("the device built a tree whose nodes form a cycle: its kernels do not work")
     single = roots[node_link[roots, 0] < 0]  # a tree of one leaf
     slots = np.sort(np.concatenate([*inner, single]))  # a node's slot is before those below it
     number_of_slot = np.zeros(len(node_link), np.int32)
