@@ -87,6 +87,6 @@ def test_nodes_are_numbered_tree_after_tree(monkeypatch: pytest.MonkeyPatch) -> 
     assert (placed[references == 0] == 0).all()
 
 
-def test_links_that_form_a_circle_are_reported() -> None:
+def test_links_that_form_a_cycle_are_reported() -> None:
     with pytest.raises(DeviceError, match="nodes form a cycle"):
         binary_trees.numbered_nodes(np.zeros((6, 6), np.float32), np.zeros((6, 4), np.int32), np.zeros(1, np.int32))
