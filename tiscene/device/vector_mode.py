@@ -14,23 +14,27 @@ Silently wrong: a lane of a vector comparison, and vectors made in a kernel befo
 tests/device/test_vector_mode.py checks that no kernel compiled in vector mode reaches such an operation.
 """
 
-import contextlib
-from collections.abc import Iterator
+from types import TracebackType
 
 import taichi as ti
+from taichi.lang import impl
 
 
-@contextlib.contextmanager
-def vector_mode() -> Iterator[None]:
+class vector_mode:
     """Compile kernels that are called for the first time inside the context in vector mode; on CUDA as usual.
 
     Traversal kernels and kernels that shade paths use it. tests/render/intersect/test_intersect.py compares the former
     with the scalar mode.
     """
-    config = ti.cfg  # looked up each time, which is slow
-    before = config.real_matrix_scalarize
-    config.real_matrix_scalarize = config.arch == ti.cuda
-    try:
-        yield
-    finally:
-        config.real_matrix_scalarize = before
+
+    __slots__ = "_before", "_config"  # no generator: every launch of these kernels enters it
+
+    def __enter__(self) -> None:
+        self._config = config = impl.current_cfg()
+        self._before = config.real_matrix_scalarize
+        config.real_matrix_scalarize = config.arch == ti.cuda
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, traceback: TracebackType | None
+    ) -> None:
+        self._config.real_matrix_scalarize = self._before

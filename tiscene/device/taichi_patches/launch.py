@@ -10,9 +10,11 @@ differentiation) takes Taichi's own way, errors included.
 from __future__ import annotations
 
 import weakref
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field
+from functools import partial
+from operator import is_, itemgetter
 from typing import Any
 
 import numpy as np
@@ -32,7 +34,32 @@ from tiscene.device import restart
 SCALAR_ARRAY, VECTOR_ARRAY, UNTYPED, INTEGER, REAL = range(5)
 
 _MAX_BYTES = 1 << 31  # from here on Taichi checks whether indices fit 32 bits
-_VALUE_TYPES = (bool, int, float, str, type(None))  # template arguments that are compared by value
+_VALUE_TYPES = frozenset({bool, int, float, str, type(None)})  # template arguments that are compared by value
+
+
+@dataclass(eq=False, slots=True)
+class LaunchArguments:
+    """The arguments of one launch, which the next one may share.
+
+    Attributes:
+        context: Taichi's launch context.
+        array_ids: `id` of each array that is set and exists; 0: set it again.
+        references: Weak references to these arrays, which clear their ids when they are deleted.
+        numbers: The numbers that are set.
+    """
+
+    context: Any
+    array_ids: list[int]
+    references: list[Any]
+    numbers: list[Any]
+
+    def keep_array(self, row: int, array: Any) -> None:
+        """Note that an array is set."""
+        self.references[row] = weakref.ref(array, partial(self._clear, row))
+        self.array_ids[row] = id(array)
+
+    def _clear(self, row: int, _reference: Any) -> None:
+        self.array_ids[row] = 0
 
 
 @dataclass(eq=False)
@@ -42,13 +69,16 @@ class CompiledVariant:
     Attributes:
         kernel: Taichi's kernel.
         code: The compiled code.
-        contexts: Launch contexts that no launch uses at the moment. Each comes with the last value of every argument: a
-            number, a weak reference to a Taichi array, or None.
+        arguments: Arguments that no launch uses at the moment.
     """
 
     kernel: Any
     code: Any
-    contexts: list[tuple[Any, list[Any]]] = field(default_factory=list)
+    arguments: list[LaunchArguments] = field(default_factory=list)
+
+
+def _nothing(_args: tuple[Any, ...]) -> tuple[Any, ...]:
+    return ()
 
 
 @dataclass(eq=False)
@@ -60,9 +90,10 @@ class LaunchPlan:
         supported: Whether the kernel is launched here. False: Taichi launches it.
         keeps_arguments: Whether a launch context can be used again (on CPUs).
         returns_integer: Whether the kernel returns an integer; else it returns nothing.
-        parameters: (slot, kind, Taichi's type, NumPy's dtype, vector length, axes) of each parameter but templates.
-        templates: Rows of the template parameters.
-        untyped: Rows of the untyped arrays.
+        arrays: (slot, kind, Taichi's type, NumPy's dtype, vector length, axes) of each array.
+        numbers: (slot, kind) of each number.
+        arrays_of, numbers_of, templates_of, untyped_of: Select the arrays, the numbers, the template values and the
+            untyped arrays from the arguments of a call.
         variants: Compiled variants, keyed by template values and the types of untyped arrays.
     """
 
@@ -70,10 +101,18 @@ class LaunchPlan:
     supported: bool = True
     keeps_arguments: bool = False
     returns_integer: bool = False
-    parameters: list[tuple[Any, ...]] = field(default_factory=list)
-    templates: list[int] = field(default_factory=list)
-    untyped: list[int] = field(default_factory=list)
+    arrays: list[tuple[Any, ...]] = field(default_factory=list)
+    numbers: list[tuple[Any, ...]] = field(default_factory=list)
+    arrays_of: Callable[[tuple[Any, ...]], tuple[Any, ...]] = _nothing
+    numbers_of: Callable[[tuple[Any, ...]], tuple[Any, ...]] = _nothing
+    templates_of: Callable[[tuple[Any, ...]], tuple[Any, ...]] = _nothing
+    untyped_of: Callable[[tuple[Any, ...]], tuple[Any, ...]] = _nothing
     variants: dict[tuple[Any, ...], CompiledVariant] = field(default_factory=dict)
+
+    def new_arguments(self, kernel: Any) -> LaunchArguments:
+        """Return arguments of which none is set."""
+        arrays, numbers = len(self.arrays), len(self.numbers)
+        return LaunchArguments(kernel.make_launch_context(), [0] * arrays, [None] * arrays, [None] * numbers)
 
 
 def launch(kernel: Any, *args: Any, **kwargs: Any) -> Any:
@@ -89,18 +128,15 @@ def launch(kernel: Any, *args: Any, **kwargs: Any) -> Any:
         or runtime.fwd_mode_manager
     ):
         return _launch_by_taichi(kernel, args, kwargs)
-    values: tuple[Any, ...] = args
-    key: tuple[Any, ...] = ()
-    if plan.templates:
-        key = tuple([args[row] for row in plan.templates])
-        if not all(type(each) in _VALUE_TYPES for each in key):
-            return _launch_by_taichi(kernel, args)
-        values = tuple([value for row, value in enumerate(args) if row not in plan.templates])
-    if plan.untyped:
-        key += tuple([_type_of(args[row]) for row in plan.untyped])
+    key = plan.templates_of(args)
+    if not _VALUE_TYPES.issuperset(map(type, key)):
+        return _launch_by_taichi(kernel, args)
+    untyped = plan.untyped_of(args)
+    if untyped:
+        key += tuple(map(_type_of, untyped))
     variant = plan.variants.get(key)
     if variant is None:
-        for value in values:
+        for value in args:
             restart.check_array(value)
         result = _launch_by_taichi(kernel, args)
         if kernel.has_print:
@@ -111,22 +147,19 @@ def launch(kernel: Any, *args: Any, **kwargs: Any) -> Any:
                 code = program.compile_kernel(program.config(), program.get_device_caps(), compiled)
             plan.variants[key] = CompiledVariant(compiled, code)
         return result
-    if variant.contexts:
-        context, last = variant.contexts.pop()
-    else:
-        context, last = variant.kernel.make_launch_context(), [None] * len(values)
-    if not _set_arguments(context, last, values, plan, runtime.prog):
+    arguments = variant.arguments.pop() if variant.arguments else plan.new_arguments(variant.kernel)
+    if not _set_arguments(arguments, args, plan, runtime.prog):
         return _launch_by_taichi(kernel, args)
     try:
-        runtime.prog.launch_kernel(variant.code, context)
+        runtime.prog.launch_kernel(variant.code, arguments.context)
     except Exception as error:
         raise kernel_impl.handle_exception_from_cpp(error) from None
     result = None
     if plan.returns_integer:
         runtime.prog.synchronize()
-        result = context.get_struct_ret_int((0,))
+        result = arguments.context.get_struct_ret_int((0,))
     if plan.keeps_arguments:
-        variant.contexts.append((context, last))
+        variant.arguments.append(arguments)
     return result
 
 
@@ -146,49 +179,58 @@ def _compile_options() -> Iterator[None]:
         ti.cfg.advanced_optimization = before
 
 
-def _set_arguments(context: Any, last: list[Any], values: tuple[Any, ...], plan: LaunchPlan, program: Any) -> bool:
+def _set_arguments(arguments: LaunchArguments, args: tuple[Any, ...], plan: LaunchPlan, program: Any) -> bool:
     """Set the arguments that differ from the last launch's; return False if one is not of the expected type."""
-    for row, (value, before, parameter) in enumerate(zip(values, last, plan.parameters, strict=True)):
+    arrays, numbers = plan.arrays_of(args), plan.numbers_of(args)
+    if arguments.array_ids != list(map(id, arrays)) and not _set_arrays(arguments, arrays, plan, program):
+        return False
+    return all(map(is_, numbers, arguments.numbers)) or _set_numbers(arguments, numbers, plan)
+
+
+def _set_arrays(arguments: LaunchArguments, arrays: tuple[Any, ...], plan: LaunchPlan, program: Any) -> bool:
+    context = arguments.context
+    for row, (value, known, parameter) in enumerate(zip(arrays, arguments.array_ids, plan.arrays, strict=True)):
+        if id(value) == known:
+            continue
         slot, kind, dtype, numpy_dtype, length, axes = parameter
-        given = type(value)
-        if kind <= UNTYPED:
-            if before is not None and before() is value:
-                continue
-            if given is np.ndarray:
-                fits = kind == UNTYPED or (kind == SCALAR_ARRAY and value.dtype is numpy_dtype and value.ndim == axes)
-                if not (fits and value.flags.c_contiguous and value.nbytes < _MAX_BYTES):
-                    return False
-                context.set_arg_external_array_with_shape(slot, value.ctypes.data, value.nbytes, value.shape, 0)
-                last[row] = None
-                continue
-            if kind == SCALAR_ARRAY:
-                fits = isinstance(value, ScalarNdarray) and value.element_type is dtype and len(value.shape) == axes
-            elif kind == VECTOR_ARRAY:
-                fits = isinstance(value, VectorNdarray) and value.dtype is dtype and value.n == length
-                fits = fits and len(value.shape) == axes
-            else:
-                fits = isinstance(value, (ScalarNdarray, VectorNdarray))
-            if not fits or value.grad is not None:
+        arguments.array_ids[row] = 0
+        if type(value) is np.ndarray:
+            fits = kind == UNTYPED or (kind == SCALAR_ARRAY and value.dtype is numpy_dtype and value.ndim == axes)
+            if not (fits and value.flags.c_contiguous and value.nbytes < _MAX_BYTES):
                 return False
-            restart.check_array(value)
-            if plan.keeps_arguments:
-                address, size = program.get_ndarray_data_ptr_as_int(value.arr), _byte_count(value.arr)
-                context.set_arg_external_array_with_shape(slot, address, size, value.shape, 0)
-                last[row] = weakref.ref(value)
-            else:
-                context.set_arg_ndarray(slot, value.arr)
-        elif kind == INTEGER:
-            if given is not int:
-                return False
-            if before is not value:
-                context.set_arg_int(slot, value)
-                last[row] = value
+            context.set_arg_external_array_with_shape(slot, value.ctypes.data, value.nbytes, value.shape, 0)
+            continue
+        if kind == SCALAR_ARRAY:
+            fits = isinstance(value, ScalarNdarray) and value.element_type is dtype and len(value.shape) == axes
+        elif kind == VECTOR_ARRAY:
+            fits = isinstance(value, VectorNdarray) and value.dtype is dtype and value.n == length
+            fits = fits and len(value.shape) == axes
         else:
-            if given is not float and given is not int:
-                return False
-            if before is not value:
-                context.set_arg_float(slot, float(value))
-                last[row] = value
+            fits = isinstance(value, (ScalarNdarray, VectorNdarray))
+        if not fits or value.grad is not None:
+            return False
+        restart.check_array(value)
+        if plan.keeps_arguments:
+            address, size = program.get_ndarray_data_ptr_as_int(value.arr), _byte_count(value.arr)
+            context.set_arg_external_array_with_shape(slot, address, size, value.shape, 0)
+            arguments.keep_array(row, value)
+        else:
+            context.set_arg_ndarray(slot, value.arr)
+    return True
+
+
+def _set_numbers(arguments: LaunchArguments, numbers: tuple[Any, ...], plan: LaunchPlan) -> bool:
+    context, last = arguments.context, arguments.numbers
+    for row, (value, before, (slot, kind)) in enumerate(zip(numbers, last, plan.numbers, strict=True)):
+        if value is before:
+            continue
+        if kind == INTEGER and type(value) is int:
+            context.set_arg_int(slot, value)
+        elif kind == REAL and type(value) in (int, float):
+            context.set_arg_float(slot, float(value))
+        else:
+            return False
+        last[row] = value
     return True
 
 
@@ -213,25 +255,42 @@ def _plan(kernel: Any) -> LaunchPlan:
         return unsupported
     on_cpu = ti.cfg.arch in (ti.x64, ti.arm64)
     plan = LaunchPlan(kernel.runtime, keeps_arguments=on_cpu, returns_integer=returns_integer)
+    arrays: list[int] = []  # rows of the arguments
+    numbers: list[int] = []
+    templates: list[int] = []
+    untyped: list[int] = []
     for row, argument in enumerate(kernel.arguments):
-        annotation, slot = argument.annotation, (len(plan.parameters),)
+        annotation, slot = argument.annotation, (row - len(templates),)
         if isinstance(annotation, template):
-            plan.templates.append(row)
+            templates.append(row)
         elif isinstance(annotation, NdarrayType) and annotation.ndim is None:
-            plan.untyped.append(row)
-            plan.parameters.append((slot, UNTYPED, None, None, 0, 0))
+            arrays.append(row)
+            untyped.append(row)
+            plan.arrays.append((slot, UNTYPED, None, None, 0, 0))
         elif isinstance(annotation, NdarrayType) and annotation.dtype is not None:
             dtype, axes = annotation.dtype, annotation.ndim
+            arrays.append(row)
             if not isinstance(dtype, MatrixType):
-                plan.parameters.append((slot, SCALAR_ARRAY, dtype, np.dtype(to_numpy_type(dtype)), 0, axes))
+                plan.arrays.append((slot, SCALAR_ARRAY, dtype, np.dtype(to_numpy_type(dtype)), 0, axes))
             elif dtype.ndim == 1:
-                plan.parameters.append((slot, VECTOR_ARRAY, dtype.dtype, None, dtype.n, axes))
+                plan.arrays.append((slot, VECTOR_ARRAY, dtype.dtype, None, dtype.n, axes))
             else:
                 return unsupported
         elif annotation is primitive_types.i32:
-            plan.parameters.append((slot, INTEGER, annotation, None, 0, 0))
+            numbers.append(row)
+            plan.numbers.append((slot, INTEGER))
         elif annotation is primitive_types.f32 or annotation is primitive_types.f64:
-            plan.parameters.append((slot, REAL, annotation, None, 0, 0))
+            numbers.append(row)
+            plan.numbers.append((slot, REAL))
         else:
             return unsupported
+    plan.arrays_of, plan.numbers_of = _selector(arrays), _selector(numbers)
+    plan.templates_of, plan.untyped_of = _selector(templates), _selector(untyped)
     return plan
+
+
+def _selector(rows: list[int]) -> Callable[[tuple[Any, ...]], tuple[Any, ...]]:
+    """Return a function that selects rows of a tuple."""
+    if not rows:
+        return _nothing
+    return itemgetter(*rows) if len(rows) > 1 else itemgetter(slice(rows[0], rows[0] + 1))
