@@ -4,43 +4,58 @@ import pytest
 import taichi as ti
 
 from tiscene.device import runtime
-from tiscene.device.balanced_loops import item_of, iterations
+from tiscene.device.balanced_loops import MIN_RANGE, first_items, iterations, next_item
 from tiscene.device.kernel_types import Ints1
-
-MIN_RANGE = 512  # iterations of a loop that Taichi 1.7.4 gives to one thread
 
 
 @ti.kernel
-def record_iterations(count: ti.i32, iteration_of: Ints1, visits: Ints1) -> ti.i32:
-    """Write the iteration of each item, and count its visits; return the number of iterations."""
+def record_workers(count: ti.i32, size: ti.i32, work: Ints1, worker_of: Ints1, visits: Ints1) -> ti.i32:
+    """Write the iteration of each item, after as many steps as `work` says, and count its visits."""
+    taken = 0
     for iteration in range(iterations(count)):
-        item = item_of(iteration, count)
-        if item >= 0:
-            iteration_of[item] = iteration
-            visits[item] += 1
+        item, end = first_items(taken, iteration, count, size)
+        while item < end:
+            this = item
+            item, end = next_item(taken, item, end, count, size)
+            x = 1.0
+            for _ in range(work[this]):
+                x = x * 0.999 + 0.1
+            worker_of[this] = iteration
+            visits[this] += ti.cast(x > 0.0, ti.i32)
     return iterations(count)
 
 
-def run(count):
+def run(count, size, work=None):
     runtime.start()
-    iteration_of, visits = np.full(count + 1, -1, np.int32), np.zeros(count + 1, np.int32)
-    total = record_iterations(count, iteration_of, visits)
+    worker_of, visits = np.full(count + 1, -1, np.int32), np.zeros(count + 1, np.int32)
+    work = np.zeros(count + 1, np.int32) if work is None else work
+    total = record_workers(count, size, work, worker_of, visits)
     assert not visits[count]
-    return iteration_of[:count], visits[:count], total
+    return worker_of[:count], visits[:count], total
 
 
-@pytest.mark.parametrize("count", [0, 1, 7, 16, 17, 127, 128, 129, 511, 512, 513, 2047, 2048, 3700, 16_384, 100_003])
-def test_every_item_is_visited_once(count):
-    iteration_of, visits, total = run(count)
+@pytest.mark.parametrize("count", [0, 1, 7, 8, 9, 127, 128, 511, 512, 513, 2048, 8191, 16_384, 100_003])
+@pytest.mark.parametrize("size", [1, 8, 30])
+def test_every_item_is_visited_once(count, size):
+    worker_of, visits, total = run(count, size)
     assert (visits == 1).all()
-    assert (iteration_of < total).all()
-    assert len(np.unique(iteration_of)) == count
+    assert (worker_of < total).all()
+    assert (worker_of % MIN_RANGE == 0).all()
 
 
-@pytest.mark.parametrize("threads", [2, 4, 16])
-@pytest.mark.parametrize("count", [256, 344, 732, 3700, 16_384, 59_200])
-def test_threads_share_every_part_of_the_items(count, threads):
-    iteration_of, _, total = run(count)
-    thread = iteration_of // max(MIN_RANGE, -(-total // threads))
-    for part in np.array_split(thread, 2 if count < 2048 else 8):
-        assert np.bincount(part, minlength=threads).max() <= 1.3 * len(part) / threads + 1
+@pytest.mark.parametrize(
+    ("count", "workers"), [(0, 0), (1, 1), (8, 1), (9, 2), (8192, 32), (16_384, 64), (1 << 20, 128)]
+)
+def test_short_loops_have_few_workers(count, workers):
+    assert run(count, 8)[2] == workers * MIN_RANGE
+
+
+def test_a_free_thread_takes_the_items_of_a_busy_one():
+    work = np.full(2001, 1000, np.int32)
+    work[0] = 20_000_000  # ten times as long as all others
+    worker_of, _, total = run(2000, 8, work)
+    threads = ti.cfg.cpu_max_num_threads
+    if threads == 1:
+        pytest.skip("one thread")
+    thread = worker_of // max(MIN_RANGE, -(-total // threads))
+    assert (thread[8:] == thread[0]).mean() < 0.25

@@ -1,28 +1,30 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Parallel loops whose work a CPU's threads share evenly.
+"""Parallel loops whose items a CPU's threads take as they become free.
 
 Taichi 1.7.4 divides the iterations of a parallel loop among the threads before it starts, whatever `block_dim` is:
-each gets one range, of at least 512 iterations. So a loop over 500 packets of rays ran on one thread, and the thread
-with the simpler half of an image waited for the other. In a balanced loop all parts of the items go to all threads,
-and short loops have idle iterations::
+each gets one range, of at least 512 iterations. So a loop over 500 packets of rays ran on one thread, and threads
+waited for the one with the harder items, or the busier core. In a balanced loop every `MIN_RANGE`th iteration is a
+worker, which takes the next few items until there are none::
 
+    taken = 0
     for iteration in range(iterations(count)):
-        item = item_of(iteration, count)
-        if item < 0:
-            continue
-        ...
+        item, end = first_items(taken, iteration, count, size)
+        while item < end:
+            this = item
+            item, end = next_item(taken, item, end, count, size)
+            ...
 
-Blocks of neighboring items fill a table row by row; the loop goes through it column by column. An idle iteration takes
-about 2 ns. GPUs have loops of `count` iterations in the usual order.
+Other iterations are idle, about 2 ns each; so short loops have few workers. GPUs have loops of `count` iterations, one
+for each item.
 """
 
 import taichi as ti
 
-LOG_COLUMNS = 4
-MAX_LOG_BLOCK = 3  # rays of neighboring packets find the same nodes in the caches
-LOG_BLOCKS = 8  # of a loop, at least, before its blocks have several items
-LOG_ITERATIONS = 14  # of a short loop, about: enough for 32 threads
-MAX_LOG_IDLE = 7
+from tiscene.device.kernel_types import Template
+
+MIN_RANGE = 512  # iterations of a loop that Taichi gives to one thread, at least
+WORKERS, MAX_WORKERS = 32, 128  # in short and in long loops
+LOG_ITEMS, LOG_MANY_ITEMS = 3, 8  # of each worker up to WORKERS, and beyond
 
 
 @ti.func
@@ -30,45 +32,36 @@ def iterations(count: ti.i32) -> ti.i32:
     """Return the number of iterations of a loop over `count` items."""
     result = count
     if ti.static(ti.cfg.arch != ti.cuda):
-        log_block = log_block_size(count)
-        result = row_count(count, log_block) << (LOG_COLUMNS + log_block + log_idle(count))
+        few = ti.min(WORKERS, (count + (1 << LOG_ITEMS) - 1) >> LOG_ITEMS)
+        result = MIN_RANGE * ti.math.clamp(count >> LOG_MANY_ITEMS, few, MAX_WORKERS)
     return result
 
 
 @ti.func
-def item_of(iteration: ti.i32, count: ti.i32) -> ti.i32:
-    """Return the item of an iteration of a loop over `count` items; negative if it has none."""
-    item = iteration
+def first_items(taken: Template, iteration: ti.i32, count: ti.i32, size: ti.i32):
+    """Return the range of the first items of an iteration, empty if it is idle.
+
+    Args:
+        taken: Number of items that were taken, a variable of the kernel, which starts at 0.
+        iteration: The iteration.
+        count: Number of items.
+        size: Number of items that a worker takes at a time.
+    """
+    item, end = iteration, iteration + 1
     if ti.static(ti.cfg.arch != ti.cuda):
-        idle = log_idle(count)
-        item = -1
-        if iteration & ((1 << idle) - 1) == 0:
-            log_block = log_block_size(count)
-            rows = row_count(count, log_block)
-            place = iteration >> idle
-            block = place >> log_block
-            column = ti.raw_div(block, rows)
-            block = ((block - column * rows) << LOG_COLUMNS) + column
-            item = (block << log_block) + (place & ((1 << log_block) - 1))
-            if item >= count:
-                item = -1
-    return item
+        item, end = 0, 0
+        if iteration % MIN_RANGE == 0:
+            item = ti.atomic_add(taken, size)
+            end = ti.min(item + size, count)
+    return item, end
 
 
 @ti.func
-def log_block_size(count: ti.i32) -> ti.i32:
-    """Return the logarithm of the number of items in a block."""
-    return ti.math.clamp(31 - LOG_BLOCKS - ti.math.clz(count), 0, MAX_LOG_BLOCK)
-
-
-@ti.func
-def row_count(count: ti.i32, log_block: ti.i32) -> ti.i32:
-    """Return the number of rows of the table of blocks."""
-    log_row = LOG_COLUMNS + log_block
-    return (count + ((1 << log_row) - 1)) >> log_row
-
-
-@ti.func
-def log_idle(count: ti.i32) -> ti.i32:
-    """Return s so that one of 2^s iterations has an item."""
-    return ti.math.clamp(ti.math.clz(count) - (31 - LOG_ITERATIONS), 0, MAX_LOG_IDLE)
+def next_item(taken: Template, item: ti.i32, end: ti.i32, count: ti.i32, size: ti.i32):
+    """Return the range of items after `item`; others as `first_items`."""
+    following, last = item + 1, end
+    if ti.static(ti.cfg.arch != ti.cuda):
+        if following == end:
+            following = ti.atomic_add(taken, size)
+            last = ti.min(following + size, count)
+    return following, last

@@ -10,7 +10,7 @@ Compiled in vector mode only (`tiscene.device.vector_mode`).
 
 import taichi as ti
 
-from tiscene.device.balanced_loops import item_of, iterations
+from tiscene.device.balanced_loops import first_items, iterations, next_item
 from tiscene.device.kernel_types import Float4s1, Float8s1, Floats3, Ints1, Ints2, Template, float4, float8, int8
 from tiscene.render.intersect.ray_queue import HitIds, Hits, Rays, hit, hit_id
 from tiscene.scene.bvh.rebraid import INFO_PARTS, ROW_BITS, ROW_MASK
@@ -313,21 +313,23 @@ def closest(
     """Find the closest hits of rays; parameters as `trace.closest`."""
     size = ti.math.clamp(count // MIN_TASKS, 1, TASK_RAYS)
     tasks = (count + size - 1) // size
+    taken = 0
     for iteration in range(iterations(tasks)):
-        task = item_of(iteration, tasks)
-        if task < 0:
-            continue
-        references = ti.Vector([0] * STACK)
-        distances = ti.Vector([0.0] * STACK)
-        for i in range(task * size, ti.min(count, (task + 1) * size)):
-            ray = queue[i]
-            t, b1, b2, instance, triangle = trace(
-                nodes, leaf_blocks, transforms, instances, time, root, rays, ray, references, distances
-            )
-            if instance < 0:
-                t = INFINITY
-            hits[ray] = hit(t, b1, b2, 0.0)
-            hit_ids[ray] = hit_id(instance, triangle)
+        next_task, end_task = first_items(taken, iteration, tasks, 1)
+        while next_task < end_task:
+            task = next_task
+            next_task, end_task = next_item(taken, task, end_task, tasks, 1)
+            references = ti.Vector([0] * STACK)
+            distances = ti.Vector([0.0] * STACK)
+            for i in range(task * size, ti.min(count, (task + 1) * size)):
+                ray = queue[i]
+                t, b1, b2, instance, triangle = trace(
+                    nodes, leaf_blocks, transforms, instances, time, root, rays, ray, references, distances
+                )
+                if instance < 0:
+                    t = INFINITY
+                hits[ray] = hit(t, b1, b2, 0.0)
+                hit_ids[ray] = hit_id(instance, triangle)
 
 
 @ti.kernel

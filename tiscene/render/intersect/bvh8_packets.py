@@ -11,7 +11,7 @@ Compiled in vector mode only.
 
 import taichi as ti
 
-from tiscene.device.balanced_loops import item_of, iterations
+from tiscene.device.balanced_loops import first_items, iterations, next_item
 from tiscene.device.kernel_types import Float4s1, Float8s1, Floats3, Ints1, Ints2, Template, float8
 from tiscene.render.intersect.bvh8 import INFINITY, LARGEST, STACK, entry_column, fast_max, fast_min, trace
 from tiscene.render.intersect.ray_queue import HitIds, Hits, Rays, hit, hit_id
@@ -84,215 +84,221 @@ def closest(
     """Find the closest hits of rays; parameters as `trace.closest`."""
     # Per axis, c and r: center and radius of the packet's directions; l, m, j: results of `interval`.
     packets = (count + LANES - 1) // LANES
+    taken = 0
     for iteration in range(iterations(packets)):
-        packet = item_of(iteration, packets)
-        if packet < 0:
-            continue
-        references = ti.Vector([0] * STACK)
-        distances = ti.Vector([0.0] * STACK)
-        first = packet * LANES
-        last = ti.min(count, first + LANES)
-        low = rays[queue[first]]
-        high = low
-        for i in range(first + 1, last):
-            low = fast_min(low, rays[queue[i]])
-            high = fast_max(high, rays[queue[i]])
-        extent = high - low
-        is_packet = last - first == LANES and extent[0] == 0.0 and extent[1] == 0.0 and extent[2] == 0.0
-        is_packet = is_packet and fast_max(fast_max(extent[4], extent[5]), extent[6]) < MAX_SPREAD
-        if is_packet:
-            rows = int_lanes([queue[first + k] for k in range(LANES)])
-            dx = lanes([rays[rows[k]][4] for k in range(LANES)])
-            dy = lanes([rays[rows[k]][5] for k in range(LANES)])
-            dz = lanes([rays[rows[k]][6] for k in range(LANES)])
-            best = fast_min(lanes([rays[rows[k]][7] for k in range(LANES)]), lanes(LARGEST))
-            bound = max_lane(best) * FAR_SLACK
-            b1 = lanes(0.0)
-            b2 = lanes(0.0)
-            hit_instance = int_lanes(-1)
-            hit_triangle = int_lanes(-1)
-            wox, woy, woz = low[0], low[1], low[2]
-            cx, cy, cz = 0.5 * (low[4] + high[4]), 0.5 * (low[5] + high[5]), 0.5 * (low[6] + high[6])
-            rx = 0.5 * extent[4] + MARGIN * ti.abs(cx)
-            ry = 0.5 * extent[5] + MARGIN * ti.abs(cy)
-            rz = 0.5 * extent[6] + MARGIN * ti.abs(cz)
-            wlx, wmx, wjx, wnear_x = interval(cx, rx)
-            wly, wmy, wjy, wnear_y = interval(cy, ry)
-            wlz, wmz, wjz, wnear_z = interval(cz, rz)
-            ox, oy, oz = wox, woy, woz
-            lx, mx, jx, near_x = wlx, wmx, wjx, wnear_x
-            ly, my, jy, near_y = wly, wmy, wjy, wnear_y + 1
-            lz, mz, jz, near_z = wlz, wmz, wjz, wnear_z + 2
-            px, py, pz, kx, ky, kz = ox, oy, oz, 0, 1, 2  # set on entering an instance
-            shx, shy, shz = dx, dy, dz
-            stack_size = 0
-            tested_blocks = 0
-            blas_base = -1
-            instance = -1
-            current = root
-            searching = True
-            while searching:
-                pop = False
-                while current >= 0 and not pop:
-                    node = current
-                    a = nodes[node + near_x] - ox
-                    b = nodes[node + near_y] - oy
-                    c = nodes[node + near_z] - oz
-                    near = fast_max(
-                        fast_max(fast_min(a * lx, a * mx), fast_min(b * ly, b * my)),
-                        fast_max(fast_min(c * lz, c * mz), float8(0.0)),
-                    )
-                    a = nodes[node + 3 - near_x] - ox
-                    b = nodes[node + 5 - near_y] - oy
-                    c = nodes[node + 7 - near_z] - oz
-                    far = fast_min(
-                        fast_min(fast_max(a * lx, a * mx) * FAR_SLACK + jx, fast_max(b * ly, b * my) * FAR_SLACK + jy),
-                        fast_min(fast_max(c * lz, c * mz) * FAR_SLACK + jz, float8(bound)),
-                    )
-                    entry = ti.select(near <= far, near, float8(INFINITY))
-                    nearest = INFINITY
-                    found = False
-                    for k in ti.static(range(8)):
-                        distance = entry[k]
-                        if distance < INFINITY:
-                            child = ti.bit_cast(nodes[node + 6][k], ti.i32)
-                            if found:
-                                closer = distance < nearest
-                                references[stack_size] = ti.select(closer, current, child)
-                                current = ti.select(closer, child, current)
-                                distances[stack_size] = ti.select(closer, nearest, distance)
-                                nearest = ti.select(closer, distance, nearest)
-                                stack_size += 1
-                            else:
-                                current = child
-                                nearest = distance
-                                found = True
-                    pop = not found
-                if not pop:
-                    if blas_base < 0:
-                        entered = -1 - current
-                        instance = entered & ROW_MASK
-                        m0, m1, m2, m3 = matrix_row(transforms, time, instance, 0)
-                        m4, m5, m6, m7 = matrix_row(transforms, time, instance, 4)
-                        m8, m9, m10, m11 = matrix_row(transforms, time, instance, 8)
-                        ox = m0 * wox + m1 * woy + m2 * woz + m3
-                        oy = m4 * wox + m5 * woy + m6 * woz + m7
-                        oz = m8 * wox + m9 * woy + m10 * woz + m11
-                        x0, x1, x2 = m0 * cx, m1 * cy, m2 * cz
-                        y0, y1, y2 = m4 * cx, m5 * cy, m6 * cz
-                        z0, z1, z2 = m8 * cx, m9 * cy, m10 * cz
-                        ex, ey, ez = x0 + x1 + x2, y0 + y1 + y2, z0 + z1 + z2
-                        sx = ti.abs(m0) * rx + ti.abs(m1) * ry + ti.abs(m2) * rz
-                        sy = ti.abs(m4) * rx + ti.abs(m5) * ry + ti.abs(m6) * rz
-                        sz = ti.abs(m8) * rx + ti.abs(m9) * ry + ti.abs(m10) * rz
-                        sx += MARGIN * (ti.abs(x0) + ti.abs(x1) + ti.abs(x2))
-                        sy += MARGIN * (ti.abs(y0) + ti.abs(y1) + ti.abs(y2))
-                        sz += MARGIN * (ti.abs(z0) + ti.abs(z1) + ti.abs(z2))
-                        lx, mx, jx, near_x = interval(ex, sx)
-                        ly, my, jy, near_y = interval(ey, sy)
-                        lz, mz, jz, near_z = interval(ez, sz)
-                        near_y += 1
-                        near_z += 2
-                        qx = m0 * dx + m1 * dy + m2 * dz
-                        qy = m4 * dx + m5 * dy + m6 * dz
-                        qz = m8 * dx + m9 * dy + m10 * dz
-                        tx, ty, tz = ti.abs(ex), ti.abs(ey), ti.abs(ez)
-                        px, py, pz, kx, ky, kz = ox, oy, oz, 0, 1, 2
-                        scale = lanes(0.0)
-                        if tx - sx > fast_max(ty + sy, tz + sz):
-                            px, py, pz, kx, ky, kz = oy, oz, ox, 1, 2, 0
-                            scale = 1.0 / qx
-                            shx = qy * scale
-                            shy = qz * scale
-                        elif ty - sy > fast_max(tx + sx, tz + sz):
-                            px, py, pz, kx, ky, kz = oz, ox, oy, 2, 0, 1
-                            scale = 1.0 / qy
-                            shx = qz * scale
-                            shy = qx * scale
-                        elif tz - sz > fast_max(tx + sx, ty + sy):
-                            scale = 1.0 / qz
-                            shx = qx * scale
-                            shy = qy * scale
-                        else:
-                            is_packet = False
-                            searching = False
-                        shz = scale
-                        blas_base = stack_size
-                        current = instances[instance, entry_column(entered)]
-                    else:
-                        at = -1 - current
-                        ax = leaf_blocks[at + kx] - px
-                        ay = leaf_blocks[at + ky] - py
-                        az = leaf_blocks[at + kz] - pz
-                        bx = leaf_blocks[at + 3 + kx] - px
-                        by = leaf_blocks[at + 3 + ky] - py
-                        bz = leaf_blocks[at + 3 + kz] - pz
-                        vx = leaf_blocks[at + 6 + kx] - px
-                        vy = leaf_blocks[at + 6 + ky] - py
-                        vz = leaf_blocks[at + 6 + kz] - pz
-                        for k in range(4):
-                            triangle = ti.bit_cast(leaf_blocks[at + 9][k], ti.i32)
-                            if triangle >= 0:
-                                e_x = ax[k] - shx * az[k]
-                                e_y = ay[k] - shy * az[k]
-                                f_x = bx[k] - shx * bz[k]
-                                f_y = by[k] - shy * bz[k]
-                                g_x = vx[k] - shx * vz[k]
-                                g_y = vy[k] - shy * vz[k]
-                                u = g_x * f_y - g_y * f_x
-                                v = e_x * g_y - e_y * g_x
-                                w = f_x * e_y - f_y * e_x
-                                determinant = u + v + w
-                                scale = 1.0 / determinant
-                                z = (u * az[k] + v * bz[k] + w * vz[k]) * scale
-                                t = ti.select(fast_max(determinant, 0.0 - determinant) > 0.0, z * shz, lanes(INFINITY))
-                                valid_t = ti.select(fast_min(fast_min(u, v), w) >= 0.0, t, lanes(INFINITY))
-                                valid_t = ti.select(fast_max(fast_max(u, v), w) <= 0.0, t, valid_t)
-                                t = ti.select(valid_t > 0.0, valid_t, lanes(INFINITY))
-                                lower = ti.select(hit_triangle > triangle, int_lanes(1), int_lanes(0))
-                                lower = ti.select(hit_instance == instance, lower, int_lanes(0))
-                                lower = ti.select(hit_instance > instance, int_lanes(1), lower)
-                                wins = ti.select(t == best, lower, int_lanes(0))
-                                wins = ti.select(t < best, int_lanes(1), wins)
-                                best = ti.select(wins > 0, t, best)
-                                b1 = ti.select(wins > 0, v * scale, b1)
-                                b2 = ti.select(wins > 0, w * scale, b2)
-                                hit_instance = ti.select(wins > 0, int_lanes(instance), hit_instance)
-                                hit_triangle = ti.select(wins > 0, int_lanes(triangle), hit_triangle)
-                        bound = max_lane(best) * FAR_SLACK
-                        pop = True
-                        tested_blocks += 1
-                        if tested_blocks > MAX_LEAF_BLOCKS:
-                            is_packet = False
-                            searching = False
-                while pop and searching:
-                    if stack_size == blas_base:
-                        blas_base = -1
-                        ox, oy, oz = wox, woy, woz
-                        lx, mx, jx, near_x = wlx, wmx, wjx, wnear_x
-                        ly, my, jy, near_y = wly, wmy, wjy, wnear_y + 1
-                        lz, mz, jz, near_z = wlz, wmz, wjz, wnear_z + 2
-                    if stack_size == 0:
-                        searching = False
-                    else:
-                        stack_size -= 1
-                        if distances[stack_size] <= bound:
-                            current = references[stack_size]
-                            pop = False
+        next_packet, end_packet = first_items(taken, iteration, packets, 1)
+        while next_packet < end_packet:
+            packet = next_packet
+            next_packet, end_packet = next_item(taken, packet, end_packet, packets, 1)
+            references = ti.Vector([0] * STACK)
+            distances = ti.Vector([0.0] * STACK)
+            first = packet * LANES
+            last = ti.min(count, first + LANES)
+            low = rays[queue[first]]
+            high = low
+            for i in range(first + 1, last):
+                low = fast_min(low, rays[queue[i]])
+                high = fast_max(high, rays[queue[i]])
+            extent = high - low
+            is_packet = last - first == LANES and extent[0] == 0.0 and extent[1] == 0.0 and extent[2] == 0.0
+            is_packet = is_packet and fast_max(fast_max(extent[4], extent[5]), extent[6]) < MAX_SPREAD
             if is_packet:
-                for k in ti.static(range(LANES)):
-                    t = best[k]
-                    if hit_instance[k] < 0:
+                rows = int_lanes([queue[first + k] for k in range(LANES)])
+                dx = lanes([rays[rows[k]][4] for k in range(LANES)])
+                dy = lanes([rays[rows[k]][5] for k in range(LANES)])
+                dz = lanes([rays[rows[k]][6] for k in range(LANES)])
+                best = fast_min(lanes([rays[rows[k]][7] for k in range(LANES)]), lanes(LARGEST))
+                bound = max_lane(best) * FAR_SLACK
+                b1 = lanes(0.0)
+                b2 = lanes(0.0)
+                hit_instance = int_lanes(-1)
+                hit_triangle = int_lanes(-1)
+                wox, woy, woz = low[0], low[1], low[2]
+                cx, cy, cz = 0.5 * (low[4] + high[4]), 0.5 * (low[5] + high[5]), 0.5 * (low[6] + high[6])
+                rx = 0.5 * extent[4] + MARGIN * ti.abs(cx)
+                ry = 0.5 * extent[5] + MARGIN * ti.abs(cy)
+                rz = 0.5 * extent[6] + MARGIN * ti.abs(cz)
+                wlx, wmx, wjx, wnear_x = interval(cx, rx)
+                wly, wmy, wjy, wnear_y = interval(cy, ry)
+                wlz, wmz, wjz, wnear_z = interval(cz, rz)
+                ox, oy, oz = wox, woy, woz
+                lx, mx, jx, near_x = wlx, wmx, wjx, wnear_x
+                ly, my, jy, near_y = wly, wmy, wjy, wnear_y + 1
+                lz, mz, jz, near_z = wlz, wmz, wjz, wnear_z + 2
+                px, py, pz, kx, ky, kz = ox, oy, oz, 0, 1, 2  # set on entering an instance
+                shx, shy, shz = dx, dy, dz
+                stack_size = 0
+                tested_blocks = 0
+                blas_base = -1
+                instance = -1
+                current = root
+                searching = True
+                while searching:
+                    pop = False
+                    while current >= 0 and not pop:
+                        node = current
+                        a = nodes[node + near_x] - ox
+                        b = nodes[node + near_y] - oy
+                        c = nodes[node + near_z] - oz
+                        near = fast_max(
+                            fast_max(fast_min(a * lx, a * mx), fast_min(b * ly, b * my)),
+                            fast_max(fast_min(c * lz, c * mz), float8(0.0)),
+                        )
+                        a = nodes[node + 3 - near_x] - ox
+                        b = nodes[node + 5 - near_y] - oy
+                        c = nodes[node + 7 - near_z] - oz
+                        far = fast_min(
+                            fast_min(
+                                fast_max(a * lx, a * mx) * FAR_SLACK + jx, fast_max(b * ly, b * my) * FAR_SLACK + jy
+                            ),
+                            fast_min(fast_max(c * lz, c * mz) * FAR_SLACK + jz, float8(bound)),
+                        )
+                        entry = ti.select(near <= far, near, float8(INFINITY))
+                        nearest = INFINITY
+                        found = False
+                        for k in ti.static(range(8)):
+                            distance = entry[k]
+                            if distance < INFINITY:
+                                child = ti.bit_cast(nodes[node + 6][k], ti.i32)
+                                if found:
+                                    closer = distance < nearest
+                                    references[stack_size] = ti.select(closer, current, child)
+                                    current = ti.select(closer, child, current)
+                                    distances[stack_size] = ti.select(closer, nearest, distance)
+                                    nearest = ti.select(closer, distance, nearest)
+                                    stack_size += 1
+                                else:
+                                    current = child
+                                    nearest = distance
+                                    found = True
+                        pop = not found
+                    if not pop:
+                        if blas_base < 0:
+                            entered = -1 - current
+                            instance = entered & ROW_MASK
+                            m0, m1, m2, m3 = matrix_row(transforms, time, instance, 0)
+                            m4, m5, m6, m7 = matrix_row(transforms, time, instance, 4)
+                            m8, m9, m10, m11 = matrix_row(transforms, time, instance, 8)
+                            ox = m0 * wox + m1 * woy + m2 * woz + m3
+                            oy = m4 * wox + m5 * woy + m6 * woz + m7
+                            oz = m8 * wox + m9 * woy + m10 * woz + m11
+                            x0, x1, x2 = m0 * cx, m1 * cy, m2 * cz
+                            y0, y1, y2 = m4 * cx, m5 * cy, m6 * cz
+                            z0, z1, z2 = m8 * cx, m9 * cy, m10 * cz
+                            ex, ey, ez = x0 + x1 + x2, y0 + y1 + y2, z0 + z1 + z2
+                            sx = ti.abs(m0) * rx + ti.abs(m1) * ry + ti.abs(m2) * rz
+                            sy = ti.abs(m4) * rx + ti.abs(m5) * ry + ti.abs(m6) * rz
+                            sz = ti.abs(m8) * rx + ti.abs(m9) * ry + ti.abs(m10) * rz
+                            sx += MARGIN * (ti.abs(x0) + ti.abs(x1) + ti.abs(x2))
+                            sy += MARGIN * (ti.abs(y0) + ti.abs(y1) + ti.abs(y2))
+                            sz += MARGIN * (ti.abs(z0) + ti.abs(z1) + ti.abs(z2))
+                            lx, mx, jx, near_x = interval(ex, sx)
+                            ly, my, jy, near_y = interval(ey, sy)
+                            lz, mz, jz, near_z = interval(ez, sz)
+                            near_y += 1
+                            near_z += 2
+                            qx = m0 * dx + m1 * dy + m2 * dz
+                            qy = m4 * dx + m5 * dy + m6 * dz
+                            qz = m8 * dx + m9 * dy + m10 * dz
+                            tx, ty, tz = ti.abs(ex), ti.abs(ey), ti.abs(ez)
+                            px, py, pz, kx, ky, kz = ox, oy, oz, 0, 1, 2
+                            scale = lanes(0.0)
+                            if tx - sx > fast_max(ty + sy, tz + sz):
+                                px, py, pz, kx, ky, kz = oy, oz, ox, 1, 2, 0
+                                scale = 1.0 / qx
+                                shx = qy * scale
+                                shy = qz * scale
+                            elif ty - sy > fast_max(tx + sx, tz + sz):
+                                px, py, pz, kx, ky, kz = oz, ox, oy, 2, 0, 1
+                                scale = 1.0 / qy
+                                shx = qz * scale
+                                shy = qx * scale
+                            elif tz - sz > fast_max(tx + sx, ty + sy):
+                                scale = 1.0 / qz
+                                shx = qx * scale
+                                shy = qy * scale
+                            else:
+                                is_packet = False
+                                searching = False
+                            shz = scale
+                            blas_base = stack_size
+                            current = instances[instance, entry_column(entered)]
+                        else:
+                            at = -1 - current
+                            ax = leaf_blocks[at + kx] - px
+                            ay = leaf_blocks[at + ky] - py
+                            az = leaf_blocks[at + kz] - pz
+                            bx = leaf_blocks[at + 3 + kx] - px
+                            by = leaf_blocks[at + 3 + ky] - py
+                            bz = leaf_blocks[at + 3 + kz] - pz
+                            vx = leaf_blocks[at + 6 + kx] - px
+                            vy = leaf_blocks[at + 6 + ky] - py
+                            vz = leaf_blocks[at + 6 + kz] - pz
+                            for k in range(4):
+                                triangle = ti.bit_cast(leaf_blocks[at + 9][k], ti.i32)
+                                if triangle >= 0:
+                                    e_x = ax[k] - shx * az[k]
+                                    e_y = ay[k] - shy * az[k]
+                                    f_x = bx[k] - shx * bz[k]
+                                    f_y = by[k] - shy * bz[k]
+                                    g_x = vx[k] - shx * vz[k]
+                                    g_y = vy[k] - shy * vz[k]
+                                    u = g_x * f_y - g_y * f_x
+                                    v = e_x * g_y - e_y * g_x
+                                    w = f_x * e_y - f_y * e_x
+                                    determinant = u + v + w
+                                    scale = 1.0 / determinant
+                                    z = (u * az[k] + v * bz[k] + w * vz[k]) * scale
+                                    t = ti.select(
+                                        fast_max(determinant, 0.0 - determinant) > 0.0, z * shz, lanes(INFINITY)
+                                    )
+                                    valid_t = ti.select(fast_min(fast_min(u, v), w) >= 0.0, t, lanes(INFINITY))
+                                    valid_t = ti.select(fast_max(fast_max(u, v), w) <= 0.0, t, valid_t)
+                                    t = ti.select(valid_t > 0.0, valid_t, lanes(INFINITY))
+                                    lower = ti.select(hit_triangle > triangle, int_lanes(1), int_lanes(0))
+                                    lower = ti.select(hit_instance == instance, lower, int_lanes(0))
+                                    lower = ti.select(hit_instance > instance, int_lanes(1), lower)
+                                    wins = ti.select(t == best, lower, int_lanes(0))
+                                    wins = ti.select(t < best, int_lanes(1), wins)
+                                    best = ti.select(wins > 0, t, best)
+                                    b1 = ti.select(wins > 0, v * scale, b1)
+                                    b2 = ti.select(wins > 0, w * scale, b2)
+                                    hit_instance = ti.select(wins > 0, int_lanes(instance), hit_instance)
+                                    hit_triangle = ti.select(wins > 0, int_lanes(triangle), hit_triangle)
+                            bound = max_lane(best) * FAR_SLACK
+                            pop = True
+                            tested_blocks += 1
+                            if tested_blocks > MAX_LEAF_BLOCKS:
+                                is_packet = False
+                                searching = False
+                    while pop and searching:
+                        if stack_size == blas_base:
+                            blas_base = -1
+                            ox, oy, oz = wox, woy, woz
+                            lx, mx, jx, near_x = wlx, wmx, wjx, wnear_x
+                            ly, my, jy, near_y = wly, wmy, wjy, wnear_y + 1
+                            lz, mz, jz, near_z = wlz, wmz, wjz, wnear_z + 2
+                        if stack_size == 0:
+                            searching = False
+                        else:
+                            stack_size -= 1
+                            if distances[stack_size] <= bound:
+                                current = references[stack_size]
+                                pop = False
+                if is_packet:
+                    for k in ti.static(range(LANES)):
+                        t = best[k]
+                        if hit_instance[k] < 0:
+                            t = INFINITY
+                        hits[rows[k]] = hit(t, b1[k], b2[k], 0.0)
+                        hit_ids[rows[k]] = hit_id(hit_instance[k], hit_triangle[k])
+            if not is_packet:
+                for i in range(first, last):
+                    ray = queue[i]
+                    t, u, v, instance, triangle = trace(
+                        nodes, leaf_blocks, transforms, instances, time, root, rays, ray, references, distances
+                    )
+                    if instance < 0:
                         t = INFINITY
-                    hits[rows[k]] = hit(t, b1[k], b2[k], 0.0)
-                    hit_ids[rows[k]] = hit_id(hit_instance[k], hit_triangle[k])
-        if not is_packet:
-            for i in range(first, last):
-                ray = queue[i]
-                t, u, v, instance, triangle = trace(
-                    nodes, leaf_blocks, transforms, instances, time, root, rays, ray, references, distances
-                )
-                if instance < 0:
-                    t = INFINITY
-                hits[ray] = hit(t, u, v, 0.0)
-                hit_ids[ray] = hit_id(instance, triangle)
+                    hits[ray] = hit(t, u, v, 0.0)
+                    hit_ids[ray] = hit_id(instance, triangle)
