@@ -100,6 +100,32 @@ def test_bounds_contain_exactly_the_present_instances() -> None:
     assert scene.instance_count == 0
 
 
+@pytest.mark.parametrize("mirrored", [False, True])
+def test_placing_others_of_the_same_instances_is_as_placing_them_anew(mirrored: bool) -> None:
+    random = np.random.default_rng(5)
+    matrices = np.stack([random_matrices(random, 6, 10.0) for _ in range(3)])
+    matrices[:, 1::2, :, 0] *= -1.0  # now none is mirrored
+    if mirrored:
+        matrices[NEXT, ::2, :, 0] *= -1.0
+    all_six = placed([0, 1, 0, 1, 0, 1], matrices)
+    parts = [replace(all_six, present=random.random((3, 6)) < 0.5) for _ in range(5)]
+    others = replace(all_six, instance_id=np.int32([6, 5, 4, 3, 2, 1]), present=parts[0].present)
+    scene = DeviceScene()
+    scene.add(described(TRIANGLE, SQUARE))
+    for placement in (all_six, *parts, others, replace(others, world_from_object=matrices[:, ::-1].copy()), all_six):
+        scene.place(placement, (PREVIOUS, CURRENT, NEXT))
+        anew = DeviceScene()
+        anew.add(described(TRIANGLE, SQUARE))
+        anew.place(placement, (PREVIOUS, CURRENT, NEXT))
+        for name in ("instance_info", "world_from_instance", "instance_from_world", "box_from_instance"):
+            np.testing.assert_array_equal(getattr(scene, name).to_numpy(), getattr(anew, name).to_numpy(), name)
+        np.testing.assert_array_equal(scene.instance_boxes, anew.instance_boxes)
+        np.testing.assert_array_equal(scene.bounds, anew.bounds)
+    scene.add(described(EMPTY, SQUARE))
+    scene.place(all_six)
+    assert scene.instance_count == 6
+
+
 def test_only_requested_times_are_placed() -> None:
     scene = DeviceScene()
     scene.add(described(SQUARE))

@@ -99,6 +99,7 @@ class DeviceScene:
         self._deforming: dict[int, DeformingMesh] = {}  # by mesh row
         self.instance_count = 0
         self.placement = NO_INSTANCES
+        self._placed_meshes: Any = None  # `_mesh_table` when the instances were placed
         self.bounds: NDArray[np.float64] = np.zeros((2, 3))
         self._hittable = np.zeros((3, 0), bool)
         self.instance_boxes = np.zeros((3, 0, 6))
@@ -281,10 +282,13 @@ class DeviceScene:
         matrices, before = placement.world_from_object, self.placement
         if moved := matrices is not before.world_from_object or placement.box_from_object is not before.box_from_object:
             self._inverse, self._determinant = inverted(matrices)
-        self.placement = placement
-        self._upload_instances(moved)
+        changed = self._deforming or self._mesh_table is not self._placed_meshes or not placement.resembles(before)
+        self.placement, self._placed_meshes = placement, self._mesh_table
+        if changed:
+            self.instance_boxes = transformed_boxes(self._boxes[:, placement.mesh], matrices)
+        if changed or self.traversal == "bvh2" or (self._determinant < 0.0).any():
+            self._upload_instances(moved)
         self._hittable = placement.present & (self._determinant != 0.0) & ~self._mesh_is_empty[placement.mesh]
-        self.instance_boxes = transformed_boxes(self._boxes[:, placement.mesh], matrices)
         self._bvh.clear_instances()
 
     def _write_instances(self) -> None:
@@ -366,9 +370,7 @@ class DeviceScene:
         info = np.zeros((count, INFO_COLUMNS), np.int32)
         info[:, [0, 1, 5, 7, 8, 17]] = self._mesh_table[placement.mesh]
         info[:, INFO_PARTS : INFO_PARTS + PARTS] = self._parts.entries[placement.mesh]
-        info[:, 2] = placement.instance_id
-        info[:, 3] = placement.category_id
-        info[:, 4] = placement.mesh
+        info[:, 2:5] = np.column_stack([placement.instance_id, placement.category_id, placement.mesh])
         info[:, 6] = 0 if placement.part is None else placement.part
         mirrored = np.where(placement.present, self._determinant, 0.0).min(axis=0) < 0.0
         info[:, 5] |= np.where(mirrored, MIRRORED, 0)

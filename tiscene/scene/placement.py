@@ -49,6 +49,11 @@ class Placement:
     light_groups: LightGroups | None = None
     materials: tuple[tuple[int, int, Material], ...] | None = None
 
+    def resembles(self, other: Placement) -> bool:
+        """Return whether the instances are another placement's, with the same arrays, but for when they are present."""
+        names = "mesh", "instance_id", "category_id", "world_from_object", "box_from_object", "part"
+        return all(getattr(self, name) is getattr(other, name) for name in names)
+
     def since(self, earlier: Placement) -> Placement:
         """Return this placement with PREVIOUS at the time of an earlier one, so that flow spans the frames between.
 
