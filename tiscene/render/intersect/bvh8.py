@@ -167,6 +167,36 @@ def trace(
     references: Template,
     distances: Template,
 ):
+    """Find the closest hit of one ray of an array, see `trace_ray`.
+
+    Args:
+        rays: Rays.
+        ray: Row of the ray.
+    """
+    return trace_ray(
+        nodes, leaf_blocks, transforms, instances, time, root, rays[ray][0], rays[ray][1], rays[ray][2],
+        rays[ray][4], rays[ray][5], rays[ray][6], rays[ray][7], references, distances,
+    )  # fmt: skip
+
+
+@ti.func
+def trace_ray(
+    nodes: Template,
+    leaf_blocks: Template,
+    transforms: Template,
+    instances: Template,
+    time: ti.i32,
+    root: ti.i32,
+    wox: ti.f32,
+    woy: ti.f32,
+    woz: ti.f32,
+    wdx: ti.f32,
+    wdy: ti.f32,
+    wdz: ti.f32,
+    t_max: ti.f32,
+    references: Template,
+    distances: Template,
+):
     """Find the closest hit of one ray.
 
     Args:
@@ -176,21 +206,16 @@ def trace(
         instances: BLAS entries of the instances.
         time: Of `transforms`.
         root: First node of the TLAS.
-        rays: Rays.
-        ray: Row of the ray.
+        wox, woy, woz: Origin of the ray.
+        wdx, wdy, wdz: Its direction.
+        t_max: Where it ends.
         references: Local vector of STACK integers, the traversal stack; need not be initialized.
         distances: Local vector of STACK floats, likewise.
 
     Returns:
         (distance, b1, b2, instance row or -1 for a miss, triangle). Ties go to the lower (instance, triangle).
     """
-    wox = rays[ray][0]
-    woy = rays[ray][1]
-    woz = rays[ray][2]
-    wdx = rays[ray][4]
-    wdy = rays[ray][5]
-    wdz = rays[ray][6]
-    best = ti.min(rays[ray][7], LARGEST)  # finite: +inf is a miss
+    best = ti.min(t_max, LARGEST)  # finite: +inf is a miss
     bound = best * SLACK
     b1 = 0.0
     b2 = 0.0

@@ -24,6 +24,7 @@ Rays = ti.types.ndarray(ray, 1)
 Hits = ti.types.ndarray(hit, 1)
 HitIds = ti.types.ndarray(hit_id, 1)
 Pixels = ti.types.ndarray(pixel, 1)
+T_MAX = 7  # column of a ray
 LINKS = 3  # of a shadow ray: 1 + SHADOWING of its light (see `light_table`); 0: all meshes cast shadows
 ROW, PLACE = 0, 1  # of a pixel: y * width + x, and its position in `pixel_order`
 

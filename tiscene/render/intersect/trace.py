@@ -16,7 +16,7 @@ from tiscene.render.intersect import bvh2, bvh8, bvh8_any_hit, bvh8_packets
 from tiscene.scene.device_scene import DeviceScene
 from tiscene.scene.placement import CURRENT, MOVERS
 
-__all__ = ["closest", "occluded", "occluded_by_instance"]
+__all__ = ["closest", "occluded", "occluded_by_instance", "trees_at"]
 
 
 def closest(
@@ -97,6 +97,11 @@ def _occluded(
             bvh8_any_hit.occluded(*arrays, rays, queue, count, targets, targeted, result)
     else:
         bvh2.occluded(*arrays, rays, queue, count, targets, targeted, result)
+
+
+def trees_at(scene: DeviceScene, time: int) -> tuple[Any, Any, Any, int]:
+    """Return (nodes, leaf_blocks, instances, root) for `bvh8.trace_ray` at CURRENT, or among the MOVERS."""
+    return scene.nodes, scene.leaf_blocks, scene.instances_at(time), scene.tlas_root(time)
 
 
 def _arrays(scene: DeviceScene, time: int, root: int | None = None) -> tuple[Any, ...]:

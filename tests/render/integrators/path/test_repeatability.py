@@ -20,6 +20,8 @@ from tests.render.path_scenes import (
     lit_box,
     render,
 )
+from tiscene.render.integrators.path import path_scene
+from tiscene.render.integrators.path.path_pass import PathPass
 from tiscene.scene.description import DomeLight, Material
 
 
@@ -70,6 +72,31 @@ def test_bytes_do_not_depend_on_batch_size() -> None:
         parts = render(scene, BOX_CAMERA, (20, 13), spp=5, batch_size=batch_size)
         assert digest(parts.hdr) == digest(whole.hdr)
         assert digest(parts.albedo) == digest(whole.albedo)
+
+
+@pytest.mark.parametrize("kind", ["glass", "emissive", "passable"])
+def test_bytes_do_not_depend_on_how_many_segments_a_launch_traces(kind: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    meshes, materials = box(CORNELL)
+    meshes.append(ball((0.3, 0.3, 0.2), 0.4, 3))
+    looks = {
+        "glass": {"opacity": 0.2, "roughness": 0.3, "clearcoat": 0.5},
+        "emissive": {"emissive_color": (3.0, 2.0, 1.0)},
+        "passable": {"opacity": 0.5, "opacity_mode": "presence"},
+    }
+    materials.append(Material("ball", **looks[kind]))
+    sky = DomeLight("sky", "/sky", np.eye(4), WHITE)
+    scene = device_scene(described(meshes, materials, [CEILING_LAMP, sky]))
+    advance, launches = PathPass.advance, []
+    monkeypatch.setattr(PathPass, "advance", lambda *args: launches.append(args[-1]) or advance(*args))
+    images = []
+    for few in (0, 200, 1 << 20):
+        monkeypatch.setattr(path_scene, "FEW_PATHS", few)
+        images.append(render(scene, BOX_CAMERA, (20, 13), spp=5, max_depth=8))
+        images[-1] = digest(images[-1].hdr), digest(images[-1].albedo), digest(images[-1].normal)
+        together = kind != "passable" and scene.traversal == "bvh8"
+        assert few == 200 or max(launches) == (7 if few and together else 1)
+        launches.clear()
+    assert set(images) == {images[0]}
 
 
 def test_frames_and_seeds_have_independent_noise() -> None:

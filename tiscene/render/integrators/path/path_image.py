@@ -2,9 +2,12 @@
 """PathImage: what the path pass renders."""
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+
+from tiscene.render.integrators.path.wavefront_kernels import develop
 
 FloatImage = NDArray[np.float32]
 
@@ -23,3 +26,18 @@ class PathImage:
     hdr: FloatImage
     albedo: FloatImage
     normal: FloatImage
+
+
+def developed(film: Any, pixels: Any, shape: tuple[int, int], spp: int) -> tuple[PathImage, int]:
+    """Return a film as images, and the number of non-finite samples.
+
+    Args:
+        film: See `PathPass.film`.
+        pixels: See `upload_pixels`.
+        shape: Height and width of the image, px.
+        spp: Samples per pixel.
+    """
+    hdr, albedo, normal = (np.empty((*shape, 3), np.float32) for _ in range(3))
+    dropped = np.empty(shape, np.int32)
+    develop(film, pixels, spp, hdr, albedo, normal, dropped)
+    return PathImage(hdr, albedo, normal), int(dropped.sum())

@@ -24,14 +24,14 @@ from tiscene.render.bsdfs.energy_tables import energy_tables
 from tiscene.render.integrators.path import wavefront_kernels as kernels
 from tiscene.render.integrators.path.frame_stack import FrameStack
 from tiscene.render.integrators.path.last_segment import finish_at_lights
-from tiscene.render.integrators.path.path_image import PathImage
+from tiscene.render.integrators.path.path_image import PathImage, developed
 from tiscene.render.integrators.path.path_scene import PathScene, SceneArrays
 from tiscene.render.integrators.path.path_state import CHUNK, FILM_COLUMNS, PathSamples, PathState, check_numbers
 from tiscene.render.integrators.path.shading import shade
 from tiscene.render.integrators.path.shadow_rays import continue_shadow_rays
 from tiscene.render.intersect.ray_queue import tiled_order, tiled_ranks, upload_pixels, upload_rows
 from tiscene.render.intersect.surface_interaction import geometry_of
-from tiscene.render.intersect.trace import closest, occluded
+from tiscene.render.intersect.trace import closest, occluded, trees_at
 from tiscene.render.sampling.pixel_filter import pixel_filter as pixel_filter_named
 from tiscene.render.sampling.sobol import frame_key, index_bits
 from tiscene.render.view import SKY, CubeView, View, check_image_size
@@ -220,8 +220,9 @@ class PathPass:
         samples: PathSamples,
         max_depth: int,
         mis: int,
+        segments: int = 1,
     ) -> tuple[int, int]:
-        """Intersect and shade one segment of the first `live` paths of the queue.
+        """Intersect and shade one segment of the first `live` paths of the queue, or several.
 
         Args:
             scene: Scene data.
@@ -232,6 +233,7 @@ class PathPass:
             samples: Random numbers of the paths.
             max_depth: See `render`.
             mis: 0 samples lights only, see `render`.
+            segments: See `PathScene.segments_at_once`. All shadow rays but the last are traced too.
 
         Returns:
             The number of paths that continue, at the head of the queue, and the number of shadow rays to cast, in
@@ -247,12 +249,15 @@ class PathPass:
         else:
             rays = state.rays, state.queue
             closest(self.scene, scene.tree, *rays, live, state.hits, state.hit_ids, step == 0, self._stack.paths)
+            unread = scene.arrays.light_nodes, state.hits, scene.arrays.instance_info, 0
+            tree = trees_at(self.scene, scene.tree) if self._shades_segments else unread
             with self.vector_mode():
                 shade(
                     *scene.arrays, *scene.cache_arguments(max_depth), self.pixels, first, spp, bits, key, step,
-                    max_depth, mis, *self.background, state.queue, live, state.rays, state.hits, state.hit_ids,
-                    state.shadow_rays, state.occluded, state.state, state.features, state.status, state.first_sample,
-                    scene.any_emission, scene.any_extended, scene.any_links, *self._stack.arguments,
+                    max_depth, mis, *self.background, state.queue, live, segments, *tree, state.rays, state.hits,
+                    state.hit_ids, state.shadow_rays, state.occluded, state.state, state.features, state.status,
+                    state.first_sample, scene.any_emission, scene.any_extended, scene.any_links,
+                    self._shades_segments, *self._stack.arguments,
                 )  # fmt: skip
         return kernels.compact(state, live)
 
@@ -293,6 +298,11 @@ class PathPass:
             )  # fmt: skip
             if not continued:
                 break
+
+    @property
+    def _shades_segments(self) -> bool:
+        """Whether `shade` may trace paths further, see `advance`."""
+        return self.scene.traversal == "bvh8" and not self._stack.paths
 
     def vector_mode(self) -> contextlib.AbstractContextManager[None]:
         """Return the context in which kernels whose vector operations permit it compile faster."""
@@ -352,7 +362,6 @@ class PathPass:
                 progress(min(1.0, (first + size) / total))
 
     def _make_film(self, pixel_count: int) -> None:
-        """Make a film of a number of pixels."""
         if self.film is None or self.film.shape[0] < pixel_count:
             self.film = device_array(ti.f32, (pixel_count, FILM_COLUMNS))
 
@@ -373,13 +382,13 @@ class PathPass:
         self.start(view, state, first, count, samples)
         if on_start:
             on_start(state, first, count)
-        live = count
-        for step in range(scene.steps(max_depth)):
-            live, shadows = self.advance(scene, state, live, first, step, samples, max_depth, mis)
+        live, step, steps = count, 0, scene.steps(max_depth)
+        while live and step < steps:
+            segments = scene.segments_at_once(live, steps - step) if self._shades_segments else 1
+            live, shadows = self.advance(scene, state, live, first, step, samples, max_depth, mis, segments)
             if shadows:
                 self.cast_shadows(scene, state, shadows, first, step, samples)
-            if not live:
-                break
+            step += segments
         kernels.accumulate(
             self.pixel_filter, self._clamp, self.pixels, first, count, spp, bits, key, state.status,
             state.occluded, state.state, state.features, self.film, state.first_sample, *self._stack.arguments,
@@ -387,9 +396,5 @@ class PathPass:
 
     def developed(self, spp: int) -> PathImage:
         """Return the film as images."""
-        shape = (self.height, self.width)
-        hdr, albedo, normal = (np.empty((*shape, 3), np.float32) for _ in range(3))
-        dropped = np.empty(shape, np.int32)
-        kernels.develop(self.film, self.pixels, spp, hdr, albedo, normal, dropped)
-        self.nonfinite = int(dropped.sum())
-        return PathImage(hdr, albedo, normal)
+        image, self.nonfinite = developed(self.film, self.pixels, (self.height, self.width), spp)
+        return image

@@ -13,6 +13,8 @@ from tiscene.scene.placement import CURRENT
 MAX_ALPHA_LAYERS = 16
 # Surfaces that a shadow ray passes where shadow linking restricts a light.
 MAX_UNLINKED_LAYERS = 256
+# Where fewer paths are left, launches take longer than their paths.
+FEW_PATHS = 1 << 10
 
 
 class SceneArrays(NamedTuple):
@@ -96,6 +98,14 @@ class PathScene:
     def steps(self, max_depth: int) -> int:
         """Return how many times paths may be advanced."""
         return max_depth + (MAX_ALPHA_LAYERS if self.any_coverage else 0)
+
+    def segments_at_once(self, live: int, left: int) -> int:
+        """Return how many of the last `left` segments of `live` paths `shade` may trace in one launch.
+
+        All but the last where few paths are left; one where surfaces may let shadow rays pass.
+        """
+        passable = self.any_coverage or self.any_shadow_links
+        return 1 if passable or live > FEW_PATHS else max(1, left - 1)
 
     def cache_arguments(self, max_depth: int) -> tuple[Any, ...]:
         """Return the cache as arguments of `shade`, and after how many surfaces paths may end in it."""

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The shading kernel of the wavefront path tracer: one vertex of every live path.
+"""The shading kernel of the wavefront path tracer: one vertex of every live path, or several where few are left.
 
 For each path, `shade` adds the light sample of the previous vertex if its shadow ray was unoccluded and the emission
 that the segment found. At a surface it evaluates the material, samples a light (next-event estimation, whose shadow ray
@@ -11,7 +11,7 @@ import taichi as ti
 
 from tiscene.device.argument_bundles import bundled
 from tiscene.device.balanced_loops import first_items, iterations, next_item
-from tiscene.device.kernel_types import Float8s1, Floats1, Floats2, Ints1, Template, vec2, vec3
+from tiscene.device.kernel_types import Float4s1, Float8s1, Floats1, Floats2, Ints1, Ints2, Template, vec2, vec3
 from tiscene.render.bsdfs import extended_surface_bsdf as extended_bsdf
 from tiscene.render.bsdfs import preview_surface_bsdf as bsdf
 from tiscene.render.bsdfs.lobe_inputs import transmittance
@@ -39,7 +39,20 @@ from tiscene.render.integrators.path.path_state import (
 )
 from tiscene.render.integrators.path.radiance_cache import RadianceCache, cached_radiance
 from tiscene.render.integrators.path.wavefront_kernels import FIRST_STEP_SET, path_index
-from tiscene.render.intersect.ray_queue import LINKS, HitIds, Hits, Pixels, Rays, ray_direction, ray_origin, write_ray
+from tiscene.render.intersect.bvh8 import STACK, trace_ray
+from tiscene.render.intersect.ray_queue import (
+    LINKS,
+    T_MAX,
+    HitIds,
+    Hits,
+    Pixels,
+    Rays,
+    hit,
+    hit_id,
+    ray_direction,
+    ray_origin,
+    write_ray,
+)
 from tiscene.render.intersect.surface_interaction import INFO_LINK_CLASS, Geometry, offset_origin, surface_at
 from tiscene.render.lights import dispatch
 from tiscene.render.lights.intersect import (
@@ -81,6 +94,29 @@ def read3(array: Template, row: ti.i32, column: ti.i32) -> vec3:
     return vec3(array[row, column], array[row, column + 1], array[row, column + 2])
 
 
+@ti.func
+def trace_path(
+    i: ti.i32, nodes: Template, leaf_blocks: Template, geometry: Template, instances: Template, root: ti.i32,
+    rays: Template, hits: Template, hit_ids: Template, shadow_rays: Template, occluded: Template, status: Template,
+):  # fmt: skip
+    """Trace the shadow ray of path i, if it has one, and its next segment."""
+    references, distances = ti.Vector([0] * STACK), ti.Vector([0.0] * STACK)
+    for which in range(ti.select(status[i] & LIGHT_PENDING, 0, 1), 2):  # a loop: the traversal is compiled once
+        origin, direction, reach = ray_origin(rays, i), ray_direction(rays, i), rays[i][T_MAX]
+        if which == 0:
+            origin, direction = ray_origin(shadow_rays, i), ray_direction(shadow_rays, i)
+            reach = shadow_rays[i][T_MAX]
+        t, b1, b2, instance, triangle = trace_ray(
+            nodes, leaf_blocks, geometry.instance_from_world, instances, CURRENT, root, origin.x, origin.y, origin.z,
+            direction.x, direction.y, direction.z, reach, references, distances,
+        )  # fmt: skip
+        if which == 0:
+            occluded[i] = ti.select(instance >= 0, 1, 0)
+        else:
+            hits[i] = hit(ti.select(instance >= 0, t, ti.math.inf), b1, b2, 0.0)
+            hit_ids[i] = hit_id(instance, triangle)
+
+
 @ti.kernel
 @bundled
 def shade(
@@ -106,6 +142,11 @@ def shade(
     background_blue: ti.f32,
     queue: Ints1,
     count: ti.i32,
+    segments: ti.i32,
+    nodes: Float8s1,
+    leaf_blocks: Float4s1,
+    instances: Ints2,
+    root: ti.i32,
     rays: Rays,
     hits: Hits,
     hit_ids: HitIds,
@@ -118,6 +159,7 @@ def shade(
     any_emission: Template,
     any_extended: Template,
     any_links: Template,
+    traces: Template,
     keys: Ints1,
     stacked: Template,
 ):
@@ -139,16 +181,18 @@ def shade(
         background_red, background_green, background_blue: Radiance of camera rays that hit nothing; negative red shows
             the lights at infinity.
         first_sample: Number of the first of the `spp` samples in each pixel.
+        segments: How many segments of each path to shade, if it does not end. From the second on they are traced here,
+            and so are the shadow rays before.
+        nodes, leaf_blocks, instances, root: The tree to trace them through, see `bvh8.closest`.
         any_emission: Compile-time: whether a material is emissive.
         any_extended: Compile-time: whether a material has extended lobes.
         any_links: Compile-time: whether light or shadow linking restricts a light.
+        traces: Compile-time: whether `segments` may be more than one.
         keys, stacked: `FrameStack.arguments`.
     """
     lights = ti.static(
         lights_of(light_values, light_nodes, light_distribution, geometry, materials, any_emission, any_links)
     )
-    first_set = FIRST_STEP_SET + SETS * step
-    single_texture_key = set_key(frame_key, first_set + TEXTURE_SET)
     # Vectors must be created inside the loop: in vector mode, memory of vectors created before it is not aligned.
     taken = 0
     for iteration in range(iterations(count)):
@@ -156,168 +200,180 @@ def shade(
         while k < end:
             i = queue[k]
             k, end = next_item(taken, k, end, count, TAKEN_PATHS)
-            origin, direction = ray_origin(rays, i), ray_direction(rays, i)
-            throughput, radiance = get3(state, i, THROUGHPUT), get3(state, i, RADIANCE)
-            pdf, diffuse_fraction, last_vertex = state[i][PDF], state[i][DIFFUSE_FRACTION], get3(state, i, ORIGIN)
-            status_bits = status[i]
-            # Next-event estimation of the previous vertex: its shadow ray has been traced.
-            if (status_bits & LIGHT_PENDING) != 0 and occluded[i] == 0:
-                radiance += get3(state, i, DIRECT)
-            depth, instance = status_bits & DEPTH_MASK, hit_ids[i][0]
-            if depth >= 1 and depth <= cache_depth and instance >= 0:
-                known, cached = cached_radiance(
-                    cache, geometry, materials.info, lights, i, rays, hits, hit_ids, state, status_bits
-                )
-                if known != 0:
-                    set3(state, i, RADIANCE, radiance + throughput * cached)
-                    status[i] = 0
-                    continue
-            continues, sampled = False, 0
-            link_class = status_bits >> LINK_CLASS_SHIFT
-            last_link_class = link_class
-
-            light, distance = nearest_light(lights, depth, origin, direction, hits[i][0])
-            # At the last vertex of a path only emission counts: a surface that cannot emit need not be evaluated.
-            skip_surface = False
-            if instance >= 0 and depth + 1 >= max_depth and (status_bits & FEATURES_WRITTEN) != 0:
-                material_row = geometry.triangle_material[hit_ids[i][1]]
-                skip_surface = (materials.info[material_row, FLAGS] & (COVERAGE | EMITS)) == 0
-            emitted = vec3(0.0)  # radiance that arrives along the segment
-            emits, triangle, emission, previous_depth = False, -1, vec3(0.0), depth
-            if light < 0 and instance < 0 and pdf == 0.0 and background_red >= 0.0:
-                emitted = vec3(background_red, background_green, background_blue)
-            elif light >= 0 or instance < 0:
-                emits = True
-            elif not skip_surface:
-                surface = surface_at(geometry, instance, hit_ids[i][1], hits[i][1], hits[i][2], CURRENT, direction)
-                index = path_index(pixels, first + i, spp, bits, first_sample)
-                key, texture_key = key_of(frame_key, keys, first + i, stacked), single_texture_key
-                if ti.static(stacked):
-                    texture_key = set_key(key, first_set + TEXTURE_SET)
-                footprint_width = hits[i][0] * state[i][SPREAD]
-                material = shaded_material_at(
-                    materials, textures, surface, direction, footprint_width, combine(texture_key, index)
-                )
-                # A hit of a partially opaque surface is accepted with probability `opacity`.
-                alpha_rejected = False
-                if material.flags & COVERAGE:
-                    alpha_rejected = draw(set_keys(key, first_set + OPACITY_SET), index).x >= material.opacity
-                if material.flags & UNSEEN and depth == 0:
-                    alpha_rejected = True
-                if alpha_rejected:
-                    continues = True
-                    write_ray(rays, i, offset_origin(surface, direction), direction, ti.math.inf)
-                else:
-                    if ti.static(any_emission):
-                        if material.flags & EMITS:
-                            emits, triangle, distance = True, hit_ids[i][1], hits[i][0]
-                            emission = material.emissive_color
-                    depth += 1
-                    if ti.static(any_links):
-                        link_class = geometry.instance_info[instance, INFO_LINK_CLASS]
-                    if ti.static(any_extended):
-                        throughput *= transmittance(materials, surface, hits[i][0])
-                    wo = -1.0 * direction
-                    normal = shading_normal(surface, material, wo)
-                    if (status_bits & FEATURES_WRITTEN) == 0 and is_mirror_like(material) == 0:
-                        status_bits |= FEATURES_WRITTEN
-                        # Bright as it shines: else black lamps would count as surfaces in very much light.
-                        write3(features, i, ALBEDO, ti.min(material.diffuse_color + emission, 1.0))
-                        write3(features, i, NORMAL, normal)
-                    if depth < max_depth:
-                        light_u = draw(set_keys(key, first_set + LIGHT_SET), index)
-                        # Glass receives light from both sides: a zero normal excludes no light.
-                        lit_normal = normal * ti.cast((material.flags & (GLASS | TRANSLUCENT)) == 0, ti.f32)
-                        light_sample = dispatch.sample(lights, textures, surface.position, lit_normal, light_u)
-                        if ti.static(any_links):
-                            light_sample.pdf *= is_linked(lights, light_sample.row, link_class)
-                        bsdf_u = draw(set_keys(key, first_set + DIRECTION_SET), index)
-                        lobe_and_survival = vec2(0.0)
-                        if (material.flags & MATTE) == 0 or depth >= RUSSIAN_ROULETTE_DEPTH:
-                            lobe_and_survival = draw(set_keys(key, first_set + LOBE_SET), index)
-                        scattering_u = vec3(bsdf_u, lobe_and_survival.x)
-                        scattering = (
-                            extended_bsdf.scatter(
-                                materials, textures, surface, material, energy, normal, direction, footprint_width,
-                                combine(texture_key, index), light_sample.direction, scattering_u,
-                            )
-                            if ti.static(any_extended)
-                            else bsdf.scatter(
-                                surface, material, energy, normal, wo, light_sample.direction, scattering_u
-                            )
+            for segment in range(segments):
+                if ti.static(traces):
+                    if segment > 0:
+                        trace_path(
+                            i, nodes, leaf_blocks, geometry, instances, root, rays, hits, hit_ids, shadow_rays,
+                            occluded, status,
                         )  # fmt: skip
+                this_step = step + segment
+                first_set = FIRST_STEP_SET + SETS * this_step
+                single_texture_key = set_key(frame_key, first_set + TEXTURE_SET)
+                origin, direction = ray_origin(rays, i), ray_direction(rays, i)
+                throughput, radiance = get3(state, i, THROUGHPUT), get3(state, i, RADIANCE)
+                pdf, diffuse_fraction, last_vertex = state[i][PDF], state[i][DIFFUSE_FRACTION], get3(state, i, ORIGIN)
+                status_bits = status[i]
+                # Next-event estimation of the previous vertex: its shadow ray has been traced.
+                if (status_bits & LIGHT_PENDING) != 0 and occluded[i] == 0:
+                    radiance += get3(state, i, DIRECT)
+                depth, instance = status_bits & DEPTH_MASK, hit_ids[i][0]
+                if depth >= 1 and depth <= cache_depth and instance >= 0:
+                    known, cached = cached_radiance(
+                        cache, geometry, materials.info, lights, i, rays, hits, hit_ids, state, status_bits
+                    )
+                    if known != 0:
+                        set3(state, i, RADIANCE, radiance + throughput * cached)
+                        status[i] = 0
+                        break
+                continues, sampled = False, 0
+                link_class = status_bits >> LINK_CLASS_SHIFT
+                last_link_class = link_class
 
-                        # Direct lighting: the shadow ray decides at the next step whether DIRECT counts.
-                        if light_sample.pdf > 0.0:
-                            light_row = light_sample.row
-                            direct = throughput * scattering.towards_light.xyz * light_sample.radiance
-                            reflected = response(light_values, light_row, scattering.diffuse_parts.x, depth)
-                            direct *= reflected / light_sample.pdf
-                            shadowless = light_values[light_row, SHADOWLESS] > 0.0
-                            weighs = mis != 0 and light_sample.delta == 0 and not shadowless
-                            if ti.static(any_links):  # where a shadow ray passes meshes, no BSDF sample does
-                                weighs = weighs and light_values[light_row, SHADOWING] < 0.0
-                            if weighs:
-                                direct *= power_heuristic(light_sample.mis_pdf, scattering.towards_light.w)
-                            if shadowless:
-                                radiance += direct
-                            elif direct.max() > 0.0:
-                                towards, reach = light_sample.direction, light_sample.distance
-                                start = offset_origin(surface, towards)
-                                if ti.static(any_emission):
-                                    if light_values[light_row, KIND] == MESH:
-                                        # Triangles of mesh lights are in the BVH: aim from the offset origin, so that
-                                        # the ray ends just in front of the sampled point.
-                                        aim = surface.position + towards * reach - start
-                                        reach = aim.norm()
-                                        towards = aim / ti.max(reach, 1e-20)
-                                reach *= 1.0 - LIGHT_FRONT
-                                nearer = reach * (1.0 - LIGHT_FRONT)
-                                if is_blocked_by_light(lights, light_row, start, towards, nearer) == 0:
-                                    sampled = LIGHT_PENDING
-                                    write_ray(shadow_rays, i, start, towards, reach)
-                                    if ti.static(any_links):
-                                        shadow_rays[i][LINKS] = light_values[light_row, SHADOWING] + 1.0
-                                    set3(state, i, DIRECT, direct)
+                light, distance = nearest_light(lights, depth, origin, direction, hits[i][0])
+                # At the last vertex of a path only emission counts: a surface that cannot emit need not be evaluated.
+                skip_surface = False
+                if instance >= 0 and depth + 1 >= max_depth and (status_bits & FEATURES_WRITTEN) != 0:
+                    material_row = geometry.triangle_material[hit_ids[i][1]]
+                    skip_surface = (materials.info[material_row, FLAGS] & (COVERAGE | EMITS)) == 0
+                emitted = vec3(0.0)  # radiance that arrives along the segment
+                emits, triangle, emission, previous_depth = False, -1, vec3(0.0), depth
+                if light < 0 and instance < 0 and pdf == 0.0 and background_red >= 0.0:
+                    emitted = vec3(background_red, background_green, background_blue)
+                elif light >= 0 or instance < 0:
+                    emits = True
+                elif not skip_surface:
+                    surface = surface_at(geometry, instance, hit_ids[i][1], hits[i][1], hits[i][2], CURRENT, direction)
+                    index = path_index(pixels, first + i, spp, bits, first_sample)
+                    key, texture_key = key_of(frame_key, keys, first + i, stacked), single_texture_key
+                    if ti.static(stacked):
+                        texture_key = set_key(key, first_set + TEXTURE_SET)
+                    footprint_width = hits[i][0] * state[i][SPREAD]
+                    material = shaded_material_at(
+                        materials, textures, surface, direction, footprint_width, combine(texture_key, index)
+                    )
+                    # A hit of a partially opaque surface is accepted with probability `opacity`.
+                    alpha_rejected = False
+                    if material.flags & COVERAGE:
+                        alpha_rejected = draw(set_keys(key, first_set + OPACITY_SET), index).x >= material.opacity
+                    if material.flags & UNSEEN and depth == 0:
+                        alpha_rejected = True
+                    if alpha_rejected:
+                        continues = True
+                        write_ray(rays, i, offset_origin(surface, direction), direction, ti.math.inf)
+                    else:
+                        if ti.static(any_emission):
+                            if material.flags & EMITS:
+                                emits, triangle, distance = True, hit_ids[i][1], hits[i][0]
+                                emission = material.emissive_color
+                        depth += 1
+                        if ti.static(any_links):
+                            link_class = geometry.instance_info[instance, INFO_LINK_CLASS]
+                        if ti.static(any_extended):
+                            throughput *= transmittance(materials, surface, hits[i][0])
+                        wo = -1.0 * direction
+                        normal = shading_normal(surface, material, wo)
+                        if (status_bits & FEATURES_WRITTEN) == 0 and is_mirror_like(material) == 0:
+                            status_bits |= FEATURES_WRITTEN
+                            # Bright as it shines: else black lamps would count as surfaces in very much light.
+                            write3(features, i, ALBEDO, ti.min(material.diffuse_color + emission, 1.0))
+                            write3(features, i, NORMAL, normal)
+                        if depth < max_depth:
+                            light_u = draw(set_keys(key, first_set + LIGHT_SET), index)
+                            # Glass receives light from both sides: a zero normal excludes no light.
+                            lit_normal = normal * ti.cast((material.flags & (GLASS | TRANSLUCENT)) == 0, ti.f32)
+                            light_sample = dispatch.sample(lights, textures, surface.position, lit_normal, light_u)
+                            if ti.static(any_links):
+                                light_sample.pdf *= is_linked(lights, light_sample.row, link_class)
+                            bsdf_u = draw(set_keys(key, first_set + DIRECTION_SET), index)
+                            lobe_and_survival = vec2(0.0)
+                            if (material.flags & MATTE) == 0 or depth >= RUSSIAN_ROULETTE_DEPTH:
+                                lobe_and_survival = draw(set_keys(key, first_set + LOBE_SET), index)
+                            scattering_u = vec3(bsdf_u, lobe_and_survival.x)
+                            scattering = (
+                                extended_bsdf.scatter(
+                                    materials, textures, surface, material, energy, normal, direction, footprint_width,
+                                    combine(texture_key, index), light_sample.direction, scattering_u,
+                                )
+                                if ti.static(any_extended)
+                                else bsdf.scatter(
+                                    surface, material, energy, normal, wo, light_sample.direction, scattering_u
+                                )
+                            )  # fmt: skip
 
-                        # Next segment, along the sampled BSDF direction.
-                        if scattering.onward.w > 0.0:
-                            throughput_onward = throughput * scattering.onward.xyz * (1.0 / scattering.onward.w)
-                            ior2 = state[i][RELATIVE_IOR2]
-                            if scattering.transmits != 0:
-                                ior2 *= scattering.eta * scattering.eta
-                                state[i][RELATIVE_IOR2] = ior2
-                            survival = 1.0
-                            if depth >= RUSSIAN_ROULETTE_DEPTH:
-                                # The square root minimizes cost times error: the remaining radiance of a path varies
-                                # more than its throughput.
-                                survival = ti.min(ti.sqrt(throughput_onward.max() * ior2), MAX_SURVIVAL)
-                            if lobe_and_survival.y < survival and throughput_onward.max() > 0.0:
-                                continues = True
-                                set3(state, i, THROUGHPUT, throughput_onward * (1.0 / survival))
-                                state[i][PDF] = scattering.onward.w
-                                state[i][DIFFUSE_FRACTION] = scattering.diffuse_parts.y
-                                spread = SCATTERED_SPREAD / ti.sqrt(scattering.onward.w)
-                                state[i][SPREAD] = ti.max(state[i][SPREAD], spread)
-                                set3(state, i, ORIGIN, surface.position)
-                                start = offset_origin(surface, scattering.direction)
-                                write_ray(rays, i, start, scattering.direction, ti.math.inf)
-            if emits:
-                emitted = weighted_emission(
-                    lights, textures, light, instance_in_frame(instance, keys, stacked), triangle, emission,
-                    origin, direction, distance, last_vertex, pdf, diffuse_fraction, previous_depth, mis,
-                    last_link_class,
-                )  # fmt: skip
-            if emitted.max() > 0.0:
-                radiance += throughput * emitted
-            # Paths that end before any feature was written have the feature of a visible light, or none.
-            if (status_bits & FEATURES_WRITTEN) == 0 and (step == 0 or not continues):
-                write3(features, i, ALBEDO, vec3(0.0) if continues else ti.min(throughput * emitted, 1.0))
-                write3(features, i, NORMAL, vec3(0.0))
-            set3(state, i, RADIANCE, radiance)
-            status_bits = depth | (status_bits & FEATURES_WRITTEN) | sampled
-            if continues:
-                status_bits |= LIVE
-            if ti.static(any_links):
-                status_bits |= link_class << LINK_CLASS_SHIFT
-            status[i] = status_bits
+                            # Direct lighting: the shadow ray decides at the next step whether DIRECT counts.
+                            if light_sample.pdf > 0.0:
+                                light_row = light_sample.row
+                                direct = throughput * scattering.towards_light.xyz * light_sample.radiance
+                                reflected = response(light_values, light_row, scattering.diffuse_parts.x, depth)
+                                direct *= reflected / light_sample.pdf
+                                shadowless = light_values[light_row, SHADOWLESS] > 0.0
+                                weighs = mis != 0 and light_sample.delta == 0 and not shadowless
+                                if ti.static(any_links):  # where a shadow ray passes meshes, no BSDF sample does
+                                    weighs = weighs and light_values[light_row, SHADOWING] < 0.0
+                                if weighs:
+                                    direct *= power_heuristic(light_sample.mis_pdf, scattering.towards_light.w)
+                                if shadowless:
+                                    radiance += direct
+                                elif direct.max() > 0.0:
+                                    towards, reach = light_sample.direction, light_sample.distance
+                                    start = offset_origin(surface, towards)
+                                    if ti.static(any_emission):
+                                        if light_values[light_row, KIND] == MESH:
+                                            # Triangles of mesh lights are in the BVH: aim from the offset origin, so
+                                            # that the ray ends just in front of the sampled point.
+                                            aim = surface.position + towards * reach - start
+                                            reach = aim.norm()
+                                            towards = aim / ti.max(reach, 1e-20)
+                                    reach *= 1.0 - LIGHT_FRONT
+                                    nearer = reach * (1.0 - LIGHT_FRONT)
+                                    if is_blocked_by_light(lights, light_row, start, towards, nearer) == 0:
+                                        sampled = LIGHT_PENDING
+                                        write_ray(shadow_rays, i, start, towards, reach)
+                                        if ti.static(any_links):
+                                            shadow_rays[i][LINKS] = light_values[light_row, SHADOWING] + 1.0
+                                        set3(state, i, DIRECT, direct)
+
+                            # Next segment, along the sampled BSDF direction.
+                            if scattering.onward.w > 0.0:
+                                throughput_onward = throughput * scattering.onward.xyz * (1.0 / scattering.onward.w)
+                                ior2 = state[i][RELATIVE_IOR2]
+                                if scattering.transmits != 0:
+                                    ior2 *= scattering.eta * scattering.eta
+                                    state[i][RELATIVE_IOR2] = ior2
+                                survival = 1.0
+                                if depth >= RUSSIAN_ROULETTE_DEPTH:
+                                    # The square root minimizes cost times error: the remaining radiance of a path
+                                    # varies more than its throughput.
+                                    survival = ti.min(ti.sqrt(throughput_onward.max() * ior2), MAX_SURVIVAL)
+                                if lobe_and_survival.y < survival and throughput_onward.max() > 0.0:
+                                    continues = True
+                                    set3(state, i, THROUGHPUT, throughput_onward * (1.0 / survival))
+                                    state[i][PDF] = scattering.onward.w
+                                    state[i][DIFFUSE_FRACTION] = scattering.diffuse_parts.y
+                                    spread = SCATTERED_SPREAD / ti.sqrt(scattering.onward.w)
+                                    state[i][SPREAD] = ti.max(state[i][SPREAD], spread)
+                                    set3(state, i, ORIGIN, surface.position)
+                                    start = offset_origin(surface, scattering.direction)
+                                    write_ray(rays, i, start, scattering.direction, ti.math.inf)
+                if emits:
+                    emitted = weighted_emission(
+                        lights, textures, light, instance_in_frame(instance, keys, stacked), triangle, emission,
+                        origin, direction, distance, last_vertex, pdf, diffuse_fraction, previous_depth, mis,
+                        last_link_class,
+                    )  # fmt: skip
+                if emitted.max() > 0.0:
+                    radiance += throughput * emitted
+                # Paths that end before any feature was written have the feature of a visible light, or none.
+                if (status_bits & FEATURES_WRITTEN) == 0 and (this_step == 0 or not continues):
+                    write3(features, i, ALBEDO, vec3(0.0) if continues else ti.min(throughput * emitted, 1.0))
+                    write3(features, i, NORMAL, vec3(0.0))
+                set3(state, i, RADIANCE, radiance)
+                status_bits = depth | (status_bits & FEATURES_WRITTEN) | sampled
+                if continues:
+                    status_bits |= LIVE
+                if ti.static(any_links):
+                    status_bits |= link_class << LINK_CLASS_SHIFT
+                status[i] = status_bits
+                if not continues:
+                    break
