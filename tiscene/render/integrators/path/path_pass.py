@@ -156,7 +156,7 @@ class PathPass:
 
         Args:
             view: Camera and image size, which may be another than that of the pass.
-            pixels: i32 [n], pixel numbers y * width + x; traced in an order that balances threads.
+            pixels: i32 [n], pixel numbers y * width + x; traced tile by tile, see `tiled_order`.
             spp: Samples per pixel.
             key: Key of the random numbers, see `frame_key`.
             max_depth: See `render`.
