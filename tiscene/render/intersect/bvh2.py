@@ -10,7 +10,7 @@ at an edge would compute different values, and rays could pass between them. Pro
 import taichi as ti
 
 from tiscene.device.kernel_types import Floats2, Floats3, Ints1, Ints2, Template, vec3
-from tiscene.render.intersect.ray_queue import HitIds, Hits, Rays, hit, hit_id, ray_direction, ray_origin
+from tiscene.render.intersect.ray_queue import HitIds, Hits, Rays, ray_direction, ray_origin, write_hit
 
 STACK = 72  # a BLAS needs at most 48 entries, a TLAS 24 (tiscene.scene.bvh.workspace)
 UNUSED = 7  # a column of triangles that is always 0 (tiscene.scene.bvh.layout_kernels)
@@ -222,10 +222,7 @@ def closest(
         t, b1, b2, instance, triangle = trace(
             nodes, leaf_blocks, transforms, instances, time, root, -1, rays, ray, False
         )
-        if instance < 0:
-            t = INFINITY
-        hits[ray] = hit(t, b1, b2, 0.0)
-        hit_ids[ray] = hit_id(instance, triangle)
+        write_hit(hits, hit_ids, ray, t, b1, b2, instance, triangle)
 
 
 @ti.kernel
@@ -251,10 +248,7 @@ def closest_in_frames(
         t, b1, b2, instance, triangle = trace(
             nodes, leaf_blocks, transforms, instances, time, root, -1, rays, ray, False
         )
-        if instance < 0:
-            t = INFINITY
-        hits[ray] = hit(t, b1, b2, 0.0)
-        hit_ids[ray] = hit_id(instance, triangle)
+        write_hit(hits, hit_ids, ray, t, b1, b2, instance, triangle)
 
 
 @ti.kernel

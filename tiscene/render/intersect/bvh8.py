@@ -12,7 +12,7 @@ import taichi as ti
 
 from tiscene.device.balanced_loops import first_items, iterations, next_item
 from tiscene.device.kernel_types import Float4s1, Float8s1, Floats3, Ints1, Ints2, Template, float4, float8, int8
-from tiscene.render.intersect.ray_queue import HitIds, Hits, Rays, hit, hit_id
+from tiscene.render.intersect.ray_queue import HitIds, Hits, Rays, write_hit
 from tiscene.scene.bvh.rebraid import INFO_PARTS, ROW_BITS, ROW_MASK
 
 TASK_RAYS = 32  # rays of one task, which share a stack: Taichi clears it where it is declared
@@ -351,10 +351,7 @@ def closest(
                 t, b1, b2, instance, triangle = trace(
                     nodes, leaf_blocks, transforms, instances, time, root, rays, ray, references, distances
                 )
-                if instance < 0:
-                    t = INFINITY
-                hits[ray] = hit(t, b1, b2, 0.0)
-                hit_ids[ray] = hit_id(instance, triangle)
+                write_hit(hits, hit_ids, ray, t, b1, b2, instance, triangle)
 
 
 @ti.kernel
@@ -382,7 +379,4 @@ def closest_in_frames(
             t, b1, b2, instance, triangle = trace(
                 nodes, leaf_blocks, transforms, instances, time, root, rays, ray, references, distances
             )
-            if instance < 0:
-                t = INFINITY
-            hits[ray] = hit(t, b1, b2, 0.0)
-            hit_ids[ray] = hit_id(instance, triangle)
+            write_hit(hits, hit_ids, ray, t, b1, b2, instance, triangle)

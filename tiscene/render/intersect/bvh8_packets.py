@@ -14,7 +14,7 @@ import taichi as ti
 from tiscene.device.balanced_loops import first_items, iterations, next_item
 from tiscene.device.kernel_types import Float4s1, Float8s1, Floats3, Ints1, Ints2, Template, float8
 from tiscene.render.intersect.bvh8 import INFINITY, LARGEST, STACK, entry_column, fast_max, fast_min, trace
-from tiscene.render.intersect.ray_queue import HitIds, Hits, Rays, hit, hit_id
+from tiscene.render.intersect.ray_queue import HitIds, Hits, Rays, write_hit
 from tiscene.scene.bvh.rebraid import ROW_MASK
 
 LANES = 16
@@ -287,18 +287,11 @@ def closest(
                                 pop = False
                 if is_packet:
                     for k in ti.static(range(LANES)):
-                        t = best[k]
-                        if hit_instance[k] < 0:
-                            t = INFINITY
-                        hits[rows[k]] = hit(t, b1[k], b2[k], 0.0)
-                        hit_ids[rows[k]] = hit_id(hit_instance[k], hit_triangle[k])
+                        write_hit(hits, hit_ids, rows[k], best[k], b1[k], b2[k], hit_instance[k], hit_triangle[k])
             if not is_packet:
                 for i in range(first, last):
                     ray = queue[i]
                     t, u, v, instance, triangle = trace(
                         nodes, leaf_blocks, transforms, instances, time, root, rays, ray, references, distances
                     )
-                    if instance < 0:
-                        t = INFINITY
-                    hits[ray] = hit(t, u, v, 0.0)
-                    hit_ids[ray] = hit_id(instance, triangle)
+                    write_hit(hits, hit_ids, ray, t, u, v, instance, triangle)

@@ -47,6 +47,22 @@ def ray_direction(rays: Template, row: ti.i32) -> ti.math.vec3:
     return ti.math.vec3(rays[row][4], rays[row][5], rays[row][6])
 
 
+@ti.func
+def write_hit(
+    hits: Template,
+    hit_ids: Template,
+    row: ti.i32,
+    distance: ti.f32,
+    b1: ti.f32,
+    b2: ti.f32,
+    instance: ti.i32,
+    triangle: ti.i32,
+):
+    """Write the hit of one ray. Where it hits no instance, -1, its distance is infinite."""
+    hits[row] = hit(ti.select(instance >= 0, distance, ti.math.inf), b1, b2, 0.0)
+    hit_ids[row] = hit_id(instance, triangle)
+
+
 def upload_rays(rays: NDArray[np.float32]) -> Any:
     """Return rays, float32 [n, 8], as a device array."""
     array = device_array(ray, len(rays))

@@ -47,10 +47,9 @@ from tiscene.render.intersect.ray_queue import (
     Hits,
     Pixels,
     Rays,
-    hit,
-    hit_id,
     ray_direction,
     ray_origin,
+    write_hit,
     write_ray,
 )
 from tiscene.render.intersect.surface_interaction import INFO_LINK_CLASS, Geometry, offset_origin, surface_at
@@ -113,8 +112,7 @@ def trace_path(
         if which == 0:
             occluded[i] = ti.select(instance >= 0, 1, 0)
         else:
-            hits[i] = hit(ti.select(instance >= 0, t, ti.math.inf), b1, b2, 0.0)
-            hit_ids[i] = hit_id(instance, triangle)
+            write_hit(hits, hit_ids, i, t, b1, b2, instance, triangle)
 
 
 @ti.kernel
