@@ -25,7 +25,8 @@ def shell(outside: ArrayLike, thickness: float, segments: int = 56) -> PolygonMe
     """Build a vessel with a round lip: its outside profile from the foot's center to the rim, (radius, height)."""
     outer = np.asarray(outside, dtype=np.float64)
     inner = offset(outer, thickness)
-    inner = inner[(inner[:, 0] > 0.0) & (inner[:, 1] > outer[0, 1] + 0.5 * thickness)]
+    # Points on the axis, but for rounding, are left out: whether they are kept must not depend on the processor.
+    inner = inner[(inner[:, 0] > 1e-9) & (inner[:, 1] > outer[0, 1] + 0.5 * thickness)]
     inner = np.concatenate([[[0.0, inner[0, 1]]], inner])
     middle, half = (outer[-1] + inner[-1]) / 2.0, (outer[-1] - inner[-1]) / 2.0
     along = np.array([-half[1], half[0]])
