@@ -31,9 +31,13 @@ class Client:
         self.socket.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
         self.send = send or type(self.socket).sendall
         self.width, self.height, self.compress = width, height, compress
-        self.write(struct.pack("<ii?", width, height, compress))
-        self.id = self.int()
-        self.scenes = self.texts()
+        try:
+            self.write(struct.pack("<ii?", width, height, compress))
+            self.id = self.int()
+            self.scenes = self.texts()
+        except BaseException:
+            self.socket.close()
+            raise
 
     def __enter__(self):
         return self
