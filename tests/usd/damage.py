@@ -9,13 +9,14 @@ from __future__ import annotations
 
 import os
 import random
+import signal
 import subprocess
 import sys
 from pathlib import Path
 
 from pxr import Sdf
 
-READ, REFUSED, STOPPED = "read", "refused", "stopped"
+READ, REFUSED, STOPPED, CRASHED = "read", "refused", "stopped", "crashed"
 
 # Reads each file in a forked child within the limits that `subprocess_worker` sets, and prints what became of it.
 _PROGRAM = """
@@ -62,7 +63,7 @@ def damaged(data: bytes, rng: random.Random) -> bytes:
     return bytes(result[: rng.randrange(len(result))] if rng.random() < 0.1 else result)
 
 
-def read_all(function: str, files: list[Path], seconds: float, total: float) -> list[str]:
+def read_all(function: str, files: list[Path], seconds: float, total: float, crashes: bool = False) -> list[str]:
     """Read files in child processes, each within limits of time and memory.
 
     Args:
@@ -70,9 +71,11 @@ def read_all(function: str, files: list[Path], seconds: float, total: float) -> 
         files: the files.
         seconds: limit for one file.
         total: limit for all of them; the test fails if they take longer.
+        crashes: whether USD may end the process.
 
     Returns:
-        READ, REFUSED (a TisceneError) or STOPPED (at the time limit) for each file. Any other error fails the test.
+        READ, REFUSED (a TisceneError), STOPPED (at the time limit) or CRASHED for each file. Any other error fails the
+        test.
     """
     command = [sys.executable, "-c", _PROGRAM, *function.split(":"), str(seconds), *map(str, files)]
     with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, start_new_session=True) as process:
@@ -82,7 +85,9 @@ def read_all(function: str, files: list[Path], seconds: float, total: float) -> 
             os.killpg(process.pid, 9)  # the forked child as well
             raise
     codes = [int(line) for line in output.split()]
-    outcomes = {0: READ, 1: REFUSED, -14: STOPPED}
+    outcomes = {0: READ, 1: REFUSED, -signal.SIGALRM: STOPPED}
+    if crashes:
+        outcomes |= {-signal.SIGABRT: CRASHED, -signal.SIGSEGV: CRASHED}
     assert len(codes) == len(files), errors.decode(errors="replace")[-2000:]
     assert set(codes) <= set(outcomes), errors.decode(errors="replace")[-2000:]
     return [outcomes[code] for code in codes]
