@@ -289,7 +289,7 @@ def test_denoised_light_has_less_noise_also_at_the_edges_of_the_cube(
 ) -> None:
     monkeypatch.setattr(panorama, "FINE_SPP", fine_spp)
     # One sample a cell, so that most of the error is noise.
-    for name, value in (("LEAST_SPP", 1), ("CONTRAST", 1.0), ("CELL_OF_CENTER", 0.35)):
+    for name, value in (("LEAST_SPP", 1), ("CONTRAST", 1.0), ("FINE_CONTRAST", 1.0), ("CELL_OF_CENTER", 0.35)):
         monkeypatch.setattr(panorama, name, value)
     scene = SurroundedBalls()
     for degrees in (0.0, 25.0):

@@ -51,9 +51,9 @@ FIRST_FRAME = -1000  # frame number of the random numbers of cells
 FIRST_DIVISOR, LEAST_SPP = 2, 4  # cells have their samples divided by this first, but no fewer than so many
 PROBE_DIVISOR = 64  # of the samples per pixel: so, a light probe has a few percent of all paths
 FURTHER_FRAME = -2  # frame number that sets the random numbers of further samples apart
-CONTRAST = 0.25  # of the light in a tile, from which it has further samples
+CONTRAST, FINE_CONTRAST = 0.25, 0.15  # of the light in a tile, from which it has further samples; from FINE_SPP
 DIM = 0.3  # of the mean light: the offset of `contrast_of`
-FINE_SPP = 128  # samples per pixel from which the denoiser's best quality pays
+FINE_SPP = 128  # samples per pixel from which the denoiser's best quality pays, and noise hides less variation
 _MAX_CELLS = (1 << 31) - 1  # whose numbers are int32
 _BATCH = 64  # blocks whose cells are copied at once
 _TILES_AT_ONCE = 1024  # whose paths are traced at once
@@ -83,6 +83,11 @@ class PanoramaSettings:
     def denoiser(self) -> str:
         """Quality of OIDN."""
         return "high" if self.spp >= FINE_SPP else "fast"
+
+    @property
+    def contrast(self) -> float:
+        """Contrast of the light in a tile from which it has further samples."""
+        return FINE_CONTRAST if self.spp >= FINE_SPP else CONTRAST
 
     @classmethod
     def of(cls, view: View, center: Vector3, *, spp: int, max_depth: int, seed: int) -> PanoramaSettings:
@@ -287,7 +292,7 @@ class Panorama:
             return rows.reshape(len(tiles), TILE * TILE, -1)
 
         result = sums(tiles, first_spp, settings.seed) / np.float32(first_spp)
-        varied = contrast_of(result, dim) > CONTRAST
+        varied = contrast_of(result, dim) > settings.contrast
         if varied.any():
             further = sums(tiles[varied], spp, frame_key(settings.seed, FURTHER_FRAME))
             result[varied] = (result[varied] * np.float32(first_spp) + further) / np.float32(first_spp + spp)

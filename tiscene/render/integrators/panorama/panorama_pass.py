@@ -35,14 +35,7 @@ from tiscene.render.integrators.panorama.cell_files import CellFiles
 from tiscene.render.integrators.panorama.light_changes import REDUCTION, LightChanges
 from tiscene.render.integrators.panorama.light_probes import LightProbes
 from tiscene.render.integrators.panorama.packed_cells import FORMAT
-from tiscene.render.integrators.panorama.panorama import (
-    CONTRAST,
-    DIM,
-    FIRST_DIVISOR,
-    LEAST_SPP,
-    Panorama,
-    PanoramaSettings,
-)
+from tiscene.render.integrators.panorama.panorama import DIM, FIRST_DIVISOR, LEAST_SPP, Panorama, PanoramaSettings
 from tiscene.render.integrators.panorama.panorama_kernels import DISTANCE_RANGE, NORMAL_RANGE
 from tiscene.render.integrators.panorama.reprojection import Reprojection
 from tiscene.render.integrators.panorama.reprojection_kernels import ALL_KNOWN, NONE_KNOWN, SUBPIXELS
@@ -331,7 +324,7 @@ class PanoramaPass:
         values = {
             "panorama": repr(settings),
             "cell": f"{FORMAT} {NORMAL_RANGE} {DISTANCE_RANGE}",
-            "sampling": f"{FIRST_DIVISOR} {LEAST_SPP} {CONTRAST} {DIM}",
+            "sampling": f"{FIRST_DIVISOR} {LEAST_SPP} {settings.contrast} {DIM}",
             "probe": f"{described} {center}",
             "denoiser": f"{settings.denoiser} {version('pyoidn')}",
         }
