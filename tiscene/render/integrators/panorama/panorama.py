@@ -51,7 +51,8 @@ FIRST_FRAME = -1000  # frame number of the random numbers of cells
 FIRST_DIVISOR, LEAST_SPP = 2, 4  # cells have their samples divided by this first, but no fewer than so many
 PROBE_DIVISOR = 64  # of the samples per pixel: so, a light probe has a few percent of all paths
 FURTHER_FRAME = -2  # frame number that sets the random numbers of further samples apart
-CONTRAST, FINE_CONTRAST = 0.25, 0.15  # of the light in a tile, from which it has further samples; from FINE_SPP
+# Contrast of the light in a tile from which it has further samples: below FINE_SPP, and from there on.
+CONTRAST, FINE_CONTRAST = 0.25, 0.15
 DIM = 0.3  # of the mean light: the offset of `contrast_of`
 FINE_SPP = 128  # samples per pixel from which the denoiser's best quality pays, and noise hides less variation
 _MAX_CELLS = (1 << 31) - 1  # whose numbers are int32
@@ -82,12 +83,16 @@ class PanoramaSettings:
     @property
     def denoiser(self) -> str:
         """Quality of OIDN."""
-        return "high" if self.spp >= FINE_SPP else "fast"
+        return "high" if self._fine else "fast"
 
     @property
     def contrast(self) -> float:
         """Contrast of the light in a tile from which it has further samples."""
-        return FINE_CONTRAST if self.spp >= FINE_SPP else CONTRAST
+        return FINE_CONTRAST if self._fine else CONTRAST
+
+    @property
+    def _fine(self) -> bool:
+        return self.spp >= FINE_SPP
 
     @classmethod
     def of(cls, view: View, center: Vector3, *, spp: int, max_depth: int, seed: int) -> PanoramaSettings:
