@@ -2,32 +2,25 @@
 """Whole frames of a stream with moving objects, from the request for a frame to NumPy arrays.
 
 First the table of `tiscene bench`. The first frame of a line includes the kernels that this line compiles. Lines after
-the first two should compile nothing. Then SAILenv's five views with three bouncing objects: with a fixed camera, whose
-frames are rendered incrementally, or with a camera that turns by a degree a frame. "outside" is the fraction of time
-spent neither in kernels nor in the denoiser. Last the same views of `room_02` with three objects of the demo at `fast`:
-frames per second, and PSNR against path tracing. Two references with independent noise are used, because the mean
-product of the errors against both does not depend on their noise.
+the first two should compile nothing. Then SAILenv's five views with three bouncing objects and a fixed camera. Last the
+same views of `room_02` with three objects of the demo at `fast`: frames per second, and PSNR against path tracing. Two
+references with independent noise are used, because the mean product of the errors against both does not depend on their
+noise. Cameras that move are in `moving`.
 """
 
 from __future__ import annotations
 
-import math
 import time
-from collections.abc import Callable, Iterable, Iterator
-from contextlib import contextmanager
+from collections.abc import Iterable
 from dataclasses import replace
 from typing import Any
 
 import numpy as np
-import pyoidn
 from numpy.typing import NDArray
-from taichi.lang import kernel_impl
 
 import tiscene as ts
-from dynamics.rotation import multiply
 from tiscene.cli import bench, demo
 from tiscene.render.render_settings import preset
-from tiscene.render.view import View
 
 SECONDS = 5.0
 FIVE_VIEWS = ("rgb", "semantic", "instance", "backward_flow", "depth")
@@ -51,26 +44,21 @@ def main() -> None:
 
 
 def five_views(scenes: Iterable[str], settings: Iterable[str]) -> None:
-    """Print one line for each scene, quality and camera."""
-    print(f"{'':<12} {'':<16} {'camera':>8} {'frame':>10} {'CPU':>10} {'frames/s':>9} {'outside':>8}")
+    """Print one line for each scene and quality."""
+    print(f"{'':<12} {'':<16} {'frame':>10} {'CPU':>10} {'frames/s':>9}")
     for scene in scenes:
         for name in settings:
-            for turns in (False, True):
-                render = renderer_of(scene, turns, SETTINGS[name])
-                for index in range(WARM_UP):
-                    render(index)
-                walls, cpus, outside = [], [], []
-                with timed_kernels() as spent:
-                    for index in range(WARM_UP, WARM_UP + FRAMES):
-                        wall, cpu, before = time.perf_counter(), time.process_time(), spent[0]
-                        render(index)
-                        walls.append(time.perf_counter() - wall)
-                        cpus.append(time.process_time() - cpu)
-                        outside.append(1.0 - (spent[0] - before) / walls[-1])
-                wall, cpu = 1e3 * np.median(walls), 1e3 * np.median(cpus)
-                camera, share = "turns" if turns else "fixed", 100.0 * np.median(outside)
-                times = f"{wall:>7.1f} ms {cpu:>7.1f} ms {1e3 / wall:>9.1f} {share:>6.1f} %"
-                print(f"{scene:<12} {name:<16} {camera:>8} {times}", flush=True)
+            stream = bouncing_objects(scene, SETTINGS[name])
+            for index in range(WARM_UP):
+                stream[index]
+            walls, cpus = [], []
+            for index in range(WARM_UP, WARM_UP + FRAMES):
+                wall, cpu = time.perf_counter(), time.process_time()
+                stream[index]
+                walls.append(time.perf_counter() - wall)
+                cpus.append(time.process_time() - cpu)
+            wall, cpu = 1e3 * np.median(walls), 1e3 * np.median(cpus)
+            print(f"{scene:<12} {name:<16} {wall:>7.1f} ms {cpu:>7.1f} ms {1e3 / wall:>9.1f}", flush=True)
 
 
 def against_path_tracing() -> None:
@@ -112,12 +100,11 @@ def against_path_tracing() -> None:
         print(f"base of {spp:>4} spp {times}", flush=True)
 
 
-def renderer_of(scene: str, turns: bool, settings: dict[str, Any]) -> Callable[[int], ts.Frame]:
-    """Return a function that renders a frame of three bouncing objects by its index.
+def bouncing_objects(scene: str, settings: dict[str, Any]) -> ts.Stream:
+    """Return a stream of three bouncing objects in front of the main camera.
 
     Args:
         scene: name of a scene.
-        turns: whether the camera turns by a degree a frame.
         settings: quality and samples, arguments of `Stream`.
     """
     camera = ts.Stream(scene, width=8, height=8, buffers=("depth",)).world.camera
@@ -128,52 +115,13 @@ def renderer_of(scene: str, turns: bool, settings: dict[str, Any]) -> Callable[[
         )
     ]
     width, height = SIZE
-    stream = ts.Stream(
-        ts.Scenario(scene, movers), width=width, height=height, buffers=FIVE_VIEWS, incremental=not turns, **settings
-    )
-
-    def turned(index: int) -> ts.Camera:
-        half = math.radians(0.5 * index)
-        w, x, y, z = multiply(np.array([math.cos(half), 0.0, math.sin(half), 0.0]), np.array(camera.rotation)).tolist()
-        return camera.with_pose(camera.position, (w, x, y, z))
-
-    def render(index: int) -> ts.Frame:
-        if not turns:
-            return stream[index]
-        return stream.render_view(
-            index, View(*(turned(index + step) for step in (-1, 0, 1)), width, height), FIVE_VIEWS
-        )
-
-    return render
+    return ts.Stream(ts.Scenario(scene, movers), width=width, height=height, buffers=FIVE_VIEWS, **settings)
 
 
 def in_front_of(camera: ts.Camera, offset: tuple[float, float, float]) -> tuple[float, float, float]:
     """Return the world position of an offset in a camera's axes, m."""
     x, y, z = (np.array(camera.position) + camera.axes() @ offset).tolist()
     return x, y, z
-
-
-@contextmanager
-def timed_kernels() -> Iterator[list[float]]:
-    """Measure the time spent in kernels, including launches, and in the denoiser within the block, s."""
-    spent = [0.0]
-    timed: list[tuple[Any, str]] = [(kernel_impl.Kernel, "__call__"), (pyoidn.Filter, "execute")]
-    originals = [getattr(kind, name) for kind, name in timed]
-    for (kind, name), call in zip(timed, originals, strict=True):
-
-        def measured(*args: Any, call: Any = call, **kwargs: Any) -> Any:
-            began = time.perf_counter()
-            try:
-                return call(*args, **kwargs)
-            finally:
-                spent[0] += time.perf_counter() - began
-
-        setattr(kind, name, measured)
-    try:
-        yield spent
-    finally:
-        for (kind, name), call in zip(timed, originals, strict=True):
-            setattr(kind, name, call)
 
 
 if __name__ == "__main__":
