@@ -182,6 +182,23 @@ def test_thread_that_iterates_at_the_end_of_the_program_prints_nothing(tmp_path)
     assert (done.returncode, done.stdout, done.stderr) == (0, "", "")
 
 
+NO_GUARD = """
+import tiscene as ts
+
+next(ts.Stream("room_01", width=16, height=12, buffers=("depth",), prefetch=2))
+"""
+
+
+def test_script_without_a_guard_is_told_so(tmp_path):
+    """The stream's pickle is larger than a pipe holds, and the worker ends before it reads any of it."""
+    script = tmp_path / "script.py"
+    script.write_text(NO_GUARD)
+    done = subprocess.run([sys.executable, str(script)], capture_output=True, text=True, timeout=300)
+    assert (done.returncode, done.stdout) == (1, "")
+    assert "if __name__ == '__main__':" in done.stderr
+    assert done.stderr.count("Traceback") == 1
+
+
 @pytest.mark.parametrize("prefetch", [-1, 1.5, "2"])
 def test_invalid_prefetch_is_refused(prefetch):
     with pytest.raises(ArgumentError, match="prefetch"):

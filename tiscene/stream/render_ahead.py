@@ -25,6 +25,8 @@ from tiscene.stream.view_renderer import Pixels
 
 POLL_SECONDS = 0.5  # between two checks that the worker lives
 JOIN_SECONDS = 5.0
+WORKER_NAME = "tiscene prefetch"
+NO_GUARD = 3  # exit code of a worker that was about to start a worker itself, as it ran the owner's script
 
 _interpreter_exits = threading.Event()
 atexit.register(_interpreter_exits.set)  # after `resource_tracker` was imported: before multiprocessing ends workers
@@ -109,14 +111,16 @@ class RenderAhead:
         self._results.close()
 
     def _start(self, stream: StreamInterface) -> None:
+        if multiprocessing.current_process().name == WORKER_NAME:
+            raise SystemExit(NO_GUARD)
         context = multiprocessing.get_context("spawn")
         # Pipes, not a Queue: that keeps an end for writing open here, so that this process would wait for ever for the
         # rest of a frame whose sender was killed. Its semaphores have names, which a killed process leaves behind.
         requests, self._requests = context.Pipe(duplex=False)
         self._results, results = context.Pipe(duplex=False)
-        copied = pickle.dumps(stream)  # not read before the worker watches its owner: that takes seconds
+        copied = pickle.dumps(stream)
         self._worker = context.Process(
-            target=_render_ahead, args=(copied, self.count, requests, results), name="tiscene prefetch", daemon=True
+            target=_render_ahead, args=(self.count, requests, results), name=WORKER_NAME, daemon=True
         )
         try:
             with _interrupts_blocked():  # the worker inherits this: Ctrl-C is for the process that owns it
@@ -126,6 +130,15 @@ class RenderAhead:
             raise
         requests.close()
         results.close()
+        # Not an argument: multiprocessing holds the reading end of the pipe for these, and so would wait for ever for
+        # a worker that ends before it has read them.
+        try:
+            self._requests.send_bytes(copied)
+        except OSError:
+            pass  # the worker is dead; `_receive` reports that
+        except BaseException:  # Ctrl-C in the middle of it: the next frame starts another worker
+            self.close()
+            raise
 
     def _request(self, position: int, version: int, scenario: Scenario | None) -> None:
         """Ask for the frames from a position on.
@@ -157,6 +170,11 @@ class RenderAhead:
             worker.join(JOIN_SECONDS)
             code = worker.exitcode
             self.close()
+            if code == NO_GUARD:
+                raise DeviceError(
+                    "prefetch= starts a process that imports this script: put what runs below "
+                    "`if __name__ == '__main__':`, or make the stream with prefetch=0"
+                ) from None
             raise DeviceError(
                 f"the process that renders ahead has ended (exit code {code}). It may have run out of memory: "
                 "make the stream with prefetch=0 or a smaller number"
@@ -167,19 +185,19 @@ class RenderAhead:
         return received
 
 
-def _render_ahead(copied: bytes, count: int, requests: Connection, results: Connection) -> None:
+def _render_ahead(count: int, requests: Connection, results: Connection) -> None:
     """Render frames of a pickled stream, in the worker: from the position of the last request to the stream's end.
 
     Args:
-        copied: The stream.
         count: Number of results that may wait for the owner.
-        requests: Gives (number, position, changed scenario or None), and None when the owner has received a result.
+        requests: Gives the bytes of the stream, then (number, position, changed scenario or None), and None when the
+            owner has received a result.
         results: Takes (number of the request, pixels or error).
     """
     threading.Thread(target=_exit_with_owner, daemon=True).start()
     ready: queue.SimpleQueue[tuple[int, Any]] = queue.SimpleQueue()
     threading.Thread(target=_send, args=(ready, results), daemon=True).start()
-    stream = pickle.loads(copied)
+    stream = pickle.loads(requests.recv_bytes())  # with threads that watch the owner, since it takes seconds
     number, position, free = 0, None, count
     while True:
         while position is None or not free or requests.poll():
