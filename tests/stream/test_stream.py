@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """The stream: any frame by its number, the same bytes however one gets to it."""
 
+import dataclasses
 import json
 import os
 import pickle
@@ -208,8 +209,11 @@ def test_paths_until_the_error_is_small_enough():
 
 def test_no_error_is_promised_while_a_shutter_is_open():
     settings = {**SETTINGS, "buffers": ("hdr",), "incremental": None, "relative_error": 0.1, "spp": 16}
+    with pytest.raises(ArgumentError, match=r"relative_error=0.1: not with shutter=\(0, 0.5\); give spp="):
+        ts.Stream(moving_scenario(), **settings, shutter=(0, 0.5))
+    camera = dataclasses.replace(ts.Stream(moving_scenario(), **settings).world.camera, shutter_close=0.5)
     with pytest.raises(ArgumentError, match=r"relative_error=0.1: not available with an open shutter; give spp="):
-        ts.Stream(moving_scenario(), **settings, shutter=(0, 0.5))[4]
+        ts.Stream(moving_scenario(), **settings, camera=camera)[4]
     assert ts.Stream(moving_scenario(), **settings, shutter=(0, 0))[4].spp == 16
 
 

@@ -162,6 +162,8 @@ class Stream(FixedSettings, LoaderMethods, StreamOutput, SavedState, Iterator[Fr
             base_spp=base_spp,
         )
         self.shutter = None if shutter is None else shutter_times(shutter)
+        if relative_error is not None and self.shutter is not None and self.shutter[0] < self.shutter[1]:
+            raise ArgumentError(f"relative_error={relative_error}: not with {shutter=}; give spp= instead")
         self.time_code = None if time_code is None else number(time_code, "time_code")
         self.taxonomy = taxonomy
         self._selected_categories = None if categories is None else distinct_names(categories, "categories")
