@@ -199,6 +199,13 @@ def test_script_without_a_guard_is_told_so(tmp_path):
     assert done.stderr.count("Traceback") == 1
 
 
+@pytest.mark.slow
+def test_script_from_standard_input_is_told_that_it_must_be_a_file():
+    done = subprocess.run([sys.executable, "-"], input=NO_GUARD, capture_output=True, text=True, timeout=300)
+    assert done.returncode == 1
+    assert "exit code 1). Its error is printed above. It imports the main script, which must be a file" in done.stderr
+
+
 @pytest.mark.parametrize("prefetch", [-1, 1.5, "2"])
 def test_invalid_prefetch_is_refused(prefetch):
     with pytest.raises(ArgumentError, match="prefetch"):

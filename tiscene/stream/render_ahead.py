@@ -175,10 +175,13 @@ class RenderAhead:
                     "prefetch= starts a process that imports this script: put what runs below "
                     "`if __name__ == '__main__':`, or make the stream with prefetch=0"
                 ) from None
-            raise DeviceError(
-                f"the process that renders ahead has ended (exit code {code}). It may have run out of memory: "
-                "make the stream with prefetch=0 or a smaller number"
-            ) from None
+            reason = (
+                "Its error is printed above. It imports the main script, which must be a file: make the stream with "
+                "prefetch=0 elsewhere"
+                if code == 1
+                else "It may have run out of memory: make the stream with prefetch=0 or a smaller number"
+            )
+            raise DeviceError(f"the process that renders ahead has ended (exit code {code}). {reason}") from None
         except BaseException:  # Ctrl-C, perhaps in the middle of a result: the next frame starts another worker
             self.close()
             raise
