@@ -106,6 +106,9 @@ class ReadingBudget:
         raise StageError(self.stage, [self.limits.exceeded(name)])
 
 
+_ROOT_ADVICE = "root= (--root) names the folder that may be read"
+
+
 class RootFolder:
     """The folder that every layer and texture of a stage must be in. Paths are compared after resolving links.
 
@@ -132,6 +135,10 @@ class RootFolder:
         """Return whether a file, or a file inside a package ("room.usdz[wood.png]"), is in the folder."""
         return self.folder is None or Path(split_package(file)[0]).resolve().is_relative_to(self.folder)
 
+    def refusal(self, file: str) -> str:
+        """Return what to say of a file that is not in the folder."""
+        return f"@{file}@ is outside {self.folder}; {_ROOT_ADVICE}"
+
     def check(self, stage: Usd.Stage, name: str) -> None:
         """Raise StageError if any layer of a stage is outside the folder.
 
@@ -142,4 +149,5 @@ class RootFolder:
         used = [layer.realPath for layer in stage.GetUsedLayers() if not layer.anonymous]
         outside = sorted(path for path in used if path and not self.contains(path))
         if outside:
-            raise StageError(name, [f"layer @{path}@ is outside {self.folder}" for path in outside])
+            problems = [f"layer @{path}@ is outside {self.folder}" for path in outside]
+            raise StageError(name, problems, _ROOT_ADVICE)

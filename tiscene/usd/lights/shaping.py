@@ -84,7 +84,7 @@ def _profile(prim: Usd.Prim, time: Usd.TimeCode, textures: TextureTable, report:
     if not isinstance(asset, Sdf.AssetPath) or not asset.path:
         return None
     if asset.resolvedPath and not report.root.contains(str(asset.resolvedPath)):
-        report.refuse(prim.GetPath(), "light", f"@{asset.resolvedPath}@ is outside {report.root.folder}")
+        report.refuse(prim.GetPath(), "light", report.root.refusal(str(asset.resolvedPath)))
         return None
     scale = float(light_input(prim, "shaping:ies:angleScale", time, 0.0))
     normalize = bool(light_input(prim, "shaping:ies:normalize", time, False))

@@ -166,7 +166,7 @@ class TextureTable:
         """Decode a file, once; None, which is reported, if it cannot be read."""
         if path not in self._pictures:
             if not self._report.root.contains(path):
-                self._report.refuse(prim_path, "texture", f"@{path}@ is outside {self._report.root.folder}")
+                self._report.refuse(prim_path, "texture", self._report.root.refusal(path))
                 self._pictures[path] = None
                 return None
             try:
