@@ -67,7 +67,7 @@ def test_undisturbed_export_is_good(exported, capsys):
     found = verify(exported / "out")
     assert (found.frames, found.rendered, found.is_good) == (4, 4, True)
     assert cli.main(["verify", str(exported / "out"), "--sample", "2"]) == 0
-    assert capsys.readouterr().out == "4 frames have their files; 2 rendered again are the same\n"
+    assert capsys.readouterr().out == "files of 4 frames are complete; 2 rendered again, same bytes\n"
 
 
 def test_export_that_is_written_into_is_not_verified(exported, monkeypatch):
@@ -122,7 +122,7 @@ def test_saved_layer_travels_with_its_export(tmp_path, monkeypatch, capsys):
     assert "not here, or have another content than at the export: templates/bouncing_ball" in capsys.readouterr().err
     monkeypatch.setenv("TISCENE_PATH", str(tmp_path / "new/far/things"))
     assert cli.main(["verify", "moved/out"]) == 0
-    assert capsys.readouterr().out == "4 frames have their files; 4 rendered again are the same\n"
+    assert capsys.readouterr().out == "files of 4 frames are complete; 4 rendered again, same bytes\n"
 
 
 def test_changed_scene_is_refused(exported, tmp_path):

@@ -16,6 +16,7 @@ from typing import Any
 import numpy as np
 
 from tiscene.cli.show import stage_file
+from tiscene.cli.terminal import counted
 from tiscene.errors import StageError, StageWarning
 from tiscene.scene.description import DistantLight, DomeLight, SceneDescription
 from tiscene.usd.read.inspection import StageFacts, stage_facts
@@ -72,7 +73,7 @@ def run(args: argparse.Namespace) -> None:
 
 
 def _refusal(error: StageError) -> str:
-    return f"Verdict: refused, for {_count(len(error.problems), 'problem')}."
+    return f"Verdict: refused, for {counted(len(error.problems), 'problem')}."
 
 
 def _verdict(stage: SceneDescription, left_out: list[str], suspicious: list[str]) -> str:
@@ -81,16 +82,17 @@ def _verdict(stage: SceneDescription, left_out: list[str], suspicious: list[str]
         return "Verdict: nothing to see; the stage has no geometry that is drawn."
     broken = sum(line.endswith("; left out") for line in left_out)
     others = len(left_out) - broken
-    notes = [f"{_count(broken, 'broken part')} left out"] if broken else []
-    notes += [f"{_count(others, 'kind')} of content approximated or not drawn"] if others else []
-    notes += [f"{_count(len(suspicious), 'thing')} to check"] if suspicious else []
+    notes = [f"{counted(broken, 'broken part')} left out"] if broken else []
+    notes += [f"{counted(others, 'kind')} of content approximated or not drawn"] if others else []
+    notes += [f"{counted(len(suspicious), 'thing')} to check"] if suspicious else []
     return f"Verdict: rendered, with {', '.join(notes)}." if notes else "Verdict: rendered as authored."
 
 
 def _facts(path: Path, facts: StageFacts) -> Iterable[str]:
     """Yield the lines about the file itself."""
     unit = f"{facts.meters_per_unit:g} m per unit" + ("" if facts.unit_is_authored else " (unauthored)")
-    yield (f"{path}\n  {_bytes(path.stat().st_size)}, {_count(len(facts.layers), 'layer')}, {unit}, {facts.up_axis} up")
+    layers = counted(len(facts.layers), "layer")
+    yield f"{path}\n  {_bytes(path.stat().st_size)}, {layers}, {unit}, {facts.up_axis} up"
     for layer in facts.other_units[:_MAX_LISTED]:
         yield f"  not converted to these units by USD: {layer}"
     if len(facts.other_units) > _MAX_LISTED:
@@ -99,9 +101,9 @@ def _facts(path: Path, facts: StageFacts) -> Iterable[str]:
         first, last = facts.time_codes
         yield (
             f"  time codes {first:g} to {last:g}, {facts.time_codes_per_second:g} per second; "
-            f"{_count(facts.animated, 'prim')} with motion"
+            f"{counted(facts.animated, 'prim')} with motion"
         )
-    prims = _count(sum(facts.types.values()), "prim")
+    prims = counted(sum(facts.types.values()), "prim")
     yield (f"  {prims}, {facts.instances:,} of them instances{_listing(facts.types)}")
     for place, (selected, names) in list(facts.variants.items())[:_MAX_LISTED]:
         yield (f"  variants {place}: {', '.join(f'[{name}]' if name == selected else name for name in names)}")
@@ -109,7 +111,7 @@ def _facts(path: Path, facts: StageFacts) -> Iterable[str]:
         yield (f"  ... and {len(facts.variants) - _MAX_LISTED} more variant sets")
     yield (f"  labels: {', '.join(facts.taxonomies) or 'none; names of prims are used instead'}")
     if facts.unauthored_schemes:
-        meshes = _count(facts.unauthored_schemes, "mesh", "es")
+        meshes = counted(facts.unauthored_schemes, "mesh", "es")
         yield f"  {meshes} without an authored subdivisionScheme: smooth surfaces, by USD's default catmullClark"
     for key, text in facts.license.items():
         line, *more = text.strip().splitlines() or [""]
@@ -121,35 +123,36 @@ def _rendered(stage: SceneDescription) -> Iterable[str]:
     yield f"{' x '.join(f'{side:.3g}' for side in high - low)} m (x, y, z)"
     unique = sum(len(mesh.triangles) for mesh in stage.meshes)
     placed = sum(len(stage.meshes[instance.mesh].triangles) for instance in stage.instances)
-    meshes, instances = _count(len(stage.meshes), "mesh", "es"), _count(len(stage.instances), "time")
+    meshes, instances = counted(len(stage.meshes), "mesh", "es"), counted(len(stage.instances), "time")
     yield f"{unique:,} triangles in {meshes}, placed {instances}: {placed:,}"
     categories = Counter(item.category or "(no category)" for item in stage.objects)
-    yield f"{_count(len(stage.objects), 'object')}{_listing(dict(categories.most_common()))}"
+    yield f"{counted(len(stage.objects), 'object')}{_listing(dict(categories.most_common()))}"
     parts = sum(len(item.parts) or 1 for item in stage.objects)
     not_colliding = sum(not instance.collides for instance in stage.instances)
     movable = sum(item.movable for item in stage.objects)
-    bodies = f"{_count(movable, 'movable object')}; {_count(not_colliding, 'mesh', 'es')} without collision"
+    bodies = f"{counted(movable, 'movable object')}; {counted(not_colliding, 'mesh', 'es')} without collision"
     if stage.colliders:
-        bodies += f"; {_count(len(stage.colliders), 'invisible collider')}"
-    yield f"{_count(parts, 'part')}; {bodies}"
+        bodies += f"; {counted(len(stage.colliders), 'invisible collider')}"
+    yield f"{counted(parts, 'part')}; {bodies}"
     deforming = [mesh for mesh in stage.meshes if mesh.deformation is not None]
     moving = sum(len(track.instances) for track in stage.tracks)
     if deforming or moving:
-        animated = f"{_count(moving, 'animated mesh', 'es')} within objects"
-        yield f"{_count(len(deforming), 'deforming mesh', 'es')}; {animated}"
+        animated = f"{counted(moving, 'animated mesh', 'es')} within objects"
+        yield f"{counted(len(deforming), 'deforming mesh', 'es')}; {animated}"
     varying = len(stage.material_tracks), len(stage.light_tracks)
     if any(varying):
-        yield f"{_count(varying[0], 'animated material')}; {_count(varying[1], 'light')} of animated size or visibility"
+        materials, lights = counted(varying[0], "animated material"), counted(varying[1], "light")
+        yield f"{materials}; {lights} of animated size or visibility"
     pixels = sum(texture.pixels.nbytes for texture in stage.textures)
-    texels = _count(len(stage.textures), "texture")
-    yield f"{_count(len(stage.materials), 'material')}, {texels} of {_bytes(pixels)}"
+    texels = counted(len(stage.textures), "texture")
+    yield f"{counted(len(stage.materials), 'material')}, {texels} of {_bytes(pixels)}"
     kinds = Counter(type(light).__name__ for light in stage.lights)
-    yield f"{_count(len(stage.lights), 'light')}{_listing(dict(kinds))}"
+    yield f"{counted(len(stage.lights), 'light')}{_listing(dict(kinds))}"
     names = ", ".join(camera.name for camera in stage.cameras[:_MAX_LISTED])
-    yield f"{_count(len(stage.cameras), 'camera')}{': ' if names else ''}{names}"
+    yield f"{counted(len(stage.cameras), 'camera')}{': ' if names else ''}{names}"
     if stage.templates:
         names = ", ".join(template.name for template in stage.templates[:_MAX_LISTED])
-        yield f"{_count(len(stage.templates), 'template')}: {names}"
+        yield f"{counted(len(stage.templates), 'template')}: {names}"
     arrays = [
         (each.positions, each.triangles, each.normals, each.uv, each.materials, each.second_uv, each.colors)
         for each in stage.meshes
@@ -198,10 +201,6 @@ def _listing(counts: dict[str, int]) -> str:
     listed = [f"{count:,} {name}" for name, count in list(counts.items())[:_MAX_LISTED]]
     more = [f"{len(counts) - _MAX_LISTED} more kinds"] if len(counts) > _MAX_LISTED else []
     return (": " if counts else "") + ", ".join(listed + more)
-
-
-def _count(number: int, name: str, plural: str = "s") -> str:
-    return f"{number:,} {name}{'' if number == 1 else plural}"
 
 
 def _bytes(number: int) -> str:

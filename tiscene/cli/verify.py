@@ -6,7 +6,7 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
-from tiscene.cli.terminal import progress
+from tiscene.cli.terminal import counted, progress
 from tiscene.errors import ExportError
 from tiscene.export.generation.data_set_index import DataSet
 from tiscene.export.generation.data_set_verification import verify_data_set
@@ -36,7 +36,7 @@ def _verify_export(args: argparse.Namespace) -> None:
         found = verify(args.folder, sample=args.sample, search=args.search, arch=args.arch, progress=show)
     if not found.is_good:
         raise ExportError(f"{args.folder}: {'; '.join(found.problems())}")
-    print(f"{found.frames} frames have their files; {found.rendered} rendered again are the same")
+    print(f"files of {counted(found.frames, 'frame')} are complete; {found.rendered:,} rendered again, same bytes")
 
 
 def _verify_data_set(args: argparse.Namespace, count: int) -> None:
@@ -53,6 +53,6 @@ def _verify_data_set(args: argparse.Namespace, count: int) -> None:
         raise ExportError(f"{args.folder}: problems of the data set:{''.join(lines)}")
     failed = f", {found.failed} of them with an error and without frames" if found.failed else ""
     print(
-        f"{found.scenarios} scenarios{failed}: {found.frames} frames have their files; "
-        f"{found.rendered} rendered again are the same"
+        f"{counted(found.scenarios, 'scenario')}{failed}: files of {counted(found.frames, 'frame')} are complete; "
+        f"{found.rendered:,} rendered again, same bytes"
     )

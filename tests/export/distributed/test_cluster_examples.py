@@ -88,5 +88,5 @@ def test_open_job_description_renders_the_bytes_of_one_process(tmp_path):
     assert done.returncode == 0, done.stdout + done.stderr
     found = {name: data for name, data in contents(tmp_path / "out").items() if not name.startswith("shards")}
     assert found == contents(tmp_path / "one")
-    assert re.search(r"6 frames have their files; 3 rendered again are the same", done.stdout)
+    assert re.search(r"files of 6 frames are complete; 3 rendered again, same bytes", done.stdout)
     assert json.loads((tmp_path / "out" / "tiscene.json").read_text())["format"] == "webdataset"

@@ -53,8 +53,8 @@ def test_undisturbed_data_set_is_good(copied, capsys):
     assert len(seen) == COUNT + 3 * count
     assert cli.main(["verify", str(folder), "--sample", "3"]) == 0
     assert capsys.readouterr().out == (
-        f"4 scenarios, {failed} of them with an error and without frames: {3 * count} frames have their files; "
-        "3 rendered again are the same\n"
+        f"4 scenarios, {failed} of them with an error and without frames: files of {3 * count} frames are complete; "
+        "3 rendered again, same bytes\n"
     )
 
 

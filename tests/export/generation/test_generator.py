@@ -203,7 +203,7 @@ def test_commands_write_scenarios_and_data_sets(recipe, tmp_path, capsys):
     assert capsys.readouterr().out == f"{tmp_path / 'data'}\n"
     assert (tmp_path / "data" / "index.jsonl").is_file()
     assert cli.main(["verify", str(tmp_path / "data"), "--sample", "2"]) == 0
-    assert capsys.readouterr().out == "1 scenarios: 3 frames have their files; 2 rendered again are the same\n"
+    assert capsys.readouterr().out == "1 scenario: files of 3 frames are complete; 2 rendered again, same bytes\n"
     with pytest.raises(ExportError, match="a data set is verified by `verify_data_set`"):
         verify(tmp_path / "data")
 
