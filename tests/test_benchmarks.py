@@ -192,13 +192,15 @@ def test_stream_benchmark_prints_all_tables(monkeypatch, capsys):
 
     monkeypatch.setattr(benchmarks, "discover", lambda: {"stream": stream.main})
     monkeypatch.setattr(stream.bench, "print_table", lambda source, seconds: print("table of", source.scene))
-    for name, value in (("SCENES", ("object_view",)), ("SIZE", (32, 24)), ("WARM_UP", 1), ("FRAMES", 2)):
+    scenes = "object_view", "solid_benchmark"
+    for name, value in (("SCENES", scenes), ("SIZE", (32, 24)), ("WARM_UP", 1), ("FRAMES", 2)):
         monkeypatch.setattr(stream, name, value)
-    monkeypatch.setattr(stream, "SETTINGS", {"fast": {"quality": "fast"}})
+    monkeypatch.delitem(stream.SETTINGS, "standard, 4 spp")
     monkeypatch.setattr(stream, "against_path_tracing", lambda: print("path tracing"))
     assert benchmarks.main([]) == 0
     printed = capsys.readouterr().out
     assert "logical cores" in printed
     assert "stream: Whole frames of a stream" in printed
     assert "table of room_02" in printed
-    assert re.search(r"object_view +fast +[0-9.]+ ms +[0-9.]+ ms +[0-9.]+", printed)
+    rows = re.findall(r"(\w+) +(\w+) +[0-9.]+ ms +[0-9.]+ ms +[0-9.]+", printed)
+    assert rows == [(scene, quality) for scene in scenes for quality in ("fast", "preview")]

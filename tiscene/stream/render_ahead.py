@@ -112,7 +112,7 @@ class RenderAhead:
 
     def _start(self, stream: StreamInterface) -> None:
         if multiprocessing.current_process().name == WORKER_NAME:
-            raise SystemExit(NO_GUARD)
+            raise SystemExit(NO_GUARD)  # the owner explains it
         context = multiprocessing.get_context("spawn")
         # Pipes, not a Queue: that keeps an end for writing open here, so that this process would wait for ever for the
         # rest of a frame whose sender was killed. Its semaphores have names, which a killed process leaves behind.
@@ -176,8 +176,7 @@ class RenderAhead:
                     "`if __name__ == '__main__':`, or make the stream with prefetch=0"
                 ) from None
             reason = (
-                "Its error is printed above. It imports the main script, which must be a file: make the stream with "
-                "prefetch=0 elsewhere"
+                "Its error is printed above. It imports the main script, which must be a file; prefetch=0 does not"
                 if code == 1
                 else "It may have run out of memory: make the stream with prefetch=0 or a smaller number"
             )
