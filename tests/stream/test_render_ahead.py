@@ -62,6 +62,10 @@ def test_frames_are_those_of_a_stream_without_worker_after_seeks_and_edits(ahead
     for _ in range(3):
         assert_equal_frames(next(ahead), next(plain))
     assert len(ahead[21].objects) == len(ahead[20].objects) + 1
+    for step in range(3):  # an edit at each frame
+        for stream in (ahead, plain):
+            stream.world.move("spawned_1", (0.1 * step, 1.0, -2.5))
+        assert_equal_frames(next(ahead), next(plain))
     for stream in (ahead, plain):
         stream.restart(scenario())
     assert_equal_frames(next(ahead), next(plain))

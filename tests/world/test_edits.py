@@ -76,6 +76,20 @@ def test_a_replay_shows_what_was_seen(name, tmp_path):
             np.testing.assert_array_equal(shown.present, seen[frame].present)
 
 
+@pytest.mark.parametrize("name", SCENARIOS)
+def test_a_world_that_follows_another_shows_the_same(name):
+    scenario, stage = SCENARIOS[name]
+    edited, follower = world(scenario, stage), world(scenario, stage)
+    for frame in range(60):
+        follower.state(frame)  # ahead of the edits, in vain
+    seen = played(edited)
+    middle = edited.edit_count // 2
+    follower.follow(0, edited.edits(0, middle))
+    follower.follow(middle - 1, edited.edits(middle - 1, edited.edit_count))  # the first of these is made already
+    assert follower.scenario == edited.scenario
+    assert all(same(follower.state(frame).placement, edited.state(frame).placement) for frame in seen)
+
+
 def test_edits_are_effective_on_the_next_frame_and_not_anticipated():
     made = world(*SCENARIOS["still"])
     made.next_frame = 10

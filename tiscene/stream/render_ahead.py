@@ -19,7 +19,6 @@ from typing import Any
 from tiscene.device import runtime
 from tiscene.errors import ArgumentError, DeviceError
 from tiscene.frame.frame import Frame
-from tiscene.scenario.scenario import Scenario
 from tiscene.stream.stream_interface import StreamInterface
 from tiscene.stream.view_renderer import Pixels
 
@@ -78,9 +77,9 @@ class RenderAhead:
         """
         if self._worker is None:
             self._start(stream)
-            self._request(position, version, None)
+            self._request(stream, position, version)
         elif (position, version) != self._expected:
-            self._request(position, version, stream.scenario if version != self._expected[1] else None)
+            self._request(stream, position, version, edited_from=self._expected[1])
         while True:
             request, result = self._receive()
             if request == self._number:
@@ -140,18 +139,20 @@ class RenderAhead:
             self.close()
             raise
 
-    def _request(self, position: int, version: int, scenario: Scenario | None) -> None:
+    def _request(self, stream: StreamInterface, position: int, version: int, *, edited_from: int | None = None) -> None:
         """Ask for the frames from a position on.
 
         Args:
+            stream: the stream.
             position: index of the first frame.
-            version: number of edits of the scenario.
-            scenario: the scenario, if it has changed since the last request.
+            version: number of edits of its scenario.
+            edited_from: that number at the last request; None: the worker has a new copy of the stream.
         """
         self._number += 1
         self._expected = position, version
+        first = version if edited_from is None else edited_from
         with suppress(OSError):  # the worker is dead; `_receive` reports that
-            self._requests.send((self._number, position, scenario))
+            self._requests.send((self._number, position, first, stream.world.edits(first, version)))
 
     def _receive(self) -> tuple[int, Any]:
         try:
@@ -192,8 +193,8 @@ def _render_ahead(count: int, requests: Connection, results: Connection) -> None
 
     Args:
         count: Number of results that may wait for the owner.
-        requests: Gives the bytes of the stream, then (number, position, changed scenario or None), and None when the
-            owner has received a result.
+        requests: Gives the bytes of the stream, then (number, position, and arguments of `World.follow`), and None when
+            the owner has received a result.
         results: Takes (number of the request, pixels or error).
     """
     threading.Thread(target=_exit_with_owner, daemon=True).start()
@@ -210,9 +211,8 @@ def _render_ahead(count: int, requests: Connection, results: Connection) -> None
             if request is None:
                 free += 1
                 continue
-            number, position, scenario = request
-            if scenario is not None:
-                stream.restart(scenario)
+            number, position, *edited = request
+            stream.world.follow(*edited)
         try:
             result: Any = [Pixels.of(view) for view in stream[position].views.values()]
         except Exception as error:

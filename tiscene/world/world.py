@@ -8,7 +8,7 @@ were requested before.
 from __future__ import annotations
 
 import functools
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from contextlib import AbstractContextManager, nullcontext
 from dataclasses import replace
 from fractions import Fraction
@@ -22,6 +22,7 @@ from tiscene.scene.bvh.obstacle_tree import MeshTrees
 from tiscene.scene.camera import Camera
 from tiscene.scene.description import Light, SceneDescription, Template
 from tiscene.scene.placement import Placement
+from tiscene.world.camera_edits import one_at_a_time
 from tiscene.world.category_ids import CategoryIds
 from tiscene.world.frame_evaluator import FrameEvaluator
 from tiscene.world.lights import WorldLights
@@ -143,6 +144,21 @@ class World(ObjectEdits):
     def edit_count(self) -> int:
         """Number of edits so far, at constant cost: `scenario` is made anew after edits."""
         return len(self._log.edits)
+
+    def edits(self, first: int, last: int) -> list[Edit]:
+        """Return edits `first` to `last - 1`, in the order in which they were made."""
+        return self._log.edits[first:last]
+
+    @one_at_a_time
+    def follow(self, first: int, edits: Sequence[Edit]) -> None:
+        """Make edits of another world of the same scenario, except those that this one has made.
+
+        Args:
+            first: number of edits that the other world made before.
+            edits: what it made then.
+        """
+        for edit in edits[self.edit_count - first :]:
+            self._edit(edit)
 
     @property
     def camera(self) -> Camera:
