@@ -12,7 +12,7 @@ import trimesh
 from numpy.typing import NDArray
 
 from tiscene.errors import ArgumentError
-from tiscene.scene.bvh import bvh, layout_kernels
+from tiscene.scene.bvh import bvh, layout_kernels, tree_arrays
 from tiscene.scene.bvh.bvh import Bvh
 from tiscene.scene.bvh.instance_tree import InstanceTrees
 from tiscene.scene.bvh.workspace import Workspace
@@ -141,7 +141,8 @@ def test_tree_too_deep_for_the_stack_is_balanced(layout: str, monkeypatch: pytes
         limited = replace(bvh.LAYOUTS[layout], blas_stack=entries)
         monkeypatch.setitem(bvh.LAYOUTS, layout, limited)
         if layout == "bvh8":
-            monkeypatch.setattr(bvh, "BVH8", limited)
+            for module in (bvh, tree_arrays):
+                monkeypatch.setattr(module, "BVH8", limited)
 
     def build() -> tuple[list[int], int, int]:
         tree = Bvh(layout)

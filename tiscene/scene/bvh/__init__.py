@@ -4,6 +4,7 @@
 ::
 
     bvh             Bvh: build, place and refit the trees
+    tree_arrays     TreeArrays: the arrays of nodes and triangles of all trees
     bvh_copy        BvhCopy: the trees of meshes that another scene begins with
     moved_trees     MovedTrees: trees that were built elsewhere
     template_trees  the trees of templates, built once in a process

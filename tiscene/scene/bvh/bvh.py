@@ -12,11 +12,9 @@ from collections.abc import Hashable, Iterator, Sequence
 from typing import Any
 
 import numpy as np
-import taichi as ti
 from numpy.typing import NDArray
 
-from tiscene.device.kernel_types import float4, float8
-from tiscene.device.memory import device_array, upload, write_rows
+from tiscene.device.memory import upload, write_rows
 from tiscene.errors import ArgumentError
 from tiscene.scene.bvh import layout_kernels, refit_kernels
 from tiscene.scene.bvh.binary_trees import placed_nodes
@@ -24,7 +22,8 @@ from tiscene.scene.bvh.blas import EMPTY_NODE, Blas, levels_below
 from tiscene.scene.bvh.instance_tree import NODE_COLUMNS, InstanceTrees, empty_nodes, median_trees, node_count
 from tiscene.scene.bvh.moved_trees import MovedTrees
 from tiscene.scene.bvh.rebraid import SplitInstances, root_children
-from tiscene.scene.bvh.workspace import BVH8, LAYOUTS, MAX_KEPT_CAPACITY, Boxes, Workspace, grown, widened
+from tiscene.scene.bvh.tree_arrays import BLOCK_ROWS, TreeArrays
+from tiscene.scene.bvh.workspace import BVH8, LAYOUTS, MAX_KEPT_CAPACITY, Boxes, Workspace, widened
 
 TLAS_COUNT = 4  # one for each time, one over the dynamic objects
 LEAF_SIZE = 4
@@ -41,7 +40,6 @@ class Bvh:
 
     Attributes:
         layout: The shape of the trees.
-        leaf_blocks: Device array of triangles (`layout_kernels`), replaced when it grows.
 
     Raises:
         ArgumentError: The layout is unknown.
@@ -63,21 +61,25 @@ class Bvh:
         self._regions = TLAS_COUNT
         self._levels: dict[int, tuple[Any, list[int]]] = {}  # of deforming meshes, by first node
         self._used_nodes = 2  # the empty node and the guard node
-        self._nodes = self._new_nodes(self._used_nodes)
-        self.leaf_blocks = self._new_leaf_blocks(1)
+        self._arrays = TreeArrays(self.layout, self._used_nodes, 1)
         if self.layout is BVH8:
             self._write_nodes(self._used_nodes, EMPTY_NODE, 0, layout_kernels.INSTANCE_LEAF)
-            layout_kernels.write_guard(self._nodes)
+            layout_kernels.write_guard(self._arrays.nodes)
         else:
-            write_rows(self._nodes, EMPTY_NODE, empty_nodes(self._used_nodes))
+            write_rows(self._arrays.nodes, EMPTY_NODE, empty_nodes(self._used_nodes))
 
     @property
     def nodes(self) -> Any:
         """Device array of nodes (`layout_kernels`), replaced when it grows."""
         numbers, values = self.take_unwritten()
         if len(numbers):
-            layout_kernels.write_rows(numbers, values, self._nodes)
-        return self._nodes
+            layout_kernels.write_rows(numbers, values, self._arrays.nodes)
+        return self._arrays.nodes
+
+    @property
+    def leaf_blocks(self) -> Any:
+        """Device array of triangles (`layout_kernels`), replaced when it grows."""
+        return self._arrays.leaf_blocks
 
     def take_unwritten(self) -> tuple[NDArray[np.int32], NDArray[np.int32]]:
         """Return nodes of TLAS that the caller writes into `nodes`, so that they travel with its other data.
@@ -102,12 +104,7 @@ class Bvh:
     @property
     def used_rows(self) -> tuple[int, int]:
         """Rows of `nodes` and of `leaf_blocks` that hold BLAS and static instances; the others change or are free."""
-        return self._used_nodes * self.layout.unit, self._used_leaf_blocks * self.rows_of_block
-
-    @property
-    def rows_of_block(self) -> int:
-        """Rows of `leaf_blocks` of one leaf block."""
-        return 10 if self.layout is BVH8 else 1
+        return self._used_nodes * self.layout.unit, self._used_leaf_blocks * self._arrays.rows_of_block
 
     def root(self, time: Hashable) -> int:
         """Return the reference of the TLAS at PREVIOUS, CURRENT or NEXT, or of the MOVERS.
@@ -156,7 +153,7 @@ class Bvh:
         self._reserve(len(trees.nodes), len(trees.leaf_blocks))
         here = trees.moved(self._used_nodes, self._used_leaf_blocks, first_triangle)
         nodes, leaf_blocks = self.used_rows
-        write_rows(self._nodes, nodes, here.nodes.reshape(-1, 8))
+        write_rows(self._arrays.nodes, nodes, here.nodes.reshape(-1, 8))
         write_rows(self.leaf_blocks, leaf_blocks, here.leaf_blocks.reshape(-1, 4))
         self._used_nodes += len(here.nodes)
         self._used_leaf_blocks += len(here.leaf_blocks)
@@ -214,7 +211,7 @@ class Bvh:
         bounds = np.minimum.reduceat(boxes[:, :3], starts), np.maximum.reduceat(boxes[:, 3:], starts)
         for mesh, row, box in zip(meshes.tolist(), rows.tolist(), np.stack(bounds, axis=1), strict=True):
             root = row[0] * self.layout.unit
-            entry = -1 - 10 * row[2] if self.layout is BVH8 and row[3] - row[2] == 1 else root
+            entry = -1 - BLOCK_ROWS * row[2] if self.layout is BVH8 and row[3] - row[2] == 1 else root
             result[mesh] = Blas(root, entry, box.astype(np.float64), range(row[0], row[1]), range(row[2], row[3]))
         return result
 
@@ -223,7 +220,7 @@ class Bvh:
         if self.layout is not BVH8:
             return root_children(np.zeros((len(meshes), 8, 8), np.float32))
         roots = np.array([blas.root if blas.entry == blas.root else EMPTY_NODE for blas in meshes], np.int64)
-        return root_children(self._nodes.to_numpy().reshape(-1, 8, 8)[roots // self.layout.unit])
+        return root_children(self._arrays.nodes.to_numpy().reshape(-1, 8, 8)[roots // self.layout.unit])
 
     def refit(self, blas: Blas, vertex_position: Any, triangle_vertices: Any, offset: int) -> None:
         """Fit the boxes and triangles of a deforming mesh's tree to its present vertices.
@@ -238,11 +235,11 @@ class Bvh:
         source = vertex_position, triangle_vertices, offset
         if self.layout is BVH8:
             refit_kernels.refit_leaf_blocks(self.leaf_blocks, leaf_blocks.start, len(leaf_blocks), *source)
-            refit_kernels.refit_bvh8(self._nodes, nodes.start, len(nodes), self.leaf_blocks)
+            refit_kernels.refit_bvh8(self._arrays.nodes, nodes.start, len(nodes), self.leaf_blocks)
         else:
             refit_kernels.refit_triangles(self.leaf_blocks, leaf_blocks.start, len(leaf_blocks), *source)
             for order, first, count in self._levels_of(nodes):
-                refit_kernels.refit_bvh2(self._nodes, order, first, count, self.leaf_blocks)
+                refit_kernels.refit_bvh2(self._arrays.nodes, order, first, count, self.leaf_blocks)
 
     def _levels_of(self, rows: range) -> Iterator[tuple[Any, int, int]]:
         """Yield the levels of a tree of the layout "bvh2", deepest first: a device array of nodes, its first and count.
@@ -250,7 +247,9 @@ class Bvh:
         A GPU would refit all nodes in one thread otherwise. The levels are found once.
         """
         if rows.start not in self._levels:
-            levels = levels_below(rows.start, self._nodes.to_numpy()[rows.start : rows.stop, 12:14].view(np.int32))
+            levels = levels_below(
+                rows.start, self._arrays.nodes.to_numpy()[rows.start : rows.stop, 12:14].view(np.int32)
+            )
             self._levels[rows.start] = upload(np.concatenate(levels)), [len(level) for level in levels]
         order, sizes = self._levels[rows.start]
         end = sum(sizes)
@@ -299,7 +298,7 @@ class Bvh:
         for root, (cached_boxes, cached_rows) in self._cached.items():
             if np.array_equal(cached_rows, rows) and np.array_equal(cached_boxes, boxes):
                 return root
-        end = self._node_capacity()
+        end = self._arrays.node_capacity
         regions = range(end - self._regions * self._instance_capacity, end, self._instance_capacity)
         roots = [first * self.layout.unit for first in regions if first * self.layout.unit not in self._cached]
         free = next(root for root in (*roots, *self._cached) if root not in self._roots.values())
@@ -322,7 +321,7 @@ class Bvh:
         first = self._used_nodes
         if on_host:
             values, numbers = median_trees(widened(boxes), rows, np.zeros(1, np.int64), np.array([first]))
-            layout_kernels.write_rows(numbers.astype(np.int32), values.view(np.int32), self._nodes)
+            layout_kernels.write_rows(numbers.astype(np.int32), values.view(np.int32), self._arrays.nodes)
         else:
             self._write_nodes(nodes, first, 0, layout_kernels.INSTANCE_LEAF)
         self._used_nodes += nodes
@@ -366,33 +365,18 @@ class Bvh:
     def _write_nodes(self, count: int, first: int, first_block: int, leaf_kind: int) -> None:
         work = self._work
         if self.layout is BVH8:
-            rows = 10 if leaf_kind == layout_kernels.BLOCK_LEAF else 1
+            rows = BLOCK_ROWS if leaf_kind == layout_kernels.BLOCK_LEAF else 1
             layout_kernels.write_bvh8_nodes(
-                work.node_box, work.node_link, work.children, count, self._nodes, first, first_block, rows
+                work.node_box, work.node_link, work.children, count, self._arrays.nodes, first, first_block, rows
             )
         else:
-            write_rows(self._nodes, first, placed_nodes(work.nodes, first, first_block))
+            write_rows(self._arrays.nodes, first, placed_nodes(work.nodes, first, first_block))
 
     def _reserve(self, nodes: int, leaf_blocks: int) -> None:
         """Make room for more BLAS nodes and leaf blocks. The TLAS regions are at the end of the nodes."""
         needed = self._used_nodes + nodes + self._regions * self._instance_capacity
         if needed > layout_kernels.MAX_NODES and self.layout is BVH8:
             raise self._too_many(needed, "nodes of trees")
-        if needed > self._node_capacity():
-            self._nodes = grown(self._nodes, self._new_nodes(needed + needed // 4))
+        if self._arrays.reserve_nodes(needed):
             self._drop_instances()
-        needed = self._used_leaf_blocks + leaf_blocks
-        if needed > self._leaf_block_capacity():
-            self.leaf_blocks = grown(self.leaf_blocks, self._new_leaf_blocks(needed + needed // 4))
-
-    def _new_nodes(self, count: int) -> Any:
-        return device_array(float8, 8 * count) if self.layout is BVH8 else device_array(ti.f32, (count, 16))
-
-    def _new_leaf_blocks(self, count: int) -> Any:
-        return device_array(float4, 10 * count) if self.layout is BVH8 else device_array(ti.f32, (count, 12))
-
-    def _node_capacity(self) -> int:
-        return int(self._nodes.shape[0]) // self.layout.unit
-
-    def _leaf_block_capacity(self) -> int:
-        return int(self.leaf_blocks.shape[0]) // (10 if self.layout is BVH8 else 1)
+        self._arrays.reserve_leaf_blocks(self._used_leaf_blocks + leaf_blocks)

@@ -46,13 +46,14 @@ class MeshTrees:
         """Free everything but the trees."""
         self.arrays = None
         if isinstance(self.bvh, BvhCopy):
-            self.bvh.spare = ()
+            self.bvh.spare = None
 
     @property
     def nbytes(self) -> int:
         """The memory that is kept on the device, bytes."""
-        spare = self.bvh.spare if isinstance(self.bvh, BvhCopy) else ()
-        return nbytes(self.bvh.nodes, self.bvh.leaf_blocks, *spare) + (self.arrays.nbytes if self.arrays else 0)
+        spare = self.bvh.spare if isinstance(self.bvh, BvhCopy) else None
+        kept = (each.nbytes for each in (spare, self.arrays) if each)
+        return nbytes(self.bvh.nodes, self.bvh.leaf_blocks) + sum(kept)
 
     @property
     def is_bvh8(self) -> bool:

@@ -4,13 +4,12 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 import taichi as ti
 from numpy.typing import NDArray
 
-from tiscene.device.memory import copy_rows, device_array, read_rows, upload
+from tiscene.device.memory import device_array, read_rows, upload
 from tiscene.scene.bvh import binary_trees, build_kernels, layout_kernels
 
 Boxes = NDArray[np.float32]
@@ -114,12 +113,6 @@ class Workspace:
         arrays = (self.order, self.node_box, self.node_link, self.children, self.stack, self.tasks, found)
         layout_kernels.collapse(*arrays, leaf_kind, int(by_count))
         return found
-
-
-def grown(old: Any, new: Any) -> Any:
-    """Copy the values of an array to the beginning of a larger one, and return that."""
-    copy_rows(old, new, min(old.shape[0], new.shape[0]))
-    return new
 
 
 def widened(boxes: NDArray[np.floating]) -> Boxes:
