@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, nullcontext
 
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, SpinnerColumn, TextColumn, TimeRemainingColumn
@@ -32,14 +32,15 @@ def progress(task: str, total: int) -> Iterator[Callable[..., None]]:
         TimeRemainingColumn(),
     )
     console = Console(stderr=True)
-    with Progress(*columns, console=console, transient=True, disable=not console.is_terminal) as bar:
+    bar = Progress(*columns, console=console, transient=True)
+    with bar if console.is_terminal else nullcontext():  # where it was shown, some versions leave an empty line
         bar_task = bar.add_task(task, total=total or None)
         next_line = time.monotonic() + LINE_EVERY
 
         def step(advance: int = 1, task: str | None = None) -> None:
             nonlocal next_line
             bar.update(bar_task, advance=advance, description=task)
-            if bar.disable and time.monotonic() >= next_line:
+            if not console.is_terminal and time.monotonic() >= next_line:
                 shown = bar.tasks[0]
                 count = f"{shown.completed:g} of {shown.total:g}" if shown.total else f"{shown.completed:g}"
                 note(f"{shown.description}: {count}")
