@@ -144,9 +144,7 @@ def test_avalanche_trains_and_evaluates_on_a_course(course):
     assert target == first.category_id
     torch.manual_seed(0)
     model = SimpleMLP(num_classes=3, input_size=3 * 9 * 9)
-    strategy = Naive(
-        model=model, optimizer=torch.optim.SGD(model.parameters(), lr=0.1), train_mb_size=4, train_epochs=5
-    )
+    strategy = Naive(model=model, optimizer=torch.optim.Adam(model.parameters()), train_mb_size=4, train_epochs=10)
     strategy.train(benchmark.train_stream[0], shuffle=False)
     results = strategy.eval(benchmark.test_stream)
     accuracy = [value for name, value in results.items() if name.startswith("Top1_Acc_Exp")]
