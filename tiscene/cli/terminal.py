@@ -33,7 +33,7 @@ def progress(task: str, total: int) -> Iterator[Callable[..., None]]:
     )
     console = Console(stderr=True)
     bar = Progress(*columns, console=console, transient=True)
-    with bar if console.is_terminal else nullcontext():  # where it was shown, some versions leave an empty line
+    with bar if console.is_terminal else nullcontext():  # rich before 14.3 ends even a disabled bar with an empty line
         bar_task = bar.add_task(task, total=total or None)
         next_line = time.monotonic() + LINE_EVERY
 

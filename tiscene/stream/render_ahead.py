@@ -77,9 +77,9 @@ class RenderAhead:
         """
         if self._worker is None:
             self._start(stream)
+            self._expected = -1, version  # the worker's copy has the edits, and no frame is requested yet
+        if (position, version) != self._expected:
             self._request(stream, position, version)
-        elif (position, version) != self._expected:
-            self._request(stream, position, version, edited_from=self._expected[1])
         while True:
             request, result = self._receive()
             if request == self._number:
@@ -139,18 +139,17 @@ class RenderAhead:
             self.close()
             raise
 
-    def _request(self, stream: StreamInterface, position: int, version: int, *, edited_from: int | None = None) -> None:
-        """Ask for the frames from a position on.
+    def _request(self, stream: StreamInterface, position: int, version: int) -> None:
+        """Ask for the frames from a position on, and send the edits since the last request.
 
         Args:
             stream: the stream.
             position: index of the first frame.
             version: number of edits of its scenario.
-            edited_from: that number at the last request; None: the worker has a new copy of the stream.
         """
+        first = self._expected[1]
         self._number += 1
         self._expected = position, version
-        first = version if edited_from is None else edited_from
         with suppress(OSError):  # the worker is dead; `_receive` reports that
             self._requests.send((self._number, position, first, stream.world.edits(first, version)))
 

@@ -22,7 +22,7 @@ from tiscene.scene.bvh.blas import EMPTY_NODE, Blas, levels_below
 from tiscene.scene.bvh.instance_tree import NODE_COLUMNS, InstanceTrees, empty_nodes, median_trees, node_count
 from tiscene.scene.bvh.moved_trees import MovedTrees
 from tiscene.scene.bvh.rebraid import SplitInstances, root_children
-from tiscene.scene.bvh.tree_arrays import BLOCK_ROWS, TreeArrays
+from tiscene.scene.bvh.tree_arrays import TreeArrays
 from tiscene.scene.bvh.workspace import BVH8, LAYOUTS, MAX_KEPT_CAPACITY, Boxes, Workspace, widened
 
 TLAS_COUNT = 4  # one for each time, one over the dynamic objects
@@ -102,9 +102,14 @@ class Bvh:
             self._drop_instances()
 
     @property
+    def nbytes(self) -> int:
+        """The memory of the trees on the device, bytes."""
+        return self._arrays.nbytes
+
+    @property
     def used_rows(self) -> tuple[int, int]:
         """Rows of `nodes` and of `leaf_blocks` that hold BLAS and static instances; the others change or are free."""
-        return self._used_nodes * self.layout.unit, self._used_leaf_blocks * self._arrays.rows_of_block
+        return self._used_nodes * self.layout.unit, self._used_leaf_blocks * self.layout.block_rows
 
     def root(self, time: Hashable) -> int:
         """Return the reference of the TLAS at PREVIOUS, CURRENT or NEXT, or of the MOVERS.
@@ -211,7 +216,7 @@ class Bvh:
         bounds = np.minimum.reduceat(boxes[:, :3], starts), np.maximum.reduceat(boxes[:, 3:], starts)
         for mesh, row, box in zip(meshes.tolist(), rows.tolist(), np.stack(bounds, axis=1), strict=True):
             root = row[0] * self.layout.unit
-            entry = -1 - BLOCK_ROWS * row[2] if self.layout is BVH8 and row[3] - row[2] == 1 else root
+            entry = -1 - self.layout.block_rows * row[2] if self.layout is BVH8 and row[3] - row[2] == 1 else root
             result[mesh] = Blas(root, entry, box.astype(np.float64), range(row[0], row[1]), range(row[2], row[3]))
         return result
 
@@ -247,9 +252,8 @@ class Bvh:
         A GPU would refit all nodes in one thread otherwise. The levels are found once.
         """
         if rows.start not in self._levels:
-            levels = levels_below(
-                rows.start, self._arrays.nodes.to_numpy()[rows.start : rows.stop, 12:14].view(np.int32)
-            )
+            nodes = self._arrays.nodes.to_numpy()[rows.start : rows.stop]
+            levels = levels_below(rows.start, nodes[:, 12:14].view(np.int32))
             self._levels[rows.start] = upload(np.concatenate(levels)), [len(level) for level in levels]
         order, sizes = self._levels[rows.start]
         end = sum(sizes)
@@ -365,7 +369,7 @@ class Bvh:
     def _write_nodes(self, count: int, first: int, first_block: int, leaf_kind: int) -> None:
         work = self._work
         if self.layout is BVH8:
-            rows = BLOCK_ROWS if leaf_kind == layout_kernels.BLOCK_LEAF else 1
+            rows = self.layout.block_rows if leaf_kind == layout_kernels.BLOCK_LEAF else 1
             layout_kernels.write_bvh8_nodes(
                 work.node_box, work.node_link, work.children, count, self._arrays.nodes, first, first_block, rows
             )

@@ -27,7 +27,7 @@ class BvhCopy(Bvh):
         self.spare: TreeArrays | None = None
         nodes, blocks = source.used_rows if rows is None else rows
         self._used_nodes = nodes // self.layout.unit
-        self._used_leaf_blocks = blocks // self._arrays.rows_of_block
+        self._used_leaf_blocks = blocks // self.layout.block_rows
         if rows is not None:
             self._arrays = TreeArrays(self.layout, self._used_nodes, max(self._used_leaf_blocks, 1))
             copy_rows(source.nodes, self._arrays.nodes, nodes)
@@ -41,6 +41,11 @@ class BvhCopy(Bvh):
         # Not `__del__`: where a copy and its arrays are deleted together, as parts of a cycle of references, Python
         # calls that of an array first or last, and arrays that were handed on would have freed their memory.
         weakref.finalize(self, _keep_larger, weakref.ref(source), self._arrays).atexit = False
+
+    @property
+    def nbytes(self) -> int:
+        """The memory of the trees on the device, and of larger arrays that are kept for the next copy, bytes."""
+        return super().nbytes + (self.spare.nbytes if self.spare else 0)
 
 
 def _keep_larger(source: weakref.ref[Bvh], arrays: TreeArrays) -> None:

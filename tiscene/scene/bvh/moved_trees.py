@@ -10,8 +10,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tiscene.scene.bvh.blas import Blas
+from tiscene.scene.bvh.workspace import BVH8
 
-NODE_ROWS, BLOCK_ROWS = 8, 10  # rows of a node and of a leaf block of the layout "bvh8"
+NODE_ROWS, BLOCK_ROWS = BVH8.unit, BVH8.block_rows  # of a node and of a leaf block
 REFERENCES, NUMBERS = 6, 9  # the rows of them with the references of children, and with the scene's triangles
 
 

@@ -9,7 +9,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tiscene.device import runtime
-from tiscene.device.memory import nbytes
 from tiscene.scene.affine_maps import transformed_boxes
 from tiscene.scene.bvh.blas import Blas
 from tiscene.scene.bvh.bvh import Bvh
@@ -51,9 +50,7 @@ class MeshTrees:
     @property
     def nbytes(self) -> int:
         """The memory that is kept on the device, bytes."""
-        spare = self.bvh.spare if isinstance(self.bvh, BvhCopy) else None
-        kept = (each.nbytes for each in (spare, self.arrays) if each)
-        return nbytes(self.bvh.nodes, self.bvh.leaf_blocks) + sum(kept)
+        return self.bvh.nbytes + (self.arrays.nbytes if self.arrays else 0)
 
     @property
     def is_bvh8(self) -> bool:

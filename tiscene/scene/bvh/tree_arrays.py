@@ -11,8 +11,6 @@ from tiscene.device.kernel_types import float4, float8
 from tiscene.device.memory import copy_rows, device_array, nbytes
 from tiscene.scene.bvh.workspace import BVH8, Layout
 
-BLOCK_ROWS = 10  # rows of a leaf block in the layout "bvh8"
-
 
 class TreeArrays:
     """Arrays of nodes and leaf blocks, see `layout_kernels`. Each is replaced by a larger one when it grows.
@@ -40,11 +38,6 @@ class TreeArrays:
         return nbytes(self.nodes, self.leaf_blocks)
 
     @property
-    def rows_of_block(self) -> int:
-        """Rows of `leaf_blocks` of one leaf block."""
-        return BLOCK_ROWS if self._layout is BVH8 else 1
-
-    @property
     def node_capacity(self) -> int:
         """Number of nodes there is room for."""
         return int(self.nodes.shape[0]) // self._layout.unit
@@ -58,14 +51,16 @@ class TreeArrays:
 
     def reserve_leaf_blocks(self, count: int) -> None:
         """Make room for this number of leaf blocks."""
-        if count > int(self.leaf_blocks.shape[0]) // self.rows_of_block:
+        if count > int(self.leaf_blocks.shape[0]) // self._layout.block_rows:
             self.leaf_blocks = _grown(self.leaf_blocks, self._new_leaf_blocks(count + count // 4))
 
     def _new_nodes(self, count: int) -> Any:
-        return device_array(float8, 8 * count) if self._layout is BVH8 else device_array(ti.f32, (count, 16))
+        rows = self._layout.unit * count
+        return device_array(float8, rows) if self._layout is BVH8 else device_array(ti.f32, (rows, 16))
 
     def _new_leaf_blocks(self, count: int) -> Any:
-        return device_array(float4, BLOCK_ROWS * count) if self._layout is BVH8 else device_array(ti.f32, (count, 12))
+        rows = self._layout.block_rows * count
+        return device_array(float4, rows) if self._layout is BVH8 else device_array(ti.f32, (rows, 12))
 
 
 def _grown(old: Any, new: Any) -> Any:

@@ -23,6 +23,7 @@ class Layout:
         name: "bvh8" or "bvh2".
         unit: Rows of a node; a reference is the node's number times this.
         block: Triangles that are tested at once.
+        block_rows: Rows of the triangles of a leaf block.
         leaf_kind: BLOCK_LEAF or ROW_LEAF of `layout_kernels`.
         node_cost: Cost of visiting a node, in units of testing one block.
         blas_stack: Stack entries that a traversal of a BLAS may need.
@@ -32,14 +33,15 @@ class Layout:
     name: str
     unit: int
     block: int
+    block_rows: int
     leaf_kind: int
     node_cost: float
     blas_stack: int
     tlas_stack: int
 
 
-BVH8 = Layout("bvh8", 8, 4, layout_kernels.BLOCK_LEAF, 0.5, 56, 56)
-BVH2 = Layout("bvh2", 1, 1, layout_kernels.ROW_LEAF, 1.0, 48, 24)
+BVH8 = Layout("bvh8", 8, 4, 10, layout_kernels.BLOCK_LEAF, 0.5, 56, 56)
+BVH2 = Layout("bvh2", 1, 1, 1, layout_kernels.ROW_LEAF, 1.0, 48, 24)
 LAYOUTS = {layout.name: layout for layout in (BVH8, BVH2)}
 MAX_KEPT_CAPACITY = 1 << 18  # primitives; a larger workspace is freed after the build
 SERIAL_BUILD = 4096  # primitives up to which one thread builds the whole tree
