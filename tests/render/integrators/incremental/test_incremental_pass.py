@@ -25,12 +25,14 @@ from tests.render.incremental_scenes import (
     check_equal_means,
     stacked,
 )
+from tests.render.path_scenes import BOX_CAMERA
 from tiscene.device.memory import upload
 from tiscene.render.integrators.incremental import path_cache
 from tiscene.render.integrators.incremental.incremental_pass import EXTRA_PATHS_FRAME, IncrementalPass
 from tiscene.render.integrators.incremental.mover_bounds import cluster_boxes
 from tiscene.render.integrators.incremental.outlier_filter import filter_outliers
 from tiscene.render.integrators.incremental.path_cache import BLOCK
+from tiscene.render.view import View
 from tiscene.scene.description import Material
 from tiscene.scene.placement import CURRENT
 
@@ -100,6 +102,20 @@ def test_near_spp_adds_paths_where_movers_are_visible(block: int, monkeypatch: p
     both = (4.0 * stacked(scene.trace(*BALLS)) + 3.0 * stacked(scene.trace(*BALLS, frame=EXTRA_PATHS_FRAME, spp=3))) / 7
     np.testing.assert_allclose(corrected[near], both[near], rtol=1e-4, atol=1e-4)
     np.testing.assert_array_equal(stacked(scene.render(*BALLS, near_spp=3)), after)
+
+
+def test_corrected_paths_equal_path_tracing_before_a_background_of_one_color() -> None:
+    """Each light group is traced by itself, but the background is there once."""
+    scene = MovingBalls(lights="sky and bulb")
+    camera = replace(BOX_CAMERA, vertical_fov=2.0 * BOX_CAMERA.vertical_fov)  # shows more than the box
+    scene.view = View(camera, camera, camera, *SIZE, background=(0.2, 0.4, 0.6))
+    scene.dim((0.5, 0.5, 0.5), (2.0, 2.0, 2.0))
+    image = scene.render(*BALLS)
+    np.testing.assert_allclose(
+        stacked(scene.incremental.corrected_path_mean()), stacked(scene.trace(*BALLS)), atol=1e-5
+    )
+    empty = np.isclose(image.hdr, scene.view.background, rtol=1e-5).all(axis=-1)
+    assert 0.1 < empty.mean() < 0.9
 
 
 def test_frame_is_linear_in_light_intensity_and_shares_one_base() -> None:

@@ -217,6 +217,18 @@ def test_panorama_belongs_to_the_static_scene_and_its_lights() -> None:
     assert dimmed.mean() < 0.9 * lit.mean()
 
 
+def test_background_of_one_color_is_there_once_for_all_light_groups() -> None:
+    scene = SurroundedBalls(lights="sky and bulb")
+    scene.dim((0.5, 0.5, 0.5), (2.0, 2.0, 2.0))
+    view = replace(view_at(25.0), background=(0.2, 0.4, 0.6))
+    image, truth = scene.image_of(view, panorama_spp=256).hdr, scene.traced_view(view)
+    empty = scene.labels.render(view, ["instance"])["instance"] == 0
+    assert 0.3 < empty.mean() < 0.8
+    np.testing.assert_allclose(image[empty], truth[empty], rtol=1e-3)
+    edges = dilated(empty) & ~empty
+    np.testing.assert_allclose(image[edges].mean(axis=0), truth[edges].mean(axis=0), rtol=0.05)
+
+
 def test_pixels_of_the_reduced_view_are_blocks_of_pixels() -> None:
     camera = replace(BOX_CAMERA, aperture_offset=(0.1, -0.05))
     view = View(camera, camera, camera, 33, 25)

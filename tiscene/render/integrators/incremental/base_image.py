@@ -117,7 +117,7 @@ def under_each_group(static: Placement) -> list[Placement]:
 
 
 def scene_under_group(paths: PathPass, group: int, lights: BaseLights | None) -> PathScene:
-    """Return the scene data under one light group. Emissive surfaces belong to group 0.
+    """Return the scene data under one light group. Emissive surfaces and backgrounds belong to group 0.
 
     Args:
         paths: Path tracer of the scene.
@@ -128,7 +128,8 @@ def scene_under_group(paths: PathPass, group: int, lights: BaseLights | None) ->
         return paths.scene_arrays(lights.only(0) if lights else None)
     if lights is None:
         paths.scene.lights.place_meshes([], np.zeros((0, 3, 4)))
-    return replace(paths.scene_arrays(lights.only(group) if lights else None), any_emission=False)
+    scene = paths.scene_arrays(lights.only(group) if lights else None)
+    return replace(scene, any_emission=False, first_group=False)
 
 
 def render_base_image(

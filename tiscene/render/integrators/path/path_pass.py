@@ -254,10 +254,10 @@ class PathPass:
             with self.vector_mode():
                 shade(
                     *scene.arrays, *scene.cache_arguments(max_depth), self.pixels, first, spp, bits, key, step,
-                    max_depth, mis, *self.background, state.queue, live, segments, *tree, state.rays, state.hits,
-                    state.hit_ids, state.shadow_rays, state.occluded, state.state, state.features, state.status,
-                    state.first_sample, scene.any_emission, scene.any_extended, scene.any_links,
-                    self._shades_segments, *self._stack.arguments,
+                    max_depth, mis, *scene.background_of(self.background), state.queue, live, segments, *tree,
+                    state.rays, state.hits, state.hit_ids, state.shadow_rays, state.occluded, state.state,
+                    state.features, state.status, state.first_sample, scene.any_emission, scene.any_extended,
+                    scene.any_links, self._shades_segments, *self._stack.arguments,
                 )  # fmt: skip
         return kernels.compact(state, live)
 

@@ -5,6 +5,7 @@ from dataclasses import dataclass
 from typing import Any, NamedTuple, Self
 
 from tiscene.render.integrators.path.radiance_cache import RadianceCache, last_depth
+from tiscene.render.view import SKY
 from tiscene.scene.lights.light_table import LightTable
 from tiscene.scene.material_table import MaterialTable
 from tiscene.scene.placement import CURRENT
@@ -65,6 +66,7 @@ class PathScene:
         any_links: Whether light or shadow linking restricts a light.
         any_shadow_links: Whether shadow linking does.
         cache: Light in which paths may end; None: they go on.
+        first_group: Whether its lights are those of the first light group, to which a background of one color belongs.
     """
 
     arrays: SceneArrays
@@ -76,6 +78,7 @@ class PathScene:
     any_links: bool = False
     any_shadow_links: bool = False
     cache: RadianceCache | None = None
+    first_group: bool = True
 
     @classmethod
     def of(cls, arrays: SceneArrays, materials: MaterialTable, lights: LightTable) -> Self:
@@ -98,6 +101,10 @@ class PathScene:
     def steps(self, max_depth: int) -> int:
         """Return how many times paths may be advanced."""
         return max_depth + (MAX_ALPHA_LAYERS if self.any_coverage else 0)
+
+    def background_of(self, background: tuple[float, float, float]) -> tuple[float, float, float]:
+        """Return what camera rays that hit nothing show, given `View.background`."""
+        return background if self.first_group or background == SKY else (0.0, 0.0, 0.0)
 
     def segments_at_once(self, live: int, left: int) -> int:
         """Return how many of the last `left` segments of `live` paths `shade` may trace in one launch.
