@@ -100,6 +100,26 @@ def test_what_rests_is_in_the_base_until_it_is_touched(prepared: list[int]) -> N
     assert parts.any()
 
 
+def test_what_edits_do_at_frame_0_is_how_the_stream_starts(prepared: list[int]) -> None:
+    """What is spawned or moved then, and rests, is in the base, as if it were part of the scenario from the start."""
+    empty = replace(moving_scenario(), objects=[])
+    others = {**INCREMENTAL, "buffers": ("hdr", "instance", "backward_flow")}
+    spawned = ts.Stream(empty, **others)
+    cube, ball = spawned.world.spawn("Cube", (0.4, 0.0, -0.5)), spawned.world.spawn("Sphere", (0.0, 3.0, 0.0))
+    spawned.world.move(ball, (-0.4, 0.0, -0.5))
+    parts = [ts.Object("c", "Cube", (0.4, 0.0, -0.5)), ts.Object("b", "Sphere", (-0.4, 0.0, -0.5))]
+    authored = ts.Stream(replace(empty, objects=parts), **others)
+    for frame in (0, 1, 9):
+        assert same(spawned[frame], authored[frame])
+    assert not any(prepared)
+    spawned.seek(5)
+    spawned.world.move(cube, (0.4, 0.2, -0.5))
+    before, after = spawned[4], spawned[5]
+    assert prepared[-2:] == [0, 1]
+    assert same(before, authored[4])
+    assert (after.hdr != before.hdr).any()
+
+
 def test_a_moving_camera_is_path_traced(prepared: list[int]) -> None:
     scenario = moving_scenario()
     turning = replace(scenario.camera, dynamic=ts.Orbit(period=4.0))

@@ -116,6 +116,22 @@ def test_edits_are_effective_on_the_next_frame_and_not_anticipated():
     assert made.state(20).events() == (Event("despawn", 4), Event("leave", 4))
 
 
+def test_before_frame_0_the_world_stands_as_edits_of_frame_0_leave_it():
+    """Also with an open shutter: nothing moves from where it was authored to where the first edits put it."""
+    made = world(*SCENARIOS["still"])
+    made.move("a", (0.5, 1.0, -1.0))
+    placed = made.spawn("Cube", (1.0, 1.0, 1.0))
+    made.move(placed, (1.0, 1.5, 1.0))
+    for placement in (made.state(0).placement, made.between(0, Fraction(-1, 2))[0]):
+        rows = placement.instance_id > 2
+        assert rows.sum() == 2
+        for time in range(3):
+            np.testing.assert_allclose(
+                placement.world_from_object[time, rows, :, 3], [(0.5, 1.0, -1.0), (1.0, 1.5, 1.0)]
+            )
+    assert not made.state(3).movers.any()
+
+
 def test_ids_are_never_reused():
     made = world(*SCENARIOS["still"])
     first = made.spawn("Cube")

@@ -187,16 +187,19 @@ class ObjectHistory:
         return self.moves[done - 1] if done else None
 
     def is_static(self, as_of: int) -> bool:
-        """Return whether, as of a frame, it is alive for ever and never moves; True before its spawn."""
+        """Return whether, as of a frame, it is alive for ever and never moves; True before its spawn.
+
+        Spawns and moves at frame 0 say how the scenario starts. They do not count as changes.
+        """
         if self.spawned is not None and self.spawned > as_of:
             return True
-        planned = self.spec
-        edited = self.spawned, self.despawned, self.moves[0].frame if self.moves else None
+        planned, move = self.spec, self.move(as_of)
         return (
             (planned.dynamic is None or isinstance(planned.dynamic, Still))
             and planned.first_frame == 0
             and planned.last_frame is None
-            and not any(frame is not None and frame <= as_of for frame in edited)
+            and (self.despawned is None or self.despawned > as_of)
+            and (move is None or move.frame == 0)
         )
 
 
@@ -293,7 +296,7 @@ class EditLog:
         """Return the rows in `lives` of the objects that have to do with a frame, in ascending order.
 
         These are the spawned objects that are alive at the frame or at the one before it, and all objects that the
-        scenario has without edits: the rows of static objects are the same at all frames.
+        scenario has without edits: their rows are the same at all frames.
         """
         return *self._unspawned, *self._spawned.at(frame)
 

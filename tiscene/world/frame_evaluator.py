@@ -70,14 +70,15 @@ class FrameEvaluator:
         selection = self._selection(frame)
         columns, rows = selection.columns, selection.rows
         count, total = columns.stage, len(columns.mesh)
-        seconds = np.array([max(frame - 1, 0), max(float(frame + shift), 0.0), frame + 1]) / self.fps
+        previous, shift = max(frame - 1, 0), max(shift, Fraction(-frame))
+        seconds = np.array([previous, float(frame + shift), frame + 1]) / self.fps
         world = np.empty((3, total, 3, 4))
         present = np.ones((3, total), dtype=np.bool_)
         self.stage_objects.place(frame, seconds, world, present)
         if count < total:
             # The next frame is the one planned now: edits are not anticipated.
             before, now, after = (
-                self.trajectories.poses(frame - 1, rows),
+                self.trajectories.poses(previous, rows),
                 self.trajectories.between(frame, shift, rows),
                 self.trajectories.arrivals(frame + 1, rows),
             )
@@ -142,7 +143,7 @@ class FrameEvaluator:
             shift: offset in frames, -1..1.
             following: return those of `frame + 1`, whatever `shift` is.
         """
-        shift = Fraction(1) if following else shift
+        shift = Fraction(1) if following else max(shift, Fraction(-frame))
         selection = self._selection(frame)
         carriers = {each.object for each in selection.lights}
         objects = {}
@@ -154,7 +155,7 @@ class FrameEvaluator:
                     objects[row] = matrix(pose)
         moved = self.trajectories.light_poses(frame + shift)
         matrices = np.array([matrix(pose) for pose in moved]).reshape(-1, 4, 4)
-        time = max(float(frame + shift), 0.0) / self.fps
+        time = float(frame + shift) / self.fps
         carries = functools.partial(self.stage_objects.carries, frame=frame)
         return self.lights.at(time, matrices, carries, selection.lights, objects)
 
@@ -187,7 +188,7 @@ class FrameEvaluator:
         self._starting_lights = None
 
     def movers(self, frame: int) -> NDArray[np.bool_]:
-        """Return for every instance whether it is known at `frame` to move, deform, appear or vanish at some frame."""
+        """Return for every instance whether it is known at `frame` to move, deform, appear or vanish after frame 0."""
         selection = self._selection(frame)
         count = selection.columns.stage
         moving = np.zeros(len(selection.columns.mesh), bool)

@@ -131,12 +131,12 @@ class StageObjects:
                     world[time, parts, :, 3] += by[:3, 3]
 
     def edited_parts(self, frame: int) -> NDArray[np.bool_]:
-        """Return for every part whether an edit up to a frame has moved or removed it."""
-        edited = [
-            number
-            for number, life in self.lives.items()
-            if not life.alive(frame, as_of=frame) or life.move(frame, as_of=frame) is not None
-        ]
+        """Return for every part whether an edit up to a frame has removed it, or moved it after frame 0."""
+        edited = []
+        for number, life in self.lives.items():
+            move = life.move(frame, as_of=frame)
+            if not life.alive(frame, as_of=frame) or (move is not None and move.frame > 0):
+                edited.append(number)
         return np.isin(self._owner, edited)
 
     def rows(self, frame: int) -> list[ObjectState]:
