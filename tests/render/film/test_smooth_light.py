@@ -28,17 +28,21 @@ def replaced(
     normal: Image = NORMAL,
     *,
     noise: float = 0.0,
+    exact: bool = False,
     change: Image | None = None,
     kept: bool = False,
 ) -> Image:
-    """Replace the image's smooth light by another image's, and add a change of radiance in the left half."""
+    """Replace the image's smooth light by another image's, and add a change of radiance in the left half.
+
+    The other image's light has noise, or with `exact` the image's own has none.
+    """
     own, _, reduced = demodulate(image, ALBEDO, normal, 2)
     irradiance, _, _ = demodulate(light, ALBEDO, normal, 2)
     added = np.zeros_like(own) if change is None else demodulate(change, ALBEDO, normal, 2)[0]
     mask = np.zeros((*SIZE, 1), np.float32)
     mask[:, : SIZE[1] // 2] = 1.0
     result, guides = image.copy(), (ALBEDO, normal)
-    noisy = irradiance * (1.0 + np.random.default_rng(2).choice([-noise, noise], (*own.shape[:2], 1)))
+    noisy = own if exact else irradiance * (1.0 + np.random.default_rng(2).choice([-noise, noise], (*own.shape[:2], 1)))
     apply_reduced_light(
         result, own, irradiance, noisy.astype(np.float32), added, reduced, guides, np.full(SIZE, kept), mask, 2,
         contrast=0.15,
@@ -68,6 +72,16 @@ def test_edges_of_light_and_of_surfaces_stay() -> None:
     result = replaced(wall, np.float32(1.1) * wall, corner)
     np.testing.assert_array_equal(result[edge], wall[edge])
     np.testing.assert_allclose(result[:, :16], 1.1 * wall[:, :16], rtol=1e-4)
+
+
+def test_edges_that_the_denoiser_has_blurred_are_no_noise() -> None:
+    """As of a bright lamp of which the image's first row shows a little."""
+    wall = np.ones(SIZE)
+    wall[:2] = 5.0
+    blurred = np.ones(SIZE)
+    blurred[:2], blurred[2:4], blurred[4:6] = 3.6, 1.3, 0.9
+    result = replaced(flat(wall), flat(blurred), exact=True)
+    np.testing.assert_allclose(result[:4], flat(wall)[:4], rtol=0.05)
 
 
 def test_details_that_reduced_size_does_not_show_stay() -> None:

@@ -93,6 +93,8 @@ class Postprocessor:
         if image.after is not None:
             change = self._denoised(image.after, image.white, image.reduced_normal, False) - before
             change = steadied(change, image.after - image.before, image.reduced_normal)
+        if image.emitted is not None:
+            change += self._denoised(image.emitted, image.white, image.reduced_normal, False)
         apply_reduced_light(
             shown, own, before, image.before, change, image.reduced_normal, guides, image.traced, image.static_mask,
             REDUCTION, contrast=BLOCK_NOISE / math.sqrt(image.panorama_spp),

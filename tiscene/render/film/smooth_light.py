@@ -92,8 +92,9 @@ def _find_smooth(
         for row, column in ti.ndrange((-AROUND, AROUND + 1), (-AROUND, AROUND + 1)):
             at_y = ti.math.clamp(y + row, 0, height - 1)
             at_x = ti.math.clamp(x + column, 0, width - 1)
-            clean = read(irradiance, at_y, at_x).sum()
-            noise += ti.abs(read(noisy, at_y, at_x).sum() - clean)
+            clean, raw = read(irradiance, at_y, at_x).sum(), read(noisy, at_y, at_x).sum()
+            # Either of both may be off by more: where the denoiser has blurred an edge, or where a block has an error.
+            noise += ti.min(ti.abs(raw - clean), ti.abs(raw - read(own, at_y, at_x).sum()))
             total += clean + DARKEST
         limit = ti.max(contrast, NOISE * noise / total)
         difference = ti.abs(target[0] - here[0]) + ti.abs(target[1] - here[1]) + ti.abs(target[2] - here[2])
@@ -144,6 +145,8 @@ def _apply(
             excess = shown / ti.max(before, 1e-6) - 1.0
             largest = ti.max(ti.abs(excess[0]), ti.abs(excess[1]), ti.abs(excess[2]))
             smooth = after * (1.0 + ti.math.smoothstep(0.5 * detail, detail, largest) * excess)
-            shown += blend * (smooth - shown) + mask[y, x, 0] * light * vec3(changes[0], changes[1], changes[2])
+            shown += blend * (smooth - shown)
+            if n.norm_sqr() > 0.0:  # else there is no surface that is lit
+                shown += mask[y, x, 0] * light * vec3(changes[0], changes[1], changes[2])
         for c in ti.static(range(3)):
             image[y, x, c] = ti.max(shown[c], 0.0)
