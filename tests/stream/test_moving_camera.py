@@ -90,6 +90,25 @@ def test_a_camera_that_walks_by_edits_and_stops_stays_with_its_anchor() -> None:
             np.testing.assert_array_equal(replayed[frame.index].hdr, frame.hdr)
 
 
+@pytest.mark.parametrize("turned", [0.0, 3.0])
+def test_lamps_that_move_light_the_room_before_any_camera(turned: float) -> None:
+    """Lamps are objects whose surfaces emit. A camera at rest has a panorama then, as one that was turned has."""
+    lamp = ts.Object("lamp", "Lamp Floor 01", (-0.9, 0.0, -1.2), dynamic=ts.Orbit((-0.9, 0.0, -1.3), period=8.0))
+    dim = [ts.LightOverride(f"/SolidBenchmark/Lights/{name}", intensity=0.02) for name in ("Daylight", "LampLight")]
+    scenario = ts.Scenario("solid_benchmark", [lamp], camera=ts.Camera(HERE), overrides=dim)
+    means = []
+    for quality in ({"quality": "fast"}, {"quality": "standard", "spp": 128, "incremental": False}):
+        options = {**FAST, "width": 64, "height": 48, "buffers": ("hdr", "denoised", "instance"), **quality}
+        with ts.Stream(scenario, **options) as stream:
+            if turned:
+                stream.world.turn_camera(turned)
+            frame = stream[5]
+        others = frame.instance != frame.objects[-1].id
+        assert 0.9 < others.mean() < 0.98
+        means.append((frame.hdr[others].mean(), frame.denoised[others].mean()))
+    np.testing.assert_allclose(*means, rtol=0.08)
+
+
 def test_a_camera_that_stops_needs_no_base_image_and_its_noise_stands_still(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(IncrementalPass, "prepare", lambda *_, **__: pytest.fail("a base image was rendered"))
     cube, pause = ts.Object("cube", "Cube", (0.2, 1.0, -0.6)), ts.Waypoint(HERE, (-10.0, 20.0, 0.0))

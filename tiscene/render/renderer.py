@@ -197,8 +197,8 @@ class Renderer:
         )
         return float(np.round(auto_exposure(image.hdr), 3))
 
-    def _over_panorama(self, view: View) -> bool:
-        return self.settings.panorama_spp > 0 and view.pinhole_moves
+    def _over_panorama(self, view: View, lit_by_movers: bool = False) -> bool:
+        return self.settings.panorama_spp > 0 and (view.pinhole_moves or (lit_by_movers and view.is_pinhole))
 
     def _prepare_shared(
         self,
@@ -210,8 +210,9 @@ class Renderer:
     ) -> IncrementalPass | PanoramaPass | None:
         """Return the pass that shares light with other frames, prepared; None: the frame is path traced by itself."""
         settings = self.settings
+        lit_by_movers = bool(self.scene.emissive.ever_of(placement.mesh)[moving].any())
         # At least two paths per pixel of reduced size: one leaves stains of color.
-        if self._over_panorama(view) and self._panorama.prepare(
+        if self._over_panorama(view, lit_by_movers) and self._panorama.prepare(
             view, placement, moving,
             frame_index=frame_index, spp=max(2, settings.spp), panorama_spp=settings.panorama_spp, **sampling,
         ):  # fmt: skip

@@ -93,8 +93,12 @@ class View:
         A camera that stops is seen as it was while it moved: nothing else has to be traced first, and the picture does
         not change when it stops.
         """
-        is_pinhole = self.current.lens_radius == 0.0 and not self.orthographic
-        return is_pinhole and (self.roams or bool(self.walks) or not self.rests)
+        return self.is_pinhole and (self.roams or bool(self.walks) or not self.rests)
+
+    @property
+    def is_pinhole(self) -> bool:
+        """Whether all rays meet in the camera's center."""
+        return self.current.lens_radius == 0.0 and not self.orthographic
 
     def rows(self) -> NDArray[np.float32]:
         """Return the cameras as float32 [3, VIEW_COLUMNS], one row per time.

@@ -235,7 +235,7 @@ class DeviceScene:
             for time in times & set(TIMES):
                 deforming.refit(time, self._bvh, self.vertex_position, self.triangle_vertices)
         self._place_instances(placement)
-        self._place_mesh_lights()
+        self.place_mesh_lights(self.lights, self.emissive.of(placement.mesh))
         hittable = self._hittable
         for time in sorted(times):
             names = self._split_instances(time, np.flatnonzero(hittable[time]).astype(np.int32))
@@ -317,12 +317,12 @@ class DeviceScene:
         left = np.delete(np.arange(len(rows)), large)
         return np.concatenate([boxes[left], part_boxes[real]]), np.concatenate([rows[left], names[real]])
 
-    def _place_mesh_lights(self) -> None:
-        placement = self.placement
-        rows = np.flatnonzero(self._hittable[CURRENT] & self.emissive.of(placement.mesh))
-        found = [(int(row), int(placement.mesh[row])) for row in rows]
-        lights = [(row, light, self._first_triangles[m]) for row, m in found if (light := self.emissive.lights[m])]
-        self.lights.place_meshes(lights, placement.world_from_object[CURRENT, rows])
+    def place_mesh_lights(self, lights: LightTable, emitting: NDArray[np.bool_]) -> None:
+        """Place in a table the lights that the meshes of some emissive instances are, bool [n], at CURRENT."""
+        rows, meshes = np.flatnonzero(self._hittable[CURRENT] & emitting), self.placement.mesh
+        found = ((int(row), self.emissive.lights[meshes[row]], self._first_triangles[meshes[row]]) for row in rows)
+        placed = [(row, light, first) for row, light, first in found if light]
+        lights.place_meshes(placed, self.placement.world_from_object[CURRENT, rows])
 
     def place_movers(self, moving: NDArray[np.bool_]) -> NDArray[np.float64]:
         """Build the TLAS MOVERS over some of the instances at CURRENT; return their world boxes [n, 6], m."""

@@ -34,6 +34,10 @@ from tiscene.scene.lights.light_tree import (
 
 # Lights win over surfaces up to this fraction of the distance in front of them: a light may lie on a surface.
 LIGHT_FRONT = 1e-4
+# Which emission counts that paths find, as `mis`: none of lights that can be sampled, for tests; all, by multiple
+# importance sampling; all, but of surfaces that are not in the table only what the camera or a mirror sees; what this
+# leaves out, given a table of those surfaces.
+SAMPLED, WEIGHTED, MIRRORED, SCATTERED = range(4)
 # Stack size: one node at each level. Six levels hold more lights than float32 can number.
 _LEVELS = 6
 
@@ -162,7 +166,7 @@ def weighted_emission(
         pdf: Density of the direction by the BSDF there, 1/sr; 0 for camera rays and delta lobes: the weight is 1.
         diffuse_part: Fraction of the scattering there that is diffuse.
         depth: Number of that surface on the path.
-        mis: 0: light sampling alone counts.
+        mis: Which emission counts: SAMPLED, WEIGHTED, MIRRORED or SCATTERED.
         link_class: Of the mesh at the last vertex, if lights have links: lights that are not linked to it add nothing.
     """
     result = vec3(0.0)
@@ -176,7 +180,9 @@ def weighted_emission(
             first = emissive_mesh.row_of(lights, instance)
             end = first + 1
             if first < 0:  # not in the light table, so never sampled
-                first, result = end, emission
+                first = end
+                if mis < MIRRORED or (mis == MIRRORED and pdf == 0.0):
+                    result = emission
     is_weighed, count, scale = False, 0, 0.0
     weights = ti.Vector.zero(ti.f32, MAX_ENTRIES)
     for row in range(first, end):
@@ -185,7 +191,7 @@ def weighted_emission(
             radiance = dispatch.emitted(lights, textures, row, origin, direction, distance, pdf)
             if depth == 0 and lights.values[row, UNSEEN] > 0.0:  # a light at infinity; others are not hit
                 radiance = vec3(0.0)
-        is_sampled_alone = mis == 0
+        is_sampled_alone = mis == SAMPLED
         if ti.static(lights.with_links):
             if depth > 0 and is_linked(lights, row, link_class) == 0:
                 radiance = vec3(0.0)
@@ -203,4 +209,6 @@ def weighted_emission(
                 weight = power_heuristic(pdf, light_pdf)
             radiance *= weight * response(lights.values, row, diffuse_part, depth)
         result += radiance
+    if mis == SCATTERED and pdf == 0.0:
+        result = vec3(0.0)
     return result

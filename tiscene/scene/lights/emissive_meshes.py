@@ -65,6 +65,11 @@ class EmissiveMeshes:
         result: NDArray[np.bool_] = emits[meshes]
         return result
 
+    def ever_of(self, meshes: NDArray[np.int32]) -> NDArray[np.bool_]:
+        """Return which meshes emit, or may at another time, given their rows."""
+        result: NDArray[np.bool_] = self.of(meshes) | np.array(self.varying, bool)[meshes]
+        return result
+
 
 def _mesh_light(mesh: Mesh, emission: NDArray[np.float64]) -> MeshLight | None:
     """Return the light tree of a mesh, given the mean luminance of each material of its description."""

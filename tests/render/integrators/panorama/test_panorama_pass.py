@@ -25,6 +25,7 @@ from tests.render.incremental_scenes import (
     Position,
 )
 from tests.render.path_scenes import BOX_CAMERA
+from tiscene.render.film.upsample import block_means
 from tiscene.render.integrators.incremental.base_image import base_placement
 from tiscene.render.integrators.incremental.base_image_cache import BaseImageCache
 from tiscene.render.integrators.incremental.mover_coverage import dilated
@@ -130,6 +131,25 @@ def test_movers_and_their_shadows_are_those_of_path_tracing(mover: Material, vie
     change, expected = (image - empty)[changed], (truth - truth_empty)[changed]
     assert change.mean() == pytest.approx(expected.mean(), rel=0.1, abs=0.003)
     assert np.abs(change - expected).mean() < 0.4 * np.abs(expected).mean()
+
+
+@pytest.mark.parametrize("wall", [None, GLOSSY, EMISSIVE], ids=lambda each: each.name if each else "no wall")
+def test_movers_that_emit_light_the_box_as_in_path_tracing(wall: Material | None) -> None:
+    """Their light is added to that of the static scene, whose lamps and emissive surfaces are not counted again."""
+    scene = SurroundedBalls(replace(EMISSIVE, emissive_color=(40.0, 30.0, 10.0)), wall=wall)
+    image = scene.image(*ONE, spp=64, panorama_spp=256)
+    changes, emitting = scene.surrounded._changes, scene.moving & (np.cumsum(scene.moving) == 1)
+    assert changes is not None
+    light = changes.light_of(emitting, TURNING, key=5, spp=256, max_depth=DEPTH)
+    truth = block_means(scene.traced(*ONE, spp=512) - scene.traced(spp=512), REDUCTION)
+    empty = block_means(image.traced[..., None].astype(np.float32), REDUCTION)[..., 0] == 0.0
+    assert empty.mean() > 0.5
+    assert truth[empty].mean() > 0.1
+    assert light[empty].mean() == pytest.approx(truth[empty].mean(), rel=0.05)
+    assert np.abs(light[empty] - truth[empty]).mean() < 0.1 * truth[empty].mean()
+    assert image.emitted is not None
+    assert scene.image(*ONE[:0]).emitted is None
+    assert (image.hdr[~image.normal.any(axis=-1) & ~image.traced] == 0.0).all(), "there is nothing that is lit"
 
 
 @pytest.mark.parametrize("wall", [GLOSSY, MIRROR], ids=lambda each: each.name)

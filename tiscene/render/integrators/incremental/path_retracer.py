@@ -20,6 +20,7 @@ from tiscene.render.integrators.path.path_pass import PathPass
 from tiscene.render.integrators.path.path_scene import PathScene
 from tiscene.render.integrators.path.path_state import PathSamples
 from tiscene.render.intersect.trace import occluded
+from tiscene.render.lights.intersect import WEIGHTED
 from tiscene.scene.placement import MOVERS
 
 SINGLE_PIXEL_SPP = 1 << 30  # rays without pixels: as if all were samples of one, so that the row alone numbers them
@@ -30,11 +31,12 @@ class PathRetracer:
 
     Args:
         paths: Path tracer of the cached paths.
+        mis: Which emission counts that paths find, see `lights.intersect`.
     """
 
-    def __init__(self, paths: PathPass) -> None:
+    def __init__(self, paths: PathPass, mis: int = WEIGHTED) -> None:
         self.scene = paths.scene
-        self._paths = paths
+        self._paths, self._mis = paths, mis
         self._mover_boxes = device_array(float8, 6)
 
     def place_movers(self, moving: NDArray[np.bool_]) -> None:
@@ -90,7 +92,9 @@ class PathRetracer:
             kernels.append_restarts(scratch.restart_queue, begin, end, state.queue, live)
             live += end - begin
             if live:
-                live, shadows = self._paths.advance(scene, state, live, first, step, cache.samples, cache.max_depth, 1)
+                live, shadows = self._paths.advance(
+                    scene, state, live, first, step, cache.samples, cache.max_depth, self._mis
+                )
                 if shadows:
                     self._paths.cast_shadows(scene, state, shadows, first, step, cache.samples)
         kernels.accumulate_corrections(

@@ -26,9 +26,11 @@ from tiscene.render.integrators.incremental.path_retracer import PathRetracer
 from tiscene.render.integrators.panorama.light_probe import LightProbe
 from tiscene.render.integrators.path.path_pass import PathPass
 from tiscene.render.integrators.path.path_state import PathSamples, PathState
+from tiscene.render.lights.intersect import MIRRORED, SCATTERED
 from tiscene.render.sampling.sobol import index_bits
 from tiscene.render.view import View
 from tiscene.scene.device_scene import DeviceScene
+from tiscene.scene.lights.light_table import LightTable
 from tiscene.scene.placement import CURRENT, Placement
 
 FloatImage = NDArray[np.float32]
@@ -47,7 +49,8 @@ class LightChanges:
     def __init__(self, scene: DeviceScene, view: View) -> None:
         reduced = reduced_view(view)
         self._paths = PathPass(scene, reduced.width, reduced.height)
-        self._retracer = PathRetracer(self._paths)
+        self._retracer = PathRetracer(self._paths, MIRRORED)
+        self._mover_lights = LightTable()
         self._state: PathState | None = None
         self._scratch: FrameScratch | None = None
 
@@ -113,6 +116,28 @@ class LightChanges:
             self._retracer.retrace(scene, self._cache, block, self._cache.pixels, factors, self._scratch)
         rows: FloatImage = self._scratch.correction.to_numpy()
         return rows.reshape(self._paths.height, self._paths.width, -1)
+
+    def light_of(self, emitting: NDArray[np.bool_], view: View, *, key: int, spp: int, max_depth: int) -> FloatImage:
+        """Return what some movers emit and other surfaces scatter, radiance at reduced size, float32 [h', w', 3].
+
+        Recorded paths rarely find small lamps. So their light is path traced by itself, with light sampling. What
+        mirrors show of them is left out: recorded paths find that.
+
+        Args:
+            emitting: bool [n], the movers, which the scene has placed.
+            view: Camera and image size.
+            key: Seed of the random numbers.
+            spp: Samples per pixel.
+            max_depth: Largest number of segments of a path.
+        """
+        scene = self._paths.scene
+        scene.place_mesh_lights(self._mover_lights, emitting)
+        lit = self._paths.scene_arrays(self._mover_lights.arrays(scene.textures))
+        image = self._paths.render(
+            reduced_view(view), frame_index=0, seed=key, spp=spp, max_depth=max_depth, mis=SCATTERED,
+            scene=replace(lit, any_links=False, any_shadow_links=False, first_group=False),
+        )  # fmt: skip
+        return image.hdr
 
     def without_outliers(self, radiance: FloatImage) -> FloatImage:
         """Return a static image of reduced size plus the corrections found last, without their outliers."""

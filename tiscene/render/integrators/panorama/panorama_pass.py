@@ -51,7 +51,7 @@ FloatImage = NDArray[np.float32]
 _SHARES = np.array([bits.bit_count() / SUBPIXELS for bits in range(ALL_KNOWN + 1)], np.float32)  # of known subpixels
 CHANGES_DEPTH = 3  # largest number of segments of the paths that find movers' changes of light: one bounce
 # Frame numbers of keys whose random numbers then vary with the frame.
-CHANGES_FRAME, OPACITY_FRAME, MOVERS_FRAME = -7, -8, -9
+CHANGES_FRAME, OPACITY_FRAME, MOVERS_FRAME, LIGHT_FRAME = -7, -8, -9, -10
 
 
 @dataclass(frozen=True, eq=False)
@@ -67,6 +67,7 @@ class PanoramaImage:
         before: Irradiance of `static` at reduced size, float32 [h', w', 3], see `upsample.demodulate`.
         change: How the movers change it, as far as they do, float32 [h', w', 3]; None: they do not.
         after: The changed irradiance, without outliers, float32 [h', w', 3]; None if `change` is.
+        emitted: Irradiance by movers that emit light, float32 [h', w', 3]; None: none does.
         white: Albedo of the irradiance, float32 [h', w', 3].
         reduced_normal: Normals at reduced size, float32 [h', w', 3].
         traced: bool [h, w], pixels that show movers, or what the panorama does not know: they are path traced.
@@ -83,6 +84,7 @@ class PanoramaImage:
     before: FloatImage
     change: FloatImage | None
     after: FloatImage | None
+    emitted: FloatImage | None
     white: FloatImage
     reduced_normal: FloatImage
     traced: NDArray[np.bool_]
@@ -92,10 +94,11 @@ class PanoramaImage:
     @property
     def hdr(self) -> FloatImage:
         """Scene-linear radiance, W/m²/sr, float32 [h, w, 3]."""
-        if self.change is None:
-            return self.static
-        change = upsample(self.change, self.reduced_normal, self.albedo, self.normal, REDUCTION)
-        return self.static + self.static_mask * change
+        image, mask = self.static, self.static_mask * self.normal.any(axis=-1, keepdims=True)
+        for change in (self.change, self.emitted):
+            if change is not None:
+                image = image + mask * upsample(change, self.reduced_normal, self.albedo, self.normal, REDUCTION)
+        return image
 
 
 class PanoramaPass:
@@ -223,11 +226,17 @@ class PanoramaPass:
         albedo, normal = images[AUXILIARY // 3], images[AUXILIARY // 3 + 1]
         moving = moving & self.scene.placement.present[CURRENT]
         traced = np.zeros(instance.shape, bool)
-        correction = None
+        correction, light = None, None
         if moving.any():
             assert self._changes is not None, "made by prepare()"
             correction = self._changes.find(moving, factors)
             hits = correction[..., MOVER_HITS] > 0.0
+            emitting = moving & self.scene.emissive.of(self.scene.placement.mesh)
+            if emitting.any():
+                key = frame_key(self._movers_key, LIGHT_FRAME)
+                light = self._changes.light_of(
+                    emitting, self._view, key=key, spp=self._recorded_spp, max_depth=self._max_depth
+                )
             movers = np.isin(instance, self.scene.placement.instance_id[moving])
             found = block_means(movers[..., None].astype(np.float32), REDUCTION)[..., 0] > 0.0
             # Parts of movers between the pixels' centers are in no label.
@@ -244,12 +253,13 @@ class PanoramaPass:
         )  # fmt: skip
         before, white, reduced_normal = demodulate(radiance, albedo, normal, REDUCTION)
         change, after = None, None
+        scale = 1.0 / (block_means(albedo, REDUCTION) + ALBEDO_OFFSET)
         if correction is not None and self._changes is not None and correction[..., :3].any():
-            reduced_radiance, reduced_albedo = (block_means(each, REDUCTION) for each in (radiance, albedo))
+            reduced_radiance = block_means(radiance, REDUCTION)
             filtered = self._changes.without_outliers(reduced_radiance)
-            scale = 1.0 / (reduced_albedo + ALBEDO_OFFSET)
             change = _filled(correction[..., :3] * scale, hits)
             after = np.maximum(before + _filled((filtered - reduced_radiance) * scale, hits), 0.0)
+        emitted = None if light is None else _filled(light * scale, hits | found)  # movers have more of it
         return PanoramaImage(
             static=radiance,
             albedo=albedo,
@@ -259,6 +269,7 @@ class PanoramaPass:
             before=before,
             change=change,
             after=after,
+            emitted=emitted,
             white=white,
             reduced_normal=reduced_normal,
             traced=traced,

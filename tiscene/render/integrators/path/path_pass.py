@@ -32,6 +32,7 @@ from tiscene.render.integrators.path.shadow_rays import continue_shadow_rays
 from tiscene.render.intersect.ray_queue import tiled_order, tiled_ranks, upload_pixels, upload_rows
 from tiscene.render.intersect.surface_interaction import geometry_of
 from tiscene.render.intersect.trace import closest, occluded, trees_at
+from tiscene.render.lights.intersect import WEIGHTED
 from tiscene.render.sampling.pixel_filter import pixel_filter as pixel_filter_named
 from tiscene.render.sampling.sobol import frame_key, index_bits
 from tiscene.render.view import SKY, CubeView, View, check_image_size
@@ -108,7 +109,7 @@ class PathPass:
         seed: int,
         spp: int,
         max_depth: int,
-        mis: bool = True,
+        mis: int = WEIGHTED,
         progress: Callable[[float], None] | None = None,
         sample_range: tuple[int, int] | None = None,
         scene: PathScene | None = None,
@@ -122,7 +123,7 @@ class PathPass:
             spp: Samples per pixel. Powers of two are stratified best.
             max_depth: Largest number of segments of a path, as in Mitsuba's `path`: 1 shows emission only, 2 adds
                 direct lighting, n adds n - 2 further bounces. Passing an alpha-rejected surface does not count.
-            mis: False samples lights without multiple importance sampling, for tests.
+            mis: Which emission counts that paths find, see `lights.intersect`.
             progress: Called after each batch with the completed fraction, 0..1.
             sample_range: First sample and number of samples to trace now, of the `spp` samples. A range that starts at
                 0 clears the film and the following ranges continue the same image; the scene and the view may change
@@ -232,12 +233,11 @@ class PathPass:
             step: Number of times the paths were advanced before.
             samples: Random numbers of the paths.
             max_depth: See `render`.
-            mis: 0 samples lights only, see `render`.
+            mis: See `render`.
             segments: See `PathScene.segments_at_once`. All shadow rays but the last are traced too.
 
         Returns:
-            The number of paths that continue, at the head of the queue, and the number of shadow rays to cast, in
-            `state.shadow_queue`.
+            Numbers of paths that continue, at the head of the queue, and of shadow rays to cast, in `shadow_queue`.
         """
         spp, bits, key = samples
         if scene.ends_at_lights and step == max_depth - 1 > 0:
@@ -340,7 +340,7 @@ class PathPass:
         samples: PathSamples,
         max_depth: int,
         *,
-        mis: bool = True,
+        mis: int = WEIGHTED,
         progress: Callable[[float], None] | None = None,
         first_sample: int = 0,
         scene: PathScene | None = None,
@@ -357,7 +357,7 @@ class PathPass:
         scene = scene or self.scene_arrays()
         for first in range(0, total, size):
             count = min(size, total - first)
-            self._trace_batch(scene, view, self._state, first, count, samples, max_depth, int(mis), on_start)
+            self._trace_batch(scene, view, self._state, first, count, samples, max_depth, mis, on_start)
             if progress:
                 progress(min(1.0, (first + size) / total))
 

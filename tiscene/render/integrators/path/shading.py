@@ -175,7 +175,7 @@ def shade(
         frame_key: Key of the random numbers.
         step: Number of times the paths were advanced before; it selects their random numbers.
         max_depth: Largest number of segments of a path.
-        mis: 0 samples lights only, without multiple importance sampling (for tests).
+        mis: Which emission counts that paths find, see `lights.intersect`.
         background_red, background_green, background_blue: Radiance of camera rays that hit nothing; negative red shows
             the lights at infinity.
         first_sample: Number of the first of the `spp` samples in each pixel.
