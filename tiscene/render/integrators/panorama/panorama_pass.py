@@ -252,14 +252,16 @@ class PanoramaPass:
             scene=replace(self._paths.scene_arrays(), cache=self._probe.cache(factors)),
         )  # fmt: skip
         before, white, reduced_normal = demodulate(radiance, albedo, normal, REDUCTION)
-        change, after = None, None
-        scale = 1.0 / (block_means(albedo, REDUCTION) + ALBEDO_OFFSET)
-        if correction is not None and self._changes is not None and correction[..., :3].any():
-            reduced_radiance = block_means(radiance, REDUCTION)
-            filtered = self._changes.without_outliers(reduced_radiance)
-            change = _filled(correction[..., :3] * scale, hits)
-            after = np.maximum(before + _filled((filtered - reduced_radiance) * scale, hits), 0.0)
-        emitted = None if light is None else _filled(light * scale, hits | found)  # movers have more of it
+        change, after, emitted = None, None, None
+        if correction is not None and self._changes is not None:
+            scale = 1.0 / (block_means(albedo, REDUCTION) + ALBEDO_OFFSET)
+            if correction[..., :3].any():
+                reduced_radiance = block_means(radiance, REDUCTION)
+                filtered = self._changes.without_outliers(reduced_radiance)
+                change = _filled(correction[..., :3] * scale, hits)
+                after = np.maximum(before + _filled((filtered - reduced_radiance) * scale, hits), 0.0)
+            if light is not None:
+                emitted = _filled(light * scale, hits | found)  # movers themselves have more of it
         return PanoramaImage(
             static=radiance,
             albedo=albedo,
