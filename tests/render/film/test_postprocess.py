@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
@@ -53,6 +54,19 @@ def test_movers_change_only_their_region(downscale: int) -> None:
     before, after = (postprocessor.process_incremental(difference(base, change)) for change in (0.0, 4.0))
     assert after[:, 40:].mean() == pytest.approx(4.5, rel=0.05)
     assert np.abs(after - before)[:, :24].mean() < 0.02
+
+
+@pytest.mark.parametrize("downscale", [1, 2])
+def test_errors_of_light_that_movers_take_away_are_not_corrected(downscale: int) -> None:
+    """Else edges of the sun's light leave dark and bright specks in a shadow that falls on them."""
+    base = noisy_base()
+    image = difference(base)
+    dimmed = replace(image, filtered=np.float32(0.01) * image.filtered)
+    postprocessor = Postprocessor("fast", downscale, True)
+    shown = postprocessor.process_incremental(dimmed)
+    best = np.float32(0.01) * denoise(*base.channels(), "high")
+    assert shown.min() > 0.0
+    np.testing.assert_allclose(shown, best, rtol=0.5)
 
 
 def test_without_denoiser_only_negative_values_are_clipped() -> None:

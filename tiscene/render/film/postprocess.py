@@ -24,6 +24,7 @@ from tiscene.render.integrators.path.path_image import PathImage
 FloatImage = NDArray[np.float32]
 COARSE_FACTOR = 2  # additional downscale of incremental images outside of changed regions
 BLOCK_NOISE = 1.2  # contrast between blocks of a panorama with one sample per pixel, in noisy light
+LEFT = 0.7  # share of a base's light from which on all of its correction is added
 COARSE, FINE = "coarse", "fine"  # names of the two resolutions in cache keys
 
 
@@ -111,22 +112,27 @@ class Postprocessor:
         shown.reshape(-1, 3)[hidden.pixels] += hidden.estimate(expected)
 
     def _corrected(self, quick: FloatImage, image: IncrementalImage, here: Region, kind: str) -> FloatImage:
-        """Add the known corrections outside of movers, in place."""
+        """Add the known corrections outside of movers, in place, as far as the light that they correct is there."""
+        correction, shown = np.zeros_like(quick), np.zeros_like(quick)
         for group, factor in enumerate(image.factors):
             if factor.any():
-                correction = self._correction(image.base, group, kind)[here] * factor
-                correction *= image.static_mask[here]
-                quick += correction
+                corrected, rough = self._correction(image.base, group, kind)
+                correction += corrected[here] * factor
+                shown += rough[here] * factor
+        left = quick.sum(axis=-1, keepdims=True) / np.maximum(shown.sum(axis=-1, keepdims=True), np.float32(1e-6))
+        quick += np.clip(left / LEFT, 0.0, 1.0) * image.static_mask[here] * correction
         return quick
 
-    def _correction(self, base: IncrementalBase, group: int, kind: str) -> FloatImage:
-        """Return high-quality denoising of a base under a light group minus that of frames; cached with the base."""
+    def _correction(self, base: IncrementalBase, group: int, kind: str) -> tuple[FloatImage, FloatImage]:
+        """Return high-quality denoising of a base under a light group minus that of frames, and the latter; cached."""
         name = f"{kind} correction of {self} in group {group}"
         if name not in base.derived:
             best = denoise(*base.channels(group), "high", clean=self.sharp)
-            rough = base.noise_matched_channels(group)
-            base.derived[name] = best - (self._quick(*rough) if kind == COARSE else self._denoised(*rough, False))
-        return base.derived[name]
+            noisy = base.noise_matched_channels(group)
+            rough = self._quick(*noisy) if kind == COARSE else self._denoised(*noisy, False)
+            base.derived[name] = best - rough, rough
+        correction, rough = base.derived[name]
+        return correction, rough
 
     def _quick(self, radiance: FloatImage, albedo: FloatImage, normal: FloatImage) -> FloatImage:
         """Denoise at the coarse resolution."""

@@ -50,7 +50,7 @@ class IncrementalBase:
     cache: PathCache
     coverage: MoverCoverage
     extra_cache: PathCache | None = None
-    derived: dict[str, FloatImage] = field(default_factory=dict)
+    derived: dict[str, tuple[FloatImage, ...]] = field(default_factory=dict)
 
     @cached_property
     def mean(self) -> Any:
