@@ -224,6 +224,11 @@ class StageObjectHistory:
         done = bisect.bisect_right(self.moves, min(frame, as_of), key=lambda move: move.frame)
         return self.moves[done - 1] if done else None
 
+    def is_static(self, as_of: int) -> bool:
+        """Return whether no edit up to a frame has removed it, or moved it after frame 0."""
+        move = self.move(as_of, as_of)
+        return self.alive(as_of, as_of) and (move is None or move.frame == 0)
+
 
 @dataclass(eq=False)
 class CameraHistory:

@@ -132,11 +132,7 @@ class StageObjects:
 
     def edited_parts(self, frame: int) -> NDArray[np.bool_]:
         """Return for every part whether an edit up to a frame has removed it, or moved it after frame 0."""
-        edited = []
-        for number, life in self.lives.items():
-            move = life.move(frame, as_of=frame)
-            if not life.alive(frame, as_of=frame) or (move is not None and move.frame > 0):
-                edited.append(number)
+        edited = [number for number, life in self.lives.items() if not life.is_static(as_of=frame)]
         return np.isin(self._owner, edited)
 
     def rows(self, frame: int) -> list[ObjectState]:

@@ -42,7 +42,7 @@ class IncrementalBase:
         cache: Cached paths of all pixels.
         coverage: Measures the fraction of each pixel that movers cover.
         extra_cache: Further cached paths, for pixels in which a mover is visible.
-        derived: Images that users of the base computed from it, by name; they live as long as the base.
+        derived: Pairs of images that users of the base computed from it, by name; they live as long as the base.
     """
 
     lights: BaseLights
@@ -50,7 +50,7 @@ class IncrementalBase:
     cache: PathCache
     coverage: MoverCoverage
     extra_cache: PathCache | None = None
-    derived: dict[str, tuple[FloatImage, ...]] = field(default_factory=dict)
+    derived: dict[str, tuple[FloatImage, FloatImage]] = field(default_factory=dict)
 
     @cached_property
     def mean(self) -> Any:

@@ -3,7 +3,7 @@
 
 A few paths through the static scene are recorded for each frame, and those that movers invalidate are traced again, as
 in incremental rendering. Paths end in a light probe, where it knows their second surface: how movers change the light
-of that surface is left out.
+of that surface is left out. What movers emit is path traced by itself.
 """
 
 from __future__ import annotations

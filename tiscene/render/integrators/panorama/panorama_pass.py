@@ -4,7 +4,8 @@
 1. `PanoramaPass.prepare` resamples the light of the static scene from a panorama around the camera's center or around
    an anchor nearby, and traces a few paths through the static scene in an image of reduced size.
 2. `PanoramaPass.render` traces those of them again that movers invalidate, as the incremental pass does. The mean
-   change of each pixel is what movers add to or take from the light of static surfaces.
+   change of each pixel is what movers add to or take from the light of static surfaces. What movers emit is path traced
+   by itself at the same size, and added.
 3. Pixels in which a mover is visible, and those that the panorama does not know, are path traced.
 
 All these paths end in the panorama's light probe, where it knows a surface that they reach.
@@ -226,17 +227,11 @@ class PanoramaPass:
         albedo, normal = images[AUXILIARY // 3], images[AUXILIARY // 3 + 1]
         moving = moving & self.scene.placement.present[CURRENT]
         traced = np.zeros(instance.shape, bool)
-        correction, light = None, None
+        correction = None
         if moving.any():
             assert self._changes is not None, "made by prepare()"
             correction = self._changes.find(moving, factors)
             hits = correction[..., MOVER_HITS] > 0.0
-            emitting = moving & self.scene.emissive.of(self.scene.placement.mesh)
-            if emitting.any():
-                key = frame_key(self._movers_key, LIGHT_FRAME)
-                light = self._changes.light_of(
-                    emitting, self._view, key=key, spp=self._recorded_spp, max_depth=self._max_depth
-                )
             movers = np.isin(instance, self.scene.placement.instance_id[moving])
             found = block_means(movers[..., None].astype(np.float32), REDUCTION)[..., 0] > 0.0
             # Parts of movers between the pixels' centers are in no label.
@@ -260,8 +255,13 @@ class PanoramaPass:
                 filtered = self._changes.without_outliers(reduced_radiance)
                 change = _filled(correction[..., :3] * scale, hits)
                 after = np.maximum(before + _filled((filtered - reduced_radiance) * scale, hits), 0.0)
-            if light is not None:
-                emitted = _filled(light * scale, hits | found)  # movers themselves have more of it
+            emitting = moving & self.scene.emissive.of(self.scene.placement.mesh)
+            if emitting.any():
+                key = frame_key(self._movers_key, LIGHT_FRAME)
+                lit = self._changes.light_of(
+                    emitting, self._view, key=key, spp=self._recorded_spp, max_depth=self._max_depth
+                )
+                emitted = _filled(lit * scale, hits | found)  # movers themselves have more of it
         return PanoramaImage(
             static=radiance,
             albedo=albedo,
