@@ -112,15 +112,15 @@ def test_srgb_colors_are_decoded_and_alpha_is_not() -> None:
 
 def lights() -> LightTable:
     table = LightTable()
-    table.append([DomeLight("sky", "/sky", EYE, (1.0, 1.0, 1.0), 0)], first_texture=0)
-    table.append(
+    table.place(
         [
-            RectLight("lamp", "/lamp", EYE, (5.0, 5.0, 5.0), 1.0, 2.0, 1),
-            DistantLight("sun", "/sun", EYE, (3.0, 3.0, 3.0), 0.01),
-            SphereLight("bulb", "/bulb", EYE, (9.0, 9.0, 9.0), 0.1),
-            SphereLight("spark", "/spark", EYE, (9.0, 9.0, 9.0), 0.0),
+            (0, DomeLight("sky", "/sky", EYE, (1.0, 1.0, 1.0), 0)),
+            (1, RectLight("lamp", "/lamp", EYE, (5.0, 5.0, 5.0), 1.0, 2.0, 1)),
+            (1, DistantLight("sun", "/sun", EYE, (3.0, 3.0, 3.0), 0.01)),
+            (1, SphereLight("bulb", "/bulb", EYE, (9.0, 9.0, 9.0), 0.1)),
+            (1, SphereLight("spark", "/spark", EYE, (9.0, 9.0, 9.0), 0.0)),
         ],
-        first_texture=1,
+        first_textures=[0, 1],
     )
     return table
 
@@ -145,7 +145,7 @@ def test_empty_and_black_light_tables_are_valid() -> None:
     empty = LightTable().arrays(TextureAtlas()).nodes.to_numpy()[:ROWS].reshape(-1, NODE_COLUMNS)
     assert empty[0, H_DOME_END] == 0  # no entry
     dark = LightTable()
-    dark.append([RectLight("off", "/off", EYE, (0.0, 0.0, 0.0), 1.0, 1.0)] * 2, first_texture=0)
+    dark.place([(0, RectLight("off", "/off", EYE, (0.0, 0.0, 0.0), 1.0, 1.0))] * 2, first_textures=[0])
     nodes = dark.arrays(TextureAtlas()).nodes.to_numpy()[: 2 * ROWS].reshape(-1, NODE_COLUMNS)
     assert not child_rows(nodes[1])[:, [STRENGTH, UNIFORM]].any()
     assert nodes[0, H_AREA_COUNT] == 2  # rays hit them nevertheless
@@ -157,10 +157,11 @@ def test_moving_a_light_keeps_texture_distributions_on_the_device() -> None:
     sky, lamp, *others = table.lights
     moved = EYE.copy()
     moved[0, 3] = 2.0
-    table.place([sky, replace(lamp, world_from_light=moved), *others], [0, 1, 1, 1, 1])
+    placed = [(0, sky), (1, replace(lamp, world_from_light=moved)), *((1, each) for each in others)]
+    table.place(placed, [0, 1])
     after = table.arrays(images)
     assert after.values.to_numpy()[0, TRANSFORM + 3] == 2.0
     assert after.distribution is before.distribution
-    table.place([lamp, *others], [1, 1, 1, 1])
+    table.place([(1, each) for each in (lamp, *others)], [0, 1])
     without = table.arrays(images)
     assert without.distribution.shape < before.distribution.shape

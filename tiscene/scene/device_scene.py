@@ -22,7 +22,7 @@ from tiscene.scene.bvh.obstacle_tree import MeshTrees
 from tiscene.scene.bvh.rebraid import INFO_PARTS, MAX_SPLIT, PARTS, ROW_BITS, instances_to_split
 from tiscene.scene.bvh.template_trees import add_meshes_of
 from tiscene.scene.deforming_mesh import BLOCKS, TIMES, DeformingMesh
-from tiscene.scene.description import Mesh, SceneDescription
+from tiscene.scene.description import Light, Mesh, SceneDescription
 from tiscene.scene.instance_upload import NO_INSTANCES, stacked, upload_packed
 from tiscene.scene.lights.emissive_meshes import EmissiveMeshes
 from tiscene.scene.lights.light_table import LightTable
@@ -49,7 +49,7 @@ class DeviceScene:
         traversal: The layout.
         materials: All materials.
         textures: All textures.
-        lights: All lights.
+        lights: The lights of the latest placement.
         emissive: The meshes that emit light.
         descriptions: The descriptions that were added, each with the row of its first mesh.
         placement: The latest placement.
@@ -64,11 +64,11 @@ class DeviceScene:
         triangle_vertices: i32 [m, 3], rows of `vertex_position`.
         triangle_material: i32 [m], rows of `materials`.
         triangle_part: i32 [m], part of the mesh.
-        instance_info: i32 [i, 17], at CURRENT; `instances_at` returns that of other times. Columns: 0 reference of the
+        instance_info: i32 [i, 18], at CURRENT; `instances_at` returns that of other times. Columns: 0 reference of the
             BLAS, 1 first triangle, 2 instance id, 3 category id, 4 mesh row, 5 flags (HAS_NORMALS | HAS_UV | MIRRORED |
             HAS_COLORS), 6 first part, 7 number of vertices of a deforming mesh, else 0, 8 first row of colors minus 3
-            times the first vertex, 9 to 16 references of the BLAS's parts (`bvh.rebraid`). Device arrays of instances
-            are replaced by every `place`.
+            times the first vertex, 9 to 16 references of the BLAS's parts (`bvh.rebraid`), 17 class of light links.
+            Device arrays of instances are replaced by every `place`.
         world_from_instance: f32 [3, i, 12], by time, row-major 3x4, m.
         instance_from_world: f32 [3, i, 12], the inverse.
         box_from_instance: f32 [i, 12], from the mesh's space to the object's bounding box, 0..1.
@@ -174,18 +174,17 @@ class DeviceScene:
         """
         first_mesh = len(self._meshes)
         self.descriptions.append((first_mesh, description))
-        first_texture = self.textures.append(description.textures)
-        self._first_textures.append(first_texture)
-        first_material = self.materials.append(description.materials, first_texture, description.material_tracks)
-        self._first_materials.append(first_material)
-        self.lights.append(description.lights, first_texture=first_texture)
-        if self._stage_trees is not None and len(self.descriptions) == 1:
+        self._first_textures.append(self.textures.append(description.textures))
+        materials = description.materials, self._first_textures[-1], description.material_tracks
+        self._first_materials.append(self.materials.append(*materials))
+        is_stage = len(self.descriptions) == 1
+        if is_stage and self._stage_trees is not None:
             self._blas += self._stage_trees.blas
         else:
-            is_template = len(self.descriptions) > 1
-            self._blas += add_meshes_of(description, self._bvh, self._first_triangles[-1], keep=is_template)
-        if len(self.descriptions) == 1:
+            self._blas += add_meshes_of(description, self._bvh, self._first_triangles[-1], keep=not is_stage)
+        if is_stage:
             self._stage_rows = self._bvh.used_rows
+            self.lights.place(self.lights_of(self.placement), self._first_textures)
         self.emissive.add(description)
         for mesh in description.meshes:
             first_triangle = self._first_triangles[-1]
@@ -218,13 +217,9 @@ class DeviceScene:
         self._upload_meshes()
         count = len(placement.mesh)
         if count and not 0 <= placement.mesh.min() <= placement.mesh.max() < len(self._meshes):
-            raise ArgumentError(
-                f"placement.mesh has rows from {placement.mesh.min()} to {placement.mesh.max()}, "
-                f"but {len(self._meshes)} meshes were added"
-            )
-        if placement.lights is not None:
-            descriptions, lights = zip(*placement.lights, strict=True) if placement.lights else ((), ())
-            self.lights.place(lights, [self._first_textures[row] for row in descriptions])
+            rows = f"{placement.mesh.min()} to {placement.mesh.max()}"
+            raise ArgumentError(f"placement.mesh has rows from {rows}, but {len(self._meshes)} meshes were added")
+        self.lights.place(self.lights_of(placement), self._first_textures)
         varying = placement.materials or ()
         self.materials.place((self._first_materials[place] + row, each) for place, row, each in varying)
         self.emissive.place(varying)
@@ -236,18 +231,17 @@ class DeviceScene:
                 deforming.refit(time, self._bvh, self.vertex_position, self.triangle_vertices)
         self._place_instances(placement)
         self.place_mesh_lights(self.lights, self.emissive.of(placement.mesh))
-        hittable = self._hittable
         for time in sorted(times):
-            names = self._split_instances(time, np.flatnonzero(hittable[time]).astype(np.int32))
+            names = self._split_instances(time, np.flatnonzero(self._hittable[time]).astype(np.int32))
             self._bvh.place(time, *names, capacity=count + PARTS * MAX_SPLIT)
         self._write_instances()
-        here = self.instance_boxes[CURRENT, hittable[CURRENT]]
+        here = self.instance_boxes[CURRENT, self._hittable[CURRENT]]
         self.bounds = np.array((here[:, :3].min(axis=0), here[:, 3:].max(axis=0)) if len(here) else np.zeros((2, 3)))
 
     def place_frames(self, placements: Sequence[Placement], times: Iterable[int] = (CURRENT,)) -> None:
         """Place the instances of several frames at once: those of a frame follow those of the one before.
 
-        Their trees are in `frame_roots`. For labels: lights, varying materials and deforming meshes stay as they are.
+        Their trees are in `frame_roots`. Lights are those of the first; varying materials and deforming meshes stay.
 
         Args:
             placements: The instances of each frame.
@@ -255,6 +249,7 @@ class DeviceScene:
         """
         self._upload_meshes()
         times = sorted(times)
+        self.lights.place(self.lights_of(placements[0]), self._first_textures)
         self._place_instances(stacked(placements))
         self._bvh.reserve_trees(len(placements) * len(times))
         ends = np.cumsum([len(each.mesh) for each in placements]).tolist()
@@ -266,6 +261,11 @@ class DeviceScene:
         self._write_instances()
         roots = {time: [self._bvh.root((time, frame)) for frame in range(len(placements))] for time in times}
         self._frame_roots = {time: upload(np.array(each, np.int32)) for time, each in roots.items()}
+
+    def lights_of(self, placement: Placement) -> tuple[tuple[int, Light], ...]:
+        """Return the lights of a placement, each with the row of the description whose textures it reads."""
+        stage = self.descriptions[0][1].lights if self.descriptions else ()
+        return tuple((0, light) for light in stage) if placement.lights is None else placement.lights
 
     def frame_roots(self, time: int) -> Any:
         """Return the references of the TLAS of each frame of `place_frames` at a time, an i32 device array.

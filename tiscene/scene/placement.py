@@ -28,11 +28,10 @@ class Placement:
         box_from_object: float64 [n, 3, 4], from the mesh's space to its object's bounding box, 0..1.
         present: bool [3, n], whether the instance exists (is spawned, and not despawned yet).
         lights: Lights that are on, each with the row of the description (in the order of `DeviceScene.add`) whose
-            textures it reads. None: all lights that were added, unchanged.
+            textures it reads. None: those of the first description, unchanged.
         part: int32 [n], number of the first of its object's parts that the instance shows. None: 0 for all.
         seconds: float64 [3], the times of the frames, for deforming meshes, s.
-        light_groups: The same lights, as static lights with an intensity factor for each group. None: all lights that
-            were added.
+        light_groups: The same lights, as static lights with an intensity factor for each group. None if `lights` is.
         materials: Materials that vary over time, each with the row of its description and its own row in that. None:
             none do.
     """

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -187,24 +187,17 @@ class LightTable:
     def __len__(self) -> int:
         return len(self.lights)
 
-    def append(self, lights: Iterable[Light], first_texture: int) -> int:
-        """Add lights, whose textures begin at a row of the atlas; returns the number of lights before."""
-        before = len(self.lights)
-        self.lights.extend(lights)
-        self._first_texture += [first_texture] * (len(self.lights) - before)
-        self._arrays = None
-        return before
-
-    def place(self, lights: Sequence[Light], first_textures: Sequence[int]) -> None:
+    def place(self, lights: Sequence[tuple[int, Light]], first_textures: Sequence[int]) -> None:
         """Replace all lights; cheap if they are the same objects as before.
 
         Args:
-            lights: The lights.
-            first_textures: For each, the row of the atlas where its description's textures begin.
+            lights: The lights, each with the row of its description.
+            first_textures: By description, the row of the atlas where its textures begin.
         """
-        same = len(lights) == len(self.lights) and all(a is b for a, b in zip(lights, self.lights, strict=True))
+        same = len(lights) == len(self.lights) and all(a is b for (_, a), b in zip(lights, self.lights, strict=True))
         if not same:
-            self.lights, self._first_texture = list(lights), list(first_textures)
+            self.lights = [light for _, light in lights]
+            self._first_texture = [first_textures[row] for row, _ in lights]
             self._arrays = None
 
     def place_meshes(self, meshes: Sequence[tuple[int, MeshLight, int]], places: NDArray[np.float64]) -> None:

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tiscene.device.memory import upload
-from tiscene.render.integrators.incremental.base_image_cache import BaseImageCache
+from tiscene.render.integrators.incremental.base_image_cache import BaseImageCache, digest_of
 from tiscene.render.integrators.incremental.base_lights import BaseLights
 from tiscene.render.integrators.incremental.mover_coverage import MoverCoverage
 from tiscene.render.integrators.incremental.path_cache import PathCache
@@ -23,6 +23,7 @@ from tiscene.render.integrators.incremental.path_recording import AUXILIARY, lig
 from tiscene.render.integrators.path.path_pass import PathPass
 from tiscene.render.integrators.path.path_scene import PathScene
 from tiscene.render.view import View
+from tiscene.scene.device_scene import DeviceScene
 from tiscene.scene.placement import CURRENT, Placement
 
 BASE_FRAME = -1  # frame number of the base image's random numbers
@@ -106,6 +107,25 @@ def base_placement(placement: Placement, moving: NDArray[np.bool_]) -> Placement
     groups = placement.light_groups
     lights = placement.lights if groups is None else groups.lights
     return replace(placement, present=placement.present & ~moving, lights=lights)
+
+
+def static_scene_key(scene: DeviceScene, placement: Placement, still: NDArray[np.bool_]) -> tuple[Any, ...]:
+    """Return what distinguishes the static scene of a placement from others of the same DeviceScene, but for a camera.
+
+    Args:
+        scene: The scene.
+        placement: Placement of a frame.
+        still: bool [n], the instances of the static scene.
+    """
+    groups = placement.light_groups
+    return (
+        np.flatnonzero(still).tobytes(),
+        placement.mesh[still].tobytes(),
+        placement.world_from_object[CURRENT, still].tobytes(),
+        digest_of(scene.lights_of(placement) if groups is None else [groups.lights, groups.group]),
+        scene.materials.any_coverage,
+        scene.materials.any_emission,
+    )
 
 
 def under_each_group(static: Placement) -> list[Placement]:

@@ -53,15 +53,17 @@ class BaseImageCache:
         """
         placement = scene.placement
         digest = hashlib.sha256(_program_digest())
-        rows = placement.mesh[still]
-        for first, description in scene.descriptions:
+        rows, lights = placement.mesh[still], scene.lights_of(placement)
+        for row, (first, description) in enumerate(scene.descriptions):
             meshes = range(first, first + len(description.meshes))
-            shown = np.flatnonzero(np.isin(rows, meshes))
-            if len(shown):
+            shown, lit = np.flatnonzero(np.isin(rows, meshes)), [light for number, light in lights if number == row]
+            if len(shown) or lit:  # lights have textures too
                 digest.update(self._content_digest(description))
                 digest.update((rows[shown] - first).tobytes())
                 digest.update(placement.world_from_object[CURRENT, still][shown].tobytes())
-        _add(digest, [scene.lights.lights, view.rows()[CURRENT], view.width, view.height, sorted(settings.items())])
+                _add(digest, lit)
+        order = [number for number, _ in lights]
+        _add(digest, [order, view.rows()[CURRENT], view.width, view.height, sorted(settings.items())])
         return digest.hexdigest()
 
     def load(self, key: str, shape: tuple[int, ...]) -> NDArray[np.float32] | None:

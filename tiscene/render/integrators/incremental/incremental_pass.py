@@ -30,8 +30,9 @@ from tiscene.render.integrators.incremental.base_image import (
     base_placement,
     render_base_image,
     scene_under_group,
+    static_scene_key,
 )
-from tiscene.render.integrators.incremental.base_image_cache import BaseImageCache, digest_of
+from tiscene.render.integrators.incremental.base_image_cache import BaseImageCache
 from tiscene.render.integrators.incremental.base_lights import BaseLights
 from tiscene.render.integrators.incremental.changed_regions import Region, changed_regions
 from tiscene.render.integrators.incremental.cost_estimate import ProbePaths
@@ -147,7 +148,8 @@ class IncrementalPass:
             near_spp: Further cached paths per pixel, for pixels in which a mover will be visible.
         """
         still = placement.present[CURRENT] & ~moving
-        key = (*self._base_key(view, placement, still), seed, spp, max_depth, base_spp, near_spp)
+        scene_key = static_scene_key(self.scene, placement, still)
+        key = (view.rows()[CURRENT].tobytes(), *scene_key, seed, spp, max_depth, base_spp, near_spp)
         base = self._bases.pop(key, None)
         if base is None:
             static = base_placement(placement, moving)
@@ -183,7 +185,7 @@ class IncrementalPass:
         frame's instances at CURRENT. `prepare` need not be called before.
         """
         still = placement.present[CURRENT] & ~moving
-        key = (*self._base_key(view, placement, still), seed, max_depth)
+        key = (view.rows()[CURRENT].tobytes(), *static_scene_key(self.scene, placement, still), seed, max_depth)
 
         def new() -> tuple[ProbePaths, FrameScratch]:
             self.scene.place(base_placement(placement, moving))
@@ -255,20 +257,6 @@ class IncrementalPass:
         """Return the intensity of each light group in the placed frame, float32 [groups, 3]."""
         groups = self.scene.placement.light_groups
         return np.ones((1, 3), np.float32) if groups is None else groups.factors
-
-    def _base_key(self, view: View, placement: Placement, still: NDArray[np.bool_]) -> tuple[Any, ...]:
-        """Return what distinguishes the bases of one scene."""
-        materials, groups = self.scene.materials, placement.light_groups
-        lights = self.scene.lights.lights if placement.lights is None else placement.lights
-        return (
-            view.rows()[CURRENT].tobytes(),
-            np.flatnonzero(still).tobytes(),
-            placement.mesh[still].tobytes(),
-            placement.world_from_object[CURRENT, still].tobytes(),
-            digest_of(lights if groups is None else [groups.lights, groups.group]),
-            materials.any_coverage,
-            materials.any_emission,
-        )
 
     def _cache_paths(
         self, view: View, lights: BaseLights, keys: tuple[int, int], spp: int, max_depth: int, limit: int

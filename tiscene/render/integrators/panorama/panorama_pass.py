@@ -24,7 +24,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tiscene.render.film.upsample import ALBEDO_OFFSET, block_means, demodulate, upsample
-from tiscene.render.integrators.incremental.base_image import ProgressCallback, base_placement, under_each_group
+from tiscene.render.integrators.incremental.base_image import (
+    ProgressCallback,
+    base_placement,
+    static_scene_key,
+    under_each_group,
+)
 from tiscene.render.integrators.incremental.base_image_cache import BaseImageCache, digest_of
 from tiscene.render.integrators.incremental.mover_coverage import dilated
 from tiscene.render.integrators.incremental.path_recording import AUXILIARY, light_column
@@ -172,7 +177,7 @@ class PanoramaPass:
         if SUBPIXELS * view.width * view.height > MAX_PIXELS:
             return False
         static = base_placement(placement, moving)
-        contents = self._contents(view, static)
+        contents = view.background, *static_scene_key(self.scene, static, static.present[CURRENT])
         shown = (view, panorama_spp, max_depth, seed, *contents)
         if shown != self._shown_for:
             self._shown_for, self._recorded_spp = None, 0
@@ -279,21 +284,6 @@ class PanoramaPass:
             panorama_spp=self._panorama_spp,
         )
 
-    def _contents(self, view: View, static: Placement) -> tuple[Any, ...]:
-        """Return what distinguishes the scene that the panorama of a view shows from others."""
-        groups = static.light_groups
-        lights = self.scene.lights.lights if static.lights is None else static.lights
-        still = static.present[CURRENT]
-        return (
-            view.background,
-            np.flatnonzero(still).tobytes(),
-            static.mesh[still].tobytes(),
-            static.world_from_object[CURRENT, still].tobytes(),
-            digest_of(lights if groups is None else [groups.lights, groups.group]),
-            self.scene.materials.any_coverage,
-            self.scene.materials.any_emission,
-        )
-
     def _static_images(
         self,
         view: View,
@@ -301,7 +291,8 @@ class PanoramaPass:
         settings: PanoramaSettings,
         contents: tuple[Any, ...],
     ) -> tuple[FloatImage, NDArray[np.int32]]:
-        """Return `Panorama.images` of a view, and complete its panorama if needed; `contents` of `_contents`."""
+        """Return `Panorama.images` of a view, and complete its panorama if needed; `contents`: what
+        distinguishes its scene."""
         points = self._points if self._anchored else None
         key = settings, *contents
         panorama = self._panoramas.pop(key, None)
