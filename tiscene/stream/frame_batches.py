@@ -8,6 +8,7 @@ when the frame is asked for.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import Any
 
 from tiscene.device import runtime
 from tiscene.frame.frame import Frame
@@ -33,7 +34,7 @@ class FrameBatches:
 
     def clear(self) -> None:
         """Drop everything, since the world has changed."""
-        self._edits = 0
+        self._made_with: tuple[Any, ...] = ()  # number of edits and replaced lights
         self._ready: dict[int, tuple[WorldState, list[Prepared]]] = {}
 
     @runtime.one_thread_at_a_time
@@ -53,13 +54,13 @@ class FrameBatches:
 
     def _take(self, stream: StreamInterface, indices: Sequence[int]) -> tuple[WorldState, list[Prepared]]:
         """Return the state of the world at the first of some frames, and what is rendered of it for each camera."""
-        edits = stream.world.edit_count
-        if edits != self._edits or indices[0] not in self._ready:
+        made_with = stream.world.edit_count, stream.world.replaced_lights
+        if made_with != self._made_with or indices[0] not in self._ready:
             count = max(1, min(self.size, MAX_PIXELS // (stream.width * stream.height)))
             chosen = indices[:count]
             self.clear()
             states = [stream.world.state(index) for index in chosen]
             rendered = stream._renderer.render_batch(states, stream.buffers, stream.width, stream.height)
             self._ready = dict(zip(chosen, rendered, strict=True))
-            self._edits = edits
+            self._made_with = made_with
         return self._ready.pop(indices[0])

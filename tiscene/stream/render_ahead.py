@@ -75,6 +75,8 @@ class RenderAhead:
             position: the stream's position.
             version: number of edits of its scenario.
         """
+        if stream.world.replaced_lights:
+            self.check_no_worker("world.set_light")
         if self._worker is None:
             self._start(stream)
             self._expected = -1, version  # the worker's copy has the edits, and no frame is requested yet

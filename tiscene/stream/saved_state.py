@@ -10,6 +10,7 @@ from typing import Any
 
 from tiscene.device import runtime
 from tiscene.errors import ArgumentError
+from tiscene.render.integrators.incremental.base_image_cache import digest_of
 from tiscene.scenario.scenario import Scenario
 from tiscene.stream.frame_batches import FrameBatches
 from tiscene.stream.progress import ProgressBar
@@ -22,6 +23,7 @@ VERSION = 1
 # What to do about a setting that differs, by its name.
 _CURES = {
     "scenario": "Make the stream from the saved scenario, edits included (stream.scenario.save(...)).",
+    "lights": "Call set_light as before the state was taken.",
     "files": "The files of the scene or of a template have changed: restore them, or start again.",
 }
 _OTHER_CURE = "Pass the saved {0} to Stream(...)."
@@ -49,25 +51,29 @@ class SavedState:
         """Return everything except device arrays, which are made anew, the progress callback and the worker process."""
         kept = {name: value for name, value in vars(self).items() if name not in ("world", "_renderer", "_ahead")}
         own = {"_progress": ProgressBar(), "_batches": FrameBatches(kept["_batches"].size)}
-        return kept | own | {"scenario": self.scenario}
+        return kept | own | {"scenario": self.scenario, "lights": self.world.replaced_lights}
 
     def __setstate__(self: StreamInterface, state: dict[str, Any]) -> None:
-        scenario, position = state.pop("scenario"), state["_position"]
+        scenario, lights, position = state.pop("scenario"), state.pop("lights"), state["_position"]
         vars(self).update(state, _ahead=RenderAhead(0))
         runtime.start(self.arch)
         self.restart(scenario)
+        for row, light in lights.items():
+            self.world.set_light(row, light)
         self.seek(position)
 
     def settings(self: StreamInterface) -> dict[str, Any]:
         """Return everything that a frame depends on beside its index, JSON-ready.
 
-        The scenario and the files of its stage and templates are given as SHA-256 digests.
+        The scenario and the files of its stage and templates are given as SHA-256 digests, and so are the lights of
+        `set_light`, if there are any.
         """
         canonical = json.dumps(self.scenario.to_json(), sort_keys=True, separators=(",", ":"))
         edits = self.world.edit_count
         known = self._digest
         if known is None or known[0] != edits:
             self._digest = known = edits, digest(self.file_digests())
+        lights = list(self.world.replaced_lights.items())
         return {
             "scenario": hashlib.sha256(canonical.encode()).hexdigest(),
             "files": known[1],
@@ -81,6 +87,7 @@ class SavedState:
             "taxonomy": self.taxonomy,
             "subdivision": self.stages.subdivision,
             "categories": None if self._selected_categories is None else list(self._selected_categories),
+            **({"lights": digest_of(lights).hex()} if lights else {}),
         }
 
     def state_dict(self: StreamInterface) -> dict[str, Any]:
@@ -119,7 +126,7 @@ def check_state(state: Mapping[str, Any], settings: Mapping[str, Any]) -> None:
     if not is_state or state.get("version") != VERSION:
         raise ArgumentError(f"this is not a state_dict of this version of tiscene (version {VERSION})")
     saved = state["settings"]
-    if different := [name for name in settings if saved.get(name) != settings[name]]:
-        listing = ", ".join(f"{name}: {saved.get(name)!r} there, {settings[name]!r} here" for name in different)
+    if different := [name for name in {**saved, **settings} if saved.get(name) != settings.get(name)]:
+        listing = ", ".join(f"{name}: {saved.get(name)!r} there, {settings.get(name)!r} here" for name in different)
         cures = " ".join(dict.fromkeys(_CURES.get(name, _OTHER_CURE.format(name)) for name in different))
         raise ArgumentError(f"the state is of another stream ({listing}). {cures}")

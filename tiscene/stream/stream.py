@@ -376,7 +376,10 @@ class Stream(FixedSettings, LoaderMethods, StreamOutput, SavedState, Iterator[Fr
         """Replace the light in a row of `world.stage.lights` by another of the same kind, for all frames from now on.
 
         Unlike edits of the world, this is not part of the scenario, nor replayed. Automatic exposure does not follow.
+        Copies of the stream have the light too. `restart` ends it.
+
+        Raises:
+            ArgumentError: there is no such light, it is of another kind, or frames are rendered ahead.
         """
         self._ahead.check_no_worker("set_light")
-        self._batches.clear()
         self.world.set_light(row, light)

@@ -82,9 +82,14 @@ class WorldLights:
         """Whether a light of the stage moves or varies over time, or `replace_light` was called."""
         return bool(self.motions or self._tracks or self._replaced)
 
+    @property
+    def replaced(self) -> dict[int, Light]:
+        """The lights of `replace_light`, by row."""
+        return dict(self._replaced)
+
     def replace_light(self, row: int, light: Light) -> None:
         """Replace the stage's light in that row by another of the same kind."""
-        self._replaced[row] = light
+        self._replaced = dict(sorted((self._replaced | {row: light}).items()))
         for key in ((_NOW, 0, row), (_BRIGHTEST, 0, row)):
             self._known.pop(key, None)
 

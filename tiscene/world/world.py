@@ -14,7 +14,7 @@ from dataclasses import replace
 from fractions import Fraction
 
 from dynamics import argument_checks
-from tiscene.errors import ScenarioError
+from tiscene.errors import ArgumentError, ScenarioError
 from tiscene.frame.object_table import ObjectState
 from tiscene.scenario.edits import Despawn, Edit, Move, PlaceCamera, Spawn
 from tiscene.scenario.scenario import Scenario
@@ -107,7 +107,9 @@ class World(ObjectEdits):
 
         self._registry = registry = ObjectRegistry(stage, load, category_ids or CategoryIds(), self._log.lives)
         check_materials(registry.descriptions, scenario.overrides)
-        self._stage_objects = StageObjects(stage, registry.stage_rows, registry.stage_owner, registry.stage_tracks, fps)
+        self._stage_objects = StageObjects(
+            stage, registry.stage_rows, registry.stage_owner, registry.stage_tracks, registry.stage_poses, fps
+        )
         self._stage_objects.settle(self._log.stage)
         self._lights = WorldLights(stage, scenario.lights)
         setting = TrajectoryContext(
@@ -144,6 +146,11 @@ class World(ObjectEdits):
     def edit_count(self) -> int:
         """Number of edits so far, at constant cost: `scenario` is made anew after edits."""
         return len(self._log.edits)
+
+    @property
+    def replaced_lights(self) -> dict[int, Light]:
+        """What `set_light` has put in the place of lights of the stage, by row."""
+        return self._lights.replaced
 
     def edits(self, first: int, last: int) -> list[Edit]:
         """Return edits `first` to `last - 1`, in the order in which they were made."""
@@ -247,8 +254,18 @@ class World(ObjectEdits):
         with self._lights.as_authored():
             return self._evaluator.place(0), self._cameras.planned(0, 0)
 
+    @one_at_a_time
     def set_light(self, row: int, light: Light) -> None:
-        """Replace a light of the stage; see `Stream.set_light`. Not part of the scenario."""
+        """Replace a light of the stage by another of the same kind, for all frames. Not part of the scenario.
+
+        Raises:
+            ArgumentError: there is no such light, or it is of another kind.
+        """
+        row = argument_checks.integer(row, "row", 0, len(self.stage.lights) - 1)
+        authored = self.stage.lights[row]
+        if type(light) is not type(authored):
+            wanted = f"{type(authored).__name__}, as {authored.prim_path} is"
+            raise ArgumentError(f"light is a {type(light).__name__}: must be a {wanted} (see dataclasses.replace)")
         self._lights.replace_light(row, light)
         self._evaluator.forget_starting_lights()
         self._last_state = None
