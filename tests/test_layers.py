@@ -37,9 +37,9 @@ MAY_IMPORT = {
     "tiscene.files": set(),
     "tiscene.catalog": {"tiscene.errors", "usd_scenes"},
     "tiscene.device": {"tiscene.errors", "tiscene.files"},
-    "tiscene.scene": {"tiscene.device", "tiscene.errors"},
+    "tiscene.scene": {"dynamics", "tiscene.device", "tiscene.errors"},
     "tiscene.scenario": {"dynamics", "tiscene.catalog", "tiscene.errors", "tiscene.files", "tiscene.scene"},
-    "tiscene.frame": {"tiscene.errors", "tiscene.files", "tiscene.scene"},
+    "tiscene.frame": {"dynamics", "tiscene.errors", "tiscene.files", "tiscene.scene"},
     "tiscene.usd": {"dynamics", "tiscene.catalog", "tiscene.errors", "tiscene.files", "tiscene.scene"},
     "tiscene.render": {
         "dynamics",

@@ -10,9 +10,10 @@ import numpy as np
 import trimesh
 from numpy.typing import NDArray
 
+from dynamics.rotation import matrix_from_quaternion
 from tiscene.render.integrators.labels.label_pass import LabelPass
 from tiscene.render.view import View
-from tiscene.scene.camera import Camera, matrix_from_quaternion
+from tiscene.scene.camera import Camera
 from tiscene.scene.description import Material, Mesh, SceneDescription, Texture
 from tiscene.scene.device_scene import DeviceScene
 from tiscene.scene.placement import CURRENT, NEXT, PREVIOUS, Placement

@@ -6,8 +6,9 @@ import math
 import numpy as np
 import pytest
 
+from dynamics.rotation import matrix_from_quaternion
 from tiscene.errors import ArgumentError
-from tiscene.scene.camera import Camera, matrix_from_quaternion, quaternion_from_matrix
+from tiscene.scene.camera import Camera, quaternion_from_matrix
 
 
 def random_quaternions(count: int) -> np.ndarray:

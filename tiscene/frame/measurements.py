@@ -10,7 +10,8 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from tiscene.scene.camera import Quaternion, Vector3, matrix_from_quaternion
+from dynamics.rotation import matrix_from_quaternion
+from tiscene.scene.camera import Quaternion, Vector3
 
 
 @dataclass(frozen=True)

@@ -17,9 +17,10 @@ from typing import Any, overload
 import numpy as np
 from numpy.typing import NDArray
 
+from dynamics.rotation import matrix_from_quaternion
 from tiscene.errors import ObjectNotFound
 from tiscene.frame.measurements import NO_MEASUREMENTS, ObjectMeasurements, OrientedBox
-from tiscene.scene.camera import Quaternion, Vector3, matrix_from_quaternion
+from tiscene.scene.camera import Quaternion, Vector3
 
 Box = tuple[float, float, float, float]
 SHOWN_NAMES = 10  # in the representation of a table

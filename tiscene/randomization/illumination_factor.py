@@ -15,6 +15,7 @@ from tiscene.randomization.factor_ranges import IlluminationRanges, is_number
 from tiscene.randomization.scene_files import stage_of, variant_sets_of
 from tiscene.scenario.overrides import LightOverride, Override
 from tiscene.scenario.scenario import Scenario
+from tiscene.scene.color import LUMINANCE
 from tiscene.scene.light_description import DistantLight, DomeLight
 
 LIGHTING = "lighting"  # the variant set of a scene that has its times of day
@@ -56,7 +57,7 @@ def _drawn(path: str, is_infinite: bool, ranges: IlluminationRanges, draws: Call
     low, high = (math.log(each) for each in ranges.strength)
     hue = float(own.uniform("hue", 0)[0])
     color = colorsys.hsv_to_rgb(hue, own.between("color", 0, *ranges.color), 1.0)
-    luminance = 0.2126 * color[0] + 0.7152 * color[1] + 0.0722 * color[2]
+    luminance = float(sum(weight * each for weight, each in zip(LUMINANCE, color, strict=True)))
     red, green, blue = (round(each / luminance, DECIMALS) for each in color)
     return LightOverride(
         path,

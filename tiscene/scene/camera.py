@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from dynamics.rotation import matrix_from_quaternion
 from tiscene.errors import ArgumentError
 
 Vector3 = tuple[float, float, float]
@@ -267,18 +268,6 @@ def _are_numbers(values: Any, count: int) -> bool:
         return all(math.isfinite(value) for value in listed)
     except OverflowError:  # an integer too large for a float
         return False
-
-
-def matrix_from_quaternion(quaternion: Quaternion) -> NDArray[np.float64]:
-    """Return the 3x3 rotation of a unit quaternion (w, x, y, z)."""
-    w, x, y, z = quaternion
-    return np.array(
-        [
-            [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
-            [2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)],
-            [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)],
-        ]
-    )
 
 
 def quaternion_from_matrix(matrix: NDArray[np.float64]) -> Quaternion:

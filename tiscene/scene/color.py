@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The sRGB transfer function (IEC 61966-2-1) for float arrays of any shape."""
+"""Colors of float arrays of any shape: the sRGB transfer function (IEC 61966-2-1), and luminance."""
 
 from __future__ import annotations
 
@@ -7,6 +7,8 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+
+LUMINANCE: NDArray[np.float64] = np.array([0.2126, 0.7152, 0.0722])  # of linear Rec. 709 red, green and blue
 
 
 def encode_srgb(linear: NDArray[Any]) -> NDArray[Any]:

@@ -15,13 +15,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tiscene.errors import ArgumentError
-from tiscene.render.film.tone_map import LUMINANCE
 from tiscene.render.integrators.path.path_image import PathImage
 from tiscene.render.integrators.path.path_pass import PathPass
 from tiscene.render.integrators.path.path_state import DROPPED, FILM_COLUMNS
 from tiscene.render.intersect.ray_queue import tiled_order
 from tiscene.render.sampling.sobol import frame_key
 from tiscene.render.view import View
+from tiscene.scene.color import LUMINANCE
 
 FIRST_NET_SPP = 8  # samples per pixel of each net; doubled every other round
 RADIUS = 2  # px, of the neighborhood over which variance is averaged

@@ -15,9 +15,7 @@ import taichi as ti
 from numpy.typing import NDArray
 
 from tiscene.device.kernel_types import Bytes3, Floats1, Floats3, Template, vec3
-from tiscene.scene.color import decode_srgb, encode_srgb
-
-LUMINANCE = (0.2126, 0.7152, 0.0722)
+from tiscene.scene.color import LUMINANCE, decode_srgb, encode_srgb
 
 GRAY = 0.18
 BLACK_STOPS, WHITE_STOPS = -10.0, 6.5  # relative to gray
@@ -138,7 +136,7 @@ def auto_exposure(hdr: NDArray[Any]) -> float:
     Luminance is clipped to its 5th and 95th percentiles; black pixels (background) are ignored. If the 95th percentile
     would be more than 5 stops above gray, almost white, it is exposed for that percentile instead. 0 for a black image.
     """
-    luminance = np.asarray(hdr, np.float64) @ np.array(LUMINANCE)
+    luminance = np.asarray(hdr, np.float64) @ LUMINANCE
     luminance = luminance[np.isfinite(luminance) & (luminance > 0.0)]
     if luminance.size == 0:
         return 0.0

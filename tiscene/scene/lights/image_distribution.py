@@ -8,10 +8,10 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
+from tiscene.scene.color import LUMINANCE
 from tiscene.scene.description import Texture
 from tiscene.scene.textures.atlas import linear_pixels
 
-LUMINANCE = np.array([0.2126, 0.7152, 0.0722])
 _LARGEST_GRID = (512, 1024)
 # Size of the filtered copy of an environment map that is read for wide lobes. The width is a power of two.
 SMALL_WIDTH, SMALL_HEIGHT = 256, 128

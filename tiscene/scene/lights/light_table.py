@@ -16,10 +16,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tiscene.device.memory import upload, upload_vectors
+from tiscene.scene.color import LUMINANCE
 from tiscene.scene.description import DistantLight, DomeLight, Light, Portal, Shaping
 from tiscene.scene.lights import light_bvh, light_tree
 from tiscene.scene.lights.image_distribution import (
-    LUMINANCE,
     area_distribution,
     dome_distribution,
     image_fraction,

@@ -10,8 +10,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from tiscene.scene.color import LUMINANCE
 from tiscene.scene.description import Material, Mesh, Texture, TextureLookup
-from tiscene.scene.lights.image_distribution import LUMINANCE
 from tiscene.scene.lights.light_tree import (
     BACK,
     CENTER,

@@ -15,8 +15,9 @@ from typing import Any
 import numpy as np
 from pxr import Gf, Sdf, Usd, UsdGeom
 
+from dynamics.rotation import matrix_from_quaternion
 from tiscene.scene.assembly import rigid
-from tiscene.scene.camera import matrix_from_quaternion, quaternion_from_matrix
+from tiscene.scene.camera import quaternion_from_matrix
 from tiscene.scene.description import Matrix
 from tiscene.usd.core.transform import to_matrix, transform_fault, unmirrored
 from tiscene.usd.core.units import Units

@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 from pxr import Gf, Usd, UsdGeom, UsdLux
 
+from tiscene.scene.color import LUMINANCE
 from tiscene.scene.description import (
     Color,
     CylinderLight,
@@ -341,10 +342,9 @@ def color_of_temperature(kelvin: float) -> NDArray[np.float64]:
     Returns:
         float64 [3] of luminance 1; white at 6500 K.
     """
-    luminance = np.array([0.2126, 0.7152, 0.0722])
     clamped = min(max(kelvin, 1000.0), 10000.0)
     color = np.array(UsdLux.BlackbodyTemperatureAsRgb(clamped)) / np.array(UsdLux.BlackbodyTemperatureAsRgb(6500.0))
-    return np.asarray(color / (color @ luminance))
+    return np.asarray(color / (color @ LUMINANCE))
 
 
 def is_light(prim: Usd.Prim) -> bool:

@@ -6,6 +6,7 @@ import math
 import numpy as np
 import pytest
 
+from dynamics.rotation import matrix_from_quaternion
 from tests.render.bsdfs.test_bsdfs import MATERIALS
 from tests.render.path_scenes import (
     BOX_CAMERA,
@@ -25,7 +26,7 @@ from tests.render.tracing import compiled_kernels
 from tiscene.errors import ArgumentError
 from tiscene.render.integrators.path.path_pass import PathPass
 from tiscene.render.view import View
-from tiscene.scene.camera import Camera, matrix_from_quaternion
+from tiscene.scene.camera import Camera
 from tiscene.scene.description import (
     DistantLight,
     DomeLight,

@@ -273,7 +273,7 @@ class IncrementalPass:
 
         steps = scenes[0].steps(max_depth)
         # A segment takes 88 bytes, the shadow ray of a group 44.
-        upper_bound = (1 + lights.groups) * steps * 80 * self.width * self.height
+        upper_bound = (88 + 44 * lights.groups) * steps * self.width * self.height
         if spp > 1 and spp * upper_bound > limit:
             bytes_per_sample = cache(1).bytes
             while spp > 1 and spp * bytes_per_sample > limit:
