@@ -28,7 +28,7 @@ def shown(seed: int, **quality: object) -> list[NDArray[np.float64]]:
     dimmed, light, factor = chance.choice((0, 2, 9)), chance.random(), chance.choice((0.0, 0.2, 3.0))
     turns = {frame: chance.uniform(-8.0, 8.0) for frame in (1, 3)} if chance.random() < 0.6 else {}
     images = []
-    with ts.Stream(scenario, buffers=("rgb",), **SIZE, **quality) as stream:  # type: ignore[arg-type]
+    with ts.Stream(scenario, buffers=("rgb",), **SIZE, **quality) as stream:
         for frame in range(max(SHOWN) + 1):
             stream.seek(frame)
             if frame in spawned:
@@ -37,8 +37,9 @@ def shown(seed: int, **quality: object) -> list[NDArray[np.float64]]:
             if frame == dimmed:
                 lights = stream.world.state(frame).lights
                 row = int(light * len(lights))
-                emission = tuple(factor * each for each in emission_of(lights[row]))
-                stream.set_light(row, with_emission(lights[row], emission))
+                red, green, blue = emission_of(lights[row])
+                dim = factor * red, factor * green, factor * blue
+                stream.set_light(row, with_emission(lights[row], dim))
             if frame in turns:
                 stream.world.turn_camera(turns[frame])
             if frame in SHOWN:
