@@ -19,7 +19,7 @@ from tiscene.learning.course import Course
 from tiscene.learning.drift import Cycle, Drift, Ramp
 from tiscene.learning.held_out_tests import counterfactuals
 from tiscene.learning.phase import Phase
-from tiscene.learning.supervision import SupervisionRules
+from tiscene.learning.supervision_rules import SupervisionRules
 from tiscene.learning.teaching_policies import Combined, OnePixelPerMovingObject, RandomPixels
 from usd_scenes.author.home_01 import WALK
 

@@ -6,7 +6,7 @@ import numpy as np
 from dynamics import CatmullWaypoints, Waypoint
 from tiscene.learning.course import Course
 from tiscene.learning.phase import Phase
-from tiscene.learning.supervision import SupervisionRules
+from tiscene.learning.supervision_rules import SupervisionRules
 from tiscene.learning.teaching_policies import Combined, OnePixelPerMovingObject, RandomPixels
 from tiscene.scenario.objects import Object
 from tiscene.scenario.scenario import Scenario
@@ -28,7 +28,7 @@ def make_course(**others):
         [
             Phase("ball", BALL, frames=12, supervision=TAUGHT),
             Phase("chair", CHAIR, frames=12, supervision=TAUGHT),
-            Phase("exam", BALL, frames=4, evaluate=True, supervision=TAUGHT),
+            Phase("exam", BALL, frames=4, evaluate=True),
         ],
         tests=[
             Phase("ball", BALL, frames=3, start=13),

@@ -8,13 +8,13 @@ import numpy as np
 import pytest
 
 from dynamics import CatmullWaypoints, Waypoint
-from tiscene.errors import ArgumentError, MissingExtra
+from tiscene.errors import ArgumentError, ArgumentTypeError, MissingExtra
 from tiscene.learning.adapters.course_frames import CourseFrames
 from tiscene.learning.adapters.labeled_patches import labeled_patches, patch_around, patches_of_tests
 from tiscene.learning.adapters.river_pairs import color_features, river_pairs
 from tiscene.learning.course import Course
 from tiscene.learning.phase import Phase
-from tiscene.learning.supervision import SupervisionRules
+from tiscene.learning.supervision_rules import SupervisionRules
 from tiscene.learning.teaching_policies import Combined, OnePixelPerMovingObject, RandomPixels
 from tiscene.scenario.objects import Object
 from tiscene.scenario.scenario import Scenario
@@ -247,6 +247,13 @@ def test_environment_needs_a_scenario():
     for name, value in (("length", 0), ("length", 2.5), ("turn", "a"), ("clearance", float("nan")), ("budget", -1)):
         with pytest.raises(ArgumentError, match=f"{name}={value!r}: must"):
             LookAround("object_view", **{name: value})
+    with LookAround("object_view", width=16, height=12, render_mode="rgb_array") as new:
+        for call in (lambda: new.step(0), new.render):
+            with pytest.raises(ArgumentError, match="call reset"):
+                call()
+        new.reset()
+        with pytest.raises(ArgumentTypeError, match="must be one whole number, not an array"):
+            new.step(np.array([3]))
 
 
 @pytest.mark.parametrize(

@@ -2,7 +2,6 @@
 """Courses of phases, laps, drift schedules."""
 
 import json
-from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -17,12 +16,13 @@ from dynamics import (
     WaitUntilComplete,
     Waypoint,
 )
-from tiscene.errors import ArgumentError, MissingFile, ObjectNotFound, ScenarioError
+from tiscene.errors import ArgumentError, MissingFile, ObjectNotFound, ScenarioError, UnknownName
 from tiscene.learning.course import Course
 from tiscene.learning.drift import Cycle, Drift, Mix, Ramp, Step
 from tiscene.learning.laps import lap_times
 from tiscene.learning.phase import Phase
-from tiscene.learning.supervision import Supervision, SupervisionRules
+from tiscene.learning.supervision import Supervision
+from tiscene.learning.supervision_rules import SupervisionRules
 from tiscene.learning.teaching_policies import Everything, FirstFrames, LastFrames, OnePixelPerMovingObject
 from tiscene.scenario.light_motion import LightMotion
 from tiscene.scenario.objects import Object
@@ -345,8 +345,38 @@ def test_drift_of_scenarios_shows_each_at_its_frames_in_equal_motion():
 
 
 def test_two_factors_drift_at_once():
-    plant = replace(BALL, objects=(*BALL.objects, Object("plant", "Plant 01", (1, 0.3, -3))))
-    first = Drift("scenario", (BALL, plant), Step(2))
+    first = Drift("illumination", (0.0, -2.0), Step(2))
     phase = Phase("both", BALL, frames=4, drift=[first, Drift("scenario", (BALL, CHAIR), Step(3))])
-    assert phase.positions(2) == (1.0, 0.0)
-    assert phase.events(25) == {2: "scenario", 3: "scenario"}
+    assert [each.factor for each in phase.drift] == ["scenario", "illumination"]  # which changes both scenarios
+    assert phase.positions(2) == (0.0, 1.0)
+    assert phase.events(25) == {2: "illumination", 3: "scenario"}
+    dim = phase.scenario_at((1.0, 1.0))
+    assert dim.objects == CHAIR.objects
+    assert dim != CHAIR
+
+
+def test_lap_of_loops_that_never_meet_again_is_refused():
+    objects = [
+        Object(name, "Ball 01", dynamic=Orbit((0, 1, -2), period=period))
+        for name, period in (("a", 1.0001), ("b", 0.9999))
+    ]
+    both = Scenario("object_view", objects)
+    with pytest.raises(
+        ScenarioError, match=r"phase 'long': a lap has .* \('a' 1 s, 'b' 1 s\); give frames=, or lap_of="
+    ):
+        Course([Phase("long", both, laps=1)], **SMALL, fps=10007)
+    assert len(Course([Phase("short", both, laps=1, lap_of="a")], **SMALL)) == 26
+
+
+def test_drifts_that_contradict_each_other_or_their_schedule_are_refused():
+    first, second = (Drift("illumination", values, Step(1)) for values in ((0.0, -2.0), (0.0, 1.0)))
+    with pytest.raises(ArgumentError, match="phase 'a': drift: two drifts of 'illumination'"):
+        Phase("a", BALL, frames=3, drift=[first, second])
+    with pytest.raises(ArgumentError, match=r"schedule=Step.*: has 3 changes; 2 values need 1"):
+        Drift("illumination", (0.0, -2.0), Step((1, 2, 3)))
+    with pytest.raises(UnknownName, match="Did you mean 'illumination'"):
+        Drift("ilumination", (0.0, -2.0), Step(1))
+    with pytest.raises(ArgumentError, match="must be finite"):
+        Drift("illumination", (0.0, float("nan")), Step(1))
+    with pytest.raises(ArgumentError, match=r"at=1.5: must be a whole number"):
+        Step(1.5)

@@ -27,7 +27,7 @@ from tiscene.learning.phase import Phase
 from tiscene.learning.pixel_counts import PixelCounts, selected_pixels
 from tiscene.learning.score import differences, read_score
 from tiscene.learning.stream_metrics import Adaptation, FocusAccuracy, NearFutureAccuracy, OnlineAccuracy
-from tiscene.learning.supervision import SupervisionRules
+from tiscene.learning.supervision_rules import SupervisionRules
 from tiscene.learning.teaching_policies import Asked, RandomPixels
 
 ROOT = Path(__file__).parents[2]

@@ -11,7 +11,7 @@ import pytest
 from tests.learning.small_course import Constant, NearestAlbedo, make_course
 from tiscene.errors import ArgumentError
 from tiscene.learning.clock import Clock
-from tiscene.learning.evaluation import evaluate
+from tiscene.learning.evaluation import MAGIC, evaluate
 from tiscene.learning.score import differences
 from tiscene.learning.stream_metrics import NearFutureAccuracy, OnlineAccuracy
 
@@ -84,12 +84,30 @@ def test_checkpoints_of_others_are_refused(course, tmp_path):
 
     with pytest.raises(ArgumentError, match="needs a learner with state_dict"):
         evaluate(Constant(), course, [OnlineAccuracy()], checkpoint=tmp_path / "a", progress=untouched)
-    (tmp_path / "b").write_bytes(b"nothing")
+    (tmp_path / "b").write_bytes(MAGIC + b"nothing")
     with pytest.raises(ArgumentError, match="cannot be read"):
         evaluate(NearestAlbedo(), course, checkpoint=tmp_path / "b")
-    (tmp_path / "c").write_bytes(pickle.dumps({"version": 1, "course": "other", "runs": {}}))
+    (tmp_path / "c").write_bytes(MAGIC + pickle.dumps({"version": 1, "course": "other", "runs": {}}))
     with pytest.raises(ArgumentError, match="of another course"):
         evaluate(NearestAlbedo(), course, checkpoint=tmp_path / "c")
+
+
+class Executed:
+    """Raises when it is unpickled."""
+
+    def __reduce__(self):
+        return pytest.fail, ("was unpickled",)
+
+
+@pytest.mark.parametrize("content", [b"my notes", pickle.dumps(Executed())], ids=["text", "pickle"])
+def test_file_that_is_no_checkpoint_is_neither_unpickled_nor_overwritten(course, tmp_path, content):
+    path = tmp_path / "file"
+    path.write_bytes(content)
+    with pytest.raises(ArgumentError, match=r"file': is not a checkpoint of an evaluation; name another file"):
+        evaluate(NearestAlbedo(), course, checkpoint=path)
+    assert path.read_bytes() == content
+    with pytest.raises(ArgumentError, match="is a folder; name a file"):
+        evaluate(NearestAlbedo(), course, checkpoint=tmp_path)
 
 
 def test_checkpoints_of_other_metrics_or_another_clock_are_refused(course, tmp_path):

@@ -10,9 +10,10 @@ import pytest
 
 from dynamics import CatmullWaypoints, Composite, Orbit, Waypoint
 from tiscene.errors import ArgumentError
+from tiscene.learning.answers import Answer, Pending, Refused
 from tiscene.learning.label_ledger import LabelLedger
 from tiscene.learning.pixel_labels import LABELS, render_label
-from tiscene.learning.supervision import Answer, Pending, Refused, Supervision
+from tiscene.learning.supervision import Supervision
 from tiscene.learning.teaching_policies import (
     Everything,
     FirstFrames,

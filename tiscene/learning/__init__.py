@@ -6,6 +6,8 @@
     pixel_labels       labels of single pixels, with one ray each
     teaching_policies  which pixels a teacher labels unasked
     label_ledger       labels that were given
+    answers            what a teacher says to a question
+    supervision_rules  SupervisionRules: what a teacher may say
     supervision        Supervision: a teacher with a budget
     laps               laps of closed paths
     drift              factors that change with the frame number: Step, Ramp, Mix, Cycle
@@ -15,6 +17,7 @@
     stream_pool        streams of several scenarios that share stages
     learner            interface of learners, and learners by name
     clock              Clock: a stream that does not wait
+    learner_run        one learner on its way through a course
     evaluation         evaluate: predict, then learn, and tests between the phases
     stream_metrics     accuracy while a learner learns: online, near future, focus of attention, adaptation
     accuracy_matrix    ACC, BWT, FWT and forgetting
@@ -37,6 +40,7 @@ from typing import Any
 from dynamics.lazy_names import import_name
 
 _NAMES = {
+    "answers": ("Answer", "Pending", "Refused"),
     "accuracy_matrix": ("average_accuracy", "backward_transfer", "forgetting", "forward_transfer"),
     "clock": ("Clock",),
     "held_out_tests": ("counterfactuals", "held_out"),
@@ -50,7 +54,8 @@ _NAMES = {
     "score": ("Score", "differences", "read_score"),
     "stream_metrics": ("Adaptation", "FocusAccuracy", "Metric", "NearFutureAccuracy", "OnlineAccuracy"),
     "suite_names": ("load_course", "suites"),
-    "supervision": ("Answer", "Pending", "Refused", "Supervision", "SupervisionRules"),
+    "supervision": ("Supervision",),
+    "supervision_rules": ("SupervisionRules",),
     "teaching_policies": (
         *("Asked", "Combined", "Everything", "FirstFrames", "FocusOfAttention", "FollowMovingObjects", "LastFrames"),
         *("Moment", "OnePixelPerMovingObject", "Policy", "RandomPixels", "Recorded"),

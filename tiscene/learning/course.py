@@ -13,20 +13,21 @@ import itertools
 import json
 import operator
 import os
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from types import TracebackType
 from typing import Any, overload
 
 from dynamics import argument_checks
-from tiscene.errors import ArgumentError
+from tiscene.errors import ArgumentError, ArgumentTypeError
+from tiscene.frame.buffers import buffer_names
 from tiscene.frame.object_table import ObjectTable
 from tiscene.learning import course_file
-from tiscene.learning.phase import CourseFrame, Phase
+from tiscene.learning.phase import CourseFrame, Phase, check_phases
 from tiscene.learning.pixel_counts import check_pixels
 from tiscene.learning.pixel_labels import LABELS, moving_instances
 from tiscene.learning.stream_pool import StreamPool
-from tiscene.learning.supervision import SupervisionRules
+from tiscene.learning.supervision_rules import SupervisionRules
 from tiscene.scenario import serialization
 from tiscene.scenario.scenario import Scenario
 from tiscene.stream.frame_slice import FrameSlice
@@ -35,7 +36,14 @@ from tiscene.stream.stream import Stream
 VERSION = 1
 DEFAULTS: dict[str, Any] = {"width": 64, "height": 48, "fps": 25.0, "quality": "fast", "buffers": ("rgb", *LABELS)}
 
-SETTINGS = tuple(name for name in inspect.signature(Stream).parameters if name not in ("source", "frames"))
+UNUSED = {  # arguments of `Stream` that a course does not have, and what to do
+    "frames": "give the phases frames= or laps=",
+    "camera": "give it to the scenarios of the phases, as Scenario.load(scene, camera=...) does",
+    "variants": "give them to the scenarios of the phases, as Scenario.load(scene, variants=...) does",
+    "prefetch": "frames of a course are rendered one by one; leave it out",
+    "batch": "frames of a course are rendered one by one; leave it out",
+}
+SETTINGS = tuple(name for name in inspect.signature(Stream).parameters if name not in ("source", *UNUSED))
 
 
 class Course(Iterator[CourseFrame]):
@@ -52,8 +60,9 @@ class Course(Iterator[CourseFrame]):
         observed: buffers that learners see.
         pixels: the pixels that scores count: "objects" (of the scenarios, without distractors), "moving" (objects) or
             "frame" (all).
-        **settings: keyword arguments of `Stream`: width, height, fps, buffers, quality, categories, seed and so on. By
-            default 64 x 48 px, quality "fast", and the buffers rgb, semantic, instance, part and depth.
+        **settings: keyword arguments of `Stream`: width, height, fps, buffers, quality, categories, seed and so on, but
+            not those of UNUSED: cameras and variants are those of the scenarios. By default 64 x 48 px, quality "fast",
+            and the buffers rgb, semantic, instance, part and depth.
 
     Raises:
         TisceneError: an argument is invalid.
@@ -69,25 +78,30 @@ class Course(Iterator[CourseFrame]):
         pixels: str = "objects",
         **settings: Any,
     ) -> None:
-        self.phases = _check_phases(phases, "phases")
+        self.phases = check_phases(phases, "phases")
         if not self.phases:
             raise ArgumentError("phases=(): give one phase or more")
         if boundaries not in ("hidden", "shown"):
             raise ArgumentError(f"boundaries={boundaries!r}: must be 'hidden' or 'shown'")
-        if "frames" in settings:
-            raise ArgumentError("frames: a course has no such argument; give the phases frames= or laps=")
+        for name in UNUSED.keys() & settings.keys():
+            raise ArgumentError(f"{name}={settings[name]!r}: a course has no such argument; {UNUSED[name]}")
         argument_checks.known_names(settings, SETTINGS, "Course")
         self.boundaries = boundaries
+        if isinstance(observed, str) or not isinstance(observed, Iterable):
+            raise ArgumentError(f"observed={observed!r}: must be a sequence of buffers, such as ('rgb',)")
         self.observed = tuple(observed)
         self.pixels = check_pixels(pixels)
         self.settings: dict[str, Any] = DEFAULTS | settings
-        missing = [name for name in self.observed if name not in self.settings["buffers"]]
+        missing = [name for name in self.observed if name not in buffer_names(self.settings["buffers"])]
         if missing:
             raise ArgumentError(f"observed={self.observed!r}: {missing[0]!r} is not among buffers=")
         self.width = argument_checks.integer(self.settings["width"], "width", 1, 16384)
         self.height = argument_checks.integer(self.settings["height"], "height", 1, 16384)
         self.fps = argument_checks.positive(self.settings["fps"], "fps")
-        self._tests = _check_phases(tests, "tests")
+        argument_checks.integer(settings.get("seed", 0), "seed", 0, 2**32 - 1)
+        if settings.get("categories") is not None:
+            argument_checks.distinct_names(settings["categories"], "categories")
+        self._tests = check_phases(tests, "tests")
         lengths = [phase.length(self.fps) for phase in self.phases]
         self.starts = tuple(itertools.accumulate(lengths, initial=0))
         self._laps = [phase.laps_of_motion() for phase in self.phases]
@@ -163,15 +177,23 @@ class Course(Iterator[CourseFrame]):
         return {index: found[index] for index in sorted(found)}
 
     def observation(self, frame: CourseFrame) -> CourseFrame:
-        """Return a frame as a learner sees it: the observed buffers, without labels, objects and events."""
+        """Return a frame as a learner sees it: copies of the observed buffers, without labels, objects and events.
+
+        Where boundaries are hidden, its time is that of the course: index / fps. That of a scenario begins again with
+        each phase.
+        """
         hidden: dict[str, Any] = {"phase": "", "phase_index": 0, "boundary": False, "lap": None}
+        hidden["time"] = frame.index / self.fps
         return replace(
             frame,
-            buffers={name: frame[name] for name in self.observed},
+            buffers={name: frame[name].copy() for name in self.observed},
             objects=ObjectTable(),
             events=(),
+            materials=frame.materials if "material_coverage" in self.observed else {},
+            room="",
             moving=frozenset(),
             _other_views=(),
+            _novelty=None,
             **(hidden if self.boundaries == "hidden" else {}),
         )
 
@@ -302,18 +324,11 @@ class Course(Iterator[CourseFrame]):
         return serialization.read(path, cls.from_json)
 
 
-def _check_phases(value: Any, name: str) -> tuple[Phase, ...]:
-    if (
-        isinstance(value, Phase)
-        or not isinstance(value, Sequence)
-        or not all(isinstance(each, Phase) for each in value)
-    ):
-        raise ArgumentError(f"{name}={value!r}: must be a sequence of Phase(name, scenario, ...)")
-    names = [each.name for each in value]
-    for row, each in enumerate(names):
-        if each in names[:row]:
-            raise ArgumentError(f"{name}[{row}]: another one is called {each!r} already")
-    return tuple(value)
+def check_course(value: Any) -> Course:
+    """Return `value`, a course."""
+    if not isinstance(value, Course):
+        raise ArgumentTypeError(f"course={value!r}: must be a Course([Phase(name, scenario, frames=100), ...])")
+    return value
 
 
 def _digest(content: Mapping[str, Any]) -> str:

@@ -10,14 +10,14 @@ from typing import Any
 from tiscene.errors import ArgumentError
 from tiscene.learning.drift import SCENARIO, Drift, Schedule
 from tiscene.learning.phase import Phase
-from tiscene.learning.supervision import SupervisionRules
+from tiscene.learning.supervision_rules import SupervisionRules
 from tiscene.learning.teaching_policies import Policy
 from tiscene.scenario import serialization
 from tiscene.scenario.scenario import Scenario
 from tiscene.scenario.serialization import DerivedClasses
 
 FORMAT, VERSION = "tiscene.course", 1
-UNSAVED = ("arch", "progress", "prefetch", "limits")  # settings that change no frame
+UNSAVED = ("arch", "progress", "limits")  # settings that change no frame
 
 
 # Which classes a field holds, by its name; see `tiscene.scenario.serialization`.

@@ -12,15 +12,17 @@ from __future__ import annotations
 
 import bisect
 import itertools
+import math
 from abc import ABC, abstractmethod
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
 from dynamics import argument_checks
-from tiscene.errors import ArgumentError
+from tiscene.errors import ArgumentError, UnknownName
+from tiscene.randomization.factors import FACTORS
 from tiscene.scenario.scenario import Scenario
 
 SCENARIO = "scenario"  # the factor whose values are whole scenarios
@@ -50,7 +52,7 @@ class Step(Schedule):
     at: int | Sequence[int]
 
     def __post_init__(self) -> None:
-        at = (self.at,) if isinstance(self.at, int | np.integer) else tuple(self.at)
+        at = tuple(self.at) if isinstance(self.at, Iterable) and not isinstance(self.at, str) else (self.at,)
         for frame in at:
             argument_checks.whole(frame, "at")
         if not at or any(b <= a for a, b in itertools.pairwise((-1, *at))):
@@ -58,12 +60,13 @@ class Step(Schedule):
         object.__setattr__(self, "at", at)
 
     def position(self, k: int, count: int) -> float:
-        return float(min(bisect.bisect_right(self._frames(), k), count - 1))
+        return float(min(bisect.bisect_right(self.frames(), k), count - 1))
 
     def events(self, frames: int, count: int) -> list[int]:
-        return [at for at in self._frames()[: count - 1] if 0 < at < frames]
+        return [at for at in self.frames()[: count - 1] if 0 < at < frames]
 
-    def _frames(self) -> tuple[int, ...]:
+    def frames(self) -> tuple[int, ...]:
+        """Return the frames of the changes."""
         return self.at  # type: ignore[return-value]  # a tuple since __post_init__
 
 
@@ -159,7 +162,8 @@ class Drift:
         seed: of the factor's draws, where a value is a range.
 
     Raises:
-        ArgumentError: a value is out of range.
+        UnknownName: there is no such factor.
+        ArgumentError: a value is out of range, or a Step has not one frame less than there are values.
     """
 
     factor: str
@@ -168,13 +172,19 @@ class Drift:
     seed: int = 0
 
     def __post_init__(self) -> None:
-        argument_checks.text(self.factor, "factor")
+        if argument_checks.text(self.factor, "factor") not in (*FACTORS, SCENARIO):
+            raise UnknownName("factor", self.factor, (*FACTORS, SCENARIO))
         if isinstance(self.values, str) or not isinstance(self.values, Sequence) or len(self.values) < 2:
             raise ArgumentError(f"values={self.values!r}: must be two or more values of {self.factor!r}")
+        if any(isinstance(each, float) and not math.isfinite(each) for each in self.values):
+            raise ArgumentError(f"values={self.values!r}: must be finite")
         if not isinstance(self.schedule, Schedule):
             raise ArgumentError(f"schedule={self.schedule!r}: must be a schedule, such as Step(at=100)")
         if self.factor == SCENARIO and not all(isinstance(each, Scenario) for each in self.values):
             raise ArgumentError(f"values={self.values!r}: the factor 'scenario' has scenarios as values")
+        if isinstance(self.schedule, Step) and len(self.schedule.frames()) != len(self.values) - 1:
+            steps, count = len(self.schedule.frames()), len(self.values)
+            raise ArgumentError(f"schedule={self.schedule!r}: has {steps} changes; {count} values need {count - 1}")
         object.__setattr__(self, "values", tuple(self.values))
 
     def value(self, k: int) -> Any:

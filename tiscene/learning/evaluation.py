@@ -7,41 +7,30 @@ the same scores in every run, also if the evaluation is interrupted and continue
 
 from __future__ import annotations
 
-import copy
 import hashlib
 import os
 import pickle
 import time
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import is_dataclass
-from fractions import Fraction
 from pathlib import Path
-from types import NoneType
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
-from tiscene.errors import ArgumentError, export_errors
+from dynamics import argument_checks
+from tiscene.errors import ArgumentError, ArgumentTypeError, export_errors
 from tiscene.files import write_atomically
 from tiscene.learning.clock import Clock
-from tiscene.learning.course import Course
-from tiscene.learning.learner import Learner, check_learner
+from tiscene.learning.course import Course, check_course
+from tiscene.learning.learner import Learner
+from tiscene.learning.learner_run import LearnerRun
 from tiscene.learning.phase import CourseFrame
 from tiscene.learning.pixel_counts import selected_pixels
-from tiscene.learning.resource_usage import ResourceUsage
 from tiscene.learning.score import Score
-from tiscene.learning.stream_metrics import (
-    Adaptation,
-    FocusAccuracy,
-    Metric,
-    NearFutureAccuracy,
-    OnlineAccuracy,
-)
-from tiscene.learning.supervision import Answer, Supervision
-from tiscene.learning.task_matrix import TaskMatrix
+from tiscene.learning.stream_metrics import Adaptation, FocusAccuracy, Metric, NearFutureAccuracy, OnlineAccuracy
 
 VERSION = 1
+MAGIC = b"tiscene evaluation\n"  # begin of a checkpoint
 Progress = Callable[[str, int, int], None]
 
 
@@ -103,8 +92,16 @@ def evaluate_all(
     Raises:
         ArgumentError: an argument is invalid, or a prediction has the wrong shape or type.
     """
-    chosen = tuple(default_metrics() if metrics is None else metrics)
-    runs = [_Run(name, learner, course, chosen, clock or Clock()) for name, learner in learners.items()]
+    check_course(course)
+    if not isinstance(learners, Mapping):
+        raise ArgumentTypeError(f"learners={learners!r}: must be learners by name, such as {{'mine': learner}}")
+    chosen = default_metrics() if metrics is None else _check_metrics(metrics)
+    if not isinstance(clock, Clock | None):
+        raise ArgumentTypeError(f"clock={clock!r}: must be a Clock, such as Clock(cost=2.5)")
+    if not isinstance(checkpoint, str | os.PathLike | None):
+        raise ArgumentTypeError(f"checkpoint={checkpoint!r}: must be the path of a file")
+    argument_checks.not_negative(checkpoint_every, "checkpoint_every")
+    runs = [LearnerRun(name, learner, course, chosen, clock or Clock()) for name, learner in learners.items()]
     if not runs:
         raise ArgumentError("learners={}: give one learner or more")
     return _Evaluation(runs, course, progress, dict(described or {})).run(
@@ -112,94 +109,11 @@ def evaluate_all(
     )
 
 
-class _Run:
-    """One learner on its way through a course."""
-
-    def __init__(self, name: str, learner: Learner, course: Course, metrics: Sequence[Metric], clock: Clock) -> None:
-        self.name, self.course = name, course
-        self.learner = check_learner(learner, name)
-        self.metrics = copy.deepcopy(tuple(metrics))
-        names = [each.name for each in self.metrics]
-        if len(set(names)) < len(names):
-            raise ArgumentError(f"metrics: {', '.join(names)}: two metrics share a name")
-        self.clock = copy.deepcopy(clock)
-        self.options = [_options(each) for each in (*self.metrics, self.clock)]
-        for metric in self.metrics:
-            metric.begin(course)
-        self.teacher = Supervision(course)
-        self.usage = ResourceUsage()
-        self.matrix = TaskMatrix(course)
-        self.waiting: list[Answer] = []  # labels that arrived while the learner was busy
-
-    def predict(self, observation: CourseFrame) -> NDArray[np.integer[Any]]:
-        with self.usage.of("predict"):
-            prediction = np.asarray(self.learner.predict(observation))
-        shape = self.course.height, self.course.width
-        if prediction.shape != shape or not np.issubdtype(prediction.dtype, np.integer):
-            raise ArgumentError(
-                f"{self.name}: predict returned {prediction.dtype} {list(prediction.shape)}; it must return category "
-                f"ids, integers {list(shape)}"
-            )
-        return prediction
-
-    def step(self, frame: CourseFrame) -> None:
-        observation = self.course.observation(frame)
-        prediction = self.predict(observation)
-        for metric in self.metrics:
-            if not metric.gap and frame.index % metric.every == 0:
-                metric.update(frame, prediction)
-        number, _ = self.course.phase_at(frame.index)
-        self.waiting += self.teacher.arrived(frame.index)
-        if self.course.phases[number].evaluate or not self.clock.starts(frame.index):
-            return
-        answers, self.waiting = self.waiting, []
-        answers += [answer for _, answer in self.teacher.offers(frame) if isinstance(answer, Answer)]
-        if ask := getattr(self.learner, "ask", None):
-            with self.usage.of("ask"):
-                pixels = list(ask(observation))
-            given = [self.teacher.ask(int(y), int(x), frame) for y, x in pixels]
-            answers += [answer for answer in given if isinstance(answer, Answer)]
-        with self.usage.of("learn"):
-            self.learner.learn(observation, answers)
-
-    def foresee(self, metric: Metric, frame: CourseFrame) -> None:
-        """Predict a frame of the future."""
-        metric.update(frame, self.predict(self.course.observation(frame)))
-
-    def end_phase(self) -> None:
-        shown = self.course.boundaries == "shown" or getattr(self.learner, "sees_phases", False)
-        if shown and (end := getattr(self.learner, "end_of_phase", None)):
-            with self.usage.of("learn"):
-                end()
-
-    def state_dict(self) -> dict[str, Any]:
-        return {
-            "options": self.options,
-            "learner": self.learner.state_dict(),  # type: ignore[attr-defined]
-            "metrics": [each.state_dict() for each in self.metrics],
-            "clock": self.clock.state_dict(),
-            "teacher": self.teacher.state_dict(),
-            "usage": self.usage.state_dict(),
-            "matrix": self.matrix.state_dict(),
-            "waiting": self.waiting,
-        }
-
-    def load_state_dict(self, state: Mapping[str, Any]) -> None:
-        self.learner.load_state_dict(state["learner"])  # type: ignore[attr-defined]
-        for metric, each in zip(self.metrics, state["metrics"], strict=True):
-            metric.load_state_dict(each)
-        self.clock.load_state_dict(state["clock"])
-        self.teacher.load_state_dict(state["teacher"])
-        self.usage.load_state_dict(state["usage"])
-        self.matrix.load_state_dict(state["matrix"])
-        self.waiting = state["waiting"]
-
-
 class _Evaluation:
     """Several runs through one course, which share its frames."""
 
     def __init__(
-        self, runs: Sequence[_Run], course: Course, progress: Progress | None, described: dict[str, Any]
+        self, runs: Sequence[LearnerRun], course: Course, progress: Progress | None, described: dict[str, Any]
     ) -> None:
         self.runs, self.course, self.described = runs, course, described
         self.tests = course.tests
@@ -274,9 +188,8 @@ class _Evaluation:
         for frame in self.tests.seek(0):
             self.progress(f"tests after {name}", self.next_frame, len(self.course))
             selected = selected_pixels(frame, run.matrix.pixels)
-            observation = self.tests.observation(frame)
             for run in self.runs:
-                run.matrix.add(frame, run.predict(observation), selected, observation)
+                run.matrix.add(frame, run.predict(self.tests.observation(frame)), selected)
 
     def _save(self, path: Path) -> float:
         """Write a checkpoint, and return the time, in seconds of `time.monotonic`."""
@@ -288,12 +201,17 @@ class _Evaluation:
             "runs": {run.name: run.state_dict() for run in self.runs},
         }
         with export_errors(path):
-            write_atomically(path, pickle.dumps(state))
+            write_atomically(path, MAGIC + pickle.dumps(state))
         return time.monotonic()
 
     def _load(self, path: Path) -> None:
+        if path.is_dir():
+            raise ArgumentError(f"checkpoint {str(path)!r}: is a folder; name a file")
+        content = path.read_bytes()
+        if not content.startswith(MAGIC):  # a file of the user is neither unpickled nor overwritten
+            raise ArgumentError(f"checkpoint {str(path)!r}: is not a checkpoint of an evaluation; name another file")
         try:
-            state = pickle.loads(path.read_bytes())
+            state = pickle.loads(content[len(MAGIC) :])
             is_state = state["version"] == VERSION
         except Exception as error:  # a damaged pickle raises anything
             raise ArgumentError(f"checkpoint {str(path)!r}: cannot be read ({error}); delete it") from error
@@ -309,7 +227,7 @@ class _Evaluation:
             run.load_state_dict(state["runs"][run.name])
         self.next_frame, self.digests, self._tested = state["next_frame"], state["digests"], True
 
-    def _score(self, run: _Run) -> Score:
+    def _score(self, run: LearnerRun) -> Score:
         ledger = run.teacher.ledger
         by_phase: dict[str, int] = {}
         for row in ledger:
@@ -320,6 +238,7 @@ class _Evaluation:
             scores["tests"] = run.matrix.result()
         labels = {
             "given": len(ledger),
+            "undelivered": run.undelivered,
             "by_phase": by_phase,
             "refused": dict(run.teacher.refused),
             "ledger": ledger.digest(),
@@ -341,11 +260,12 @@ class _Evaluation:
         )
 
 
-def _options(part: object) -> tuple[str, dict[str, str]]:
-    """Return the type of a metric or clock that has not begun, and its options, to be compared with a checkpoint's."""
-    plain = (bool, int, float, str, Fraction, NoneType)
-    options = {name: value for name, value in vars(part).items() if isinstance(value, plain) or is_dataclass(value)}
-    return type(part).__qualname__, {name: repr(value) for name, value in options.items()}
+def _check_metrics(metrics: Any) -> tuple[Metric, ...]:
+    chosen = tuple(metrics) if isinstance(metrics, Iterable) and not isinstance(metrics, str) else (metrics,)
+    for each in chosen:
+        if not isinstance(each, Metric):
+            raise ArgumentTypeError(f"metrics: {each!r} is not a metric; pass a list such as [OnlineAccuracy()]")
+    return chosen
 
 
 def _digest(frame: CourseFrame) -> str:

@@ -3,12 +3,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
 from typing import Any
 
-from tiscene.errors import ArgumentError
-from tiscene.learning.phase import Phase
+from tiscene.errors import ArgumentError, ArgumentTypeError
+from tiscene.learning.phase import Phase, check_phases
 from tiscene.scenario.scenario import Scenario
 
 
@@ -26,7 +26,7 @@ def held_out(phases: Sequence[Phase], frames: int, start: int = 1000, step: int 
     """
     return tuple(
         replace(phase, frames=frames, laps=None, start=start, step=step, supervision=None, drift=())
-        for phase in phases
+        for phase in check_phases(phases, "phases")
         if not phase.evaluate
     )
 
@@ -59,8 +59,11 @@ def counterfactuals(
     """
     if not factors:
         raise ArgumentError("factors={}: name one factor or more")
+    for name, values in factors.items():
+        if isinstance(values, str) or not isinstance(values, Iterable):
+            raise ArgumentTypeError(f"factors: {name}={values!r}: must be a list of values")
     tests = []
-    for phase in phases:
+    for phase in check_phases(phases, "phases"):
         if phase.evaluate:
             continue
         assert isinstance(phase.scenario, Scenario)  # since Phase.__post_init__

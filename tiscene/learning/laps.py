@@ -70,6 +70,11 @@ def lap_times(scenario: Scenario, of: str | None = None) -> LapTimes:
     )
 
 
+def loops_of(scenario: Scenario) -> dict[str, Fraction | float]:
+    """Return the periods of everything that moves in a scenario by name, s; infinite where it never returns."""
+    return {name: period for name, _, period in _periods(scenario)}
+
+
 def _periods(scenario: Scenario) -> Iterator[tuple[str, Fraction, Fraction | float]]:
     """Yield name, start and period of everything that moves; the period is infinite where it never returns."""
     bodies = [(each.id, each.dynamic or Still()) for each in scenario.objects]

@@ -13,9 +13,9 @@ from typing import Any, Protocol, runtime_checkable
 import numpy as np
 from numpy.typing import NDArray
 
-from tiscene.errors import ArgumentError, UnknownName
+from tiscene.errors import ArgumentError, ArgumentTypeError, UnknownName
+from tiscene.learning.answers import Answer
 from tiscene.learning.phase import CourseFrame
-from tiscene.learning.supervision import Answer
 
 # Names of the shipped baselines, and where they are.
 BASELINES = {
@@ -68,6 +68,8 @@ def make_learner(name: str, categories: Mapping[int, str], seed: int = 0, **opti
         UnknownName: there is no such baseline.
         ArgumentError: the module or the class cannot be imported or made.
     """
+    if not isinstance(categories, Mapping):
+        raise ArgumentTypeError(f"categories={categories!r}: must be names by id, as course.categories")
     if ":" not in name and name not in BASELINES:
         raise UnknownName("learner", name, BASELINES, hint="Your own: --learner module:Class.")
     module, _, attribute = BASELINES.get(name, name).partition(":")

@@ -4,18 +4,20 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, fields
 from typing import Any
 
 from dynamics import argument_checks
 from tiscene.errors import ArgumentError, ScenarioError
 from tiscene.frame.frame import Frame
-from tiscene.learning.drift import Drift
-from tiscene.learning.laps import LapTimes, lap_times
-from tiscene.learning.supervision import SupervisionRules
+from tiscene.learning.drift import SCENARIO, Drift
+from tiscene.learning.laps import LapTimes, lap_times, loops_of
+from tiscene.learning.supervision_rules import SupervisionRules
 from tiscene.learning.teaching_policies import Policy, check_policy
 from tiscene.scenario.scenario import Scenario
+
+MAX_LAP = 10_000_000  # frames; longer ones are a mistake
 
 
 @dataclass(frozen=True)
@@ -28,7 +30,7 @@ class Phase:
         frames: number of frames; None: by `laps`.
         laps: number of laps of what moves in the scenario; None: by `frames`.
         supervision: rules of the teacher, or its policy alone; None: it is silent.
-        evaluate: whether the learner only predicts here, and never learns.
+        evaluate: whether the learner only predicts here, and never learns; such a phase has no teacher.
         start: frame of the scenario that the phase begins with; the same scenario and start show equal frames again.
         step: frames of the scenario from one frame of the phase to the next; flow stays that of the scenario.
         drift: factors that change during the phase.
@@ -62,25 +64,37 @@ class Phase:
             value = getattr(self, name)
             if value is not None:
                 argument_checks.integer(value, f"{where}: {name}", low)
+        argument_checks.flag(self.evaluate, f"{where}: evaluate")
+        if self.evaluate and self.supervision is not None:
+            raise ArgumentError(f"{where}: evaluate=True: the learner only predicts here; leave out supervision=")
         if isinstance(self.supervision, Policy):
             object.__setattr__(self, "supervision", SupervisionRules(self.supervision))
         elif not isinstance(self.supervision, SupervisionRules | None):
             check_policy(self.supervision, f"{where}: supervision")
         if isinstance(self.drift, Drift):
             object.__setattr__(self, "drift", (self.drift,))
-        if not all(isinstance(each, Drift) for each in self.drift):
+        if not isinstance(self.drift, Iterable) or not all(isinstance(each, Drift) for each in self.drift):
             raise ArgumentError(f"{where}: drift={self.drift!r}: must be a Drift or a sequence of them")
-        object.__setattr__(self, "drift", tuple(self.drift))
+        # Other factors change the scenario that holds at a frame.
+        object.__setattr__(self, "drift", tuple(sorted(self.drift, key=lambda each: each.factor != SCENARIO)))
+        factors = [each.factor for each in self.drift]
+        if repeated := [each for row, each in enumerate(factors) if each in factors[:row]]:
+            raise ArgumentError(f"{where}: drift: two drifts of {repeated[0]!r}; give one, with all values")
 
     def length(self, fps: float) -> int:
         """Return the number of frames.
 
         Raises:
-            ScenarioError: it lasts laps, and the scenario has none.
+            ScenarioError: it lasts laps, and the scenario has none, or laps of more than 10 million frames.
         """
         if self.frames is not None:
             return self.frames
-        end = lap_times(self._scenario(), self.lap_of).frames(self.laps or 1, fps)
+        laps = lap_times(self._scenario(), self.lap_of)
+        if (count := laps.frames(1, fps)) > MAX_LAP:
+            loops = ", ".join(f"{name!r} {float(period):.3g} s" for name, period in loops_of(self._scenario()).items())
+            cause = f"a lap has {count:.3g} frames, the least common multiple of all loops ({loops})"
+            raise ScenarioError(f"phase {self.name!r}: {cause}; give frames=, or lap_of= what has a shorter loop")
+        end = laps.frames(self.laps or 1, fps)
         return max(len(range(self.start, end, self.step)), 1)
 
     def laps_of_motion(self) -> LapTimes | None:
@@ -139,3 +153,18 @@ class CourseFrame(Frame):
     def of(cls, frame: Frame, **others: Any) -> CourseFrame:
         """Return a frame of a stream as a frame of a course."""
         return cls(**{each.name: getattr(frame, each.name) for each in fields(Frame)} | others)
+
+
+def check_phases(value: Any, name: str) -> tuple[Phase, ...]:
+    """Return `value`, a sequence of phases with different names, as a tuple."""
+    if (
+        isinstance(value, Phase)
+        or not isinstance(value, Sequence)
+        or not all(isinstance(each, Phase) for each in value)
+    ):
+        raise ArgumentError(f"{name}={value!r}: must be a sequence of Phase(name, scenario, ...)")
+    names = [each.name for each in value]
+    for row, each in enumerate(names):
+        if each in names[:row]:
+            raise ArgumentError(f"{name}[{row}]: another one is called {each!r} already")
+    return tuple(value)

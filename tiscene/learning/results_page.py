@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import base64
 import io
+import os
 from collections.abc import Mapping, Sequence
 from html import escape
 from pathlib import Path
@@ -14,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 from PIL import Image
 
-from tiscene.errors import export_errors
+from tiscene.errors import ArgumentError, export_errors
 from tiscene.files import write_atomically
 from tiscene.frame.visualize import id_picture
 from tiscene.learning.course import Course
@@ -49,7 +50,7 @@ COLUMNS: tuple[tuple[str, str, tuple[str, ...]], ...] = (
 )
 
 
-def write_page(path: Path, title: str, scores: Sequence[Score]) -> None:
+def write_page(path: str | os.PathLike[str], title: str, scores: Sequence[Score]) -> None:
     """Write the page.
 
     Args:
@@ -59,9 +60,14 @@ def write_page(path: Path, title: str, scores: Sequence[Score]) -> None:
             same length and the same tests.
 
     Raises:
+        ArgumentError: there are no scores, or their courses differ in length or tests.
         ExportError: the file cannot be written.
     """
-    course = scores[0].course
+    if isinstance(scores, Mapping) or not scores or not all(isinstance(each, Score) for each in scores):
+        raise ArgumentError(f"scores={scores!r}: must be a list of one or more scores")
+    path, course = Path(path), scores[0].course
+    if len({(len(each.course), tuple(test.name for test in each.course.test_phases)) for each in scores}) > 1:
+        raise ArgumentError("scores: their courses differ in length or tests; write a page for each course")
     by_name: dict[str, list[Score]] = {}
     for each in scores:
         by_name.setdefault(each.name, []).append(each)
@@ -159,7 +165,7 @@ def _summary(by_name: Mapping[str, Sequence[Score]]) -> str:
         [
             name,
             *(percent([value_of(run.scores, keys) for run in runs]) for _, _, keys in COLUMNS),
-            runs[0].labels["given"],
+            _labels(runs[0].labels),
         ]
         for name, runs in by_name.items()
     ]
@@ -168,6 +174,11 @@ def _summary(by_name: Mapping[str, Sequence[Score]]) -> str:
     spread = f" Mean ± standard deviation of {seeds} seeds." if seeds > 1 else ""
     table = _table(["Learner", *(name for name, _, _ in COLUMNS), "labels"], rows)
     return _note(f"Percent.{spread} {meanings}; the last five are mean class accuracies.") + table
+
+
+def _labels(labels: Mapping[str, Any]) -> str:
+    late = labels["undelivered"]
+    return f"{labels['given']}" + (f" ({late} never arrived)" if late else "")
 
 
 def _curves(by_name: Mapping[str, Sequence[Score]], course: Course, styles: Mapping[str, tuple[str, str]]) -> list[str]:
@@ -284,6 +295,8 @@ def _examples(by_name: Mapping[str, Sequence[Score]]) -> str:
         figures = [] if example.rgb is None else [_figure(example.rgb, example.test)]
         figures.append(_figure(id_picture(example.truth), "true"))
         for name, runs in by_name.items():
+            if number >= len(runs[0].examples):  # a score that was read has none
+                continue
             each = runs[0].examples[number]
             right = (each.prediction == each.truth)[each.counted]
             share = f"{100 * right.mean():.0f} % of objects" if right.size else "no object in view"

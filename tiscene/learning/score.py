@@ -85,6 +85,19 @@ class Score(Mapping[str, Any]):
         """
         serialization.write(path, self.to_json())
 
+    @classmethod
+    def load(cls, path: str | os.PathLike[str]) -> Score:
+        """Read a saved score. It has no examples.
+
+        Raises:
+            MissingFile: there is no such file.
+            ArgumentError, ScenarioError: it is not a score of this version.
+        """
+        content = read_score(path)
+        names = ("name", "learner", "scores", "labels", "clock", "resources")
+        parts = {name: content[name] for name in names}
+        return cls(**parts, course=Course.from_json(content["course"]), digests=content["frames"]["digests"])
+
 
 def differences(first: Mapping[str, Any], second: Mapping[str, Any]) -> list[str]:
     """Compare two scores, as JSON values, in everything that does not depend on the machine.

@@ -17,7 +17,7 @@ from tiscene.errors import ArgumentError
 from tiscene.learning.course import Course
 from tiscene.learning.phase import CourseFrame
 from tiscene.learning.pixel_counts import PixelCounts, check_pixels, named, selected_pixels
-from tiscene.learning.teaching_policies import FollowMovingObjects, Moment, Policy, check_policy
+from tiscene.learning.teaching_policies import FollowMovingObjects, Moment, Policy, check_pixel_list, check_policy
 
 _FOCUS = 0x60C
 
@@ -183,7 +183,8 @@ class FocusAccuracy(Metric):
         number, k = self._course.phase_at(frame.index)
         length = self._course.starts[number + 1] - self._course.starts[number]
         rng = np.random.default_rng((_FOCUS, frame.index))
-        pixels = self.focus.pixels(frame, Moment(k, length, rng, frame.moving))
+        chosen = self.focus.pixels(frame, Moment(k, length, rng, frame.moving))
+        pixels = check_pixel_list(chosen, f"{type(self.focus).__name__}.pixels")
         if pixels:
             rows, columns = np.array(pixels).T
             self._counts.add(frame.semantic[rows, columns], prediction[rows, columns])

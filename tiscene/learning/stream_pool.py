@@ -13,7 +13,9 @@ MAX_STREAMS = 4  # whose device arrays are kept; the least recently used one is 
 
 
 class StreamPool:
-    """Streams by scenario. A stage that was read recently is not read again, and nothing is compiled again.
+    """Streams by scenario, for which nothing is compiled again.
+
+    A stage that was read recently is not read again, unless one of its layers or textures has changed.
 
     Args:
         settings: keyword arguments of `Stream`, without `frames`.
@@ -24,6 +26,14 @@ class StreamPool:
         self._first: Stream | None = None
         self._streams: dict[str, Stream] = {}
         self.categories: tuple[str, ...] | None = self._settings.get("categories")
+
+    def __getstate__(self) -> dict[str, Any]:
+        """Return what a copy needs to read all stages again."""
+        return {"settings": self._settings, "categories": self.categories}
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        StreamPool.__init__(self, state["settings"])
+        self.categories = state["categories"]
 
     def share_categories(self, scenarios: Iterable[Scenario]) -> tuple[str, ...]:
         """Return the categories whose ids are 1, 2, ... in all streams.

@@ -2,7 +2,8 @@
 """Supervision: a teacher that labels single pixels of a stream, on request or unasked, within a budget.
 
 A label of a pixel costs one ray, or nothing if the frame's labels were rendered. What a teacher answers depends only on
-its rules, the stream and what it was asked before: noise is drawn by (seed, frame, pixel).
+its rules, the stream and what it was asked before: noise is drawn by (seed, frame, pixel), among categories that later
+edits of the stream do not change.
 """
 
 from __future__ import annotations
@@ -10,7 +11,7 @@ from __future__ import annotations
 import math
 from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import is_dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -18,99 +19,17 @@ import numpy as np
 from dynamics import argument_checks
 from tiscene.errors import ArgumentError, ArgumentTypeError
 from tiscene.frame.frame import Frame
+from tiscene.learning.answers import Answer, Pending, Refused
+from tiscene.learning.course import Course
 from tiscene.learning.label_ledger import LabelLedger, LedgerRow
+from tiscene.learning.phase import CourseFrame
 from tiscene.learning.pixel_labels import PixelLabel, has_labels, label_in_frame, moving_instances, render_label
-from tiscene.learning.teaching_policies import Asked, Moment, Pixel, Policy, check_policy
+from tiscene.learning.supervision_rules import SupervisionRules
+from tiscene.learning.teaching_policies import Moment, Pixel, Policy, check_pixel_list
 from tiscene.stream.stream import Stream
 
 VERSION = 1
 _NOISE, _POLICY = 0x401, 0x402  # keys of random numbers
-
-
-@dataclass(frozen=True)
-class SupervisionRules:
-    """What a teacher may say.
-
-    Attributes:
-        policy: which pixels it labels unasked, and when it is silent.
-        budget: number of labels that it gives in all; None: unlimited.
-        rate: labels per frame, which accumulate while they are not used: at frame k of the phase at most rate * (k + 1)
-            labels have been given. None: unlimited.
-        per_category: number of labels per category, 0 for the background included; None: unlimited.
-        every: least number of frames from one frame with labels to the next.
-        delay: number of frames until a label arrives.
-        within: how far from the present frame a label may be asked for, frames; None: any distance.
-        noise: fraction of labels whose category is replaced by another one of the stream, 0..1.
-        seed: of the policy's and the noise's random numbers.
-
-    Raises:
-        ArgumentError: a value is out of range.
-    """
-
-    policy: Policy = field(default_factory=Asked)
-    budget: int | None = None
-    rate: float | None = None
-    per_category: int | None = None
-    every: int = 1
-    delay: int = 0
-    within: int | None = None
-    noise: float = 0.0
-    seed: int = 0
-
-    def __post_init__(self) -> None:
-        check_policy(self.policy, "policy")
-        for name, low in (("budget", 0), ("per_category", 0), ("within", 0), ("every", 1), ("delay", 0), ("seed", 0)):
-            value = getattr(self, name)
-            if value is not None or name not in ("budget", "per_category", "within"):
-                argument_checks.integer(value, name, low)
-        if self.rate is not None:
-            argument_checks.not_negative(self.rate, "rate")
-        if not 0.0 <= argument_checks.number(self.noise, "noise") <= 1.0:
-            raise ArgumentError(f"noise={self.noise!r}: must be a fraction from 0 to 1")
-
-
-@dataclass(frozen=True)
-class Answer(PixelLabel):
-    """A label that the learner has received.
-
-    Attributes:
-        frame: index of the frame that it is of.
-        pixel: row and column.
-        asked: index of the frame at which it was asked for or offered.
-    """
-
-    frame: int = 0
-    pixel: Pixel = (0, 0)
-    asked: int = 0
-
-
-@dataclass(frozen=True)
-class Pending:
-    """A label that arrives later; `Supervision.arrived` returns it then.
-
-    Attributes:
-        frame: index of the frame that it is of.
-        pixel: row and column.
-        arrives: index of the frame at which it arrives.
-    """
-
-    frame: int
-    pixel: Pixel
-    arrives: int
-
-
-@dataclass(frozen=True)
-class Refused:
-    """A question without an answer. It is false, so that `if answer:` tells both apart.
-
-    Attributes:
-        reason: "budget", "rate", "category budget", "too soon", "silent", "too far" or "no such frame".
-    """
-
-    reason: str
-
-    def __bool__(self) -> bool:
-        return False
 
 
 class Supervision:
@@ -132,16 +51,20 @@ class Supervision:
 
     def __init__(
         self,
-        stream: Any,
+        stream: Stream | Course,
         *,
         policy: Policy | None = None,
         silent: Sequence[tuple[int, int]] = (),
         **rules: Any,
     ) -> None:
+        if not isinstance(stream, Stream | Course):
+            raise ArgumentTypeError(f"stream={stream!r}: must be a Stream or a Course")
+        if not isinstance(silent, Iterable):
+            raise ArgumentTypeError(f"silent={silent!r}: must be intervals (first frame, first frame after)")
         self._stream = stream
         given = rules | ({} if policy is None else {"policy": policy})
         argument_checks.known_names(given, (*SupervisionRules.__dataclass_fields__, "silent"), "Supervision")
-        self._rules = SupervisionRules(**given) if given or not hasattr(stream, "rules") else None
+        self._rules = SupervisionRules(**given) if given or not isinstance(stream, Course) else None
         self._silent = tuple(_interval(each, f"silent[{row}]") for row, each in enumerate(silent))
         self._held: Frame | None = None
         self._held_position = 0
@@ -164,13 +87,31 @@ class Supervision:
 
     @property
     def present(self) -> int:
-        """The index of the frame that the learner holds: the last one offered or returned by the stream."""
-        if self._held is not None and self._held_position == self._stream.position:
-            return self._held.index
-        return max(int(self._stream.position) - 1, 0)
+        """The index of the frame that the learner holds.
+
+        It is the one that was offered, held or passed last, until the stream moves on; then the one before the stream's
+        position, which iterating has returned last. Frames that are taken by index do not move it.
+        """
+        frame = self._present_frame
+        return max(self._stream.position - 1, 0) if frame is None else frame.index
+
+    @property
+    def _present_frame(self) -> Frame | None:
+        """The frame that was held last; None: the stream has moved on."""
+        return self._held if self._held_position == self._stream.position else None
 
     def hold(self, frame: Frame) -> None:
-        """Make a frame the present one. `offers` does this as well."""
+        """Make a frame the present one. `offers` does this as well.
+
+        Raises:
+            ArgumentError: it is not a frame of the stream, as far as its size and number tell.
+        """
+        if not isinstance(frame, Frame):
+            raise ArgumentTypeError(f"frame={frame!r}: must be a frame of the stream")
+        size, own = (frame.camera.width, frame.camera.height), (self._stream.width, self._stream.height)
+        is_own = size == own and isinstance(frame, CourseFrame) == isinstance(self._stream, Course)
+        if not is_own or not self._has(frame.index):
+            raise ArgumentError(f"{frame!r}: is a frame of another stream, not of {self._stream!r}")
         self._held, self._held_position = frame, self._stream.position
 
     def ask(self, y: int, x: int, frame: Frame | int | None = None) -> Answer | Pending | Refused:
@@ -179,18 +120,22 @@ class Supervision:
         Args:
             y: row, px.
             x: column, px.
-            frame: the frame or its index, past or future; None: the present one. A frame that has the buffers
-                semantic, instance, part and depth is read; else the label costs one ray.
+            frame: the frame or its index, past or future; None: the present one. Pass a frame that was taken by index,
+                such as `stream[5]`. One that has the buffers semantic, instance, part and depth is read; else the label
+                costs one ray.
 
         Returns:
             The answer; a Pending if answers are delayed; a Refused if there is none.
 
         Raises:
-            ArgumentError: the pixel is outside the image, or a number is not whole.
+            ArgumentError: the pixel is outside the image, a number is not whole, the frame is of another stream, or
+                none is passed before the stream has returned one.
         """
+        row, column = argument_checks.whole(y, "y"), argument_checks.whole(x, "x")
         if isinstance(frame, Frame):
             self.hold(frame)
-        row, column = argument_checks.whole(y, "y"), argument_checks.whole(x, "x")
+        elif frame is None and self._stream.position == 0 and self._present_frame is None:
+            raise ArgumentError("frame=None: the stream has returned no frame yet; pass the frame, or its index")
         index = self.present if isinstance(frame, Frame | None) else argument_checks.whole(frame, "frame")
         return self._label(row, column, index, unasked=False)
 
@@ -208,30 +153,40 @@ class Supervision:
         moment = self._moment(frame.index)
         if rules is None or self._is_silent(frame.index, rules, moment):
             return
-        for y, x in rules.policy.pixels(frame, moment):
-            answer = self._label(int(y), int(x), frame.index, unasked=True)
+        for y, x in check_pixel_list(rules.policy.pixels(frame, moment), f"{type(rules.policy).__name__}.pixels"):
+            answer = self._label(y, x, frame.index, unasked=True)
             if not isinstance(answer, Refused):
-                yield (int(y), int(x)), answer
+                yield (y, x), answer
 
     def arrived(self, index: int) -> list[Answer]:
         """Return the delayed answers that arrive at a frame, or have arrived since the last call."""
+        argument_checks.whole(index, "index")
         due = [answer for arrives, answer in self._pending if arrives <= index]
         self._pending = [(arrives, answer) for arrives, answer in self._pending if arrives > index]
         return due
 
+    @property
+    def awaited(self) -> int:
+        """Number of labels that have been given and have not arrived."""
+        return len(self._pending)
+
     def _rules_at(self, index: int) -> tuple[int, SupervisionRules | None, int, int | None]:
         """Return the number of the phase, its rules, the frame's number in it, and its length."""
         if self._rules is None:
-            result: tuple[int, SupervisionRules | None, int, int | None] = self._stream.rules(index)
-            return result
-        length = len(self._stream) if hasattr(self._stream, "rules") else self._stream.frames
-        return 0, self._rules, index, length
+            assert isinstance(self._stream, Course)  # since __init__
+            return self._stream.rules(index)
+        return 0, self._rules, index, self._length()
+
+    def _length(self) -> int | None:
+        return len(self._stream) if isinstance(self._stream, Course) else self._stream.frames
+
+    def _has(self, index: int) -> bool:
+        """Return whether the stream has a frame."""
+        length = self._length()
+        return index >= 0 and (length is None or index < length)
 
     def _source(self, index: int) -> tuple[Stream, int]:
-        if hasattr(self._stream, "source"):
-            source: tuple[Stream, int] = self._stream.source(index)
-            return source
-        return self._stream, index
+        return self._stream.source(index) if isinstance(self._stream, Course) else (self._stream, index)
 
     def _moment(self, index: int) -> Moment:
         phase, rules, number, length = self._rules_at(index)
@@ -240,8 +195,8 @@ class Supervision:
 
     def _moving_at(self, index: int) -> frozenset[int]:
         held = self._held
-        if held is not None and held.index == index and hasattr(held, "moving"):
-            return frozenset(held.moving)  # a frame of a course knows it
+        if isinstance(held, CourseFrame) and held.index == index:
+            return held.moving
         if self._moving[0] != index:
             source, k = self._source(index)
             self._moving = index, frozenset(moving_instances(source.world.state(k)))
@@ -251,8 +206,7 @@ class Supervision:
         return any(first <= index < end for first, end in self._silent) or rules.policy.is_silent(moment)
 
     def _label(self, y: int, x: int, index: int, unasked: bool) -> Answer | Pending | Refused:
-        if not (0 <= y < self._stream.height and 0 <= x < self._stream.width):
-            raise ArgumentError(f"pixel ({y}, {x}): the image is {self._stream.height} x {self._stream.width} px")
+        self._check_pixel(y, x)
         phase, rules, number, _ = self._rules_at(self.present)
         reason = self._refusal(phase, rules, number, index)
         label = None if reason else self._true_label(y, x, index)
@@ -274,11 +228,15 @@ class Supervision:
         self._pending.append((arrives, answer))
         return Pending(index, (y, x), arrives)
 
+    def _check_pixel(self, y: int, x: int) -> None:
+        if not (0 <= y < self._stream.height and 0 <= x < self._stream.width):
+            raise ArgumentError(f"pixel ({y}, {x}): the image is {self._stream.height} x {self._stream.width} px")
+
     def _refusal(self, phase: int, rules: SupervisionRules | None, number: int, index: int) -> str:
         """Return why a question is refused before its label is known; "" if it is not."""
         if rules is None or self._is_silent(self.present, rules, self._moment(self.present)):
             return "silent"
-        if index < 0 or (_length(self._stream) is not None and index >= (_length(self._stream) or 0)):
+        if not self._has(index):
             return "no such frame"
         if rules.within is not None and abs(index - self.present) > rules.within:
             return "too far"
@@ -301,16 +259,24 @@ class Supervision:
         rng = np.random.default_rng((_NOISE, rules.seed, index, y, x))
         if rng.random() >= rules.noise:
             return label
-        others = [number for number in sorted(self._stream.categories) if number not in (0, label.category_id)]
+        names = self._categories(index)
+        others = [number for number in sorted(names) if number not in (0, label.category_id)]
         if not others:
             return label
         number = others[int(rng.integers(len(others)))]
-        return replace(label, category_id=number, category=self._stream.categories[number])
+        return replace(label, category_id=number, category=names[number])
+
+    def _categories(self, index: int) -> dict[int, str]:
+        """Return the categories that noise draws from; `Stream.categories` would grow with later edits."""
+        if isinstance(self._stream, Course):
+            return self._stream.categories
+        return {each.category_id: each.category for each in self._stream.world.state(index).objects}
 
     def state_dict(self) -> dict[str, Any]:
-        """Return the ledger, the counts and the pending answers as JSON-ready values."""
+        """Return the ledger, the counts and the pending answers as JSON-ready values, and what they belong to."""
         return {
             "version": VERSION,
+            **self._origin(),
             "ledger": self.ledger.to_json(),
             "refused": dict(self.refused),
             "given": [[phase, count] for phase, count in self._given.items()],
@@ -319,23 +285,46 @@ class Supervision:
             "pending": [[answer.frame, *answer.pixel, answer.asked, arrives] for arrives, answer in self._pending],
         }
 
+    def _origin(self) -> dict[str, dict[str, Any]]:
+        """Return what a state belongs to: the stream or course, and the rules."""
+        stream = self._stream
+        rules = {"silent": self._silent} | ({} if self._rules is None else vars(self._rules))
+        return {
+            "stream": {"course": stream.digest()} if isinstance(stream, Course) else stream.settings(),
+            "rules": {name: _text(value) for name, value in rules.items()},
+        }
+
     def load_state_dict(self, state: Mapping[str, Any]) -> None:
         """Continue where `state_dict` was taken, with the same rules on the same stream.
 
         Raises:
-            ArgumentError: this is not such a state.
+            ArgumentError: this is not such a state; nothing has changed then.
         """
-        if not isinstance(state, Mapping) or state.get("version") != VERSION:
+        parts = [state.get(name) for name in ("stream", "rules")] if isinstance(state, Mapping) else [None]
+        is_state = all(isinstance(part, Mapping) for part in parts)
+        if not is_state or state.get("version") != VERSION:
             raise ArgumentError(f"this is not a Supervision.state_dict of version {VERSION}")
-        ledger = LabelLedger(state["ledger"])
-        self._clear()
+        for name, own in self._origin().items():
+            if different := [key for key in {**own, **state[name]} if state[name].get(key) != own.get(key)]:
+                cause = f"{name}: the state was saved with other {', '.join(different)}"
+                raise ArgumentError(f"{cause}; make the same {name} again")
+        try:
+            ledger, refused = LabelLedger(state["ledger"]), Counter(_counts(state["refused"].items(), "refused"))
+            given, last = (Counter(_counts(state[name], name)) for name in ("given", "last"))
+            by_category = Counter(_counts([((a, b), n) for a, b, n in state["by_category"]], "by_category"))
+            pending = [self._awaited(*row) for row in state["pending"]]
+        except (AttributeError, KeyError, TypeError, ValueError) as error:
+            raise ArgumentError(f"this is not a Supervision.state_dict, or a damaged one: {error}") from error
         self._held = None
-        self.ledger = ledger
-        self.refused.update(state["refused"])
-        self._given.update(dict(state["given"]))
-        self._by_category.update({(phase, number): count for phase, number, count in state["by_category"]})
-        self._last.update(dict(state["last"]))
-        self._pending = [(arrives, self._again(index, y, x, asked)) for index, y, x, asked, arrives in state["pending"]]
+        self.ledger, self.refused, self._pending = ledger, refused, pending
+        self._given, self._by_category, self._last = given, by_category, dict(last)
+
+    def _awaited(self, index: int, y: int, x: int, asked: int, arrives: int) -> tuple[int, Answer]:
+        for each in (index, asked):
+            if not self._has(argument_checks.whole(each, "pending")):
+                raise ArgumentError(f"pending: the stream has no frame {each}")
+        self._check_pixel(argument_checks.whole(y, "pending"), argument_checks.whole(x, "pending"))
+        return argument_checks.whole(arrives, "pending"), self._again(index, y, x, asked)
 
     def replay(self) -> Iterator[Answer]:
         """Yield every label of the ledger again, computed anew from the stream; equal to what was given, to the byte.
@@ -371,5 +360,11 @@ def _interval(value: Any, name: str) -> tuple[int, int]:
     return first, end
 
 
-def _length(stream: Any) -> int | None:
-    return len(stream) if hasattr(stream, "rules") else stream.frames
+def _counts(pairs: Iterable[tuple[Any, Any]], name: str) -> dict[Any, int]:
+    """Return pairs of a key and a count as a dict."""
+    return {key: argument_checks.integer(count, name, 0) for key, count in pairs}
+
+
+def _text(value: Any) -> str:
+    """Return a rule as text that is the same in every process."""
+    return type(value).__qualname__ if isinstance(value, Policy) and not is_dataclass(value) else repr(value)

@@ -58,15 +58,13 @@ class TaskMatrix:
         self._cells.append([PixelCounts(len(self._course.categories)) for _ in self._names])
         self.examples = []
 
-    def add(
-        self, frame: CourseFrame, prediction: NDArray[Any], counted: NDArray[np.bool_], observation: CourseFrame
-    ) -> None:
+    def add(self, frame: CourseFrame, prediction: NDArray[Any], counted: NDArray[np.bool_]) -> None:
         """Count a prediction of a frame of a test."""
         number = self._names.index(frame.phase)
         self._cells[-1][number].add(frame.semantic[counted], prediction[counted])
         if frame.boundary:
-            rgb = observation.get("rgb")
-            self.examples.append(Example(frame.phase, rgb, frame.semantic, prediction, counted))
+            # A learner may return the same array again.
+            self.examples.append(Example(frame.phase, frame.get("rgb"), frame.semantic, prediction.copy(), counted))
 
     def learned(self) -> list[int | None]:
         """Return for each test the row after the phase that it belongs to; None: it belongs to none."""

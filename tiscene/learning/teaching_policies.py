@@ -7,7 +7,8 @@ the name of its class.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from abc import ABC, abstractmethod
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Any
@@ -15,8 +16,9 @@ from typing import Any
 import numpy as np
 
 from dynamics import argument_checks
-from tiscene.errors import ArgumentError
+from tiscene.errors import ArgumentError, ArgumentTypeError
 from tiscene.frame.frame import Frame
+from tiscene.learning.label_ledger import LabelLedger
 
 Pixel = tuple[int, int]
 
@@ -101,8 +103,9 @@ class FocusOfAttention(Policy):
     hold: int = 1
 
     def __post_init__(self) -> None:
-        fixations = tuple(tuple(map(float, each)) for each in self.fixations)
-        if not fixations or any(len(each) != 2 or not all(0.0 <= part <= 1.0 for part in each) for each in fixations):
+        rows = self.fixations if isinstance(self.fixations, Iterable) else ()
+        fixations = tuple(argument_checks.numbers(each, f"fixations[{row}]", 2) for row, each in enumerate(rows))
+        if not fixations or not all(0.0 <= part <= 1.0 for each in fixations for part in each):
             raise ArgumentError(f"fixations={self.fixations!r}: must be one or more pairs of fractions from 0 to 1")
         argument_checks.integer(self.hold, "hold", 1)
         object.__setattr__(self, "fixations", fixations)
@@ -140,7 +143,7 @@ class FollowMovingObjects(Policy):
 
 @dataclass(frozen=True)
 class Everything(Policy):
-    """Label every pixel, or every `step`-th one along both axes.
+    """Label every pixel, or every `step`-th one along both axes; one in the middle of an image below half a step.
 
     Attributes:
         step: px, 1 or more.
@@ -152,9 +155,8 @@ class Everything(Policy):
         argument_checks.integer(self.step, "step", 1)
 
     def pixels(self, frame: Frame, moment: Moment) -> Sequence[Pixel]:
-        start = self.step // 2
-        columns = range(start, frame.camera.width, self.step)
-        return [(y, x) for y in range(start, frame.camera.height, self.step) for x in columns]
+        rows, columns = (_every(self.step, size) for size in (frame.camera.height, frame.camera.width))
+        return [(y, x) for y in rows for x in columns]
 
 
 @dataclass(frozen=True)
@@ -183,7 +185,7 @@ class Combined(Policy):
 
 
 @dataclass(frozen=True)
-class _InPartOfPhase(Policy):
+class _InPartOfPhase(Policy, ABC):
     """Follow another policy in a part of the phase; be silent in the rest.
 
     Attributes:
@@ -197,6 +199,9 @@ class _InPartOfPhase(Policy):
     def __post_init__(self) -> None:
         argument_checks.integer(self.count, "count", 0)
         check_policy(self.policy, "policy")
+
+    @abstractmethod
+    def is_silent(self, moment: Moment) -> bool: ...
 
     def pixels(self, frame: Frame, moment: Moment) -> Sequence[Pixel]:
         return self.policy.pixels(frame, moment)
@@ -222,27 +227,33 @@ class LastFrames(_InPartOfPhase):
 
 @dataclass(frozen=True)
 class Recorded(Policy):
-    """Label the pixels that a ledger holds, each at the frame at which it was labeled then.
+    """Label the pixels that a ledger holds, each in its frame.
 
     Attributes:
-        pixels_by_frame: rows (frame, row, column) of the present frame, of a `Supervision.ledger`.
+        pixels_by_frame: a `Supervision.ledger`, or rows (frame, row, column). Frames count in the stream or the course.
     """
 
-    pixels_by_frame: Sequence[tuple[int, int, int]]
+    pixels_by_frame: LabelLedger | Sequence[tuple[int, int, int]]
 
     def __post_init__(self) -> None:
-        rows = tuple((int(frame), int(y), int(x)) for frame, y, x in self.pixels_by_frame)
-        object.__setattr__(self, "pixels_by_frame", rows)
+        given = self.pixels_by_frame
+        rows = ((each.frame, each.y, each.x) for each in given) if isinstance(given, LabelLedger) else given
+        numbers = check_rows(rows, "pixels_by_frame", ("frame", "row", "column"))
+        object.__setattr__(self, "pixels_by_frame", tuple(numbers))
 
     @cached_property
     def _pixels(self) -> dict[int, list[Pixel]]:
         found: dict[int, list[Pixel]] = {}
-        for index, y, x in self.pixels_by_frame:
+        for index, y, x in self.pixels_by_frame:  # type: ignore[misc]  # rows since __post_init__
             found.setdefault(index, []).append((y, x))
         return found
 
     def pixels(self, frame: Frame, moment: Moment) -> Sequence[Pixel]:
-        return self._pixels.get(moment.index, ())
+        return self._pixels.get(frame.index, ())
+
+
+def _every(step: int, size: int) -> range:
+    return range(step // 2 if step // 2 < size else size // 2, size, step)
 
 
 def check_policy(value: Any, name: str) -> Policy:
@@ -251,3 +262,26 @@ def check_policy(value: Any, name: str) -> Policy:
         hint = " (an instance, not the class)" if isinstance(value, type) else ""
         raise ArgumentError(f"{name}={value!r}: must be a policy{hint}, such as OnePixelPerMovingObject()")
     return value
+
+
+def check_pixel_list(value: Any, name: str) -> list[Pixel]:
+    """Return `value`, pixels (row, column), as whole numbers."""
+    return [(y, x) for y, x in check_rows(value, name, ("row", "column"))]
+
+
+def check_rows(value: Any, name: str, parts: Sequence[str]) -> list[tuple[int, ...]]:
+    """Return `value`, rows of whole numbers.
+
+    Args:
+        value: an iterable of iterables.
+        name: of the argument, for error messages.
+        parts: names of the numbers of a row.
+    """
+    try:
+        rows = [tuple(each) for each in value]
+    except TypeError:
+        rows = [()]
+    if any(len(row) != len(parts) for row in rows):
+        raise ArgumentTypeError(f"{name}={value!r}: must be rows ({', '.join(parts)}), one for each pixel")
+    places, whole = [f"{name}: {part}" for part in parts], argument_checks.whole
+    return [tuple(whole(each, place) for each, place in zip(row, places, strict=True)) for row in rows]

@@ -11,9 +11,10 @@ from numpy.typing import NDArray
 
 from dynamics import argument_checks
 from tiscene.errors import ArgumentError
-from tiscene.learning.course import Course
-from tiscene.learning.supervision import Answer, Pending, Supervision
-from tiscene.learning.teaching_policies import Moment, OnePixelPerMovingObject, Policy
+from tiscene.learning.answers import Answer, Pending
+from tiscene.learning.course import Course, check_course
+from tiscene.learning.supervision import Supervision
+from tiscene.learning.teaching_policies import Moment, OnePixelPerMovingObject, Policy, check_pixel_list
 
 
 @dataclass(frozen=True, eq=False)
@@ -83,7 +84,7 @@ def patches_of_tests(course: Course, size: int = 33, policy: Policy | None = Non
         frame = tests[index]
         rng = np.random.default_rng((0x7E57, index))
         moment = Moment(k, tests.starts[number + 1] - tests.starts[number], rng, frame.moving)
-        for y, x in chosen.pixels(frame, moment):
+        for y, x in check_pixel_list(chosen.pixels(frame, moment), f"{type(chosen).__name__}.pixels"):
             patch, label = patch_around(frame.rgb, (y, x), size), int(frame.semantic[y, x])
             yield LabeledPatch(patch, label, frame.categories[label], index, (y, x), number, index)
 
@@ -102,6 +103,7 @@ def _patch(patch: NDArray[np.uint8], answer: Answer, phase: int, arrives: int) -
 
 
 def _check(course: Course, size: int) -> None:
+    check_course(course)
     if argument_checks.integer(size, "size", 1) % 2 == 0:
         raise ArgumentError(f"size={size}: must be an odd number of pixels")
     if "rgb" not in course.settings["buffers"]:

@@ -20,10 +20,11 @@ from typing import Any
 import numpy as np
 
 from dynamics import argument_checks
-from tiscene.errors import ArgumentError, requires_extra
+from dynamics.rotation import matrix_from_quaternion
+from tiscene.errors import ArgumentError, ArgumentTypeError, requires_extra
 from tiscene.render.view import View
 from tiscene.scenario.scenario import Scenario
-from tiscene.scene.camera import Camera, matrix_from_quaternion, quaternion_from_matrix
+from tiscene.scene.camera import Camera, quaternion_from_matrix
 from tiscene.scene.walking import Axes, walked_axes
 from tiscene.stream.stream import Stream
 
@@ -128,6 +129,9 @@ class LookAround(gymnasium.Env):  # type: ignore[misc]  # gymnasium is not read
 
     def step(self, action: int) -> tuple[Any, float, bool, bool, dict[str, Any]]:
         """Make an action and show the next frame. Returns observation, reward, False, truncated and info."""
+        self._check_begun()
+        if np.ndim(action):
+            raise ArgumentTypeError(f"action={action!r}: must be one whole number, not an array")
         name = ACTIONS[argument_checks.integer(action, "action", 0, len(ACTIONS) - 1)]
         reward, before = 0.0, self._camera
         if name == "ask" and (self.budget is None or self._asked < self.budget):
@@ -144,11 +148,16 @@ class LookAround(gymnasium.Env):  # type: ignore[misc]  # gymnasium is not read
 
     def render(self) -> Any:
         """Return the picture, uint8 [height, width, 3], with render_mode="rgb_array"."""
+        self._check_begun()
         return self._frame.rgb.copy() if self.render_mode == "rgb_array" else None
 
     def close(self) -> None:
         """Free the memory of the device."""
         self.stream.close()
+
+    def _check_begun(self) -> None:
+        if not hasattr(self, "_frame"):
+            raise ArgumentError("there is no episode yet: call reset() first")
 
     def _moved(self, name: str) -> Camera:
         camera = self._camera

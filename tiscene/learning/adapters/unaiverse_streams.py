@@ -9,9 +9,10 @@ import numpy as np
 from PIL import Image
 
 from tiscene.errors import ArgumentError, requires_extra
-from tiscene.learning.course import Course
+from tiscene.learning.course import Course, check_course
 from tiscene.learning.phase import CourseFrame
-from tiscene.learning.supervision import Supervision, SupervisionRules
+from tiscene.learning.supervision import Supervision
+from tiscene.learning.supervision_rules import SupervisionRules
 
 UNLABELED = -100  # torch.nn.functional.cross_entropy ignores it
 
@@ -39,7 +40,7 @@ def unaiverse_streams(course: Course, *, group: str = "tiscene", public: bool = 
         import torch
         from unaiverse.streams import BufferedStream, DataProps
 
-    if "rgb" not in course.settings["buffers"]:
+    if "rgb" not in check_course(course).settings["buffers"]:
         raise ArgumentError("pictures need the buffer rgb: Course(..., buffers=('rgb', ...))")
     for phase in course.phases:
         if isinstance(phase.supervision, SupervisionRules) and phase.supervision.delay:

@@ -14,8 +14,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from tiscene.learning.answers import Answer
 from tiscene.learning.phase import CourseFrame
-from tiscene.learning.supervision import Answer
 
 
 class Blind:

@@ -15,9 +15,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tiscene.errors import ArgumentError, requires_extra
+from tiscene.learning.answers import Answer
 from tiscene.learning.baselines.pixel_network import LabeledPicture, PixelLearner, one_thread, pictures
 from tiscene.learning.phase import CourseFrame
-from tiscene.learning.supervision import Answer
 
 with requires_extra("torch"):
     import torch

@@ -14,9 +14,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tiscene.errors import requires_extra
+from tiscene.learning.answers import Answer
 from tiscene.learning.baselines.pixel_network import one_thread
 from tiscene.learning.phase import CourseFrame
-from tiscene.learning.supervision import Answer
 
 with requires_extra("torch"):
     import torch

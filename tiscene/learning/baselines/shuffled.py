@@ -9,9 +9,9 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 
+from tiscene.learning.answers import Answer
 from tiscene.learning.baselines.pixel_network import LabeledPicture, PixelLearner
 from tiscene.learning.phase import CourseFrame
-from tiscene.learning.supervision import Answer
 
 
 class Shuffled(PixelLearner):
