@@ -95,6 +95,7 @@ CALLED_BY_NAME = {
     "sample": "tiscene.randomization.sampler:sample",
     "sample_difficulty": "tiscene.randomization.difficulty_search:sample_difficulty",
     "with_factor": "tiscene.randomization.factors:with_factor",
+    "ranges": "tiscene.randomization.ranges:ScenarioRanges",
     "free_places": "tiscene.randomization.free_places:FreePlaces",
     "template": "tiscene.usd.read.template:read_template",  # by the catalog, for categories in binary templates
 }

@@ -48,9 +48,9 @@ def measure(format: str, frames: int) -> None:
         ts.Object(f"mover_{number}", name, (0.5 * number - 0.5, 0.8, 0.0), dynamic=ts.UniformMovementRandomBounce(0.8))
         for number, name in enumerate(("Cube", "Sphere"))
     ]
-    required = tuple(name for name in FORMATS[format].buffers if name not in BUFFERS)
+    buffers = BUFFERS if FORMATS[format].optional is None else FORMATS[format].buffers
     scenario = ts.Scenario("solid_benchmark", movers)
-    stream = ts.Stream(scenario, width=64, height=48, buffers=BUFFERS + required, quality="preview", spp=1)
+    stream = ts.Stream(scenario, width=64, height=48, buffers=buffers, quality="preview", spp=1)
     marks = {round(share * frames) for share in SHARES}
     resident: list[int] = []
 

@@ -33,7 +33,7 @@ def main(formats: tuple[str, ...] = tuple(FORMATS), frames: int = FRAMES, rounds
     print(f"{'':>12} {'wall':>7} {'CPU':>7} {'wall':>7} {'CPU':>7} {'wall':>6} {'CPU':>6}   (ms a frame)")
     streams: dict[tuple[str, ...], ts.Stream] = {}
     for name in formats:
-        buffers = (*BUFFERS, *(each for each in FORMATS[name].buffers if each not in BUFFERS))
+        buffers = BUFFERS if FORMATS[name].optional is None else FORMATS[name].buffers
         if buffers not in streams:
             streams = {buffers: _stream(buffers)}
         stream = streams[buffers]

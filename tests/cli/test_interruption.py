@@ -10,6 +10,8 @@ import time
 
 import pytest
 
+from tiscene.cli import interruption
+
 pytestmark = pytest.mark.skipif(not hasattr(os, "fork"), reason="no fork")
 GRACE = 0.4
 # A stand-in for the module of a command.
@@ -31,6 +33,7 @@ importlib.import_module = lambda name: types.SimpleNamespace(run=run)
 sys.argv = ["tiscene", "list"]
 sys.exit(main())
 """
+SIGNALS = (signal.SIGINT, signal.SIGTERM)
 NATIVE = "any(itertools.repeat(0))"  # C code without an end, which holds the interpreter's lock as compilers do
 
 
@@ -57,13 +60,13 @@ def start():
         yield start
 
 
-def interrupt(command: subprocess.Popen[str], *, group: bool = True) -> float:
-    """Press Ctrl-C and return how long the command took to end, s."""
+def interrupt(command: subprocess.Popen[str], *, group: bool = True, number: int = signal.SIGINT) -> float:
+    """Press Ctrl-C, or send another signal, and return how long the command took to end, s."""
     began = time.monotonic()
     if group:
-        os.killpg(command.pid, signal.SIGINT)
+        os.killpg(command.pid, number)
     else:
-        command.send_signal(signal.SIGINT)
+        command.send_signal(number)
     command.wait(30)
     return time.monotonic() - began
 
@@ -79,21 +82,24 @@ def is_empty(group: int) -> bool:
     return False
 
 
-def test_interrupted_command_ends_at_once_with_one_line(start):
+@pytest.mark.parametrize("number", SIGNALS)
+@pytest.mark.parametrize("group", [True, False])
+def test_interrupted_command_ends_at_once_with_one_line(start, number, group):
     command = start("time.sleep(60)")
-    assert interrupt(command) < 5.0
-    assert command.returncode == 130
+    assert interrupt(command, group=group, number=number) < 5.0
+    assert command.returncode == 128 + number
     assert command.stderr.read() == "tiscene: interrupted\n"
     assert is_empty(command.pid)
 
 
+@pytest.mark.parametrize("number", SIGNALS)
 @pytest.mark.parametrize("group", [True, False])
 @pytest.mark.parametrize("body", [NATIVE, "swallow()"])
-def test_command_ends_in_time_where_python_cannot_handle_the_signal(start, body, group):
-    """Whether a terminal sends it, to the whole process group, or `kill -INT`."""
+def test_command_ends_in_time_where_python_cannot_handle_the_signal(start, body, group, number):
+    """Whether a terminal or a scheduler sends it, to the whole process group, or `kill`."""
     command = start(body)
-    assert GRACE <= interrupt(command, group=group) < 5.0
-    assert command.returncode == -signal.SIGINT  # 130 in a shell
+    assert GRACE <= interrupt(command, group=group, number=number) < 5.0
+    assert command.returncode == -number  # 130 or 143 in a shell
     assert command.stderr.read() == "tiscene: interrupted\n"
     assert is_empty(command.pid)
 
@@ -138,7 +144,7 @@ def test_message_that_arrives_together_with_the_signal_is_not_repeated():
         "os.write(writer, bytes([signal.SIGINT]) + interruption._SAID)\n"
         "watcher = os.fork()\n"
         "if watcher == 0:\n"
-        "    interruption._watch(reader, watched=-1, grace=0.1)\n"
+        "    interruption._watch(reader, watched=-1, grace=0.1, numbers=[signal.SIGINT])\n"
         "    os._exit(0)\n"
         "os.waitpid(watcher, 0)"
     )
@@ -165,3 +171,19 @@ def test_ignored_interrupt_stays_ignored(start):
     command = start("time.sleep(0.5)", "sh", "-c", 'trap \'\' INT; exec "$0" "$@"')
     os.killpg(command.pid, signal.SIGINT)
     assert command.wait(30) == 0
+
+
+def test_command_that_ignores_interrupts_ends_by_sigterm_with_one_line(start):
+    command = start(NATIVE, "sh", "-c", 'trap \'\' INT; exec "$0" "$@"')
+    os.killpg(command.pid, signal.SIGINT)
+    assert GRACE <= interrupt(command, number=signal.SIGTERM) < 5.0
+    assert command.returncode == -signal.SIGTERM
+    assert command.stderr.read() == "tiscene: interrupted\n"
+    assert is_empty(command.pid)
+
+
+def test_sigterm_kills_a_worker_of_another_command_which_starts_it_again(start, monkeypatch):
+    monkeypatch.setenv(interruption.PARENT, str(os.getpid()))
+    command = start("time.sleep(60)")
+    assert interrupt(command, group=False, number=signal.SIGTERM) < GRACE
+    assert command.returncode == -signal.SIGTERM

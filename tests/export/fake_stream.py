@@ -114,15 +114,18 @@ class FakeStream:
 
 # Formats that need no more of a stream than a FakeStream has.
 FAKE_FORMATS = tuple(name for name in FORMATS if name != "tracks")
-# Buffers of the formats that cannot hold all.
+# Buffers of the formats whose list of buffers does not tell all that they can hold.
 _BUFFERS = {
     "video": ("rgb", "semantic", "instance", "part", "depth", "distance", "forward_flow", "forward_occlusion"),
+    "cryptomatte": ("rgb", "coverage", "material_coverage"),
 }
 
 
 def fake_stream_for(format: str, **arguments: Any) -> FakeStream:
     """Return a stream with all buffers that a format can hold."""
-    return FakeStream(_BUFFERS.get(format, tuple(BUFFERS)), **arguments)
+    form = FORMATS[format]
+    listed = tuple(BUFFERS) if form.optional is None else (*form.buffers, *form.optional)
+    return FakeStream(_BUFFERS.get(format, listed), **arguments)
 
 
 def skip_without_extra(format: str) -> None:

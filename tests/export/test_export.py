@@ -170,9 +170,21 @@ def test_refused_export_names_the_arguments_that_continue_the_earlier_one(tmp_pa
     [
         ("tiscene", "0.0.1", "0.1.0", "use tiscene 0.0.1."),
         ("file_digests", {"a": "1"}, {"a": "2"}, "restore the files of the scene that have changed since."),
-        ("scenario", {"objects": []}, {"objects": [1]}, "use the scenario of that export."),
+        ("scenario", {"objects": []}, {"objects": [1]}, "export, use the scenario of that export, which is another."),
+        (
+            "scenario",
+            {"objects": [], "camera": None, "variants": {}},
+            {"objects": [1], "camera": "Sofa", "variants": {"/R{l}": "a"}},
+            "export, use the scenario of that export, which is another.",
+        ),
         ("scenario", {"camera": "Sofa"}, {"camera": None}, "pass camera='Sofa' (--camera Sofa)."),
-        ("scenario", {"camera": {"name": "x"}}, {"camera": None}, "use the scenario of that export."),
+        ("scenario", {"camera": {"name": "x"}}, {"camera": None}, "export, use the scenario of that export, which is"),
+        (
+            "scenario",
+            {"camera": None},
+            {"camera": [{"name": "x"}]},
+            "export, use the scenario of that export, which is",
+        ),
         ("settings", {"spp": 1, "denoiser": "fast"}, {"spp": 4, "denoiser": "high"}, "pass the quality of that export"),
         ("settings", {"spp": 1, "denoiser": None}, {"spp": 4, "denoiser": "high"}, "pass denoise=False, spp=1 ("),
         ("settings", {"incremental": [64, 0]}, {"incremental": None}, "pass incremental=True (--incremental)."),
@@ -249,7 +261,7 @@ def test_invalid_arguments_and_folders_raise(tmp_path):
 @pytest.mark.parametrize("text", ["{", "[]", '{"frames": {}}', '{"frames": {"0": {}}, "categories": {}}'])
 def test_file_that_is_no_manifest_is_not_overwritten(tmp_path, text):
     (tmp_path / NAME).write_text(text)
-    with pytest.raises(ExportError, match="is not a manifest of tiscene"):
+    with pytest.raises(ExportError, match=r"tiscene\.json is damaged, or is not a manifest of tiscene: choose another"):
         export(FakeStream(), tmp_path, frames=range(1), overwrite=True)
     assert contents(tmp_path) == {NAME: text.encode()}
 

@@ -51,7 +51,7 @@ def source(format: str) -> FakeStream | ts.Stream:
         return fake_stream_for(format)
     path = ts.LinearWaypoints([ts.Waypoint((-0.4, 0.0, 0.2)), ts.Waypoint((0.4, 0.0, 0.2))], total_time=0.4)
     scenario = ts.Scenario("object_view", [ts.Object("cube", "Cube", (-0.4, 0.0, 0.2), dynamic=path)])
-    return ts.Stream(scenario, width=32, height=24, buffers=("instance", "depth"))
+    return ts.Stream(scenario, width=32, height=24, buffers=("instance",))
 
 
 def small_files(format: str) -> None:

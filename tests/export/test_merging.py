@@ -107,11 +107,21 @@ def test_parts_of_unlike_machines_are_merged_only_on_request(tmp_path):
     assert list(merge(tmp_path, unlike=True).frames) == list(FRAMES)
 
 
-def test_damaged_file_and_differing_frame_of_a_part_are_refused(tmp_path):
-    part = render_shard(tmp_path, 0, 1)
-    (part / "rgb" / "000004.png").write_bytes(b"damaged")
-    with pytest.raises(ExportError, match=r"000004\.png' is missing or damaged"):
+def test_all_shards_with_damaged_files_are_named_before_anything_is_written(tmp_path):
+    parts = [render_shard(tmp_path, number, 3) for number in range(3)]
+    (parts[0] / "rgb" / "000004.png").write_bytes(b"damaged")
+    (parts[2] / "depth" / "000010.png").unlink()
+    with pytest.raises(ExportError, match=r"2 files .* first is .*000004\.png': render the shards 0/3, 2/3 \(again\)"):
         merge(tmp_path)
+    assert not merged(tmp_path)
+    (parts[0] / "shard.json").unlink()
+    with pytest.raises(ExportError, match=r"render the shards '.*00000-of-00003', 2/3 \(again\)"):
+        merge(tmp_path / "out", parts)
+    assert not (tmp_path / "out").exists()
+
+
+def test_differing_frame_of_a_part_is_refused(tmp_path):
+    part = render_shard(tmp_path, 0, 1)
     other = tmp_path / "other"
     export(FakeStream(), other, frames=[4])
     manifest = json.loads((other / "tiscene.json").read_text())

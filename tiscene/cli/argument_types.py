@@ -9,7 +9,7 @@ import argparse
 def frame_slice(text: str) -> slice:
     """Return the slice of "A:B", "A:B:STEP", "A:" or "K"; frame indices are 0 or more."""
     mistake = argparse.ArgumentTypeError(
-        f"{text!r} is neither A:B with 0 <= A < B, such as 0:100, nor A: with --count, nor one frame K"
+        f"{text!r} is neither A:B with 0 <= A < B, such as 0:100, nor A: with --count, nor one frame K from 0 on"
     )
     try:
         numbers = [int(part) if part else None for part in text.split(":")]

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Entry point of the command `tiscene`.
 
-Exit status: 0 success, 1 closed output pipe, 2 user error (explained on stderr), 130 interrupted (or ended by SIGINT,
-which shells show as 130). Commands are imported when they run, so that `tiscene --help` is fast.
+Exit status: 0 success, 1 closed output pipe, 2 user error (explained on stderr), 130 interrupted, 143 terminated (or
+ended by SIGINT or SIGTERM, which shells show so). Commands are imported when they run: `tiscene --help` is fast.
 """
 
 from __future__ import annotations
@@ -57,9 +57,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
         except TisceneError as error:
             print(f"tiscene: {error}", file=sys.stderr)
             return 2
-        except KeyboardInterrupt:
+        except KeyboardInterrupt as error:
             interruption.say_interrupted()
-            return 130
+            return 143 if isinstance(error, interruption.Terminated) else 130
         except OSError as error:
             # For example `tiscene list | head` or `tiscene list > /dev/full`. Errors of named files are not expected.
             if error.filename is not None or error.errno not in (errno.EPIPE, errno.ENOSPC):

@@ -27,6 +27,7 @@ if TYPE_CHECKING:
     from tiscene.stream.stream import Stream
 
 FRAMES_PER_FILE = None
+PACKED = ("annotations/instances.json", "annotations/panoptic.json")
 STUFF = frozenset({"ceiling", "cornice", "floor", "skirting", "wall"})  # categories without countable instances
 
 

@@ -15,7 +15,7 @@ or `rgb`, it is included as the image (half floats R G B, scene-linear).
 from __future__ import annotations
 
 import json
-from collections.abc import Iterable, Mapping
+from collections.abc import Collection, Iterable, Mapping
 from dataclasses import dataclass
 from functools import lru_cache, partial
 from pathlib import Path
@@ -57,6 +57,12 @@ class Mattes:
             raise ExportError(f"there is no matte {name!r}; there are {', '.join(map(repr, sorted(self.names)))}")
         result: NDArray[np.float32] = np.where(self.ids == self.names[name], self.weights, 0.0).sum(axis=-1)
         return result
+
+
+def check(buffers: Collection[str]) -> None:
+    """Raise ExportError for a second picture: a file has one."""
+    if {"hdr", "rgb"} <= {*buffers}:
+        raise ExportError("format 'cryptomatte' writes the buffer 'hdr' or 'rgb' as its picture: leave out one of them")
 
 
 def encode(frame: Frame) -> dict[str, Contents]:

@@ -7,7 +7,7 @@ a time may write into a folder.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -62,25 +62,21 @@ def export(
     Raises:
         ArgumentError: An argument is invalid, or the format requires a buffer that the stream does not have.
         MissingExtra: A library of the format is not installed.
-        ExportError: The format cannot write one of the buffers, or the folder holds frames of other settings, is being
-            written by another process, or cannot be written.
+        ExportError: The format cannot write one of the buffers or these frames, or the folder holds frames of other
+            settings or files of others that would be replaced, is being written by another process, or cannot be
+            written.
     """
     form = find_format(format)
-    writer = form.writer()  # before anything is rendered: its libraries may not be installed
+    form.writer()  # before anything is rendered: its libraries may not be installed
     if objects is not None and objects not in frame_json.OBJECT_SELECTIONS:
         raise ArgumentError(f"objects={objects!r}: must be None or one of {', '.join(frame_json.OBJECT_SELECTIONS)}")
-    missing = [name for name in form.buffers if name not in stream.buffers]
-    if missing:
-        required = (*stream.buffers, *missing)
-        raise ArgumentError(
-            f"format={format!r} requires the buffer {missing[0]!r}: make the stream with buffers={required!r}"
-        )
-    if hasattr(writer, "check"):
-        writer.check(stream.buffers)
     if frames is None:
         if stream.frames is None:
             raise ArgumentError("frames=None: the stream is endless; pass the frames to export, such as range(100)")
         frames = range(stream.frames)
+    elif not isinstance(frames, range):
+        frames = list(frames)
+    form.check(stream.buffers, frames)
     folder = Path(folder)
     with writing_into(folder):
         manifest = open_manifest(folder, provenance(stream, format, objects), overwrite)
@@ -136,7 +132,9 @@ def open_manifest(folder: Path, wanted: dict[str, Any], overwrite: bool) -> Mani
             "Otherwise choose another folder."
         )
     remove_export(folder, present)
-    return Manifest(wanted)
+    manifest = Manifest(wanted)
+    manifest.save(folder)  # what a killed export has left, without an entry in its manifest, is replaced too
+    return manifest
 
 
 def remove_export(folder: Path, manifest: Manifest) -> None:
@@ -156,7 +154,7 @@ def remove_export(folder: Path, manifest: Manifest) -> None:
 def _write_frames(
     stream: Stream,
     writer: FolderWriter,
-    indices: Iterable[int],
+    indices: Sequence[int],
     progress: Callable[[int, Frame | None], None] | None,
     pack: bool,
 ) -> None:
@@ -172,10 +170,11 @@ def _write_frames(
     try:
         with EncodingThreads(writer, finish) as threads:
             if pack:
-                indices = list(indices)
                 again.update(writer.plan(indices))
                 for index in sorted(again):
                     threads.write(stream[index], stream)
+            if not indices:
+                writer.claim((), ())
             for index in indices:
                 if writer.holds(index):
                     threads.skip(index)

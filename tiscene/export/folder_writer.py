@@ -3,17 +3,19 @@
 
 from __future__ import annotations
 
+import re
 import time
-from collections.abc import Callable, Iterable, Mapping, Sequence, Set
+from collections.abc import Callable, Collection, Iterable, Mapping, Sequence, Set
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from tiscene.errors import ExportError
 from tiscene.export import frame_json
 from tiscene.export.array_files import Contents, resolved
 from tiscene.export.formats import find_format
-from tiscene.export.manifest import Manifest, frame_entry, views_by_folder
+from tiscene.export.manifest import NAME, Manifest, frame_entry, views_by_folder
 from tiscene.export.packing import (
     ExportRun,
     content_digest,
@@ -67,17 +69,55 @@ class FolderWriter:
         self._groups: dict[int, list[int]] = {}  # frames of each file of many frames, ascending
         self._waiting: dict[int, set[int]] = {}  # those of them that are not in the folder yet
         self._thread: PackingThread | None = None
+        self._first: int | None = None  # frame of the export; None: that of a shard, or not known
         self._saved_at, self._save_duration = time.monotonic(), 0.0
-        remove_leftovers(folder, manifest)
+        self._is_new = not (folder / NAME).exists()
+        if not self._is_new:
+            remove_leftovers(folder, manifest)
 
-    def plan(self, indices: Iterable[int]) -> list[int]:
-        """Prepare to pack frames, and return further ones that must be rendered again.
+    def claim(self, names: Iterable[str], cameras: Iterable[str]) -> None:
+        """Save the manifest of a folder without one, before its first file: a killed export is told from other files.
+
+        Args:
+            names: The files of the first frame that is written.
+            cameras: The folders of the cameras.
+
+        Raises:
+            ExportError: The folder has a file that one of some frame may replace.
+        """
+        if not self._is_new:
+            return
+        packed = [*getattr(self._format, "PACKED", ()), *getattr(self._format, "SUMMARY", ())]
+        present = [path for camera in cameras for name in packed for path in self.folder.glob(f"{camera}{name}")]
+        for name in names:
+            alike = re.compile(re.sub(r"\d+", r"\\d+", re.escape(name)))  # names of frames differ in their numbers
+            found = self.folder.glob(re.sub(r"\d+", "*", name))
+            present += [each for each in found if alike.fullmatch(each.relative_to(self.folder).as_posix())]
+        if present:
+            raise ExportError(
+                f"{str(min(present))!r} is there and is not of this export, which writes files of such names: "
+                "choose another folder, or move it away"
+            )
+        self.manifest.save(self.folder)
+        self._is_new = False
+
+    def plan(self, indices: Collection[int]) -> list[int]:
+        """Prepare to write the frames of an export, and return further ones that must be rendered again.
 
         A file of many frames cannot be extended: where it gets more frames, all of its frames are needed again.
 
         Args:
             indices: The frames that will be written.
+
+        Raises:
+            ExportError: The format cannot write these frames beside those that are there.
         """
+        if hasattr(self._format, "check_frames"):
+            self._format.check_frames({*indices, *self.manifest.frames})
+        if hasattr(self._format, "of_previous"):
+            self._first = min({*indices, *self.manifest.frames}, default=None)
+            others = set(self.manifest.frames) - set(indices)
+            return sorted(index for index in others if self._lacks_file_of_previous(index))
         if not self._packs:
             return []
         requested, again = set(indices), []
@@ -98,7 +138,25 @@ class FolderWriter:
         """Return whether every file of a frame is in the folder with the recorded digest."""
         entry = self.manifest.frames.get(index)
         files = entry["files"] if entry else {}
-        return bool(files) and all(self._digest(name) == digest for name, digest in files.items())
+        if not files or self._lacks_file_of_previous(index):
+            return False
+        return all(self._digest(name) == digest for name, digest in files.items())
+
+    def left_out(self, index: int) -> tuple[str, ...]:
+        """Return the names of files of a frame, in the folder of each camera, that belong to no frame of the export."""
+        names: tuple[str, ...] = self._format.of_previous(index) if self._first == index else ()
+        return names
+
+    def _lacks_file_of_previous(self, index: int) -> bool:
+        """Return whether a frame was the first one when it was written, and is not now."""
+        if self._first is None or index == self._first:
+            return False
+        files = self.manifest.frames[index]["files"]
+        return any(
+            f"{camera}{name}" not in files
+            for camera in self.manifest.folders
+            for name in self._format.of_previous(index)
+        )
 
     def writing(self, frame: Frame, stream: Stream) -> Callable[[], WrittenFrame]:
         """Return a function that writes the files of a frame, in any thread; `record` takes what it returns.
@@ -113,7 +171,9 @@ class FolderWriter:
                 files |= pieces_file(view.index, self._format.pieces(view, labels, stream))
             if not getattr(self._format, "HOLDS_LABELS", False):
                 files |= frame_json.encode(view, self._objects)
-            contents |= {f"{camera}{name}": content for name, content in files.items()}
+            unused = self.left_out(view.index)
+            contents |= {f"{camera}{name}": content for name, content in files.items() if name not in unused}
+        self.claim(contents, views_by_folder(frame))
         materials = dict(frame.materials) if "material_coverage" in stream.buffers else {}
         return partial(_write, self.folder, frame, contents, dict(stream.categories), materials)
 
@@ -169,6 +229,8 @@ class FolderWriter:
         if self._thread is not None:
             self._thread.stop()
             self._thread = None
+        if self._is_new:
+            return  # nothing has been written
         self.manifest.save(self.folder)
         remove_leftovers(self.folder, self.manifest)
         if hasattr(self._format, "summary"):

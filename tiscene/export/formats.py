@@ -6,12 +6,15 @@ The module has, as far as they apply:
 
 ==============================  ====================================================================================
 `check(buffers)`                raises ExportError, before anything is rendered, if it cannot write these buffers
+`check_frames(frames)`          the same for the frames of an export, or of a shard of it
+`of_previous(index)`            names of files of a frame that belong to the frame before it: the first frame has none
 `encode(frame)`                 the files of a frame by name: `{"rgb/000012.png": bytes}`, or functions (see below)
 `pieces(frame, labels, stream)` what a frame adds to files of many frames, by any name; kept on disk until `pack`
 `HOLDS_LABELS`                  True: the pieces have `labels`, the frame's metadata, and no file of its own has it
 `FRAMES_PER_FILE`               file g has the frames g * FRAMES_PER_FILE and on; None: all frames are in one file
 `pack(frames, run, folder)`     writes files of many frames into a folder, from their pieces (see `packing`); may
                                 return their content digests by name
+`PACKED`                        glob patterns of these files
 `READS_ONCE`                    True: `pack` reads the frames once and in order, and uses only the provenance of the
                                 run; it may begin before all of them are there
 `content_digest(path)`          digest of a file whose bytes are not a function of its contents; None: of its bytes
@@ -28,11 +31,11 @@ shards ends with the same bytes.
 from __future__ import annotations
 
 import importlib
-from collections.abc import Iterable
+from collections.abc import Collection, Iterable
 from dataclasses import dataclass
 from types import ModuleType
 
-from tiscene.errors import ArgumentError
+from tiscene.errors import ArgumentError, ExportError
 
 
 @dataclass(frozen=True)
@@ -45,6 +48,7 @@ class Format:
         summary: What it writes, in a few words.
         readers: Programs and libraries that read it.
         buffers: Buffers that it requires.
+        optional: Further buffers that it writes; None: any that the module's `check` permits.
         extra: The extra of pyproject.toml that installs its libraries; "" for none.
         libraries: The top-level modules of these libraries.
     """
@@ -54,8 +58,14 @@ class Format:
     summary: str
     readers: str
     buffers: tuple[str, ...] = ()
+    optional: tuple[str, ...] | None = None
     extra: str = ""
     libraries: tuple[str, ...] = ()
+
+    @property
+    def default_buffers(self) -> tuple[str, ...] | None:
+        """Buffers to render without a choice: those that it requires, and rgb; None: those of Stream."""
+        return tuple(dict.fromkeys(("rgb", *self.buffers))) if self.buffers else None
 
     def writer(self) -> ModuleType:
         """Return the module.
@@ -69,6 +79,34 @@ class Format:
             for library in self.libraries:
                 importlib.import_module(library)
         return importlib.import_module(self.module)
+
+    def check(self, buffers: Collection[str], frames: Collection[int] | None = None) -> None:
+        """Raise an error if the format cannot write an export. Its libraries need not be installed.
+
+        Args:
+            buffers: Of the stream.
+            frames: Indices of the frames; None: not known yet.
+
+        Raises:
+            ArgumentError: The format requires another buffer.
+            ExportError: The format does not write one of the buffers, or not these frames.
+        """
+        written = buffers if self.optional is None else (*self.buffers, *self.optional)
+        missing = [name for name in self.buffers if name not in buffers]
+        surplus = [name for name in buffers if name not in written]
+        if missing or surplus:
+            faults = [f"requires the buffer {', '.join(map(repr, missing))}"] if missing else []
+            faults += [f"does not write {', '.join(map(repr, surplus))}"] if surplus else []
+            fitting = (*(name for name in buffers if name in written), *missing)
+            raise (ArgumentError if missing else ExportError)(
+                f"format={self.name!r} {' and '.join(faults)}: make the stream with buffers={fitting!r} "
+                f"(--buffers {','.join(fitting)}){', or export as npz, exr or webdataset' if surplus else ''}"
+            )
+        module = importlib.import_module(self.module)
+        if hasattr(module, "check"):
+            module.check(buffers)
+        if frames is not None and hasattr(module, "check_frames"):
+            module.check_frames(frames)
 
 
 FORMATS: dict[str, Format] = {
@@ -89,6 +127,7 @@ FORMATS: dict[str, Format] = {
             "mattes for compositing, one EXR a frame",
             "Nuke, Fusion, Blender",
             ("coverage", "material_coverage"),
+            ("rgb", "hdr"),
         ),
         Format(
             "sailenv",
@@ -96,6 +135,7 @@ FORMATS: dict[str, Format] = {
             "the layout of SAILenv's recordings",
             "SAILenv's programs",
             ("rgb", "semantic", "backward_flow"),
+            (),
         ),
         Format(
             "kitti-flow",
@@ -103,6 +143,7 @@ FORMATS: dict[str, Format] = {
             "flow as 16-bit PNG with a valid channel, as in KITTI",
             "OpenCV, torchvision, RAFT",
             ("rgb", "forward_flow", "forward_occlusion"),
+            (),
         ),
         Format(
             "coco",
@@ -110,6 +151,7 @@ FORMATS: dict[str, Format] = {
             "boxes, masks (RLE) and tracks in COCO's JSON, beside PNG pictures",
             "pycocotools, supervision, FiftyOne",
             ("rgb", "instance"),
+            (),
         ),
         Format(
             "webdataset",
@@ -147,6 +189,7 @@ FORMATS: dict[str, Format] = {
             "exact point tracks with visibility, as in TAP-Vid",
             "NumPy, TAP-Vid's evaluation",
             ("instance",),
+            ("rgb",),
         ),
         Format(
             "mcap",
@@ -162,6 +205,7 @@ FORMATS: dict[str, Format] = {
             "a LeRobot data set (v3.0): Parquet and video",
             "lerobot",
             ("rgb",),
+            (),
             extra="lerobot",
             libraries=("pyarrow", "av"),
         ),

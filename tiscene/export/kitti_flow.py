@@ -3,27 +3,29 @@
 
 =======================  ==========================================================================================
 `image_2/000012_10.png`  frame 12
-`image_2/000012_11.png`  frame 13, the second picture of the pair; written with frame 13
+`image_2/000012_11.png`  frame 13, the second picture of the pair; written with frame 13, unless that is the first frame
 `flow_occ/000012_10.png` flow from frame 12 to 13, of all pixels whose point is in frame 13's picture or hidden there
 `flow_noc/000012_10.png` the same without occluded pixels
 `occlusions/000012.png`  8-bit gray, 255 where the point is not visible in frame 13
 =======================  ==========================================================================================
 
 Red is 64 dx + 2^15, green is 64 dy + 2^15, blue is 1 where the flow is valid: -512 px to 511.98 px in steps of 1/64.
-Longer flow is not valid. KITTI's readers pair files by their order: export from frame 0 on, and the last frame has no
-pair (Geiger et al., "Vision meets Robotics", 2013; the development kit of KITTI 2015).
+Longer flow is not valid. KITTI's readers pair files by their order: frames must be consecutive, and the last one has a
+flow without a second picture (Geiger et al., "Vision meets Robotics", 2013; the development kit of KITTI 2015).
 """
 
 from __future__ import annotations
 
 import struct
 import zlib
+from collections.abc import Collection
 from functools import cache, partial
 from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
+from tiscene.errors import ExportError
 from tiscene.export.array_files import Contents, png
 from tiscene.export.png import mask8
 
@@ -31,6 +33,21 @@ if TYPE_CHECKING:
     from tiscene.frame.frame import Frame
 
 SCALE, OFFSET = 64.0, 32768.0
+
+
+def check_frames(frames: Collection[int]) -> None:
+    """Raise ExportError unless frames are consecutive: flow goes from each to the next one."""
+    first, last, count = min(frames, default=0), max(frames, default=-1), len(set(frames))
+    if last - first + 1 != count:
+        raise ExportError(
+            f"format 'kitti-flow' writes pairs of consecutive frames, and these are {count} of the frames {first} to "
+            f"{last}: export {first}:{last + 1} without a step (--frames {first}:{last + 1}), or another format"
+        )
+
+
+def of_previous(index: int) -> tuple[str, ...]:
+    """Return the name of the second picture of the pair that begins with the frame before."""
+    return (f"image_2/{index - 1:06d}_11.png",) if index > 0 else ()
 
 
 def encode(frame: Frame) -> dict[str, Contents]:
@@ -43,9 +60,7 @@ def encode(frame: Frame) -> dict[str, Contents]:
         f"flow_noc/{name}_10.png": lambda: png48(kitti(flow, ~occlusion)),
         f"occlusions/{name}.png": lambda: png(mask8(occlusion)),
     }
-    if frame.index > 0:
-        files[f"image_2/{frame.index - 1:06d}_11.png"] = picture
-    return files
+    return files | dict.fromkeys(of_previous(frame.index), picture)
 
 
 def kitti(flow: NDArray[np.float32], valid: NDArray[np.bool_] | None = None) -> NDArray[np.uint16]:

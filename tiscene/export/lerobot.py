@@ -33,6 +33,7 @@ if TYPE_CHECKING:
     from tiscene.stream.stream import Stream
 
 FRAMES_PER_FILE = None
+PACKED = ("meta/*.*", "meta/*/chunk-*/*", "data/chunk-*/*", "videos/*/chunk-*/*")
 VIDEO, TASK = "observation.images.rgb", "observe the scene"
 PLACE = "chunk-{chunk_index:03d}/file-{file_index:03d}"
 FIRST = PLACE.format(chunk_index=0, file_index=0)

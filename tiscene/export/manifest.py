@@ -100,9 +100,11 @@ class Manifest:
             )
         except (FileNotFoundError, NotADirectoryError):
             return None
-        except (OSError, ValueError, KeyError, AttributeError, TypeError) as error:
+        except OSError as error:
+            raise ExportError(f"{path} cannot be read: {error.strerror}") from error
+        except (ValueError, KeyError, AttributeError, TypeError) as error:
             raise ExportError(
-                f"{path} is not a manifest of tiscene ({error!r}): choose another folder, or delete that file"
+                f"{path} is damaged, or is not a manifest of tiscene: choose another folder, or delete that one"
             ) from error
         return cls(content, categories, materials, frames)
 

@@ -61,7 +61,10 @@ def cure(found: Sequence[Difference], there: Mapping[str, Any]) -> str:
     """
     arguments: dict[str, Any] = {}
     steps: list[str] = []
-    quality = "pass the quality of that export (--quality)"
+    quality, scenario = (
+        "pass the quality of that export (--quality)",
+        "use the scenario of that export, which is another",
+    )
     for each in found:
         top, name = (*each.key.split("."), "")[:2]
         value = there[top].get(name) if name else each.there
@@ -71,18 +74,25 @@ def cure(found: Sequence[Difference], there: Mapping[str, Any]) -> str:
             steps.append("restore the files of the scene that have changed since")
         elif name in _SWITCHES and (each.there is None or each.now is None):
             arguments[_SWITCHES[name]] = value is not None
-        elif top == "scenario" and (isinstance(value, dict) if name == "camera" else name != "variants"):
-            steps.append("use the scenario of that export")
+        elif top == "scenario" and (name != "variants" if name != "camera" else _has_pose(value, each.now)):
+            steps.append(scenario)
         elif (name or top) in _ARGUMENTS:
             arguments[name or top] = value
         else:
             steps.append(quality)
     if quality in steps:
         arguments = {name: value for name, value in arguments.items() if name not in _PRESET_ARGUMENTS}
+    if scenario in steps:  # which has its camera and variants
+        arguments = {name: value for name, value in arguments.items() if name not in ("camera", "variants")}
     if arguments:
         python = ", ".join(f"{name}={value!r}" for name, value in arguments.items())
         steps.insert(0, f"pass {python} ({_options(arguments)})")
     return f"To continue that export, {' and '.join(dict.fromkeys(steps))}. "
+
+
+def _has_pose(*cameras: Any) -> bool:
+    """Return whether one of some cameras of scenarios, each None, a name, a mapping or a list of these, has a pose."""
+    return any(_has_pose(*each) if isinstance(each, list) else isinstance(each, Mapping) for each in cameras)
 
 
 def _options(arguments: Mapping[str, Any]) -> str:

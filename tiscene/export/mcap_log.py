@@ -37,6 +37,7 @@ if TYPE_CHECKING:
     from tiscene.stream.stream import Stream
 
 FRAMES_PER_FILE = None
+PACKED = ("recording.mcap",)
 READS_ONCE = True
 HOLDS_LABELS = True
 WORLD, CAMERA = "world", "camera"

@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import os
 import shutil
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
 
 from tiscene.errors import ExportError
@@ -44,7 +44,7 @@ def merge(
 
     Raises:
         ExportError: There are no parts; they have other settings, were made by unlike machines, lack frames, are
-            damaged, or have the same frame with different bytes.
+            damaged, or have the same frame with different bytes. Nothing has been written then.
     """
     folder = Path(folder)
     places = [Path(part) for part in parts] or sorted(path for path in (folder / SHARDS).glob("*") if path.is_dir())
@@ -54,7 +54,9 @@ def merge(
         )
     manifests = {place: _manifest(place) for place in places}
     owners = _owners(manifests)
-    _check_complete(places, owners, partial, unlike)
+    shards = {place: shard for place in places if (shard := Shard.load(place)) is not None}
+    _check_complete(shards, owners, partial, unlike)
+    _check_files(manifests, shards, owners)
     with writing_into(folder):
         return _merge(folder, manifests, owners, overwrite, progress)
 
@@ -88,9 +90,8 @@ def _owners(manifests: dict[Path, Manifest]) -> dict[int, Path]:
     return owners
 
 
-def _check_complete(places: Sequence[Path], owners: dict[int, Path], partial: bool, unlike: bool) -> None:
+def _check_complete(shards: Mapping[Path, Shard], owners: dict[int, Path], partial: bool, unlike: bool) -> None:
     """Raise ExportError if frames are missing, or if the machines of the parts differ."""
-    shards = {place: shard for place in places if (shard := Shard.load(place)) is not None}
     machines = {place: shard.machine for place, shard in shards.items()}
     kinds = {tuple(sorted(machine.items())): place for place, machine in machines.items()}
     if len(kinds) > 1 and not unlike:
@@ -117,6 +118,25 @@ def _check_complete(places: Sequence[Path], owners: dict[int, Path], partial: bo
         )
 
 
+def _check_files(manifests: Mapping[Path, Manifest], shards: Mapping[Path, Shard], owners: dict[int, Path]) -> None:
+    """Raise ExportError, which names all parts to render again, unless all files have the recorded digests."""
+    damaged: dict[Path, list[Path]] = {}
+    for index, place in owners.items():
+        for name, digest in manifests[place].frames[index]["files"].items():
+            if file_digest(place / name) != digest:
+                damaged.setdefault(place, []).append(place / name)
+    if damaged:
+        names = [
+            f"{shards[place].number}/{shards[place].count}" if place in shards else repr(str(place))
+            for place in damaged
+        ]
+        first = next(iter(damaged.values()))[0]
+        raise ExportError(
+            f"{sum(map(len, damaged.values()))} files are missing or damaged, the first is {str(first)!r}: render the "
+            f"shards {', '.join(names)} (again)"
+        )
+
+
 def _merge(
     folder: Path,
     manifests: dict[Path, Manifest],
@@ -136,12 +156,17 @@ def _merge(
     if lost:
         raise ExportError(f"{str(folder)!r} was merged with frames that are in no part now, such as {lost[0]}")
     try:
+        if not frames:
+            writer.claim((), ())
         for index in frames:
             if not writer.holds(index):
                 entry = manifests[owners[index]].frames[index]
-                _link_files(owners[index], folder, entry["files"].items())
-                merged.frames[index] = entry
-                writer.forget(entry["files"])
+                unused = writer.left_out(index)
+                files = {name: digest for name, digest in entry["files"].items() if not name.endswith(unused)}
+                writer.claim(files, reference.folders)
+                _link_files(owners[index], folder, files)
+                merged.frames[index] = entry | {"files": files}
+                writer.forget(files)
             writer.done(index)
             writer.save_now_and_then()
             if progress is not None:
@@ -151,11 +176,9 @@ def _merge(
     return merged
 
 
-def _link_files(part: Path, folder: Path, files: Iterable[tuple[str, str]]) -> None:
-    """Link or copy files of a part into the folder, if they have the recorded digests."""
-    for name, digest in files:
-        if file_digest(part / name) != digest:
-            raise ExportError(f"{str(part / name)!r} is missing or damaged: render that part again")
+def _link_files(part: Path, folder: Path, names: Iterable[str]) -> None:
+    """Link or copy files of a part into the folder."""
+    for name in names:
         target = folder / name
         temporary = target.with_name(f".{target.name}.{os.getpid()}.part")
         target.parent.mkdir(parents=True, exist_ok=True)

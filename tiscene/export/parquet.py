@@ -26,6 +26,7 @@ if TYPE_CHECKING:
     from tiscene.stream.stream import Stream
 
 FRAMES_PER_FILE = 250
+PACKED = ("data/train-*.parquet",)
 READS_ONCE = True
 ROW_GROUP_BYTES = 64 << 20  # Hugging Face's viewer refuses row groups above 300 MB, and advises 100 MB
 HOLDS_LABELS = True

@@ -40,6 +40,7 @@ if TYPE_CHECKING:
     from tiscene.stream.stream import Stream
 
 FRAMES_PER_FILE = 24
+PACKED = ("tracks/*.npz",)
 QUERY_FRAMES = (0, 12)  # of a clip
 POINTS = 128  # per query frame
 

@@ -44,6 +44,7 @@ if TYPE_CHECKING:
     from tiscene.stream.stream import Stream
 
 FRAMES_PER_FILE = 250  # Rerun holds a file in memory while it is written
+PACKED = ("recording-*.rrd",)
 READS_ONCE = True
 FRAMES_PER_CHUNK, CHUNK_BYTES = 25, 8_000_000  # at most: what is seen of a frame is read with its chunk
 CAMERA, OBJECTS, BOXES = "world/camera", "world/objects", "world/camera/boxes"

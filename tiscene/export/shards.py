@@ -73,7 +73,7 @@ class Shard:
         except FileNotFoundError:
             return None
         except (OSError, ValueError, KeyError, TypeError) as error:
-            raise ExportError(f"{folder / FILE} is damaged ({error!r}): render that shard again") from error
+            raise ExportError(f"{folder / FILE} is damaged: render that shard again") from error
 
 
 def machine() -> dict[str, str]:

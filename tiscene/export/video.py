@@ -41,6 +41,7 @@ if TYPE_CHECKING:
 FRAMES_PER_FILE = None
 READS_ONCE = True
 PREVIEW = "preview.mp4"
+PACKED = (PREVIEW, *(f"{name}.mkv" for name in BUFFERS))
 # x264's tree of macroblocks reads memory that it never wrote when pictures are small: other bytes in a rare run.
 _H264 = {"crf": "20", "preset": "veryfast", "mbtree": "0"}
 _LAYOUTS = {  # by dtype and number of channels: the layout of arrays, and of FFV1's pixels

@@ -24,6 +24,7 @@ if TYPE_CHECKING:
     from tiscene.stream.stream import Stream
 
 FRAMES_PER_FILE = 1000
+PACKED = ("shard-*.tar",)
 READS_ONCE = True
 HOLDS_LABELS = True
 

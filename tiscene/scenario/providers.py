@@ -12,6 +12,7 @@ PROVIDERS = {
     "read_usd": "tiscene.usd.scenario.read:read_scenario",
     "write_usd": "tiscene.usd.scenario.write:write_scenario",
     "sample": "tiscene.randomization.sampler:sample",
+    "ranges": "tiscene.randomization.ranges:ScenarioRanges",
     "free_places": "tiscene.randomization.free_places:FreePlaces",
     "sample_difficulty": "tiscene.randomization.difficulty_search:sample_difficulty",
     "with_factor": "tiscene.randomization.factors:with_factor",

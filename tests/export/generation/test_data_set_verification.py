@@ -74,10 +74,12 @@ def test_all_damage_is_named(copied, capsys):
     (first / "000001.npz").write_bytes(b"damaged")
     (folder / "index.jsonl").unlink()
     shutil.rmtree(last)
+    (folder / "train" / "000009").mkdir()
     found = verify_data_set(folder, sample=0)
     assert found.problems == {
         name(first): ("files of 1 frames are missing or damaged: 1",),
         name(last): ("is missing, or its summary.json is damaged; `tiscene generate` makes it",),
+        "train/000009": ("is not among the 4 scenarios of the data set",),
         "index.jsonl": (f"is not that of the scenarios; `tiscene merge {folder}` writes it again",),
         "statistics.json": (f"is not that of the scenarios; `tiscene merge {folder}` writes it again",),
     }

@@ -138,6 +138,40 @@ def test_folder_of_another_recipe_is_refused(recipe, whole):
         generate(other, whole, COUNT)
 
 
+def test_smaller_count_is_refused_where_the_index_would_lose_scenarios(recipe, whole, tmp_path):
+    shutil.copytree(whole, tmp_path, dirs_exist_ok=True)
+    with pytest.raises(
+        ExportError, match=r"has 2 scenarios beyond the first 2, such as .*000003'.*pass count=4 \(-n 4\)"
+    ):
+        generate(recipe, tmp_path, 2)
+    assert contents(tmp_path) == contents(whole)
+    for number in (2, 3):
+        shutil.rmtree(DataSet.load(tmp_path).scenario_folder(number))
+    assert generate(recipe, tmp_path, 2).missing() == []
+
+
+def test_folders_of_others_where_scenarios_go_are_not_emptied(recipe, tmp_path):
+    mine = DataSet(tmp_path, recipe, 1).scenario_folder(0) / "rgb" / "000000.png"
+    mine.parent.mkdir(parents=True)
+    mine.write_bytes(b"mine")
+    with pytest.raises(ExportError, match=r"000000' is there and is not of a data set"):
+        generate(recipe, tmp_path, 1)
+    assert contents(tmp_path) == {str(mine.relative_to(tmp_path)): b"mine"}
+
+
+def test_samples_of_another_recipe_are_not_mixed_with_those_of_this_one(recipe, tmp_path):
+    first, _ = write_scenarios(recipe, tmp_path, 2)
+    before = contents(tmp_path)
+    other_seed = Recipe.from_json(recipe.to_json() | {"seed": 6})
+    other_split = Recipe.from_json(recipe.to_json() | {"splits": {"all": 1}})
+    for other in (other_seed, other_split):
+        with pytest.raises(ExportError, match=r"000000\.json' is there and is not scenario 0 of this recipe"):
+            write_scenarios(other, tmp_path, 2)
+    assert contents(tmp_path) == before
+    assert write_scenarios(recipe, tmp_path, 2)[0] == first
+    assert contents(tmp_path) == before
+
+
 @pytest.mark.parametrize(
     ("changed", "difference"),
     [({"seed": 6}, "scenario.objects: "), ({"settings": {**RECIPE["settings"], "width": 28}}, "settings.width: ")],

@@ -36,7 +36,16 @@ def test_recipe_survives_json():
         ({"scenes": [{"wight": 2}]}, r"scenes\[0\]: no field 'wight'; did you mean 'weight'?"),
         ({"scenes": [{"weight": 2}]}, r'scenes\[0\]: needs "scene"'),
         ({"format": "jpg"}, "format='jpg': must be one of png"),
-        ({"format": "coco"}, "format 'coco' requires the buffer 'rgb'"),
+        (
+            {"format": "coco"},
+            "recipe: settings: format='coco' requires the buffer 'rgb' and does not write 'forward_flow",
+        ),
+        (
+            {"format": "lerobot", "settings": {"buffers": ["rgb", "depth"]}},
+            "recipe: settings: format='lerobot' does not write 'depth'",
+        ),
+        ({"settings": {"buffers": "depth"}}, "recipe: settings: buffers='depth': must be a sequence of names"),
+        ({"settings": {"buffers": ["dept"]}}, "recipe: settings: no buffer 'dept'. Did you mean 'depth'?"),
         ({"frames": 0}, "frames=0: must be at least 1"),
         ({"splits": {"train": 0}}, "must have a sum above 0"),
         ({"splits": {}}, "must be shares by name"),
@@ -46,6 +55,11 @@ def test_recipe_survives_json():
         ({"splits": {"train": "all"}}, "splits: train='all': must be a number"),
         ({"seed": -1}, "recipe: seed=-1: must be at least 0"),
         ({"ranges": [1]}, r"recipe: ranges: must be an object, got \[1\]"),
+        ({"ranges": {"objects": [3, 1]}}, r"recipe: ranges: objects=\[3, 1\]: must be 0 or more, low before high"),
+        (
+            {"scenes": ["room_02", {"scene": "room_02", "ranges": {"life": 4}}]},
+            r"scenes\[1\]: ranges: life=\(4, 4\) is longer than the stream: frames=3",
+        ),
         ({"ranges": {"object": 1}}, "recipe: ranges: no field 'object'; did you mean 'objects'?"),
         ({"settings": [1]}, r"recipe: settings: must be an object, got \[1\]"),
         ({"settings": {"widht": 24}}, "recipe: settings: no field 'widht'; did you mean 'width'?"),
@@ -133,3 +147,9 @@ def test_scenarios_are_drawn_for_the_images_of_the_stream(size, resolution, aspe
     assert recipe.scenario(0) == chosen.scenario(0)
     other = Recipe.from_json(recipe.to_json() | {"ranges": {**RECIPE["ranges"], "aspect": 0.3}})
     assert recipe.scenario(0) != other.scenario(0)
+
+
+def test_format_that_requires_buffers_has_a_stream_with_these_alone_by_default():
+    recipe = Recipe.from_json({"scenes": ["object_view"], "format": "coco"})
+    assert recipe.stream_settings() == {"buffers": ("rgb", "instance")}
+    assert Recipe.from_json({"scenes": ["object_view"]}).stream_settings() == {}

@@ -54,7 +54,7 @@ class DataSet:
             return None
         except (OSError, ValueError, KeyError, TypeError) as error:
             raise ExportError(
-                f"{folder / DATA_SET} is damaged ({error!r}): delete it, and generate again with the same recipe"
+                f"{folder / DATA_SET} is damaged: delete it, and generate again with the same recipe"
             ) from error
 
     def save(self) -> None:
@@ -73,6 +73,19 @@ class DataSet:
     def has_begun(self) -> bool:
         """Return whether anything of a scenario is in the folder."""
         return any((self.folder / split).exists() for split in self.recipe.splits)
+
+    def present(self) -> list[Path]:
+        """Return the folders that are named as those of scenarios, by ascending number."""
+        folders = [path for split in self.recipe.splits for path in (self.folder / split).glob("*") if path.is_dir()]
+        return sorted((path for path in folders if path.name.isdecimal()), key=lambda path: int(path.name))
+
+    def others(self) -> list[Path]:
+        """Return those of `present` that are not among the scenarios of the data set."""
+        return [
+            path
+            for path in self.present()
+            if int(path.name) >= self.count or path != self.scenario_folder(int(path.name))
+        ]
 
     def done(self) -> int:
         """Return the number of scenarios that are done."""

@@ -27,7 +27,8 @@ class DataSetVerification:
         failed: Number of those that the index has with an `error`, and so without frames.
         frames: Number of frames of the others.
         rendered: Number of frames that were rendered again.
-        problems: What is wrong, by scenario (its folder, "train/000012") or file of the index.
+        problems: What is wrong, by scenario (its folder, "train/000012"; one that is not of the data set too) or file
+            of the index.
     """
 
     scenarios: int
@@ -104,6 +105,9 @@ def verify_data_set(
             problems[scenario.relative_to(data_set.folder).as_posix()] = tuple(dict.fromkeys(found))
         if progress is not None:
             progress(number, None)
+    for path in data_set.others():
+        name = path.relative_to(data_set.folder).as_posix()
+        problems[name] = (f"is not among the {data_set.count} scenarios of the data set",)
     for name, content in index_files(summaries).items():
         path = data_set.folder / name
         if not path.is_file() or path.read_bytes() != content:

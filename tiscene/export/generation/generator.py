@@ -14,12 +14,14 @@ from tiscene.export.exporter import export, provenance, writing_into
 from tiscene.export.generation.data_set_index import DataSet
 from tiscene.export.generation.recipe import Recipe
 from tiscene.export.generation.scenario_summary import FILE, ScenarioSummary
+from tiscene.export.manifest import NAME as MANIFEST
 from tiscene.export.manifest import Manifest
 from tiscene.export.manifest_difference import Difference, differences
 from tiscene.files import LOCK_NAME, write_atomically
 from tiscene.frame.frame import Frame
+from tiscene.render.view import image_size
 from tiscene.scenario.scenario import Scenario
-from tiscene.stream.stage_cache import image_size
+from tiscene.scenario.serialization import dumps
 from tiscene.stream.stream import Stream
 
 SCENARIO = "scenario.json"
@@ -37,7 +39,8 @@ def generate(
     """Render the scenarios of a recipe, in one process and in constant memory.
 
     Scenarios that are done are not rendered again, so that the same call continues after an interruption, and a larger
-    `count` extends the data set. A scenario that cannot be drawn or read is noted in the index; the others go on.
+    `count` extends the data set; a smaller one is refused if the index would lose scenarios. A scenario that cannot be
+    drawn or read is noted in the index; the others go on.
 
     Args:
         recipe: What the scenarios are drawn from.
@@ -54,7 +57,8 @@ def generate(
 
     Raises:
         ArgumentError: An argument or a setting of the recipe is invalid.
-        ExportError: The folder has a data set of another recipe, or cannot be written.
+        ExportError: The folder has a data set of another recipe, more scenarios, or other files where scenarios go, or
+            cannot be written.
     """
     if count < 1:
         raise ArgumentError(f"count={count}: must be at least 1")
@@ -100,7 +104,7 @@ def write_scenarios(recipe: Recipe, folder: str | Path, count: int, numbers: Ite
 
     Raises:
         ScenarioError: None of the scenarios can be drawn.
-        ExportError: A file cannot be written.
+        ExportError: The folder has other scenarios of these numbers, or a file cannot be written.
     """
     files, mistakes = [], []
     for number in range(count) if numbers is None else numbers:
@@ -111,6 +115,11 @@ def write_scenarios(recipe: Recipe, folder: str | Path, count: int, numbers: Ite
             mistakes.append(error)
             continue
         with export_errors(path):
+            for present in sorted(Path(folder).glob(f"*/{path.name}")):
+                if present != path or present.read_bytes() != dumps(scenario.to_json()).encode():
+                    raise ExportError(
+                        f"{str(present)!r} is there and is not scenario {number} of this recipe. Choose another folder."
+                    )
             path.parent.mkdir(parents=True, exist_ok=True)
             scenario.save(path)
         files.append(path)
@@ -123,7 +132,8 @@ def claim(data_set: DataSet) -> None:
     """Write `dataset.json`, unless it is there. That of a recipe that failed before its first scenario is replaced.
 
     Raises:
-        ExportError: The folder has scenarios of another recipe, or cannot be written.
+        ExportError: The folder has scenarios of another recipe, more scenarios than the data set, or folders of others
+            where scenarios go, or cannot be written.
     """
     present = DataSet.load(data_set.folder)
     if present is not None and not present.has_begun():
@@ -136,6 +146,22 @@ def claim(data_set: DataSet) -> None:
         listing = "".join(f"\n  {each}" for each in found)
         raise ExportError(
             f"{str(data_set.folder)!r} has a data set of another recipe:{listing}\nChoose another folder."
+        )
+    if present is None:
+        for folder in data_set.present():  # which would be emptied
+            names = {path.name for path in folder.iterdir()} - {LOCK_NAME}
+            if names and not names & {FILE, MANIFEST}:
+                raise ExportError(
+                    f"{str(folder)!r} is there and is not of a data set: choose another folder, or move it away"
+                )
+    shrinks = present is None or present.count > data_set.count
+    beyond = [each for each in data_set.present() if int(each.name) >= data_set.count] if shrinks else []
+    if beyond:
+        count = int(beyond[-1].name) + 1
+        raise ExportError(
+            f"{str(data_set.folder)!r} has {len(beyond)} scenarios beyond the first {data_set.count}, such as "
+            f"{str(beyond[-1])!r}, which the index would lack: pass count={count} (-n {count}) or more, or choose "
+            "another folder"
         )
     if present is None or present.count != data_set.count:
         with export_errors(data_set.folder):

@@ -7,7 +7,6 @@ data set can be extended, and its parts can be made anywhere.
 
 from __future__ import annotations
 
-import functools
 import inspect
 import json
 import os
@@ -21,11 +20,14 @@ import numpy as np
 
 from dynamics.argument_checks import integer, not_negative
 from tiscene import catalog
-from tiscene.errors import ArgumentError, MissingFile, ScenarioError, did_you_mean
+from tiscene.errors import ArgumentError, MissingFile, ScenarioError, TisceneError, did_you_mean
 from tiscene.export.formats import find_format
-from tiscene.scenario.scenario import Scenario
-from tiscene.stream.stage_cache import image_size
+from tiscene.frame.buffers import buffer_names
+from tiscene.render.view import image_size
+from tiscene.scenario.providers import provider
+from tiscene.scenario.scenario import DRAWN_FACTORS, Scenario
 from tiscene.stream.stream import Stream
+from tiscene.usd.core.layers import cached_by_layers
 from tiscene.usd.read.stage_render_settings import stage_resolution
 
 DRAWS = 8  # seeds that are tried for one scenario
@@ -172,8 +174,7 @@ class Recipe:
         width, height = self.settings.get("width"), self.settings.get("height")
         resolution = None
         if width is None or height is None:
-            file = catalog.find_scene(scene)
-            resolution = _resolution(file, file.stat().st_mtime_ns, json.dumps(variants, sort_keys=True))
+            resolution = _resolution(catalog.find_scene(scene), json.dumps(variants, sort_keys=True))
         width, height = image_size(width, height, resolution)
         return width / height
 
@@ -182,7 +183,9 @@ class Recipe:
 
     def stream_settings(self) -> dict[str, Any]:
         """Return the settings that are not part of the scenarios."""
-        return {name: value for name, value in self.settings.items() if name not in OF_SCENARIOS}
+        buffers = find_format(self.format).default_buffers
+        settings = {"buffers": buffers, **self.settings} if buffers is not None else self.settings
+        return {name: value for name, value in settings.items() if name not in OF_SCENARIOS}
 
     def _check(self) -> None:
         """Raise ArgumentError for a value that is wrong."""
@@ -195,15 +198,24 @@ class Recipe:
         if not isinstance(camera, str) and not _are_names(camera):
             raise ArgumentError(f"recipe: settings: camera={camera!r}: must be a name or a list of names")
         buffers = self.settings.get("buffers")
-        missing = [name for name in form.buffers if buffers is not None and name not in buffers]
-        if missing:
-            raise ArgumentError(f'recipe: format {self.format!r} requires the buffer {missing[0]!r} in "settings"')
+        if buffers is not None:
+            try:
+                form.check(buffer_names(buffers))
+            except TisceneError as error:
+                raise ArgumentError(f"recipe: settings: {error}") from error
         integer(self.frames, "recipe: frames", 1)
         integer(self.seed, "recipe: seed", 0, 2**63 - 1)
         _check_names(self.ranges, RANGES, "recipe: ranges")
         for place, choice in enumerate(self.scenes):
             _check_names(_mapping(choice.ranges, f"scenes[{place}]: ranges"), RANGES, f"scenes[{place}]: ranges")
             _check_choices(choice, f"scenes[{place}]")
+            ranges = {"frames": self.frames, **self.ranges, **choice.ranges}
+            try:
+                provider("ranges")(
+                    **{name: ranges[name] for name in ranges if name not in (*DRAWN_FACTORS, "difficulty")}
+                )
+            except ArgumentError as error:
+                raise ArgumentError(f"{f'scenes[{place}]' if choice.ranges else 'recipe'}: ranges: {error}") from error
         if not self.splits:
             raise ArgumentError('recipe: "splits" must be shares by name, such as {"train": 0.8, "val": 0.2}')
         for name, share in self.splits.items():
@@ -214,9 +226,9 @@ class Recipe:
             raise ArgumentError('recipe: the shares of "splits" and the weights of "scenes" must have a sum above 0')
 
 
-@functools.lru_cache(maxsize=64)
-def _resolution(file: Path, modified: int, variants: str) -> tuple[int, int] | None:
-    """Return the resolution that a stage asks for; `modified` invalidates the cache."""
+@cached_by_layers(64)
+def _resolution(file: Path, variants: str) -> tuple[int, int] | None:
+    """Return the resolution that a stage asks for; `variants` as JSON."""
     return stage_resolution(file, json.loads(variants))
 
 
