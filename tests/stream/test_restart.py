@@ -10,7 +10,8 @@ from taichi.lang._ndarray import Ndarray
 
 import tiscene as ts
 from tests.stream.test_stream import same
-from tiscene.errors import ArgumentError, SceneNotFound
+from tiscene.errors import ArgumentError, SceneNotFound, StageWarning
+from tiscene.stream import stage_cache
 
 
 def test_restart_with_another_scene_loads_that_scene():
@@ -77,3 +78,78 @@ def test_restarts_free_device_memory():
     finally:
         gc.enable()
     assert counts[-2:] == counts[4:6]  # both scenes' arrays are kept for their next visit by then
+
+
+def write_part(path, size):
+    path.write_text(
+        f'#usda 1.0\n(\n    defaultPrim = "Part"\n)\ndef Xform "Part"\n{{\n    def Cube "Box"\n    {{\n'
+        f"        double size = {size}\n    }}\n}}\n"
+    )
+
+
+@pytest.fixture
+def reads(monkeypatch):
+    """Return a list of the stages that streams read from now on."""
+    read, load = [], stage_cache.load
+    monkeypatch.setattr(stage_cache, "load", lambda *given, **named: read.append(given[0]) or load(*given, **named))
+    return read
+
+
+@pytest.fixture
+def room_of_part(tmp_path):
+    """Return a scenario whose stage refers to part.usda, beside it."""
+    path = tmp_path / "room.usda"
+    path.write_text(
+        '#usda 1.0\n(\n    metersPerUnit = 1\n)\ndef "Part" (\n    references = @./part.usda@\n)\n{\n}\n'
+        'def Cube "Far"\n{\n    double3 xformOp:translate = (0, 0, 99)\n'
+        '    uniform token[] xformOpOrder = ["xformOp:translate"]\n}\n'
+    )
+    write_part(tmp_path / "part.usda", 1)
+    return ts.Scenario(str(path), camera=ts.Camera.look_at((0.0, 0.0, 9.0), (0.0, 0.0, 0.0)))
+
+
+SMALL = {"width": 32, "height": 24, "buffers": ("instance",)}
+
+
+def test_restart_reads_a_stage_again_once_a_layer_that_it_refers_to_has_changed(room_of_part, tmp_path, reads):
+    stream = ts.Stream(room_of_part, **SMALL)
+    few, state = np.count_nonzero(stream[0].instance), stream.state_dict()
+    stream.restart(room_of_part)
+    assert len(reads) == 1
+    write_part(tmp_path / "part.usda", 3)
+    stream.restart(room_of_part)
+    assert len(reads) == 2
+    assert np.count_nonzero(stream[0].instance) > 4 * few
+    with pytest.raises(ArgumentError, match="The files of the scene or of a template have changed"):
+        stream.load_state_dict(state)
+
+
+def test_restart_reads_a_stage_with_a_missing_layer_again_once_it_is_there(room_of_part, tmp_path, reads):
+    (tmp_path / "part.usda").unlink()
+    with pytest.warns(StageWarning, match="part"):
+        stream = ts.Stream(room_of_part, **SMALL)
+    stream.restart(room_of_part)
+    assert len(reads) == 1
+    assert not stream[0].instance.any()
+    write_part(tmp_path / "part.usda", 3)
+    stream.restart(room_of_part)
+    assert stream[0].instance.any()
+
+
+def test_stage_that_refers_to_a_broken_layer_has_settings(room_of_part, tmp_path):
+    (tmp_path / "part.usda").write_text("#usda 1.0\ndef {")
+    with pytest.warns(StageWarning, match="part"):
+        stream = ts.Stream(room_of_part, **SMALL)
+    before = stream.settings()["files"]
+    write_part(tmp_path / "part.usda", 1)
+    stream.restart(room_of_part)
+    assert stream[0].instance.any()
+    assert stream.settings()["files"] != before
+
+
+def test_files_of_an_untrusted_stage_are_not_opened_by_restart(room_of_part, monkeypatch):
+    def opened(file):
+        raise AssertionError(f"{file} was opened in this process")
+
+    monkeypatch.setattr(stage_cache, "layer_state", opened)
+    ts.Stream(room_of_part, **SMALL, untrusted=True).restart(room_of_part)

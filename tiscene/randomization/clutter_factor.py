@@ -110,7 +110,7 @@ class _DistractorPlacer:
         if self.ranges.templates is not None:
             return True
         low, high = self.ranges.size
-        return low <= template_extent(catalog.find_template(name), self.up_axis).diameter * scale <= high
+        return low <= template_extent(name, self.up_axis).diameter * scale <= high
 
     def _pose(
         self, template: SceneDescription, scale: float, own: Draws

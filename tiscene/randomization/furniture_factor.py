@@ -24,7 +24,7 @@ from tiscene.randomization.scene_files import stage_of, variant_sets_of
 from tiscene.scenario.overrides import ObjectOverride, Override
 from tiscene.scenario.scenario import Scenario
 from tiscene.scene.animation import quaternions
-from tiscene.scene.assembly import authored_axes
+from tiscene.scene.assembly import object_matrices, rigid
 from tiscene.scene.description import SceneDescription
 
 Array = NDArray[np.float64]
@@ -107,7 +107,7 @@ def _moved(collisions: SceneCollisions, number: int, ranges: FurnitureRanges, ow
 
 def _override(stage: SceneDescription, number: int, by: Array) -> ObjectOverride:
     """Return the override that places an object by a rigid matrix."""
-    pose = np.einsum("ij,jk->ik", by, authored_axes(stage, number))
+    pose = np.einsum("ij,jk->ik", by, rigid(object_matrices(stage)[number]))
     x, y, z = (round(each, DECIMALS) for each in pose[:3, 3].tolist())
     rotation = tuple(round(each, 6) for each in quaternions(pose[None, :3, :3])[0].tolist())
     return ObjectOverride(stage.objects[number].prim_path, (x, y, z), rotation)

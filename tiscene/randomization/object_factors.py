@@ -180,4 +180,4 @@ def _replaced(each: Object, choices: Sequence[str], draws: Draws) -> Object:
 
 
 def _radius(template: str) -> float:
-    return template_extent(catalog.find_template(template), "Y").radius
+    return template_extent(template, "Y").radius

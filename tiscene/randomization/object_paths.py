@@ -28,7 +28,7 @@ def swept_balls(objects: Sequence[Object], up_axis: str) -> Array:
         if catalog.is_prim_path(each.template):
             continue
         scale = np.broadcast_to(each.scale, 3).max()
-        radius = template_extent(catalog.find_template(each.template), up_axis).radius * float(scale)
+        radius = template_extent(each.template, up_axis).radius * float(scale)
         points = path_of(each)
         gaps = np.linalg.norm(np.diff(points, axis=0), axis=1)
         balls.append(np.column_stack([points, np.full(len(points), radius + 0.5 * gaps.max(initial=0.0))]))

@@ -123,7 +123,7 @@ def _object_anew(
     path, spin = _parts(each, factor)
     count = len(path.waypoints) if path is not None else 2
     limits = ScenarioRanges(waypoints=(count, count), min_size=0.0, **ranges)
-    extent = template_extent(catalog.find_template(each.template), up_axis)
+    extent = template_extent(each.template, up_axis)
     scale = float(np.max(each.scale))
     radius = extent.radius * scale
     placer = ObjectPlacer(space, limits, own, PointPools(space, limits, own), radius, extent.diameter * scale, starts)

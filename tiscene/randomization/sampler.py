@@ -119,7 +119,7 @@ class _ObjectSampler:
         reasons: Counter[str] = Counter()
         radii = []
         for name in tried:
-            extent = template_extent(catalog.find_template(name), self.up_axis)
+            extent = template_extent(name, self.up_axis)
             radius, diameter = extent.radius * self.scale, extent.diameter * self.scale
             placer = ObjectPlacer(self.space, self.limits, self.draws, self.pools, radius, diameter, starts)
             content, start = self._placed(placer)

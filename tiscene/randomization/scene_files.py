@@ -3,7 +3,6 @@
 
 from __future__ import annotations
 
-import functools
 import json
 from collections.abc import Mapping
 from pathlib import Path
@@ -14,6 +13,7 @@ from tiscene.scenario.overrides import CameraOverride, ObjectOverride
 from tiscene.scenario.scenario import Scenario
 from tiscene.scene.camera import Camera
 from tiscene.scene.description import SceneDescription
+from tiscene.usd.core.layers import cached_by_layers
 from tiscene.usd.read.inspection import stage_facts
 from tiscene.usd.read.kept_templates import kept_template
 from tiscene.usd.read.stage_reader import read_stage
@@ -28,14 +28,12 @@ def stage_of(scenario: Scenario) -> SceneDescription:
     Raises:
         SceneNotFound, MissingFile, StageError: it cannot be read.
     """
-    file = catalog.find_scene(scenario.scene)
-    return _stage(file, file.stat().st_mtime_ns, json.dumps(scenario.variants, sort_keys=True))
+    return _stage(catalog.find_scene(scenario.scene), json.dumps(scenario.variants, sort_keys=True))
 
 
 def variant_sets_of(scenario: Scenario) -> Mapping[str, tuple[str, tuple[str, ...]]]:
     """Return the variant sets of a scenario's stage: {"/Prim{set}": (selected by the stage, all variants)}."""
-    file = catalog.find_scene(scenario.scene)
-    return _variant_sets(file, file.stat().st_mtime_ns)
+    return _variant_sets(catalog.find_scene(scenario.scene))
 
 
 def templates_of(scenario: Scenario, up_axis: str) -> list[SceneDescription]:
@@ -77,24 +75,23 @@ def free_space_of(scenario: Scenario, camera: Camera | None = None, aspect: floa
     file = catalog.find_scene(scenario.scene)
     moved = tuple(each for each in scenario.overrides if isinstance(each, ObjectOverride))
     variants = json.dumps(scenario.variants, sort_keys=True)
-    return _free_space(file, file.stat().st_mtime_ns, variants, moved, camera or main_camera_of(scenario), aspect)
+    return _free_space(file, variants, moved, camera or main_camera_of(scenario), aspect)
 
 
-@functools.lru_cache(maxsize=KEPT)
+@cached_by_layers(KEPT)
 def _free_space(
-    file: Path, modified: int, variants: str, moved: tuple[ObjectOverride, ...], camera: Camera, aspect: float
+    file: Path, variants: str, moved: tuple[ObjectOverride, ...], camera: Camera, aspect: float
 ) -> FreeSpace:
-    return FreeSpace(overridden(_stage(file, modified, variants), moved), camera, aspect)
+    return FreeSpace(overridden(_stage(file, variants), moved), camera, aspect)
 
 
-@functools.lru_cache(maxsize=KEPT)
-def _stage(file: Path, modified: int, variants: str) -> SceneDescription:
-    """Read a stage; `modified` invalidates the cache."""
+@cached_by_layers(KEPT)
+def _stage(file: Path, variants: str) -> SceneDescription:
     return read_stage(file, variants=json.loads(variants) or None)
 
 
-@functools.lru_cache(maxsize=KEPT)
-def _variant_sets(file: Path, modified: int) -> Mapping[str, tuple[str, tuple[str, ...]]]:
+@cached_by_layers(KEPT)
+def _variant_sets(file: Path) -> Mapping[str, tuple[str, tuple[str, ...]]]:
     return stage_facts(file).variants
 
 

@@ -3,18 +3,18 @@
 
 from __future__ import annotations
 
-import functools
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
+from tiscene import catalog
+from tiscene.randomization.scene_files import template_of
 from tiscene.scene.description import SceneDescription
-from tiscene.usd.read.kept_templates import kept_template
+from tiscene.usd.core.layers import cached_by_layers
 
 Array = NDArray[np.float64]
 
@@ -35,21 +35,22 @@ class TemplateExtent:
     diameter: float
 
 
-def template_extent(file: Path, up_axis: str) -> TemplateExtent:
+def template_extent(template: str, up_axis: str) -> TemplateExtent:
     """Return the extent of a template.
 
     Args:
-        file: its file.
+        template: its name or file, with or without variants.
         up_axis: "Y" or "Z", the up axis of the stage it is placed in.
+
+    Raises:
+        TemplateNotFound, MissingFile, StageError, UnknownName: it cannot be found or read.
     """
-    return _extent(file, file.stat().st_mtime_ns, "Y" if up_axis == "Y" else "Z")
+    return _extent(catalog.find_template(template), template, up_axis)
 
 
-@functools.lru_cache(maxsize=1024)
-def _extent(file: Path, modified: int, up_axis: Literal["Y", "Z"]) -> TemplateExtent:
-    """Measure a template; `modified` invalidates the cache."""
-    description = kept_template(file, up_axis=up_axis).description
-    points = _vertices(description)
+@cached_by_layers(1024)
+def _extent(file: Path, template: str, up_axis: str) -> TemplateExtent:
+    points = _vertices(template_of(template, up_axis))
     radius = float(np.linalg.norm(points, axis=1).max(initial=0.0))
     return TemplateExtent(radius, math.sqrt(4.0 / math.pi * mean_silhouette(points)))
 

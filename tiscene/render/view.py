@@ -11,6 +11,7 @@ import numpy as np
 import taichi as ti
 from numpy.typing import NDArray
 
+from dynamics.argument_checks import integer
 from tiscene.device.kernel_types import Template
 from tiscene.device.memory import device_array
 from tiscene.device.restart import cached_on_device
@@ -26,6 +27,7 @@ POSITION, RIGHT, UP, FORWARD, TANGENT, LENS_RADIUS, FOCUS_DISTANCE, BACKGROUND =
 HALF_HEIGHT, CENTER, CUBE = 18, 19, 22
 SKY = (-1.0, -1.0, -1.0)  # as View.background: show the lights at infinity
 _ORDERED = 256  # pixels of a CubeView along a side of the squares in which random numbers have the order of an image
+MAX_SIZE = 16384  # px, of a side of a stream's images
 MAX_PIXELS = 1 << 27  # of an image; kernels count the elements of arrays, up to 15 a pixel, in int32
 
 
@@ -38,6 +40,22 @@ def check_image_size(width: int, height: int) -> None:
             f"image of {width}x{height} pixels: at most {MAX_PIXELS} pixels, for example 16384x8192, are possible; "
             "reduce width or height"
         )
+
+
+def image_size(width: int | None, height: int | None, resolution: tuple[int, int] | None = None) -> tuple[int, int]:
+    """Return the size of the images: what the caller gave, completed from the stage's resolution, else 256 x 192.
+
+    Raises:
+        ArgumentError: The size is no number of pixels, or too large to be rendered.
+    """
+    if resolution is not None and width is None:
+        width = resolution[0] if height is None else max(1, round(height * resolution[0] / resolution[1]))
+    if resolution is not None and height is None and width is not None:
+        height = max(1, round(width * resolution[1] / resolution[0]))
+    width, height = 256 if width is None else width, 192 if height is None else height
+    size = integer(width, "width", 1, MAX_SIZE), integer(height, "height", 1, MAX_SIZE)
+    check_image_size(*size)
+    return size
 
 
 @dataclass(frozen=True)

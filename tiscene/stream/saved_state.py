@@ -15,8 +15,8 @@ from tiscene.scenario.scenario import Scenario
 from tiscene.stream.frame_batches import FrameBatches
 from tiscene.stream.progress import ProgressBar
 from tiscene.stream.render_ahead import RenderAhead
-from tiscene.stream.stage_cache import digest, file_digests
 from tiscene.stream.stream_interface import StreamInterface
+from tiscene.usd.core.layers import digest, scene_digests
 
 VERSION = 1
 
@@ -109,7 +109,8 @@ class SavedState:
         Returns:
             Digests by path relative to the scene's folder; a template's paths begin with its name and a colon.
         """
-        return file_digests(self.scenario, self.world.stage)
+        scenario, on_stage = self.scenario, {template.name for template in self.world.stage.templates}
+        return scene_digests(scenario.scene, {history.spec.template for history in scenario.lives()} - on_stage)
 
 
 def check_state(state: Mapping[str, Any], settings: Mapping[str, Any]) -> None:

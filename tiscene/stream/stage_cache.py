@@ -3,29 +3,25 @@
 
 from __future__ import annotations
 
-import hashlib
 import os
-from collections.abc import Sequence
+from collections.abc import Hashable, Sequence
 from dataclasses import replace
+from pathlib import Path
 from typing import Any, cast
 
-from dynamics.argument_checks import integer
 from tiscene import catalog
 from tiscene.frame.buffers import rendered_buffers
 from tiscene.render.render_settings import RenderSettings
-from tiscene.render.view import check_image_size
 from tiscene.scenario.scenario import Scenario
 from tiscene.scene.description import SceneDescription, Template
 from tiscene.stream.loading import load
 from tiscene.stream.warm_trees import WarmTrees
-from tiscene.usd.core.layers import scene_digests
+from tiscene.usd.core.layers import layer_state
 from tiscene.usd.core.limits import Limits
 from tiscene.usd.read.kept_templates import kept_template
 from tiscene.usd.read.template import read_template
 
 MAX_STAGES = 3
-
-MAX_SIZE = 16384  # px
 
 
 class StageCache:
@@ -81,6 +77,9 @@ class StageCache:
     def stage(self, scenario: Scenario) -> SceneDescription:
         """Return the stage of a scenario, with its variants selected and the prims that it moves extracted.
 
+        It is read again once one of its layers or textures has changed; with `untrusted` or `limits`, once its own file
+        has.
+
         Raises:
             SceneNotFound, MissingFile, StageError: the stage cannot be found or read.
         """
@@ -105,12 +104,16 @@ class StageCache:
             self._stages[self._key(scenario)] = stage
         return scenario
 
-    @staticmethod
-    def _key(scenario: Scenario) -> tuple[Any, ...]:
+    def _key(self, scenario: Scenario) -> tuple[Any, ...]:
         """Return what the stage of a scenario depends on."""
         file = catalog.find_scene(scenario.scene)
         variants = tuple(sorted(scenario.variants.items()))
-        return str(file.resolve()), variants, _extracted(scenario), file.stat().st_mtime_ns
+        return str(file.resolve()), variants, _extracted(scenario), self._state(file)
+
+    def _state(self, file: Path) -> Hashable:
+        """Return what changes with the files of a stage; with its own file alone if none may be opened here."""
+        isolated = self._loading["untrusted"] or self._loading["limits"] is not None
+        return file.stat().st_mtime_ns if isolated else layer_state(file)
 
     def template(self, name: str, scenario: Scenario, stage: SceneDescription) -> Template:
         """Read an object template by name or file.
@@ -128,35 +131,3 @@ class StageCache:
 def _extracted(scenario: Scenario) -> tuple[str, ...]:
     """Return the paths of the prims that a scenario moves."""
     return tuple(sorted({each.template for each in scenario.objects if catalog.is_prim_path(each.template)}))
-
-
-def file_digests(scenario: Scenario, stage: SceneDescription) -> dict[str, str]:
-    """Return the SHA-256 of every file that a scenario's stage and templates consist of.
-
-    Returns:
-        Digests by path relative to the scene's folder; a template's paths begin with its name and a colon.
-    """
-    on_stage = {template.name for template in stage.templates}
-    return scene_digests(scenario.scene, {history.spec.template for history in scenario.lives()} - on_stage)
-
-
-def digest(digests: dict[str, str]) -> str:
-    """Return one SHA-256 over the digests of files."""
-    text = "\n".join(f"{name} {digests[name]}" for name in sorted(digests))
-    return hashlib.sha256(text.encode()).hexdigest()
-
-
-def image_size(width: int | None, height: int | None, resolution: tuple[int, int] | None = None) -> tuple[int, int]:
-    """Return the size of the images: what the caller gave, completed from the stage's resolution, else 256 x 192.
-
-    Raises:
-        ArgumentError: The size is no number of pixels, or too large to be rendered.
-    """
-    if resolution is not None and width is None:
-        width = resolution[0] if height is None else max(1, round(height * resolution[0] / resolution[1]))
-    if resolution is not None and height is None and width is not None:
-        height = max(1, round(width * resolution[1] / resolution[0]))
-    width, height = 256 if width is None else width, 192 if height is None else height
-    size = integer(width, "width", 1, MAX_SIZE), integer(height, "height", 1, MAX_SIZE)
-    check_image_size(*size)
-    return size

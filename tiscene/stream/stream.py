@@ -25,7 +25,7 @@ from tiscene.frame.frame import Frame
 from tiscene.render.integrators.incremental.base_image import ProgressCallback
 from tiscene.render.integrators.incremental.incremental_pass import CACHE_BYTES
 from tiscene.render.render_settings import RenderSettings, preset
-from tiscene.render.view import View
+from tiscene.render.view import MAX_SIZE, View, image_size
 from tiscene.scenario.scenario import Scenario
 from tiscene.scene.camera import Camera
 from tiscene.scene.description import Light
@@ -37,7 +37,7 @@ from tiscene.stream.progress import ProgressBar
 from tiscene.stream.render_ahead import RenderAhead
 from tiscene.stream.saved_state import SavedState
 from tiscene.stream.shutter import shutter_times
-from tiscene.stream.stage_cache import MAX_SIZE, StageCache, image_size
+from tiscene.stream.stage_cache import StageCache
 from tiscene.stream.stream_output import StreamOutput
 from tiscene.stream.view_renderer import Pixels, ViewRenderer, render_all_cameras
 from tiscene.usd.core.limits import Limits
@@ -200,7 +200,8 @@ class Stream(FixedSettings, LoaderMethods, StreamOutput, SavedState, Iterator[Fr
     def restart(self, scenario: Scenario, *, width: int | None = None, height: int | None = None) -> None:
         """Start again at frame 0 with another scenario, of the same scene or of another one.
 
-        A scene that was read recently is not read again, nor are its trees built again (`StageCache`).
+        A scene that was read recently is not read again, nor are its trees built again, unless one of its layers or
+        textures has changed: with `untrusted` or `limits`, unless its own file has.
 
         Args:
             scenario: the scenario; its scene and variants may differ.

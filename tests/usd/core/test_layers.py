@@ -10,7 +10,7 @@ from PIL import Image
 from pxr import Sdf, Usd, UsdUtils
 
 from tiscene.usd.core import layers
-from tiscene.usd.core.layers import layer_digests
+from tiscene.usd.core.layers import cached_by_layers, layer_digests, layer_state
 
 
 @pytest.fixture
@@ -85,3 +85,47 @@ def test_package_has_one_digest(room, tmp_path):
     package = tmp_path / "room.usdz"
     assert UsdUtils.CreateNewUsdzPackage(str(room), str(package))
     assert list(layer_digests(package)) == ["room.usdz"]
+
+
+def test_layer_is_looked_for_again_only_where_it_may_be_found(room, monkeypatch):
+    found, search = [], layers._dependencies
+    monkeypatch.setattr(layers, "_dependencies", lambda root: found.append(root) or search(root))
+    content = (room.parent / "lamp.usda").read_bytes()
+    (room.parent / "lamp.usda").unlink()
+    missing = layer_state(room)
+    (room.parent / "notes.txt").write_text("nothing to do with it")
+    assert layer_state(room) == missing
+    assert len(found) == 1
+    (room.parent / "lamp.usda").write_bytes(content)
+    assert layer_state(room) != missing
+    assert "lamp.usda" in layer_digests(room)
+
+
+def test_tile_that_was_missing_is_found(room):
+    stage = Usd.Stage.Open(str(room.parent / "chair.usda"))
+    stage.GetPrimAtPath("/Thing").GetAttribute("file").Set("./tile.<UDIM>.png")
+    stage.Save()
+    before = layer_state(room)
+    (room.parent / "tile.1001.png").write_bytes(b"tile")
+    assert layer_state(room) != before
+    assert "tile.1001.png" in layer_digests(room)
+
+
+def test_digests_include_a_layer_that_cannot_be_read_and_all_others(room):
+    before = layer_digests(room)
+    (room.parent / "lamp.usda").write_text("#usda 1.0\ndef {")
+    after = layer_digests(room)
+    assert {name for name in before if after[name] != before[name]} == {"lamp.usda"}
+    assert after.keys() == before.keys()
+
+
+def test_cached_function_is_called_again_once_a_file_has_changed(room):
+    @cached_by_layers(2)
+    def size(file, name):
+        return (file.parent / name).stat().st_size, object()
+
+    first = size(room, "wood.png")
+    assert size(room, "wood.png") is first
+    assert size(room, "chair.usda") is not first
+    (room.parent / "wood.png").write_bytes(b"another")
+    assert size(room, "wood.png")[0] == 7
