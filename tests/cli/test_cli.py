@@ -27,7 +27,7 @@ from tiscene.scene.description import SceneDescription
         (["render", "s", "-o", "x", "--format", "jpg"], "tiscene: format='jpg': must be one of png, exr, exr-single"),
         (
             ["render", "s", "-o", "x", "--format", "sailenv", "--buffers", "rgb"],
-            "requires the buffer 'semantic': make the stream with",
+            "requires the buffer 'semantic', 'backward_flow': make the stream with buffers=(",
         ),
         (["render", "s", "-o", "x", "--frames", "5:"], "--frames 5: has no end, and neither has a stream: give an end"),
         (["render", "s", "-o", "x", "--count", "0"], "tiscene: --count 0: must be at least 1"),
@@ -142,6 +142,20 @@ def test_show_prints_the_contents_of_a_scene(tmp_path, capsys):
     ]
     assert lines[5].startswith("  Bulb: sphere, ")
     assert lines[8:] == [f"Templates ({len(catalog.templates())}):", *(f"  {name}" for name in catalog.templates())]
+
+
+def test_show_selects_variants(tmp_path, capsys):
+    path = tmp_path / "room.usda"
+    variants = "".join(f'"{name}" {{\n    def Cube "{name}"\n    {{\n    }}\n}}\n' for name in ("near", "far"))
+    path.write_text(
+        "#usda 1.0\n(\n    metersPerUnit = 1\n)\n"
+        'def Xform "Room" (variants = {\nstring place = "near"\n}\nprepend variantSets = "place")\n'
+        f'{{\nvariantSet "place" = {{\n{variants}}}\n}}\n'
+    )
+    assert cli.main(["show", str(path), "--variant", "/Room{place}=far"]) == 0
+    out = capsys.readouterr().out
+    assert "far" in out
+    assert "near" not in out
 
 
 def test_show_and_inspect_of_a_scenario_are_of_its_scene(tmp_path, capsys):

@@ -167,7 +167,7 @@ VOLUME = 'def Volume "Smoke"\n{\n}\n'
     ("body", "verdict"),
     [
         (GOOD, "Verdict: rendered as authored."),
-        (GOOD + MISSING, "Verdict: rendered, with 1 broken part left out."),
+        (GOOD + MISSING, "Verdict: rendered, with 1 kind of broken part left out."),
         (GOOD + VOLUME, "Verdict: rendered, with 1 kind of content approximated or not drawn."),
         ('def Cube "A"\n{\n}\n', "Verdict: rendered, with 2 things to check."),
         ("", "Verdict: nothing to see; the stage has no geometry that is drawn."),
@@ -187,7 +187,7 @@ def test_refused_stage_has_a_verdict_and_an_error(tmp_path, capsys):
 
 def test_report_as_json(tmp_path, capsys):
     report = json.loads(inspected(capsys, "--json", write(tmp_path, GOOD + MISSING + VOLUME)))
-    assert report["verdict"].startswith("Verdict: rendered, with 1 broken part left out, 1 kind")
+    assert report["verdict"].startswith("Verdict: rendered, with 1 kind of broken part left out, 1 kind")
     assert report["refused"] is False
     assert report["facts"]["unauthored_schemes"] == 1
     assert any("missing.usda" in line for line in report["left_out"])

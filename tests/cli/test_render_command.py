@@ -2,6 +2,7 @@
 """`tiscene render`: files, output and exit status. A fake stream takes the place of rendering."""
 
 import json
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -158,6 +159,13 @@ def test_malformed_values_are_a_usage_error(option, text, message, capsys):
     assert hint == "`tiscene render --help` lists the arguments."
 
 
+@pytest.mark.parametrize("text", ["-3:", "-3", "-3:5"])
+def test_negative_frame_is_not_taken_for_an_option(text, capsys):
+    with pytest.raises(SystemExit, match="2"):
+        cli.main(["render", "s", "-o", "x", "--frames", text])
+    assert f"argument --frames: '{text}' is neither A:B with 0 <= A < B" in capsys.readouterr().err
+
+
 def test_render_writes_the_objects_that_are_asked_for(tmp_path, fake):
     assert render("-o", tmp_path, "--objects", "visible") == 0
     assert json.loads((tmp_path / "tiscene.json").read_text())["objects"] == "visible"
@@ -189,3 +197,15 @@ def test_rendering_a_scene_twice_writes_the_same_bytes(tmp_path):
     assert manifest["buffers"] == list(BUFFERS)
     assert "scene.usda" in manifest["file_digests"]
     assert manifest["scenario"]["scene"] == "object_view"
+
+
+class EmptyStream(FakeCommandStream):
+    """A stream of an empty stage."""
+
+    world = SimpleNamespace(descriptions=[SceneDescription("empty")])
+
+
+def test_render_warns_of_a_scene_without_geometry_on_stderr(tmp_path, fake, monkeypatch, capsys):
+    monkeypatch.setattr(render_command, "Stream", EmptyStream)
+    assert render("-o", tmp_path / "seen") == 0
+    assert capsys.readouterr().err == "tiscene: warning: somewhere: there is no geometry to render\n"

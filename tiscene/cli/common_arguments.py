@@ -76,8 +76,7 @@ def add_arch(command: argparse.ArgumentParser) -> None:
     command.add_argument("--arch", metavar="NAME", help="cpu or cuda (default: cpu)")
 
 
-def add_reading(command: argparse.ArgumentParser) -> None:
-    """Add the arguments that decide how a stage is read."""
+def add_variant(command: argparse.ArgumentParser) -> None:
     command.add_argument(
         "--variant",
         metavar="PRIM{SET}=NAME",
@@ -86,6 +85,11 @@ def add_reading(command: argparse.ArgumentParser) -> None:
         default=[],
         help="select a variant of the stage, such as '/Room{lighting}=evening'; may be repeated",
     )
+
+
+def add_reading(command: argparse.ArgumentParser) -> None:
+    """Add the arguments that decide how a stage is read."""
+    add_variant(command)
     command.add_argument(
         "--taxonomy", metavar="NAME", help="taxonomy of semantic labels (default: class, else category)"
     )

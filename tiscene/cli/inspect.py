@@ -82,7 +82,7 @@ def _verdict(stage: SceneDescription, left_out: list[str], suspicious: list[str]
         return "Verdict: nothing to see; the stage has no geometry that is drawn."
     broken = sum(line.endswith("; left out") for line in left_out)
     others = len(left_out) - broken
-    notes = [f"{counted(broken, 'broken part')} left out"] if broken else []
+    notes = [f"{counted(broken, 'kind')} of broken part left out"] if broken else []
     notes += [f"{counted(others, 'kind')} of content approximated or not drawn"] if others else []
     notes += [f"{counted(len(suspicious), 'thing')} to check"] if suspicious else []
     return f"Verdict: rendered, with {', '.join(notes)}." if notes else "Verdict: rendered as authored."

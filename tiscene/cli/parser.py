@@ -22,6 +22,7 @@ from tiscene.cli.common_arguments import (
     add_size,
     add_source,
     add_spp,
+    add_variant,
 )
 from tiscene.cli.data_set_arguments import add_generate, add_merge, add_sample, add_verify
 from tiscene.cli.render_arguments import add_render
@@ -35,6 +36,10 @@ class _Parser(argparse.ArgumentParser):
 
     Unknown arguments are reported by the command that they were given to, and as unknown commands with the nearest one.
     """
+
+    def __init__(self, *args: Any, **options: Any) -> None:
+        super().__init__(*args, **options)
+        self._negative_number_matcher = re.compile(r"-\.?\d")  # values, such as "-3:", as from Python 3.14 on
 
     def parse_known_args(self, args: Any = None, namespace: Any = None) -> Any:
         known, unknown = super().parse_known_args(args, namespace)
@@ -130,6 +135,7 @@ def _list(commands: Commands) -> None:
 def _show(commands: Commands) -> None:
     show = commands.add_parser("show", help="show the size, cameras, lights, objects and templates of a scene")
     show.add_argument("scene", metavar="SCENE", help="the name of a scene, a USD file, or a scenario (.json)")
+    add_variant(show)
 
 
 def _inspect(commands: Commands) -> None:

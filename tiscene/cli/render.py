@@ -6,18 +6,19 @@ from __future__ import annotations
 import argparse
 import re
 import shutil
+import warnings
 from pathlib import Path
 from typing import Any
 
 from tiscene.cli.terminal import note, progress, total_shown
-from tiscene.errors import ArgumentError
+from tiscene.errors import ArgumentError, StageWarning
 from tiscene.export import distributed, manifest
 from tiscene.export.distributed.worker_processes import frames_in, run_workers, shard_commands
 from tiscene.export.exporter import export, open_manifest, provenance
 from tiscene.export.formats import find_format
 from tiscene.export.merging import merge
 from tiscene.export.shards import SHARDS, Shard, machine
-from tiscene.frame.buffers import BUFFERS
+from tiscene.frame.buffers import BUFFERS, buffer_names
 from tiscene.frame.frame import Frame
 from tiscene.sailenv.captured_scenario import capture_scenario
 from tiscene.stream.stream import DEFAULT_BUFFERS, Stream
@@ -26,9 +27,10 @@ from tiscene.stream.stream import DEFAULT_BUFFERS, Stream
 def run(args: argparse.Namespace) -> None:
     """Render, and print the folder. An interrupted run prints how to continue it."""
     frames = selected_frames(args.frames, args.count)
-    required = find_format(args.format).buffers
-    default = tuple(dict.fromkeys(("rgb", *required))) if required else DEFAULT_BUFFERS
-    buffers = tuple(BUFFERS) if args.buffers == ("all",) else args.buffers or default
+    form = find_format(args.format)
+    named = args.buffers or form.default_buffers or DEFAULT_BUFFERS
+    buffers = tuple(BUFFERS) if args.buffers == ("all",) else buffer_names(named)
+    form.check(buffers, frames)
     if args.sailenv:
         args.source, (width, height), received = capture_scenario(Path(args.source), frames[-1] + 1, fps=args.fps)
         args.width, args.height = args.width or width, args.height or height
@@ -52,6 +54,8 @@ def run(args: argparse.Namespace) -> None:
                 **settings,
                 progress=lambda task, fraction: step(0, task=f"{task}: {fraction:.0%}"),
             )
+            if not any(each.instances for each in stream.world.descriptions):
+                warnings.warn(StageWarning(f"{args.source}: there is no geometry to render"), stacklevel=2)
             if args.shard and not args.overwrite:  # now, not at the merge
                 open_manifest(Path(args.output), provenance(stream, args.format, args.objects), False)
             if args.shard:  # first, so that a merge misses the frames of a killed shard

@@ -21,7 +21,7 @@ MAX_NAMES = 8  # names of objects in a line
 def run(args: argparse.Namespace) -> None:
     """Print the contents of a scene."""
     path = stage_file(args.scene)
-    stage = read_stage(path)
+    stage = read_stage(path, variants=dict(args.variant))
     templates = sorted({template.name for template in stage.templates} | set(catalog.templates()))
     low, high = stage.bounds()
     size = " x ".join(f"{length:.2f}" for length in np.subtract(high, low))

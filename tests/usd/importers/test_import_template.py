@@ -234,6 +234,43 @@ def test_missing_textures_are_reported(box, tmp_path):
     assert not read_template(path).description.textures
 
 
+def test_usd_file_with_broken_parts_is_imported_without_them(tmp_path):
+    """A texture that does not exist, an endless point instancer, and a transform that USD cannot read."""
+    folder = tmp_path / "in"
+    folder.mkdir()
+    Image.new("RGB", (2, 2)).save(folder / "there.png")
+    prims = """def Xform "Box"
+{
+    asset gone = @gone.png@
+    asset there = @there.png@
+    def Cube "Shape"
+    {
+    }
+    def PointInstancer "Endless"
+    {
+        int[] protoIndices = [0]
+        point3f[] positions = [(9, 0, 0)]
+        rel prototypes = </Box/Endless>
+    }
+    def Cube "Bad"
+    {
+        uniform token[] xformOpOrder = ["xformOp:foo"]
+        double3 xformOp:foo = (9, 0, 0)
+    }
+}"""
+    path = write(folder, prims, more='defaultPrim = "Box"')
+    with pytest.warns(
+        StageWarning, match=r"files that do not exist are not copied into the template: <gone\.png>"
+    ) as caught:
+        file = import_asset(path, tmp_path / "out")
+    for text in ("</Box/Endless> instancer: one of its prototypes", "</Box/Bad> cannot be read: .*'foo'"):
+        assert re.search(text, str(caught[0].message))
+    assert caught[0].filename == __file__
+    assert (tmp_path / "out" / "source" / "0" / "there.png").is_file()
+    with pytest.warns(StageWarning):
+        np.testing.assert_allclose(read_template(file).description.bounds(), [[-1] * 3, [1] * 3], atol=1e-6)
+
+
 def test_textures_without_coordinates_are_reported(box, tmp_path):
     box.write_text(re.sub(r"(\d+)/\d+", r"\1", BOX))
     with pytest.warns(StageWarning, match="box.obj: not imported: textures whose coordinates the mesh lacks"):

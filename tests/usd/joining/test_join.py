@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from pxr import Gf, Kind, Usd, UsdGeom, UsdLux, UsdSemantics, Vt
+from pxr import Gf, Kind, Sdf, Usd, UsdGeom, UsdLux, UsdSemantics, Vt
 
 import tiscene as ts
 from tiscene.errors import ArgumentError, MissingFile, StageError, StageWarning
@@ -104,6 +104,20 @@ def walk(joined: Path) -> ts.Stream:
 
 def view(path: Path, **options: Any) -> ts.Frame:
     return ts.Stream(str(path), width=32, height=24, buffers=("instance", "semantic", "depth"), **options)[0]
+
+
+def test_broken_prim_of_another_variant_does_not_stop_the_cut(tmp_path: Path) -> None:
+    rooms = two_rooms(tmp_path)
+    stage = Usd.Stage.Open(str(rooms[0].file))
+    sets = stage.GetDefaultPrim().GetVariantSet("lighting")
+    sets.SetVariantSelection("night")
+    with sets.GetVariantEditContext():
+        prim = UsdGeom.Cube.Define(stage, "/Room/Bad").GetPrim()
+        prim.CreateAttribute("xformOp:foo", Sdf.ValueTypeNames.Double3).Set(Gf.Vec3d(1, 0, 0))
+        UsdGeom.Xformable(prim).CreateXformOpOrderAttr(["xformOp:foo"])
+    sets.SetVariantSelection("day")
+    stage.Save()
+    assert join(rooms, tmp_path / "flat.usda", openings=[OPENING]).is_file()
 
 
 @pytest.mark.parametrize("shape", ["Mesh", "Cube"])

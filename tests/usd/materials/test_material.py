@@ -3,10 +3,12 @@
 
 from __future__ import annotations
 
+import warnings
+
 import numpy as np
 import pytest
 
-from tests.usd.helpers import QUAD, STAGES, problems_of, read, read_with_warning, write
+from tests.usd.helpers import QUAD, STAGES, preview_material, problems_of, read, read_with_warning, write
 from tiscene.scene.description import Material, TextureLookup
 from tiscene.usd.read.stage_reader import read_stage
 
@@ -203,6 +205,46 @@ def test_material_without_surface_shader_is_reported(tmp_path):
     body = material("").replace("token outputs:surface.connect = </Looks/L/Surface.outputs:surface>", "")
     description = read_with_warning(tmp_path, body, "a material without a surface shader")
     assert only_material(description).diffuse_color == (0.0, 0.5, 0.0)
+
+
+def test_bindings_to_what_is_no_material_are_reported(tmp_path):
+    bound = "".join(f'def Cube "{name}"\n{{\nrel material:binding = <{to}>\n}}\n' for name, to in BROKEN_BINDINGS)
+    text = (
+        "a binding to a material that does not exist is not applied: </A> to </Looks/Gone>, </B> to </Looks/Gone>\n"
+        "  a binding to a prim that is no material is not applied: </C> to </Looks>$"
+    )
+    found = read_with_warning(tmp_path, 'def Scope "Looks"\n{\n}\n' + bound, text)
+    assert {material.name for material in materials_of(found).values()} == {"displayColor"}
+
+
+BROKEN_BINDINGS = [("A", "/Looks/Gone"), ("B", "/Looks/Gone"), ("C", "/Looks")]
+
+
+def test_binding_that_a_reference_leaves_behind_is_not_reported(tmp_path):
+    body = 'def Xform "Asset"\n{\ndef Cube "C"\n{\nrel material:binding = </Looks/M>\n}\n}\n'
+    write(tmp_path, body + 'def Scope "Looks"\n{\n' + preview_material("/Looks/M") + "}\n", name="asset.usda")
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        assert len(read(tmp_path, 'def "A" (references = @asset.usda@</Asset>)\n{\n}\n').instances) == 1
+
+
+@pytest.mark.parametrize(("value", "color"), [("", (0.18, 0.18, 0.18)), (" = (1, 0, 0)", (1.0, 0.0, 0.0))])
+def test_input_connected_to_nothing_is_reported(tmp_path, value, color):
+    lines = f"color3f inputs:diffuseColor{value}\ncolor3f inputs:diffuseColor.connect = </M/Graph.outputs:out>"
+    graph = 'def NodeGraph "Graph"\n{\ncolor3f outputs:out.connect = </M/Gone.outputs:rgb>\n}\n'
+    lost = "</M/Graph.outputs:out> to </M/Gone.outputs:rgb>"
+    for shaders, expected in ((graph, lost), ("", "</M/Surface.inputs:diffuseColor> to </M/Graph.outputs:out>")):
+        body = f'def Mesh "A"\n{{\n{QUAD}\nrel material:binding = </M>\n}}\n'
+        text = f"does not exist keeps its own value, else its default: {expected}$"
+        found = read_with_warning(tmp_path, body + preview_material("/M", lines, shaders=shaders), text)
+        if not shaders:
+            assert materials_of(found)["A"].diffuse_color == pytest.approx(color)
+
+
+def test_surface_shader_without_an_id_is_named_as_such(tmp_path):
+    body = f'def Mesh "A"\n{{\n{QUAD}\nrel material:binding = </M>\n}}\n'
+    material = preview_material("/M").replace('uniform token info:id = "UsdPreviewSurface"', "")
+    read_with_warning(tmp_path, body + material, "a surface shader without info:id; displayColor is used: </M>$")
 
 
 def test_materialx_names_of_preview_nodes_are_read(tmp_path):

@@ -5,6 +5,7 @@
 
     stage           open a stage, select variants
     report          collect problems and omissions
+    broken_prims    prims whose bounds cannot be computed
     limits          limits of size, time, memory and location
     layers          files of a stage and their digests
     package         paths into .usdz packages

@@ -11,7 +11,7 @@ from __future__ import annotations
 import contextlib
 import re
 import warnings
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from typing import Any
 
 from pxr import Tf, Usd
@@ -22,8 +22,9 @@ from tiscene.usd.core.limits import Limits, ReadingBudget, RootFolder
 _INTERNAL_NAMESPACE = re.compile(r"\bpxrInternal\w*::")
 _GRAMMAR_RULE = re.compile(r"\bparse error matching .*?(?= at ')")  # a C++ type of up to 500 letters
 _SESSION_LAYER = re.compile(r",?@anon:0x[0-9a-f]+:[^@]*@")  # its name has an address
+COMPOSITION = "composition"  # subject of problems of missing or unreadable files
 UNDRAWN = "are not drawn"  # ends the omission of prims of a type
-_MAX_PATHS = 5  # prims listed per line of the warning
+_MAX_PATHS = 5  # prims listed per line
 _MAX_PROBLEMS = 100  # problems listed by an error
 _MAX_DIAGNOSTICS = 20  # lines of USD's diagnostics per failure; a damaged file can give a million
 
@@ -46,6 +47,12 @@ def one_line(error: Any) -> str:
         return _SESSION_LAYER.sub("", text)
     except UnicodeDecodeError:
         return "USD's message about it is not valid UTF-8; the file is probably damaged"
+
+
+def _listed(paths: Sequence[str], most: int) -> str:
+    """Return paths of prims as text, at most so many of them and the number of the others."""
+    more = f" and {len(paths) - most} more" if len(paths) > most else ""
+    return ", ".join(f"<{path}>" for path in paths[:most]) + more
 
 
 def _mistyped(prim: Usd.Prim) -> str:
@@ -92,19 +99,22 @@ class StageReport:
         self.root = root or RootFolder(None)
         self.budget = budget or ReadingBudget(stage, Limits())
         self.strict = strict
-        self._problems: dict[str, None] = {}  # ordered, each line once: instances share the faults of their prototype
+        # By subject and text, ordered; each path once: instances share the faults of their prototype.
+        self._problems: dict[tuple[str, str], dict[str, None]] = {}
         self._refused = False
         self._omissions: dict[str, dict[str, None]] = {}
 
     def problem(self, path: Any, subject: str, text: str) -> None:
         """Add a problem: `</Room/Lamp> mesh: 3 faces refer to point 412, ...`. The caller leaves the part out.
 
+        Prims with the same problem share a line, which begins with the first of them.
+
         Args:
             path: path of the prim.
             subject: what of the prim is wrong and left out, such as "mesh".
             text: the problem.
         """
-        self._problems[f"<{path}> {subject}: {text}"] = None
+        self._problems.setdefault((subject, text), {})[str(path)] = None
 
     def refuse(self, path: Any, subject: str, text: str) -> None:
         """Add a problem that refuses the stage, whatever is left of it; arguments as of `problem`."""
@@ -139,9 +149,15 @@ class StageReport:
             text = mistyped or f"a value has another type or size than USD says ({one_line(error)})"
             self.problem(path, "cannot be read", text)
 
-    def omission(self, path: Any, text: str) -> None:
-        """Add content that is left out or approximated. Prims with the same text share a line of the warning."""
-        self._omissions.setdefault(text, {})[str(path)] = None
+    def omission(self, path: Any, text: str, target: Any = None) -> None:
+        """Add content that is left out or approximated. Prims with the same text share a line of the warning.
+
+        Args:
+            path: path of the prim.
+            text: what is done to it instead.
+            target: what a relationship or a connection at the path points to, if the text is about that.
+        """
+        self._omissions.setdefault(text, {})[f"{path}" if target is None else f"{path}> to <{target}"] = None
 
     def frozen(self, path: Any, subject: str) -> None:
         """Add animation that is not played: the subject keeps its value at the time read."""
@@ -172,12 +188,12 @@ class StageReport:
         undrawn = [text for text in self._omissions if text.endswith(UNDRAWN)]
         if undrawn:
             lines.append(f"Of the rest, {'; '.join(undrawn)}.")
-        if any("> composition: " in problem for problem in self._problems):
+        if any(subject == COMPOSITION for subject, _ in self._problems):
             lines.append(
                 "Put the missing files where the stage looks for them: relative paths begin at the folder of the file "
                 "that names them. If a variant does not need them, choose it (variants=, --variant)."
             )
-        if any("> composition: " not in problem for problem in self._problems):
+        if any(subject != COMPOSITION for subject, _ in self._problems):
             lines.append("Mend the prims named above in the program that wrote the stage.")
         return " ".join(lines)
 
@@ -189,16 +205,18 @@ class StageReport:
         """
         lines = [f"  {problem}; left out" for problem in self._listed_problems()] if problems else []
         for text, paths in self._omissions.items():
-            listed = ", ".join(f"<{path}>" for path in list(paths)[:_MAX_PATHS])
-            more = f" and {len(paths) - _MAX_PATHS} more" if len(paths) > _MAX_PATHS else ""
-            lines.append(f"  {text}: {listed}{more}")
+            lines.append(f"  {text}: {_listed(list(paths), _MAX_PATHS)}")
         if lines:
             message = f"{self.stage} is not drawn quite as authored:\n" + "\n".join(lines)
             warnings.warn(StageWarning(message), stacklevel=3)
 
     def _listed_problems(self) -> list[str]:
-        """Return the problems, at most _MAX_PROBLEMS of them."""
-        problems = list(self._problems)
+        """Return a line for each kind of problem, at most _MAX_PROBLEMS of them."""
+        problems = []
+        for (subject, text), paths in self._problems.items():
+            first, *others = paths
+            also = f"; also {_listed(others, _MAX_PATHS - 1)}" if others else ""
+            problems.append(f"<{first}> {subject}: {text}{also}")
         if len(problems) > _MAX_PROBLEMS:
             problems = [*problems[:_MAX_PROBLEMS], f"... and {len(problems) - _MAX_PROBLEMS} more"]
         return problems

@@ -1,5 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Semantics of prims: labels (UsdSemanticsLabelsAPI), names of assets, and which prims are objects of their own.
+"""Semantics of prims: labels, names of assets, and which prims are objects of their own.
+
+Labels are those of UsdSemanticsLabelsAPI. On a prim without them, the ones of its predecessor in Omniverse are read:
+SemanticsAPI, whose semanticType is the taxonomy and whose semanticData is the label.
 
 An object is the nearest enclosing prim of kind `component`, else a native instance, else the gprim itself.
 """
@@ -15,11 +18,12 @@ from tiscene.errors import UnknownName
 from tiscene.usd.core.package import split_package
 
 PREFERRED_TAXONOMIES = ("class", "category")
+_TYPE, _DATA = ":params:semanticType", ":params:semanticData"  # ends of names of attributes of SemanticsAPI
 ROOM = "room"  # taxonomy of volumes of rooms, which are no objects
 
 
 def direct_label(prim: Usd.Prim, time: Usd.TimeCode, taxonomy: str | None = None) -> str:
-    """Return the label authored on a prim itself by UsdSemanticsLabelsAPI, "" for none.
+    """Return the label authored on a prim itself, "" for none.
 
     Args:
         prim: the prim.
@@ -27,18 +31,37 @@ def direct_label(prim: Usd.Prim, time: Usd.TimeCode, taxonomy: str | None = None
         taxonomy: its first label is returned; None: that of `class`, else of `category`, else of the first other
             taxonomy by name.
     """
-    applied = UsdSemantics.LabelsAPI.GetDirectTaxonomies(prim)
-    if not applied:
-        return ""
-    taxonomies = sorted(str(name) for name in applied if name != ROOM)
-    if taxonomy is not None:
-        taxonomies = [name for name in taxonomies if name == taxonomy]
-    taxonomies.sort(key=lambda name: PREFERRED_TAXONOMIES.index(name) if name in PREFERRED_TAXONOMIES else 9)
-    for name in taxonomies:
-        labels = UsdSemantics.LabelsAPI(prim, name).GetLabelsAttr().Get(time)
-        if labels:
-            return str(labels[0])
-    return ""
+    labels = {}
+    for name in _direct_taxonomies(prim):
+        values = UsdSemantics.LabelsAPI(prim, name).GetLabelsAttr().Get(time)
+        if values:
+            labels[name] = str(values[0])
+    labels = labels or _omniverse_labels(prim, time)
+    if taxonomy is not None or not labels:
+        return labels.get(taxonomy or "", "")
+    preferred = [name for name in PREFERRED_TAXONOMIES if name in labels]
+    return labels[preferred[0] if preferred else min(labels)]
+
+
+def _direct_taxonomies(prim: Usd.Prim) -> list[str]:
+    """Return the taxonomies of a prim's own UsdSemanticsLabelsAPI, without `ROOM`."""
+    return [str(name) for name in UsdSemantics.LabelsAPI.GetDirectTaxonomies(prim) if name != ROOM]
+
+
+def _omniverse_labels(prim: Usd.Prim, time: Usd.TimeCode) -> dict[str, str]:
+    """Return the labels of Omniverse's SemanticsAPI on a prim, by taxonomy: that of the first instance of each.
+
+    The schema is not registered with USD, so that its attributes are found by their names.
+    """
+    labels: dict[str, str] = {}
+    for each in prim.GetAuthoredPropertiesInNamespace("semantic"):
+        name = each.GetName()
+        values = [prim.GetAttribute(name.removesuffix(_TYPE) + end) for end in (_TYPE, _DATA)]
+        if name.endswith(_TYPE) and all(values):
+            taxonomy, label = (value.Get(time) for value in values)
+            if taxonomy and label:
+                labels.setdefault(str(taxonomy), str(label))
+    return labels
 
 
 def inherited_label(prim: Usd.Prim, time: Usd.TimeCode, taxonomy: str | None = None) -> str:
@@ -56,9 +79,8 @@ def taxonomies_of(stage: Usd.Stage) -> set[str]:
     found: set[str] = set()
     roots = [stage.GetPseudoRoot(), *stage.GetPrototypes()]
     for prim in (prim for root in roots for prim in Usd.PrimRange(root, Usd.PrimAllPrimsPredicate)):
-        if prim.HasAPI(UsdSemantics.LabelsAPI):
-            found.update(str(name) for name in UsdSemantics.LabelsAPI.GetDirectTaxonomies(prim))
-    return found - {ROOM}
+        found.update(_direct_taxonomies(prim) or _omniverse_labels(prim, Usd.TimeCode.EarliestTime()))
+    return found
 
 
 def check_taxonomy(stage: Usd.Stage, taxonomy: str | None) -> None:

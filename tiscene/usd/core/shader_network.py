@@ -3,10 +3,11 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Any
 
-from pxr import Usd, UsdShade
+from pxr import Sdf, Usd, UsdShade
 
 # MaterialX names of UsdPreviewSurface's nodes.
 _MATERIALX_NAMES = {
@@ -28,6 +29,23 @@ def shader_id(shader: UsdShade.Shader) -> str:
         names = (each for each in shader.GetPrim().GetAttributes() if each.GetName().endswith(":subIdentifier"))
         return next((str(each.Get()) for each in names), "")
     return _MATERIALX_NAMES.get(name, name)
+
+
+def broken_connections(shader: UsdShade.Shader) -> Iterator[tuple[Usd.Attribute, Sdf.Path]]:
+    """Yield the attributes of a shader, and of all that it is connected to, whose source does not exist; the source."""
+    pending = [each.GetAttr() for each in shader.GetInputs(onlyAuthored=True)]
+    seen = {each.GetPath() for each in pending}
+    while pending:
+        attribute = pending.pop()
+        for target in attribute.GetConnections():
+            source = attribute.GetStage().GetAttributeAtPath(target)
+            if not source:
+                yield attribute, target
+                continue
+            node = UsdShade.Shader(source.GetPrim())
+            found = [each.GetAttr() for each in node.GetInputs(onlyAuthored=True)] if node else [source]
+            pending += [each for each in found if each.GetPath() not in seen]
+            seen.update(each.GetPath() for each in found)
 
 
 @dataclass(frozen=True)

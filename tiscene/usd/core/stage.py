@@ -6,7 +6,7 @@ from __future__ import annotations
 import contextlib
 import math
 import re
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from numbers import Real
 from pathlib import Path
 
@@ -16,7 +16,7 @@ from tiscene import catalog
 from tiscene.errors import ArgumentError, MissingFile, StageError, UnknownName
 from tiscene.usd.core import schema
 from tiscene.usd.core.package import split_package
-from tiscene.usd.core.report import StageReport, error_lines, one_line
+from tiscene.usd.core.report import COMPOSITION, StageReport, error_lines, one_line
 from tiscene.usd.core.value_times import has_spline
 from tiscene.usd.materials.materialx_document import is_substituted, substitute_documents
 
@@ -24,6 +24,8 @@ schema.register()
 
 Variants = Mapping[str, str | Mapping[str, str]]
 _MAX_VARIANT_PRIMS = 30  # prims with variant sets that an error lists
+_REASON = " -- "
+_INTRODUCED = r"introduced by @[^@]*@"
 _ASSET = re.compile(r"@([^@]+)@")
 _OLDEST_CRATE = (0, 4, 0)  # format of binary files that usd-core reads
 _METERS = "metersPerUnit"
@@ -100,10 +102,9 @@ def open_stage(path: str | Path, variants: Variants | None = None, report: Stage
     try:
         select_variants(stage, variants or {})
     except UnknownName:
-        if stage.GetCompositionErrors():  # a variant may be missing because its file is
-            missing = StageReport(str(path))
-            _report_composition(stage, missing)
-            missing.raise_problems()
+        missing = StageReport(str(path))  # a variant may be missing because a file of its prim is
+        _report_composition(stage, missing, [Sdf.Path(prim) for prim, _, _ in _selections(variants or {})])
+        missing.raise_problems()
         raise
     _report_composition(stage, report)
     _correct_unit(stage, report)
@@ -123,12 +124,30 @@ def resolver_context(path: str | Path) -> Ar.DefaultResolverContext:
     return Ar.DefaultResolverContext([str(folder) for folder in folders])
 
 
-def _report_composition(stage: Usd.Stage, report: StageReport) -> None:
-    """Report everything that does not compose, such as references to files that do not exist."""
+def _report_composition(stage: Usd.Stage, report: StageReport, prims: Sequence[Sdf.Path] | None = None) -> None:
+    """Report everything that does not compose, such as references to files that do not exist.
+
+    USD composes in several threads: the order of its errors varies, and which of those of one file have the reason.
+
+    Args:
+        stage: the stage.
+        report: receives the problems.
+        prims: only those of these prims and of prims above them; None: all.
+    """
+    faults: list[tuple[str, str]] = []
+    reasons: dict[str, str] = {}
     for error in stage.GetCompositionErrors():
-        text = one_line(error)
+        path = _error_path(error)
+        if prims is None or any(each.HasPrefix(path) for each in prims):
+            text = one_line(error).rstrip(" .")
+            text = re.sub(rf"({_INTRODUCED})<{re.escape(path)}>", r"\1", text)  # prims of one cause share a line
+            fault, _, reason = text.partition(_REASON)
+            faults.append((path, fault))
+            reasons[fault] = max(reason, reasons.get(fault, ""))
+    for path, fault in sorted(faults):
+        text = f"{fault}{_REASON}{reasons[fault]}" if reasons[fault] else fault
         advice = next((found for asset in _ASSET.findall(text) if (found := old_crate_advice(asset))), "")
-        report.problem(_error_path(error), "composition", f"{text}: {advice}" if advice else text)
+        report.problem(path, COMPOSITION, f"{text}: {advice}" if advice else text)
 
 
 def _correct_unit(stage: Usd.Stage, report: StageReport) -> None:

@@ -22,6 +22,8 @@ from numpy.typing import NDArray
 from pxr import Gf, Sdf, Tf, Usd, UsdGeom, UsdPhysics, UsdSemantics, UsdShade, UsdUtils, Vt
 
 from tiscene.errors import ArgumentError, ExportError, MissingFile, StageError
+from tiscene.usd.core.broken_prims import deactivate_broken
+from tiscene.usd.core.package import split_package
 from tiscene.usd.core.report import StageReport, error_lines
 from tiscene.usd.core.stage import open_stage, quiet, readable, reading_time
 from tiscene.usd.importers.imported_mesh import ImportedMesh
@@ -101,7 +103,10 @@ def import_asset(
             raise ArgumentError(
                 f"{path.name} is a USD file, which defines its unit and up axis: leave out unit and up_axis"
             )
-        return _import_usd(path, folder, name, label, centered, credit)
+        report = StageReport(str(path))
+        file = _import_usd(path, folder, name, label, centered, credit, report)
+        report.warn()
+        return file
     if suffix not in CONVENTIONS:
         known = ", ".join((*CONVENTIONS, *USD_SUFFIXES, ".sh3f"))
         raise ArgumentError(
@@ -261,10 +266,11 @@ def _unused_path(stage: Usd.Stage, parent: Sdf.Path, name: str) -> Sdf.Path:
     return path
 
 
-def _import_usd(path: Path, folder: Path, name: str, label: str, centered: bool, credit: Credit) -> Path:
+def _import_usd(
+    path: Path, folder: Path, name: str, label: str, centered: bool, credit: Credit, report: StageReport
+) -> Path:
     """Author a template that references a copy of a USD file, transformed to meters with y up."""
     with quiet(), readable(path):
-        report = StageReport(str(path))
         source = open_stage(path, report=report)
         prims = Usd.PrimRange.Stage(source, Usd.TraverseInstanceProxies())
         report.raise_problems(anything_left=any(each.IsA(UsdGeom.Boundable) for each in prims))
@@ -273,13 +279,15 @@ def _import_usd(path: Path, folder: Path, name: str, label: str, centered: bool,
             raise StageError(
                 str(path), ["</> template: the file has no default prim, so that it is unclear what to import"]
             )
+        deactivate_broken(source.GetPseudoRoot(), report)
+        report.raise_problems(anything_left=prim.IsActive())
         meters = float(UsdGeom.GetStageMetersPerUnit(source))
         matrix = meters * (_Z_TO_Y if UsdGeom.GetStageUpAxis(source) == UsdGeom.Tokens.z else np.eye(3))
         cache = UsdGeom.BBoxCache(reading_time(source, None), [UsdGeom.Tokens.default_, UsdGeom.Tokens.render])
         box = cache.ComputeWorldBound(prim).ComputeAlignedRange()
         center = np.array(box.GetMidpoint()) if centered and not box.IsEmpty() else np.zeros(3)
         with _writing(folder):
-            _copy_with_dependencies(path, folder / "source")
+            _copy_with_dependencies(path, folder / "source", report)
         identifier = Tf.MakeValidIdentifier(re.sub(r"\W+", "", name.title()) or "Model")
         stage = _new_stage(identifier, name, label, credit)
         child = UsdGeom.Xform.Define(stage, f"/{identifier}/Source")
@@ -313,8 +321,11 @@ def _forward_variants(source: Usd.Prim, root: Usd.Prim, inner: Usd.Prim) -> None
             own.ClearVariantSelection()
 
 
-def _copy_with_dependencies(path: Path, folder: Path) -> None:
-    """Copy a USD file and its dependencies to a folder, which is replaced only once the copy is complete."""
+def _copy_with_dependencies(path: Path, folder: Path, report: StageReport) -> None:
+    """Copy a USD file and its dependencies to a folder, which is replaced only once the copy is complete.
+
+    Dependencies that do not exist are reported.
+    """
     folder.parent.mkdir(parents=True, exist_ok=True)
     with tempfile.TemporaryDirectory(prefix=".source-", dir=folder.parent) as beside:
         fresh = Path(beside, folder.name)
@@ -322,7 +333,12 @@ def _copy_with_dependencies(path: Path, folder: Path) -> None:
         if path.suffix.lower() == ".usdz":
             shutil.copy(path, fresh)
         elif not UsdUtils.LocalizeAsset(Sdf.AssetPath(str(path.resolve())), str(fresh)):
-            raise StageError(str(path), ["</> template: USD cannot copy the file and its dependencies"])
+            layers, assets, missing = UsdUtils.ComputeAllDependencies(str(path.resolve()))
+            files = {split_package(each)[0] for each in (*(layer.realPath for layer in layers), *assets)}
+            if not missing or sum(each.is_file() for each in fresh.rglob("*")) < len(files):
+                raise StageError(str(path), ["</> template: USD cannot copy the file and its dependencies"])
+            for file in missing:
+                report.omission(file, "files that do not exist are not copied into the template")
         shutil.rmtree(folder, ignore_errors=True)
         fresh.rename(folder)
 

@@ -15,7 +15,9 @@ from pxr import Gf, Kind, Sdf, Tf, Usd, UsdGeom, UsdLux, UsdSemantics, UsdShade,
 from tiscene.catalog import LAYER_SUFFIXES
 from tiscene.errors import ArgumentError, StageError, StageWarning
 from tiscene.files import write_atomically
+from tiscene.usd.core.broken_prims import deactivate_broken
 from tiscene.usd.core.layers import has_file
+from tiscene.usd.core.report import StageReport
 from tiscene.usd.core.stage import open_stage, quiet, readable
 from tiscene.usd.joining.floor_plan import Opening, RoomPlacement
 from tiscene.usd.joining.stage_cut import GprimCut, cuts, release_instances
@@ -42,7 +44,8 @@ def join(
     - Cameras are kept under the names `ROOM CAMERA`, such as "kitchen Main".
     - Each room has a volume (`frame.room`): its own, or a box over its floor up to its ceiling.
 
-    Openings that cut nothing are named in a StageWarning.
+    Openings that cut nothing are named in a StageWarning, and so are prims of a room that contradict themselves, such
+    as a transform that cannot be read; they are not measured and not cut.
 
     Args:
         rooms: the rooms; their stages have one up axis and one unit of length.
@@ -88,6 +91,10 @@ def join(
         _report(stage, target)
         choices = _forward_variants(stage, root, prims)
         for prim, placement in zip(prims, placements, strict=True):
+            report = StageReport(str(placement.file))
+            deactivate_broken(prim, report)  # on this stage only: what is written still has them
+            report.raise_problems(anything_left=prim.IsActive())
+            report.warn()
             if not has_volume(prim):
                 define_volume(stage, prim.GetPath().AppendChild("RoomVolume"), *interior(prim), placement.label)
         _keep_one_sky(prims, [each.label for each in placements], sky)
@@ -241,6 +248,7 @@ def _cut(
         found = {}
         for variant in variants:
             variant_set.SetVariantSelection(variant)
+            deactivate_broken(root, StageReport(""))  # those of the variants that are not shown are named by streams
             found[variant] = cuts(stage, boxes)
         variant_set.SetVariantSelection(selected)
         if any(not _same(each, plain) for each in found.values()):

@@ -88,7 +88,9 @@ class MaterialTableBuilder:
         api = UsdShade.MaterialBindingAPI(prim)
         previous = None
         for purpose in (UsdShade.Tokens.preview, UsdShade.Tokens.full):
-            material, _ = api.ComputeBoundMaterial(purpose)
+            material, relationship = api.ComputeBoundMaterial(purpose)
+            if relationship and not material:
+                self._report_unbound(relationship)
             if material and material.GetPath() != previous:
                 binding = None
                 with self._report.guard(material.GetPrim()):
@@ -97,6 +99,13 @@ class MaterialTableBuilder:
                     return binding
                 previous = material.GetPath()
         return self._of_display_color(gprim)
+
+    def _report_unbound(self, relationship: Usd.Relationship) -> None:
+        """Report a binding that names no material. One whose target a reference does not bring along names nothing."""
+        for target in relationship.GetForwardedTargets()[-1:]:  # that of a collection names the collection first
+            is_there = relationship.GetStage().GetPrimAtPath(target)
+            what = "a prim that is no material" if is_there else "a material that does not exist"
+            self._report.omission(relationship.GetPrim().GetPath(), f"a binding to {what} is not applied", target)
 
     def emitter(self, prim: Usd.Prim, radiance: Color, over_time: Sequence[tuple[float, Color]] = ()) -> Binding:
         """Return the material of a mesh light: black with an emission, or the bound one as materialSyncMode says.

@@ -16,7 +16,7 @@ from pxr import Sdf, Usd, UsdGeom, UsdShade
 
 from tiscene.scene.description import VERTEX_COLORS, ColorInput, FloatInput, Material, TextureLookup
 from tiscene.usd.core.report import StageReport
-from tiscene.usd.core.shader_network import ShaderConnection, Source, connections_of, shader_id
+from tiscene.usd.core.shader_network import ShaderConnection, Source, broken_connections, connections_of, shader_id
 from tiscene.usd.geometry.display_color import constant_primvar, varies_over_surface
 from tiscene.usd.geometry.primvar import NO_PRIMVARS, PrimvarNames, report_missing_coordinates
 from tiscene.usd.materials.materialx_inputs import SurfaceInputs
@@ -61,6 +61,9 @@ class NetworkReader:
         if surface is None:
             return None
         self._path = surface.GetPath()
+        for attribute, target in broken_connections(surface):
+            text = "an input connected to an attribute that does not exist keeps its own value, else its default"
+            self._report.omission(attribute.GetPath(), text, target)
         inputs = connections_of(surface, self._time)
         name = shader_id(surface)
         if name != "UsdPreviewSurface" or any(_is_materialx(each) for each in inputs.values()):
@@ -128,7 +131,7 @@ class NetworkReader:
                 if name in MODELS:
                     materialx = materialx or shader
                 else:
-                    unknown.append(name or str(attribute.GetPrim().GetTypeName()))
+                    unknown.append(name or ("" if shader else str(attribute.GetPrim().GetTypeName())))
         if materialx is not None:
             return materialx
         siblings = [UsdShade.Shader(p) for p in Usd.PrimRange(material.GetPrim(), Usd.PrimAllPrimsPredicate)]
@@ -144,7 +147,8 @@ class NetworkReader:
 
     def _unsupported(self, material: UsdShade.Material, name: str, instead: str) -> None:
         """Report a surface shader that is not supported, and what is used instead."""
-        self._report.omission(material.GetPath(), f"shader {name!r} is not supported; {instead}")
+        text = f"shader {name!r} is not supported" if name else "a surface shader without info:id"
+        self._report.omission(material.GetPath(), f"{text}; {instead}")
 
     def _color(self, inputs: dict[str, ShaderConnection], name: str, default: ColorInput) -> ColorInput:
         """Return an input as a color or texture; one number is gray."""
@@ -197,9 +201,8 @@ class NetworkReader:
             return self._texture(source)
         if source.id.startswith("UsdPrimvarReader_"):
             return self._primvar(source)
-        self._report.omission(
-            source.shader.GetPath(), f"shader {source.id!r} is not supported; {name} keeps its default"
-        )
+        text = f"shader {source.id!r} is not supported" if source.id else "a shader without info:id"
+        self._report.omission(source.shader.GetPath(), f"{text}; {name} keeps its default")
         return None
 
     def _numbers(self, value: Any, name: str) -> tuple[float, ...] | None:

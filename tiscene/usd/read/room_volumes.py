@@ -10,20 +10,33 @@ from numpy.typing import NDArray
 from pxr import Gf, Sdf, Usd, UsdGeom, UsdSemantics
 
 from tiscene.scene.room_volume import RoomVolume
-from tiscene.usd.core.semantics import ROOM
+from tiscene.usd.core.broken_prims import has_bounds
+from tiscene.usd.core.report import StageReport
+from tiscene.usd.core.semantics import ROOM, direct_label
 from tiscene.usd.core.stage import open_stage, quiet, readable
 from tiscene.usd.core.transform import to_matrix
 
 _FLOOR, _CEILING = "floor", "ceiling"
 
 
-def read_room_volumes(stage: Usd.Stage, time: Usd.TimeCode) -> tuple[RoomVolume, ...]:
-    """Return the volumes of a stage: the bounding box of each labeled prim in its own axes."""
+def read_room_volumes(stage: Usd.Stage, time: Usd.TimeCode, report: StageReport) -> tuple[RoomVolume, ...]:
+    """Return the volumes of a stage: the bounding box of each labeled prim in its own axes.
+
+    Args:
+        stage: the stage.
+        time: time code to read at.
+        report: receives volumes that cannot be read as problems.
+    """
     meters = float(UsdGeom.GetStageMetersPerUnit(stage))
     volumes = []
     for prim in stage.Traverse(Usd.TraverseInstanceProxies()):
         name = _room_of(prim, time)
-        if name and prim.IsA(UsdGeom.Boundable):
+        if not name or not prim.IsA(UsdGeom.Boundable):
+            continue
+        if not has_bounds(prim):
+            report.problem(prim.GetPath(), "room volume", "a point instancer in it contains itself")
+            continue
+        with report.guard(prim):
             extent = UsdGeom.Boundable(prim).ComputeExtent(time)
             if extent:
                 low, high = np.array(extent[0], float) * meters, np.array(extent[1], float) * meters
@@ -79,10 +92,9 @@ def interior(room: Usd.Prim) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     inverse = UsdGeom.Xformable(room).GetLocalTransformation().GetInverse()
     boxes: dict[str, list[NDArray[np.float64]]] = {_FLOOR: [], _CEILING: []}
     for prim in Usd.PrimRange(room, Usd.TraverseInstanceProxies()):
-        if prim.HasAPI(UsdSemantics.LabelsAPI, "class"):
-            labels = UsdSemantics.LabelsAPI(prim, "class").GetLabelsAttr().Get() or [""]
-            if labels[0] in boxes:
-                boxes[labels[0]].append(_box(cache.ComputeWorldBound(prim), inverse))
+        label = direct_label(prim, Usd.TimeCode.EarliestTime(), "class")
+        if label in boxes:
+            boxes[label].append(_box(cache.ComputeWorldBound(prim), inverse))
     low, high = _box(cache.ComputeWorldBound(room), inverse)
     if boxes[_FLOOR]:
         floors = np.array(boxes[_FLOOR])
