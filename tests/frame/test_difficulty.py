@@ -1,14 +1,18 @@
 # SPDX-License-Identifier: Apache-2.0
 """Measures of difficulty: equal to what labels worked out by hand give, and a pure function of the frame."""
 
+import gc
 import math
 import pickle
+import threading
+import weakref
 from dataclasses import replace
 
 import numpy as np
 import pytest
 
 import tiscene as ts
+from tiscene.device import runtime
 from tiscene.export.difficulty_plot import difficulty_plot
 from tiscene.frame.difficulty import BAND, MEASURES, NEVER_SHOWN, Difficulty, summary
 from tiscene.frame.frame import Frame, FrameCamera
@@ -78,6 +82,67 @@ def test_edit_of_the_camera_keeps_earlier_views():
         assert made[31].difficulty.novelty == pytest.approx(90.0, abs=1e-6)
         assert made[30].difficulty.novelty == pytest.approx(0.0, abs=1e-6)
         assert made[45].difficulty.novelty == pytest.approx(0.0, abs=1e-6)
+
+
+def test_edit_does_not_change_the_novelty_of_a_frame_that_is_kept():
+    """Whether it was read before or not."""
+    with stream(TURN) as made:
+        read, kept, earlier = made[40], made[40], made[20]
+        before = read.difficulty
+        made.seek(21)
+        made.world.move_camera((4, 0, 0), (0, 90, 0))
+        assert kept.difficulty == read.difficulty == before
+        assert made[40].difficulty.novelty != pytest.approx(before.novelty, abs=1.0)
+        assert earlier._novelty.history is not None, "it is not evaluated: the edit comes later"
+
+
+LOOPS = ts.Orbit((0.0, 1.0, -2.3), period=8.0)
+BOUNCES = ts.UniformMovementRandomBounce(speed=1.0, start_direction=(0.3, -1, 0), seed=3)
+
+
+@pytest.mark.parametrize("dynamic", [LOOPS, BOUNCES], ids=["formula", "simulated"])
+def test_frame_that_is_kept_has_its_difficulty_after_the_end_of_its_stream(dynamic):
+    ball = ts.Object("ball", "Ball 01", (0.0, 1.0, -2.0), dynamic=dynamic)
+    scenario = Scenario("solid_benchmark", [ball])
+    with ts.Stream(scenario, width=32, height=24, fps=10, buffers=BUFFERS) as made:
+        expected = made[30].difficulty
+        kept, pickled, restarted = made[30], made[30], made[30]
+        assert expected.novelty > 0.0
+        made.restart(Scenario("solid_benchmark"))
+        assert restarted.difficulty == expected
+    assert kept.difficulty == expected
+    assert pickle.loads(pickle.dumps(pickled)).difficulty == expected
+
+
+def test_novelty_waits_while_another_thread_renders(turning):
+    """It simulates: a frame that is rendered meanwhile would be wrong."""
+    novelty, found = turning[33]._novelty, []
+    reader = threading.Thread(target=lambda: found.append(novelty.angles()))
+    with runtime.ONE_THREAD:
+        reader.start()
+        reader.join(0.2)
+        assert reader.is_alive()
+    reader.join()
+    assert found == [turning[33]._novelty.angles()]
+
+
+def test_frame_whose_difficulty_was_read_does_not_keep_the_world():
+    with stream(TURN) as made:
+        frame, world = made[12], weakref.ref(made.world.trajectories)
+        assert frame.difficulty.novelty is not None
+    del made
+    gc.collect()
+    assert world() is None
+
+
+def test_object_in_a_picture_that_shows_more_than_the_aperture_was_in_view():
+    """An aperture three times as wide as high, in a picture of 4:3: it shows more above and below."""
+    wide = ts.Camera((0, 0, 5), vertical_fov=math.radians(30), aspect=3.0, exposure=0.0)
+    above = ts.Object("above", "Cube", (0, 1.7, 0), dynamic=ts.Still())
+    with stream(above, camera=wide) as made:
+        frame = made[30]
+    assert frame.objects[0].fraction_in_frame == 1.0
+    assert frame.difficulty.novelty == pytest.approx(0.0, abs=1e-6)
 
 
 def test_without_objects_of_the_scenario_all_objects_are_targets():

@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 import copy
 import pickle
+from dataclasses import fields
 
 import numpy as np
 import pytest
@@ -64,6 +65,18 @@ def test_frame_can_be_copied_and_pickled() -> None:
         np.testing.assert_array_equal(twin.instance, frame.instance)
         assert twin.categories == {1: "chair"}
         assert len(twin.objects) == 0
+
+
+def test_error_of_a_property_is_not_hidden_by_one_about_a_buffer() -> None:
+    class Broken(Frame):
+        @property
+        def wrong(self) -> int:
+            return self.camera.nothing  # type: ignore[attr-defined, no-any-return]
+
+    broken = Broken(**{each.name: getattr(make_frame(), each.name) for each in fields(Frame)})
+    with pytest.raises(AttributeError, match="'FrameCamera' object has no attribute 'nothing'"):
+        _ = broken.wrong
+    assert not hasattr(broken, "wrong")
 
 
 def test_fields_cannot_be_set() -> None:

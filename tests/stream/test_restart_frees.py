@@ -32,3 +32,21 @@ def test_restart_frees_the_arrays_of_the_scenario_before_without_the_collector()
         finally:
             if collects:
                 gc.enable()
+
+
+def test_frames_that_are_kept_do_not_keep_the_scenes_on_the_device():
+    """They are measured all the same; of the scenes that are made again for it, one is kept at a time."""
+    kept, scenes, seen = [], [], []
+    with ts.Stream(scenario(0), **BUFFERS) as stream:
+        for number in range(1, 4):
+            seen.append(stream[3].objects.arrays())
+            kept.append(stream[3])
+            scenes.append(weakref.ref(stream._renderer._scene))
+            stream.restart(scenario(number))
+    gc.collect()
+    assert [each() for each in scenes] == [None] * 3
+    for frame, arrays in zip(kept, seen, strict=True):
+        again = frame.objects.arrays()
+        assert all(again[name].tobytes() == array.tobytes() for name, array in arrays.items())
+    measurers = [frame.objects._measures._measurer for frame in kept]
+    assert [each._instruments is not None for each in measurers] == [False, False, True]

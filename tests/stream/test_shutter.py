@@ -177,3 +177,13 @@ def test_a_camera_keeps_to_its_path():
         angle = 2.0 * np.pi * float(3 + shift) / 25
         place = made.between(3, shift)[1][0].position
         np.testing.assert_allclose(place, (3 * np.sin(angle), 1.0, 3 * np.cos(angle)), atol=1e-9)
+
+
+def test_edit_of_the_next_frame_is_not_anticipated_when_the_shutter_closes_with_it():
+    """Times between 0.999 and 1 frames are rounded to 1."""
+    made = world(bouncer("b", position=(-2, -1, -2)), ts.Object("c", "Cube", (0, 0, 2)), stage=STAGE)
+    before = made.between(7, Fraction(1))[0].world_from_object.tobytes()
+    made.next_frame = 8
+    made.move("b", (1, 1, 1), (0, 45, 0))
+    made.move("c", (-1, 1, 1))
+    assert made.between(7, Fraction(1))[0].world_from_object.tobytes() == before

@@ -2,6 +2,7 @@
 """Rigid bodies of a scenario: on the stage, beside movers, spawned and moved while a stream runs."""
 
 import sys
+from fractions import Fraction
 
 import numpy as np
 import pytest
@@ -191,3 +192,12 @@ def test_missing_engine_is_named_at_once(monkeypatch):
     next(stream)
     with pytest.raises(MissingExtra, match=r"tiscene\[physics\]"):
         ts.Stream(ts.Scenario("object_view", [ts.Object("a", "Cube")], physics=True), width=8, height=6)
+
+
+def test_edit_of_the_next_frame_is_not_anticipated_by_the_shutter():
+    scenario = ts.Scenario("object_view", [ts.Object("cube", "Cube", (0.0, 0.9, 0.0))], physics=True, camera=CAMERA)
+    world = ts.Stream(scenario, width=8, height=6, buffers=("depth",)).world
+    before = world.between(7, Fraction(1))[0].world_from_object.tobytes()
+    world.next_frame = 8
+    world.move("cube", (0.5, 2.0, 0.0))
+    assert world.between(7, Fraction(1))[0].world_from_object.tobytes() == before

@@ -65,7 +65,15 @@ BUFFERS: dict[str, Buffer] = {
         Buffer("depth", "float32", (), "m", np.inf, "Distance along the optical axis (z, not ray length)."),
         Buffer("distance", "float32", (), "m", np.inf, "Distance from the camera (ray length)."),
         Buffer("position", "float32", (3,), "m", np.nan, "World position of the surface."),
-        Buffer("normal", "float32", (3,), "", 0.0, "Unit shading normal, world, on the side that is seen."),
+        Buffer(
+            "normal",
+            "float32",
+            (3,),
+            "",
+            0.0,
+            "Unit shading normal, world: interpolated between vertices, without normal maps, on the side of "
+            "`geometric_normal`.",
+        ),
         Buffer(
             "geometric_normal",
             "float32",

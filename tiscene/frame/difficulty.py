@@ -15,11 +15,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tiscene.frame.object_table import ObjectTable
-from tiscene.scene.color import decode_srgb
+from tiscene.scene.color import LUMINANCE, decode_srgb
 
 LEAST_MOTION = 0.1  # px per frame: a pixel that moves less counts as still
 BAND = 3  # px: width of the background around an object that its contrast is measured against
-LUMINANCE = 0.2126, 0.7152, 0.0722  # Rec.709
 NEVER_SHOWN = 180.0  # degrees
 
 

@@ -3,7 +3,6 @@
 
 from __future__ import annotations
 
-import functools
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from typing import Any
@@ -116,14 +115,18 @@ class Frame(FrameDisplay, Mapping[str, NDArray[Any]]):
         """The frames of all of the stream's cameras at this moment, by camera name; this frame comes first."""
         return {each.camera.camera.name: each for each in (self, *self._other_views)}
 
-    @functools.cached_property
+    @property
     def difficulty(self) -> Difficulty:
         """Measures of how hard the frame is: visible instances, their size, motion, contrast and others.
 
         Computed at first access, from `objects`, a buffer of flow and `rgb`, as far as the frame has them.
         """
-        pixels = self.camera.width * self.camera.height
-        return difficulty_of(self.buffers, self.objects, pixels, self._novelty)
+        # Not `functools.cached_property`: threads that render could wait for ever for its lock (`Measured`).
+        known: Difficulty | None = vars(self).get("_difficulty")
+        if known is None:
+            pixels = self.camera.width * self.camera.height
+            known = vars(self)["_difficulty"] = difficulty_of(self.buffers, self.objects, pixels, self._novelty)
+        return known
 
     def __getitem__(self, name: str) -> NDArray[Any]:
         """Return a buffer.
@@ -150,6 +153,8 @@ class Frame(FrameDisplay, Mapping[str, NDArray[Any]]):
     def __getattr__(self, name: str) -> NDArray[Any]:
         if name.startswith("__") or name in type(self).__dataclass_fields__:
             raise AttributeError(name)  # asked for by copy and pickle before the fields are set
+        if hasattr(type(self), name):  # a property has raised an AttributeError: raise it again
+            return object.__getattribute__(self, name)  # type: ignore[no-any-return]
         return self[name]
 
     def __dir__(self) -> list[str]:

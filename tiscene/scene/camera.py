@@ -34,11 +34,13 @@ class Camera:
         focus_distance: Distance of the plane in focus along the optical axis, m.
         near: Near plane of the frustum that moving objects are kept in, m. Nothing is clipped in the image.
         far: Its far plane, m.
-        exposure: Stops; radiance is multiplied by 2**exposure. None: metered once, at the stream's first frame.
+        exposure: Stops; radiance is multiplied by 2**exposure. None: metered at frame 0.
         orthographic_height: Height of the visible region of an orthographic camera, m; it sees what is in front of its
             position. None: a perspective camera.
         shutter_open: Frames from the frame's own time, -1..1. Color is averaged while the shutter is open (motion
             blur); labels show the frame's own time.
+        shutter_close: Frames from the frame's own time. Equal to `shutter_open`: no motion blur, and color shows the
+            frame's own time too.
         aspect: Width / height of the aperture that `vertical_fov` or `orthographic_height` is the height of. `conform`
             says how images of another shape are framed. None: images of any shape have that height.
         conform: OpenUSD's aspectRatioConformPolicy: "expandAperture" shows at least the aperture, "cropAperture" at
@@ -46,7 +48,6 @@ class Camera:
         aperture_offset: Offset of the image's center from the optical axis, right and up: tangents of angles (offset of
             the aperture / focal length) of a perspective camera, m of an orthographic one. Lines stay as they are in a
             picture without an offset, unlike in that of a turned camera.
-        shutter_close: The same. Equal to `shutter_open`: no motion blur, and color shows the frame's own time too.
         dynamic: Motion of the camera, any `dynamics.Dynamic`. None: a fixed camera.
     """
 
@@ -75,7 +76,8 @@ class Camera:
             raise refuse("name", "must be a string without lone surrogates")
         for name, count in (("position", 3), ("rotation", 4), ("aperture_offset", 2)):
             if not _are_numbers(getattr(self, name), count):
-                raise refuse(name, f"must be finite numbers, {count} of them")
+                kind = "a quaternion (w, x, y, z), " if name == "rotation" else ""
+                raise refuse(name, f"must be {kind}finite numbers, {count} of them")
             object.__setattr__(self, name, tuple(float(component) for component in getattr(self, name)))
         optional = ("exposure", "orthographic_height", "aspect")
         for name in (*_LENGTHS, "vertical_fov", *optional, "shutter_open", "shutter_close"):

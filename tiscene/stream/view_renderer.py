@@ -113,8 +113,13 @@ class ViewRenderer:
         self._compensation = world.scenario.exposure_compensation
 
     def close(self) -> None:
-        """Drop all arrays now. The world refers back to this object, so they would wait for the cyclic collector."""
-        self.world.trajectories.close()
+        """Drop all arrays now. The world refers back to this object, so they would wait for the cyclic collector.
+
+        Frames that are kept can still be measured: they refer to the measurer and to the world's trajectories.
+        """
+        with runtime.ONE_THREAD:  # not in the middle of a frame or of a measurement
+            self._measurer.close()
+            self.world.trajectories.close()
         vars(self).clear()
 
     def mesh_trees(self) -> MeshTrees:
@@ -130,7 +135,7 @@ class ViewRenderer:
     def exposure(self, width: int, height: int) -> float:
         """Return the main camera's exposure in stops, with the scenario's compensation.
 
-        If it has none, it is metered at frame 0, in that image size.
+        If it has none, it is metered at frame 0, as the camera frames images of that size.
 
         It is metered at frame 0 whatever frame is rendered first, so that a seek changes no pixel, and again after
         edits of frame 0, as a replay of them does.
@@ -166,7 +171,7 @@ class ViewRenderer:
             state: of the world, at the frame to render.
             view: the camera at frames k - 1, k and k + 1, and the image size.
             buffers: names of the buffers to compute.
-            main_size: width and height in which the exposure is metered, px.
+            main_size: width and height of the images of the main camera, px, which say what it is metered on.
             camera_row: the world's camera that this is, whose path the shutter follows; None: the view's cameras are
                 interpolated.
             since: frame from which `backward_flow` is measured; None: the one before.

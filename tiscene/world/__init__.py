@@ -5,6 +5,7 @@
 
     world             World
     camera_edits      placing and turning cameras
+    edit_lock         edits that wait for frames and edits of other threads
     object_edits      spawning, removing and moving objects; placing the walls of the frustum
     world_cameras     poses of the cameras at each frame
     world_state       WorldState: everything about one frame

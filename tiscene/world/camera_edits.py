@@ -3,11 +3,9 @@
 
 from __future__ import annotations
 
-import functools
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from contextlib import AbstractContextManager
-from typing import Any, ParamSpec, TypeVar
 
 from dynamics import argument_checks
 from tiscene.errors import scenario_errors
@@ -15,25 +13,8 @@ from tiscene.scenario.edits import Edit
 from tiscene.scene.camera import Camera
 from tiscene.scene.description import SceneDescription
 from tiscene.scene.walking import Axes
+from tiscene.world.edit_lock import one_at_a_time
 from tiscene.world.world_cameras import WorldCameras
-
-Arguments = ParamSpec("Arguments")
-Result = TypeVar("Result")
-
-
-def one_at_a_time(edit: Callable[Arguments, Result]) -> Callable[Arguments, Result]:
-    """Decorate an edit, a method of a world, so that it waits for frames and edits of other threads.
-
-    An edit that came in the middle of a frame would be in the log at that frame, but not in its pixels.
-    """
-
-    @functools.wraps(edit)
-    def locked(*args: Arguments.args, **kwargs: Arguments.kwargs) -> Result:
-        world: Any = args[0]
-        with world.edit_lock:
-            return edit(*args, **kwargs)
-
-    return locked
 
 
 class CameraEdits(ABC):

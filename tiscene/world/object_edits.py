@@ -16,7 +16,8 @@ from tiscene.scenario.edits import Despawn, EditLog, Move, SetFrustumWalls, Spaw
 from tiscene.scenario.objects import Frustum, Object
 from tiscene.scenario.scenario import Scenario
 from tiscene.scene.camera import Camera
-from tiscene.world.camera_edits import CameraEdits, one_at_a_time
+from tiscene.world.camera_edits import CameraEdits
+from tiscene.world.edit_lock import one_at_a_time
 from tiscene.world.object_registry import ObjectRegistry
 from tiscene.world.physics_trajectories import PhysicsTrajectories
 from tiscene.world.place_finder import PlaceFinder

@@ -58,6 +58,10 @@ class PhysicsTrajectories(Trajectories):
         if isinstance(spec.dynamic, RigidBody):
             require_engine()
 
+    def close(self) -> None:
+        super().close()
+        self._physics = self._physics_world = None
+
     def amend(self, edit: Edit) -> None:
         changes = len(self._changes)
         super().amend(edit)
@@ -76,12 +80,14 @@ class PhysicsTrajectories(Trajectories):
     def between(self, frame: int, shift: Fraction, rows: Sequence[int] | None = None) -> Array:
         rows = self._rows(frame, rows)
         poses, rigid = super().between(frame, shift, rows), self._rigid_rows(rows)
+        if not rigid or shift in (0, 1):
+            return poses
         start = math.floor(frame + shift)
-        if rigid and shift and start >= 0:
+        if start >= 0:
             before, after = self.poses(start, rows), self.arrivals(start + 1, rows)
             rigid_poses = between_poses(before, after, float(frame + shift - start))
             poses[rigid] = rigid_poses[rigid]
-        elif rigid:
+        else:
             poses[rigid] = self.poses(frame, rows)[rigid]
         return poses
 

@@ -10,8 +10,9 @@ from __future__ import annotations
 import bisect
 import functools
 import math
+import weakref
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from fractions import Fraction
 from typing import Literal
 
@@ -125,8 +126,9 @@ class Trajectories:
         # By the number of changes so far.
         self._obstacles: LRUCache[int, Obstacles] = LRUCache(KEPT_OBSTACLES)
         self._obstacle_rows: NDArray[np.int64] = np.zeros(0, np.int64)
+        self_ = weakref.proxy(self)  # a cycle would wait for the cyclic collector
         self._onset = CollisionOnset(
-            log, self._movers, lambda: self._obstacles_at(0), walled=scenario.frustum is not None
+            log, self._movers, lambda: self_._obstacles_at(0), walled=scenario.frustum is not None
         )
         self.stepped: SteppedSimulation | None = None
         self._stepped_from = 0
@@ -137,8 +139,11 @@ class Trajectories:
         return self._movers
 
     def close(self) -> None:
-        """Drop all arrays now, which would wait for the cyclic collector. Nothing can be asked any more."""
-        vars(self).clear()
+        """Drop all simulations, and all that is on the device. What is asked later is simulated again."""
+        self.stepped = None
+        self._obstacles.drop(lambda _changes: True)
+        meshes = self._setting.stage.meshes
+        self._setting = replace(self._setting, trees=functools.cache(lambda: MeshTrees.built(meshes)))
 
     def amend(self, edit: Edit) -> None:
         """Take one more edit of the log. Frames before the edit keep their poses and are not computed again."""
@@ -182,6 +187,8 @@ class Trajectories:
         """
         if not shift:
             return self.poses(frame, rows)
+        if shift == 1:
+            return self.arrivals(frame + 1, rows)
         rows, time = self._rows(frame, rows), frame + shift
         poses = self._closed_form(time, rows)
         stepped = self._stepping(frame)

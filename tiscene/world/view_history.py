@@ -3,13 +3,15 @@
 
 A view of an object is the direction from it to the camera, in its own axes. Views count as shown while the object's
 center lies in the image, whatever is in front of it. They are evaluated twice a second, at fixed frames, over the last
-64 s: a pure function of the frame, whatever was rendered.
+64 s: a pure function of the frame, whatever was rendered. Edits that come after a frame do not change its views.
 """
 
 from __future__ import annotations
 
+import weakref
 from collections.abc import Mapping
-from dataclasses import dataclass
+from contextlib import AbstractContextManager
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
@@ -29,18 +31,33 @@ WINDOW = 128  # views
 KEPT = 4 * WINDOW
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(eq=False)
 class FrameNovelty:
-    """The novelty of the views of one frame, computed when it is asked for. A pickle holds the angles."""
+    """The novelty of the views of one frame, computed when it is asked for. A pickle holds the angles.
 
-    history: ViewHistory
+    Attributes:
+        frame: the frame.
+        row: the camera whose earlier views count.
+        camera: the camera that took the frame.
+        history: what computes the angles; None: they are known.
+        known: the angles.
+    """
+
     frame: int
     row: int
     camera: Camera
+    history: ViewHistory | None
+    known: Mapping[int, float] = field(default_factory=dict)
 
     def angles(self) -> Mapping[int, float]:
         """Return the angle to the nearest view shown before of each object of the scenario, by id, degrees."""
-        return self.history.angles(self.frame, self.row, self.camera)
+        history = self.history
+        if history is not None:
+            with history.lock:
+                if self.history is not None:  # no other thread has computed them meanwhile
+                    self.known = history.angles(self.frame, self.row, self.camera)
+                    self.history = None
+        return self.known
 
     def __reduce__(self) -> tuple[type[KnownNovelty], tuple[dict[int, float]]]:
         return KnownNovelty, (dict(self.angles()),)
@@ -67,10 +84,21 @@ class ViewHistory:
         first_id: instance id of the object in row 0 of the log.
         fps: frames per second.
         aspect: width / height of the image.
+        lock: held while views are evaluated, which simulates.
+
+    Attributes:
+        lock: the same.
     """
 
     def __init__(
-        self, log: EditLog, trajectories: Trajectories, cameras: WorldCameras, first_id: int, fps: float, aspect: float
+        self,
+        log: EditLog,
+        trajectories: Trajectories,
+        cameras: WorldCameras,
+        first_id: int,
+        fps: float,
+        aspect: float,
+        lock: AbstractContextManager[object],
     ) -> None:
         self._log = log
         self._trajectories = trajectories
@@ -79,7 +107,15 @@ class ViewHistory:
         self._step = max(1, round(fps / RATE))
         self._lag = max(1, round(fps * LATEST))
         self._aspect = aspect
+        self.lock = lock
+        self._novelties: weakref.WeakSet[FrameNovelty] = weakref.WeakSet()
         self._views: LRUCache[tuple[int, int], dict[int, Array]] = LRUCache(KEPT)
+
+    def settle(self, frame: int) -> None:
+        """Compute the novelty of the frames that are held, from one on that an edit is about to change."""
+        for novelty in list(self._novelties):
+            if novelty.frame >= frame:
+                novelty.angles()
 
     def forget(self, frame: int) -> None:
         """Drop the views from a frame on, which an edit may have changed."""
@@ -87,7 +123,9 @@ class ViewHistory:
 
     def of_frame(self, frame: int, row: int, camera: Camera) -> FrameNovelty:
         """Return the novelty of a frame that a camera took, against the views of the camera in a row."""
-        return FrameNovelty(self, frame, row, camera)
+        novelty = FrameNovelty(frame, row, camera, self)
+        self._novelties.add(novelty)
+        return novelty
 
     def angles(self, frame: int, row: int, camera: Camera) -> Mapping[int, float]:
         """Return the angle to the nearest earlier view of each live object, by id, degrees."""
@@ -122,7 +160,8 @@ class ViewHistory:
         kept = np.ones(len(rows), np.bool_)
         if in_view:
             local = (poses[:, :3] - camera.position) @ camera.axes()
-            half = np.array([camera.half_height(max(depth, 0.0)) for depth in (-local[:, 2]).tolist()])
+            framed = camera.framed(self._aspect)
+            half = np.array([framed.half_height(max(depth, 0.0)) for depth in (-local[:, 2]).tolist()])
             x, y = camera.image_center(-local[:, 2])
             kept = (-local[:, 2] > 0.0) & (np.abs(local[:, 1] - y) <= half)
             kept &= np.abs(local[:, 0] - x) <= half * self._aspect

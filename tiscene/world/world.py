@@ -22,8 +22,8 @@ from tiscene.scene.bvh.obstacle_tree import MeshTrees
 from tiscene.scene.camera import Camera
 from tiscene.scene.description import Light, SceneDescription, Template
 from tiscene.scene.placement import Placement
-from tiscene.world.camera_edits import one_at_a_time
 from tiscene.world.category_ids import CategoryIds
+from tiscene.world.edit_lock import one_at_a_time
 from tiscene.world.frame_evaluator import FrameEvaluator
 from tiscene.world.lights import WorldLights
 from tiscene.world.material_animation import MaterialAnimation
@@ -127,7 +127,9 @@ class World(ObjectEdits):
         self.trajectories = PhysicsTrajectories(scenario, self._log, setting)
         self._cameras = WorldCameras(self.cameras, self._log, self.trajectories, stage.camera_names)
         first = registry.id_of(0)
-        self.view_history = ViewHistory(self._log, self.trajectories, self._cameras, first, self.fps, aspect)
+        self.view_history = ViewHistory(
+            self._log, self.trajectories, self._cameras, first, self.fps, aspect, self.edit_lock
+        )
         eye, placed = self.cameras[0].position, self._stage_objects.instances
         overlaps = OverlapDetector(self._log, stage, registry.surface, placed, self.trajectories, eye)
         animation, rooms = MaterialAnimation(registry.descriptions), RoomFinder(stage.rooms)
@@ -271,6 +273,7 @@ class World(ObjectEdits):
         self._last_state = None
 
     def _edit(self, edit: Edit) -> None:
+        self.view_history.settle(edit.frame)
         self._log.add(edit)
         if isinstance(edit, Spawn):
             self._registry.settle()

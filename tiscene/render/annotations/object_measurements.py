@@ -2,7 +2,9 @@
 """Boxes and pixel counts of a frame's objects, computed on first access.
 
 A frame may be read long after the stream has advanced: its placement and cameras are kept, and the scene is placed
-again for the measurement. Every render places the scene first, so that other frames are not affected.
+again for the measurement. Every render places the scene first, so that other frames are not affected. A frame may also
+outlive the scene, which is then made again from its descriptions: measuring every frame that is kept when a stream
+closes would take longer, and to keep their scenes would fill the device.
 
 Measurements that do not depend on occluders are cached by view and object: static objects in front of a static camera
 are measured once.
@@ -10,18 +12,20 @@ are measured once.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+import weakref
+from collections.abc import Sequence
 from dataclasses import dataclass, fields
-from typing import Any, Generic, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
 from dynamics.lru_cache import LRUCache
+from dynamics.rotation import matrix_from_quaternion
 from tiscene.device import runtime
 from tiscene.frame.measurements import AmodalMask, OrientedBox, StoredMeasurements
 from tiscene.frame.object_table import ObjectState, ObjectTable
 from tiscene.render.annotations.amodal_masks import PartInView, PixelCounter
+from tiscene.render.annotations.measured_property import Measured
 from tiscene.render.annotations.measurement_kernels import (
     BEHIND,
     BOX,
@@ -33,38 +37,15 @@ from tiscene.render.annotations.measurement_kernels import (
 )
 from tiscene.render.integrators.labels.label_pass import LabelPass
 from tiscene.render.view import View
-from tiscene.scene.animation import polar
-from tiscene.scene.camera import Camera, quaternion_from_matrix
+from tiscene.scene.assembly import MIN_EXTENT
+from tiscene.scene.camera import Camera
+from tiscene.scene.description import SceneDescription
 from tiscene.scene.device_scene import DeviceScene
 from tiscene.scene.placement import CURRENT, Placement
 
 KEPT_VIEWS = 4
 _MAX_COORDINATE = 1e7  # px, of projections of points near the camera's plane
-Value = TypeVar("Value")
-
-
-class _Measured(Generic[Value]):
-    """A property that is computed at its first access, while no other thread renders: the scene is placed for it.
-
-    `functools.cached_property` of Python 3.11 computes under a lock of its own, for which a thread that renders, and
-    reads the property, could wait for ever.
-    """
-
-    def __init__(self, function: Callable[[Any], Value]) -> None:
-        self._function = function
-        self.__doc__ = function.__doc__
-
-    def __get__(self, instance: Any, owner: type | None = None) -> Value:
-        return self._value(instance)  # called until the instance has the value itself
-
-    @runtime.one_thread_at_a_time
-    def _value(self, instance: Any) -> Value:
-        values: dict[str, Any] = instance.__dict__
-        name = self._function.__name__
-        if name not in values:
-            values[name] = self._function(instance)
-        value: Value = values[name]
-        return value
+_NO_BOX = OrientedBox((np.nan,) * 3, (np.nan,) * 3, (1.0, 0.0, 0.0, 0.0))
 
 
 @dataclass(eq=False)
@@ -74,14 +55,12 @@ class _CachedMeasurements:
     Attributes:
         signature: All inputs they depend on.
         world_bounds: float64 [2, 3], m.
-        box_3d: Oriented box.
         parts: Its instances in view.
         amodal_mask: None until it is needed.
     """
 
     signature: bytes
     world_bounds: NDArray[np.float64]
-    box_3d: OrientedBox
     parts: list[PartInView]
     amodal_mask: AmodalMask | None = None
 
@@ -92,8 +71,8 @@ class _CachedMeasurements:
         return np.concatenate([every[:, :2].min(axis=0), every[:, 2:].max(axis=0)])
 
 
-class Measurer:
-    """Measures objects of a scene's frames.
+class _Instruments:
+    """What measures on the device.
 
     Attributes:
         scene: The scene.
@@ -105,7 +84,40 @@ class Measurer:
         self.scene = scene
         self.labels = LabelPass(scene)
         self.pixels = PixelCounter(scene)
+
+
+class Measurer:
+    """Measures objects of a scene's frames.
+
+    Args:
+        scene: The scene.
+    """
+
+    def __init__(self, scene: DeviceScene) -> None:
+        self._instruments: _Instruments | None = _Instruments(scene)
+        self._descriptions: Sequence[SceneDescription] = ()
         self._caches: LRUCache[tuple[Camera, int, int], dict[int, _CachedMeasurements]] = LRUCache(KEPT_VIEWS)
+
+    @property
+    def instruments(self) -> _Instruments:
+        """What measures; after `close` made again, in place of what was made so for other frames."""
+        if self._instruments is None:
+            for other in list(_reopened):
+                other.close()
+            scene = DeviceScene()
+            for description in self._descriptions:
+                scene.add(description)
+            self._instruments = _Instruments(scene)
+            _reopened.add(self)
+        return self._instruments
+
+    def close(self) -> None:
+        """Let go of the scene, and of all that is on the device."""
+        with runtime.ONE_THREAD:  # not in the middle of a measurement
+            if self._instruments is not None:
+                self._descriptions = [description for _, description in self._instruments.scene.descriptions]
+            self._instruments = None
+            _reopened.discard(self)
 
     def table(
         self,
@@ -122,15 +134,17 @@ class Measurer:
             states: The objects alive at the frame.
             instance: The frame's buffer of that name, int32 [h, w]; None: rendered when needed.
         """
-        ids = np.array([state.id for state in states], np.int32)
         # A copy: users may write to the frame's buffers.
         return ObjectTable(
-            states, SceneMeasures(self, placement, view, ids, None if instance is None else instance.copy())
+            states, SceneMeasures(self, placement, view, states, None if instance is None else instance.copy())
         )
 
     def cache_of(self, view: View) -> dict[int, _CachedMeasurements]:
         """Return the cache of a view, by object id, which the caller updates."""
         return self._caches.get((view.current, view.width, view.height), dict)
+
+
+_reopened: weakref.WeakSet[Measurer] = weakref.WeakSet()  # the one whose scene was made again, if frames hold it
 
 
 class SceneMeasures:
@@ -141,7 +155,7 @@ class SceneMeasures:
         measurer: Measurer,
         placement: Placement,
         view: View,
-        ids: NDArray[np.int32],
+        states: Sequence[ObjectState],
         instance: NDArray[np.int32] | None,
     ) -> None:
         """Hold the frame.
@@ -150,27 +164,31 @@ class SceneMeasures:
             measurer: Of the scene.
             placement: Of the frame.
             view: Of the frame.
-            ids: int32 [n], instance ids of the objects, one row each.
+            states: The objects, one row each.
             instance: The frame's buffer, int32 [h, w]; None: rendered when needed.
         """
         self._measurer = measurer
-        self._scene = measurer.scene
         self._placement = placement
         self._view = view
-        self._ids = ids
+        self._states = states
+        self._ids = np.array([state.id for state in states], np.int32)
         self._instance = instance
+
+    @property
+    def _scene(self) -> DeviceScene:
+        return self._measurer.instruments.scene
 
     def __reduce__(self) -> tuple[type[StoredMeasurements], tuple[object, ...]]:
         """Pickle and copy as StoredMeasurements, since device arrays cannot leave the process."""
         return StoredMeasurements, tuple(getattr(self, field.name) for field in fields(StoredMeasurements))
 
-    @_Measured
+    @Measured
     def _visible(self) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
         """Visible pixels [n] and the boxes around them [n, 4]."""
         image = self._instance
         if image is None:
             self._scene.place(self._placement, (CURRENT,))
-            image = self._measurer.labels.render(self._view, ("instance",))["instance"]
+            image = self._measurer.instruments.labels.render(self._view, ("instance",))["instance"]
         height, width = image.shape
         order = np.argsort(self._ids)
         # Runs of equal ids in a line.
@@ -207,7 +225,7 @@ class SceneMeasures:
         """float64 [n, 4], px; nan where nothing is visible."""
         return self._visible[1]
 
-    @_Measured
+    @Measured
     def _parts(self) -> list[NDArray[np.int64]]:
         """Rows of each object's instances."""
         placed = self._placement
@@ -235,7 +253,7 @@ class SceneMeasures:
                     signatures[number] += now
         return signatures
 
-    @_Measured
+    @Measured
     def _objects(self) -> list[_CachedMeasurements]:
         """Measurements of each object; those missing in the cache are made."""
         return self._measured(range(len(self._ids)))
@@ -260,7 +278,7 @@ class SceneMeasures:
         extents = self._extents(np.concatenate([np.zeros(0, np.int64), *parts]))
         ends = np.cumsum([0, *(len(each) for each in parts)])
         result = []
-        for number, (signature, box) in enumerate(zip(signatures, self._boxes_3d(parts), strict=True)):
+        for number, signature in enumerate(signatures):
             mine = extents[ends[number] : ends[number + 1]]
             corners = mine[:, WORLD : WORLD + 6].reshape(-1, 2, 3)
             bounds = np.full((2, 3), np.nan)
@@ -272,7 +290,7 @@ class SceneMeasures:
                 if extent[IN_FRONT]:
                     window = self._box_in_front(instance, extent[CLIP]) if cut else extent[BOX : BOX + 4]
                     in_view.append(PartInView(place, np.clip(window, -_MAX_COORDINATE, _MAX_COORDINATE), cut))
-            result.append(_CachedMeasurements(signature, bounds, box, in_view))
+            result.append(_CachedMeasurements(signature, bounds, in_view))
         return result
 
     def _extents(self, instances: NDArray[np.int64]) -> NDArray[np.float64]:
@@ -291,26 +309,6 @@ class SceneMeasures:
             int(view.orthographic), 0.5 * view.width, 0.5 * view.height, found,
         )  # fmt: skip
         return found
-
-    def _boxes_3d(self, objects: Sequence[NDArray[np.int64]]) -> list[OrientedBox]:
-        """Return the boxes in which `object_coordinates` are measured, of objects given by their instances."""
-        # All parts share one box; the first part's matrices map it from 0..1 to its mesh, and to the world.
-        firsts = np.array([parts[0] if len(parts) else -1 for parts in objects], np.int64)
-        some = firsts[firsts >= 0]
-        box_from_mesh, world_from_mesh = np.zeros((2, len(some), 4, 4))
-        box_from_mesh[:, :3] = self._placement.box_from_object[some]
-        world_from_mesh[:, :3] = self._placement.world_from_object[CURRENT, some]
-        box_from_mesh[:, 3, 3] = world_from_mesh[:, 3, 3] = 1.0
-        world_from_box = world_from_mesh @ np.linalg.inv(box_from_mesh)
-        edges = world_from_box[:, :3, :3]
-        sizes = np.linalg.norm(edges, axis=1)
-        centers = world_from_box[:, :3] @ (0.5, 0.5, 0.5, 1.0)
-        rotations = _rotations_of(edges)
-        nothing = (np.nan,) * 3
-        boxes = [OrientedBox(nothing, nothing, (1.0, 0.0, 0.0, 0.0))] * len(firsts)
-        for row, center, size, rotation in zip(np.flatnonzero(firsts >= 0), centers, sizes, rotations, strict=True):
-            boxes[row] = OrientedBox(tuple(center.tolist()), tuple(size.tolist()), quaternion_from_matrix(rotation))
-        return boxes
 
     def _box_in_front(self, instance: int, near: float) -> NDArray[np.float64]:
         """Return the image-space box, px, of an instance clipped at a depth, m."""
@@ -332,23 +330,26 @@ class SceneMeasures:
         pixels = points[:, :2] / depths * self._view.focal_lengths()[CURRENT] + center
         return np.concatenate([pixels.min(axis=0), pixels.max(axis=0)])
 
-    @_Measured
+    @Measured
     def world_bounds(self) -> NDArray[np.float64]:
         """float64 [n, 2, 3], m; nan for an object without geometry."""
         return np.array([each.world_bounds for each in self._objects]).reshape(-1, 2, 3)
 
-    @_Measured
+    @Measured
     def box_3d(self) -> list[OrientedBox]:
         """Oriented boxes in which `object_coordinates` are measured."""
-        return [each.box_3d for each in self._objects]
+        return [
+            _oriented_box(state) if len(parts) else _NO_BOX
+            for state, parts in zip(self._states, self._parts, strict=True)
+        ]
 
-    @_Measured
+    @Measured
     def amodal_box(self) -> NDArray[np.float64]:
         """float64 [n, 4], px; nan where nothing is in front of the camera."""
         boxes = [each.amodal_box if each.parts else (np.nan,) * 4 for each in self._objects]
         return np.array(boxes, np.float64).reshape(-1, 4)
 
-    @_Measured
+    @Measured
     def amodal_masks(self) -> list[AmodalMask]:
         """Amodal mask of each object."""
         return self._masks(range(len(self._ids)), self._objects)
@@ -359,7 +360,7 @@ class SceneMeasures:
         if new:
             self._scene.place(self._placement, (CURRENT,))
             parts = [[part.of(self._parts[row]) for part in each.parts] for row, each in new]
-            for (_, each), mask in zip(new, self._measurer.pixels.count(self._view, parts), strict=True):
+            for (_, each), mask in zip(new, self._measurer.instruments.pixels.count(self._view, parts), strict=True):
                 each.amodal_mask = mask
         return [each.amodal_mask for each in objects if each.amodal_mask is not None]
 
@@ -370,12 +371,12 @@ class SceneMeasures:
         masks = self._masks(rows, self._measured(rows))
         return np.array([(each.inside, each.inside + each.outside) for each in masks], np.int64).reshape(-1, 2)
 
-    @_Measured
+    @Measured
     def pixels_in_frame(self) -> NDArray[np.int64]:
         """int64 [n]: pixels of the amodal mask inside the image."""
         return np.array([each.inside for each in self.amodal_masks], np.int64)
 
-    @_Measured
+    @Measured
     def amodal_pixels(self) -> NDArray[np.int64]:
         """int64 [n]: pixels of the amodal mask on an unbounded image; subsampled outside."""
         return np.array([each.inside + each.outside for each in self.amodal_masks], np.int64)
@@ -385,6 +386,10 @@ class SceneMeasures:
         return self.amodal_masks[row].mask()
 
 
-def _rotations_of(edges: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return the proper rotations nearest to matrices [n, 3, 3] with normalized columns (polar decomposition)."""
-    return polar(edges / np.maximum(np.linalg.norm(edges, axis=1, keepdims=True), 1e-30))[0]
+def _oriented_box(state: ObjectState) -> OrientedBox:
+    """Return the box of an object, from its pose."""
+    low, high = np.array(state.box)
+    center = matrix_from_quaternion(state.rotation) @ (0.5 * (low + high)) + state.position
+    x, y, z = center.tolist()
+    width, height, depth = np.maximum(high - low, MIN_EXTENT).tolist()
+    return OrientedBox((x, y, z), (width, height, depth), state.rotation)
