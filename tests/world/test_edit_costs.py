@@ -161,7 +161,11 @@ def test_frames_evaluate_authored_animation_as_often_when_many_animated_objects_
     track = InstanceTrack(np.arange(count, dtype=np.int32), np.array([0.0, 1.0]), matrices, np.ones((2, count), bool))
     instances = tuple(Instance(0, row, np.eye(4)) for row in range(count))
     objects = tuple(SceneObject(f"Lift{row}", f"/Lift{row}") for row in range(count))
-    world = make(stage=replace(TEMPLATE.description, instances=instances, objects=objects, tracks=(track,)))
+    world = make(
+        stage=replace(
+            TEMPLATE.description, instances=instances, objects=objects, tracks=(track,), object_tracks=(track,)
+        )
+    )
     at = InstanceTrack.at
 
     def counted(*arguments):

@@ -264,6 +264,7 @@ def test_what_moves_by_itself_may_stand_beside_things_without_a_mesh():
         instances=(Instance(0, 1, at(5, 5, 5)), Instance(1, 2, np.eye(4))),
         objects=(SceneObject("Cup", "/Cup"), SceneObject("Floor", "/Floor"), SceneObject("Lift", "/Lift")),
         tracks=(track,),
+        object_tracks=(replace(track, instances=np.array([2], np.int32)),),
     )
     rows = {row.name: row.position for row in world(stage=stage).state(5).objects}
     assert rows == {"Cup": (0.0, 0.0, 0.0), "Floor": (5.0, 5.0, 5.0), "Lift": (0.5, 1.0, 1.5)}
@@ -274,7 +275,8 @@ def test_moved_thing_with_an_animation_goes_on_from_its_new_place():
     moved[1, 0, :, 3] = (1, 2, 3)
     track = InstanceTrack(np.array([0], np.int32), np.array([0.0, 1.0]), moved, np.ones((2, 1), bool))
     instances, objects = (Instance(0, 0, np.eye(4)),), (SceneObject("Lift", "/Lift"),)
-    stage = SceneDescription("room", (UNIT_CUBE,), instances=instances, objects=objects, tracks=(track,))
+    tracks = {"tracks": (track,), "object_tracks": (track,)}
+    stage = SceneDescription("room", (UNIT_CUBE,), instances=instances, objects=objects, **tracks)
     made = world(stage=stage)
     made.next_frame = 5
     made.move("/Lift", (0, 0, 0), (0, 90, 0))

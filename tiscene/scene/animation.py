@@ -40,12 +40,12 @@ class Deformation:
 
 @dataclass(frozen=True, eq=False)
 class InstanceTrack:
-    """Transforms of some instances over time: positions are interpolated linearly, rotations by slerp.
+    """Transforms of some instances or objects over time: positions are interpolated linearly, rotations by slerp.
 
     Attributes:
-        instances: int32 [n], rows of `SceneDescription.instances`.
+        instances: int32 [n], rows of `SceneDescription.instances`, or of its `objects`.
         times: float64 [s], s.
-        matrices: float64 [s, n, 3, 4], m; they replace `Instance.world_from_object`.
+        matrices: float64 [s, n, 3, 4], m; they replace `world_from_object`.
         present: bool [s, n], whether the instance exists from a sample to the next. Where False, the matrix is
             meaningless.
     """

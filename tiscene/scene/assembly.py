@@ -59,22 +59,16 @@ def rigid(matrices: Matrix) -> Matrix:
     return result
 
 
-def object_axes(description: SceneDescription, meshes: Sequence[int], matrices: Matrix) -> Matrix:
-    """Return the poses [n, 4, 4] of objects: origins and axes, without scale, of the prims of their first meshes.
-
-    Args:
-        description: Where the meshes are.
-        meshes: The first mesh of each object.
-        matrices: [n, 4, 4], the transforms of these meshes.
-    """
-    origins = np.array([description.meshes[mesh].origin for mesh in meshes]).reshape(-1, 3)
-    return rigid(with_origin(matrices, origins))
-
-
-def authored_axes(description: SceneDescription, row: int) -> Matrix:
-    """Return the authored pose of the object in a row, which has meshes, as `object_axes` does: [4, 4]."""
-    first = next(each for each in description.instances if each.object == row)
-    return object_axes(description, [first.mesh], first.world_from_object[None]).reshape(4, 4)
+def object_matrices(description: SceneDescription) -> Matrix:
+    """Return the authored transforms of all objects: [n, 4, 4]. Their poses are these without scale (`rigid`)."""
+    result = np.tile(np.eye(4), (len(description.objects), 1, 1))
+    for each in reversed(description.instances):
+        if description.objects[each.object].world_from_object is None:
+            result[each.object] = with_origin(each.world_from_object, description.meshes[each.mesh].origin)
+    for row, whole in enumerate(description.objects):
+        if whole.world_from_object is not None:
+            result[row] = whole.world_from_object
+    return result
 
 
 def bounding_box(description: SceneDescription, meshes: Sequence[int], matrices: Sequence[Matrix]) -> Matrix:
@@ -119,4 +113,4 @@ def as_one(description: SceneDescription, name: str, prim_path: str, category: s
     movable = any(each.movable for each in description.objects)
     whole = SceneObject(name, prim_path, category, tuple(names) if len(names) > 1 else (), movable, asset)
     objects = (whole,) if description.objects else ()
-    return replace(description, instances=instances, objects=objects, colliders=colliders)
+    return replace(description, instances=instances, objects=objects, colliders=colliders, object_tracks=())

@@ -130,6 +130,7 @@ class SceneObject:
         parts: Names of its meshes and of their subsets, by part number. (): an object of one part.
         movable: Whether its author made it a rigid body (UsdPhysics).
         asset: Name of the asset that it is an instance of. "": none.
+        world_from_object: float64 4x4, m, of its prim or its point of an instancer. None: of its first mesh.
     """
 
     name: str
@@ -138,6 +139,7 @@ class SceneObject:
     parts: tuple[str, ...] = ()
     movable: bool = False
     asset: str = ""
+    world_from_object: Matrix | None = field(default=None, compare=False)
 
 
 @dataclass(frozen=True, eq=False)
@@ -181,6 +183,7 @@ class SceneDescription:
         templates: Templates that are defined on the stage.
         colliders: Meshes for collisions alone.
         tracks: Instances that move, appear and disappear by the stage's own time samples.
+        object_tracks: Transforms of objects over time, by their rows. They say where objects are, not what is drawn.
         material_tracks: Inputs of materials that vary over time.
         light_tracks: Inputs of lights that vary over time. Poses only of lights that move within a template.
         rooms: Volumes of rooms.
@@ -200,6 +203,7 @@ class SceneDescription:
     templates: tuple[Template, ...] = field(default=())
     colliders: tuple[Collider, ...] = ()
     tracks: tuple[InstanceTrack, ...] = ()
+    object_tracks: tuple[InstanceTrack, ...] = ()
     rooms: tuple[RoomVolume, ...] = ()
     resolution: tuple[int, int] | None = None
     material_tracks: tuple[InputTrack, ...] = ()

@@ -55,7 +55,7 @@ class ObjectGeometry:
         tracks = tuple(scaled(track, matrix) for track in description.tracks)
         if tracks:
             animated = AnimatedInstances(np.array(own)[:, :3], [(track.instances, track) for track in tracks])
-            box = box_over_time(description, meshes, animated.over_time(np.arange(len(own))), own=False)
+            box = box_over_time(description, meshes, animated.over_time(np.arange(len(own))))
         else:
             box = bounding_box(description, meshes, own)
         parts = ObjectParts(

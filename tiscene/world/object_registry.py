@@ -14,14 +14,15 @@ from tiscene.errors import ScenarioError
 from tiscene.frame.object_table import ObjectState
 from tiscene.scenario.edits import ObjectHistory
 from tiscene.scenario.objects import Object
+from tiscene.scene.affine_maps import inverted
 from tiscene.scene.animation import quaternions
-from tiscene.scene.assembly import ObjectParts, box_matrices, corners, joined, object_axes
+from tiscene.scene.assembly import ObjectParts, box_matrices, corners, joined, object_matrices, rigid
 from tiscene.scene.camera import Vector3
 from tiscene.scene.description import SceneDescription, Template, mesh_boxes
 from tiscene.world.category_ids import CategoryIds
 from tiscene.world.lights import AttachedLight
 from tiscene.world.object_geometry import ObjectGeometry
-from tiscene.world.stage_animation import AnimatedInstances, box_over_time, changing
+from tiscene.world.stage_animation import AnimatedInstances, box_over_time, changing, changing_within
 
 Array = NDArray[np.float64]
 MAX_GEOMETRIES = 256  # of templates and scales
@@ -93,6 +94,7 @@ class ObjectRegistry:
         stage_rows: the stage's objects, posed as authored.
         stage_owner: int32 [stage parts], row of each part's object.
         stage_tracks: authored animation of the stage's parts.
+        stage_poses: authored transforms of the stage's objects, and their animation.
         first_light_frame: first frame at which an object whose template has lights is known; None: none is.
     """
 
@@ -158,7 +160,7 @@ class ObjectRegistry:
         return np.concatenate(triangles)
 
     def _settle_stage(self) -> tuple[list[ObjectState], ObjectParts]:
-        """Return rows and parts of the stage's objects. An object's axes are those of its first mesh, without scale."""
+        """Return rows and parts of the stage's objects. An object's axes are those of its prim, without scale."""
         stage = self.stage
         instance_owner = np.array([instance.object for instance in stage.instances], np.int32)
         self._stage_order = order = np.argsort(instance_owner, kind="stable")  # parts are instances grouped by object
@@ -169,19 +171,24 @@ class ObjectRegistry:
             placed[:, :3], [(part_of[track.instances], track) for track in stage.tracks]
         )
         some, first = np.unique(owner, return_index=True)  # objects with at least one mesh
-        axes = np.tile(np.eye(4), (len(stage.objects), 1, 1))
-        axes[some] = object_axes(stage, meshes[first].tolist(), placed[first])
+        authored = object_matrices(stage)
+        self.stage_poses = AnimatedInstances(
+            authored[:, :3], [(track.instances, track) for track in stage.object_tracks]
+        )
+        axes = rigid(authored)
         own = np.linalg.inv(axes)[owner] @ placed
         every = mesh_boxes(stage.meshes, meshes.tolist(), own)
         boxes = np.zeros((len(stage.objects), 2, 3))
         if len(some):
             low, high = np.minimum.reduceat(every[:, 0], first), np.maximum.reduceat(every[:, 1], first)
             boxes[some] = np.where(low[:, :1, None] < np.inf, np.stack([low, high], axis=1), 0.0)
-        for number in np.unique(owner[self.stage_tracks.rows]).tolist():
+        for number in changing_within(self.stage_tracks, self.stage_poses, owner):
             rows = np.flatnonzero(owner == number)
-            if len(rows) > 1:
-                moments = self.stage_tracks.over_time(rows)
-                boxes[number] = box_over_time(stage, meshes[rows].tolist(), moments, own=True)
+            times, moments = self.stage_tracks.times(rows), self.stage_tracks.over_time(rows)
+            into = np.tile(np.eye(4), (len(times), 1, 1))  # the prim's space, then the object's axes at authored scale
+            into[:, :3] = inverted(np.array([self.stage_poses.at(time)[0][number] for time in times]))[0]
+            into = np.linalg.inv(axes[number]) @ authored[number] @ into
+            boxes[number] = box_over_time(stage, meshes[rows].tolist(), moments, into)
         poses = zip(axes[:, :3, 3].tolist(), quaternions(axes[:, :3, :3]).tolist(), boxes, strict=True)
         objects = [
             ObjectState(

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from dynamics.rotation import matrix_from_quaternion, quaternion
 from tiscene.errors import LightNotFound, MaterialNotFound, ObjectNotFound, ScenarioError
 from tiscene.scenario.overrides import CameraOverride, LightOverride, MaterialOverride, ObjectOverride, Override
-from tiscene.scene.assembly import authored_axes
+from tiscene.scene.assembly import object_matrices, rigid
 from tiscene.scene.camera import Camera
 from tiscene.scene.description import Collider, Instance, Light, Material, SceneDescription, TextureLookup
 from tiscene.scene.input_track import InputTrack
@@ -172,19 +172,24 @@ def _arranged(stage: SceneDescription, override: ObjectOverride) -> SceneDescrip
         )
     own = np.array([each.object == number for each in stage.instances], np.bool_)
     path = stage.objects[number].prim_path
-    if any(own[track.instances].any() for track in stage.tracks):
+    if any(own[track.instances].any() for track in stage.tracks) or any(
+        number in track.instances for track in stage.object_tracks
+    ):
         raise ScenarioError(f"overrides: the object {path!r} is animated by the stage; move it with an edit")
     if not override.visible:
         return _without(stage, number, own)
     if not own.any() or (override.position is None and override.rotation is None):
         return stage
-    start = authored_axes(stage, number)
+    authored = object_matrices(stage)[number]
+    start = rigid(authored)
     pose = start.copy()
     if override.position is not None:
         pose[:3, 3] = override.position
     if override.rotation is not None:
         pose[:3, :3] = matrix_from_quaternion(quaternion(override.rotation))
     by = np.einsum("ij,jk->ik", pose, np.linalg.inv(start))
+
+    placed = replace(stage.objects[number], world_from_object=np.einsum("ij,jk->ik", by, authored))
 
     def moved(each: Instance) -> Instance:
         return replace(each, world_from_object=np.einsum("ij,jk->ik", by, each.world_from_object))
@@ -195,6 +200,7 @@ def _arranged(stage: SceneDescription, override: ObjectOverride) -> SceneDescrip
     return replace(
         stage,
         instances=tuple(moved(each) if each.object == number else each for each in stage.instances),
+        objects=(*stage.objects[:number], placed, *stage.objects[number + 1 :]),
         colliders=_mapped(moved, stage.colliders, number),
         lights=tuple(carried(each) if each.prim_path.startswith(f"{path}/") else each for each in stage.lights),
     )

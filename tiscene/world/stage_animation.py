@@ -9,27 +9,30 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
+from tiscene.scene.affine_maps import inverted
 from tiscene.scene.animation import InstanceTrack
-from tiscene.scene.assembly import bounding_box, object_axes
+from tiscene.scene.assembly import bounding_box
 from tiscene.scene.description import SceneDescription
 from tiscene.world.material_animation import emissive_rows, varying_rows
 
 Array = NDArray[np.float64]
+_TOLERANCE = 1e-9  # m, and fraction: what rounding changes in where parts are in their objects
 
 
 class AnimatedInstances:
-    """Parts of a world, some of which are animated.
+    """Parts of a world, or its objects, some of which are animated.
 
     Args:
         matrices: float64 [p, 3, 4], authored matrices of the parts.
         tracks: the animation, each track with the rows of the parts that it moves.
 
     Attributes:
+        authored: the matrices.
         rows: int64, the animated parts.
     """
 
     def __init__(self, matrices: Array, tracks: Iterable[tuple[NDArray[np.integer], InstanceTrack]] = ()) -> None:
-        self._matrices = matrices
+        self.authored = matrices
         self._tracks = list(tracks)
         self.rows = np.concatenate([np.zeros(0, np.int64), *(rows for rows, _ in self._tracks)])
 
@@ -38,20 +41,45 @@ class AnimatedInstances:
 
     def at(self, seconds: float) -> tuple[Array, NDArray[np.bool_]]:
         """Return the matrices [p, 3, 4] and the presence [p] of all parts at a time (s)."""
-        present = np.ones(len(self._matrices), np.bool_)
+        present = np.ones(len(self.authored), np.bool_)
         if not self._tracks:
-            return self._matrices, present
-        matrices = self._matrices.copy()
+            return self.authored, present
+        matrices = self.authored.copy()
         for rows, track in self._tracks:
             matrices[rows], present[rows] = track.at(seconds)
         return matrices, present
 
-    def over_time(self, rows: NDArray[np.integer]) -> list[tuple[Array, NDArray[np.bool_]]]:
-        """Return matrices and presence of some parts at every time at which one of them has a sample."""
+    def times(self, rows: NDArray[np.integer]) -> list[float]:
+        """Return the times, s, ascending, at which one of some parts has a sample."""
         tracks = [track for own, track in self._tracks if np.isin(own, rows).any()]
-        times = sorted({time for track in tracks for time in track.times.tolist()})
-        moments = (self.at(time) for time in times)
+        return sorted({time for track in tracks for time in track.times.tolist()})
+
+    def over_time(self, rows: NDArray[np.integer]) -> list[tuple[Array, NDArray[np.bool_]]]:
+        """Return matrices and presence of some parts at `times`."""
+        moments = (self.at(time) for time in self.times(rows))
         return [(matrices[rows], present[rows]) for matrices, present in moments]
+
+
+def changing_within(parts: AnimatedInstances, objects: AnimatedInstances, owner: NDArray[np.int32]) -> list[int]:
+    """Return the rows of the objects whose parts move within them, ascending.
+
+    Args:
+        parts: the parts.
+        objects: the objects.
+        owner: int32 [p], row of each part's object.
+    """
+    rows = np.unique(parts.rows)
+    own = owner[rows]
+    changed, first = np.zeros(len(rows), np.bool_), None
+    for time in parts.times(rows):
+        matrices, present = (each[rows] for each in parts.at(time))
+        into = inverted(objects.at(time)[0])[0][own]
+        now = np.einsum("pij,pjk->pik", into[:, :, :3], matrices)
+        now[:, :, 3] += into[:, :, 3]
+        first = now if first is None else first
+        changed |= present & (np.abs(now - first) > _TOLERANCE * (1.0 + np.abs(first))).any(axis=(1, 2))
+    result: list[int] = np.unique(own[changed]).tolist()
+    return result
 
 
 def changing(description: SceneDescription, is_stage: bool = False) -> NDArray[np.bool_]:
@@ -78,7 +106,10 @@ def scaled(track: InstanceTrack, scale: Array) -> InstanceTrack:
 
 
 def box_over_time(
-    description: SceneDescription, meshes: Sequence[int], moments: Sequence[tuple[Array, NDArray[np.bool_]]], own: bool
+    description: SceneDescription,
+    meshes: Sequence[int],
+    moments: Sequence[tuple[Array, NDArray[np.bool_]]],
+    into: Array | None = None,
 ) -> Array:
     """Return the box [2, 3] around an object's parts over time.
 
@@ -86,13 +117,13 @@ def box_over_time(
         description: where the meshes are.
         meshes: mesh of each part.
         moments: matrices and presence of the parts at each time.
-        own: whether boxes are in the axes of the first part at each time.
+        into: [moments, 4, 4], into the space of the box at each time; None: the identity.
     """
     low, high = np.full(3, np.inf), np.full(3, -np.inf)
-    for matrices, present in moments:
+    for moment, (matrices, present) in enumerate(moments):
         whole = np.zeros((len(matrices), 4, 4))
         whole[:, :3], whole[:, 3, 3] = matrices, 1.0
-        axes = np.linalg.inv(object_axes(description, meshes[:1], whole[:1])[0]) if own else np.eye(4)
+        axes = np.eye(4) if into is None else into[moment]
         there = np.flatnonzero(present).tolist()
         if there:
             box = bounding_box(description, [meshes[row] for row in there], [axes @ whole[row] for row in there])

@@ -13,9 +13,10 @@ from dynamics.rotation import matrix_from_quaternion, quaternion
 from tiscene.errors import ScenarioError, did_you_mean
 from tiscene.frame.object_table import ObjectState
 from tiscene.scenario.edits import Move, StageObjectHistory
-from tiscene.scene.affine_maps import with_origin
+from tiscene.scene.affine_maps import inverted
 from tiscene.scene.animation import polar, quaternions
-from tiscene.scene.camera import quaternion_from_matrix
+from tiscene.scene.assembly import corners
+from tiscene.scene.camera import Vector3, quaternion_from_matrix
 from tiscene.scene.description import Instance, SceneDescription
 from tiscene.world.stage_animation import AnimatedInstances
 
@@ -30,6 +31,7 @@ class StageObjects:
         rows: its objects, posed as authored.
         owner: int32 [parts], row of each part's object.
         tracks: authored animation of the parts.
+        poses: authored transforms of the objects, and their animation.
         fps: frame k shows time k / fps.
 
     Attributes:
@@ -43,19 +45,16 @@ class StageObjects:
         rows: Sequence[ObjectState],
         owner: NDArray[np.int32],
         tracks: AnimatedInstances,
+        poses: AnimatedInstances,
         fps: float,
     ) -> None:
         self._stage = stage
         self._rows = list(rows)
         self._owner = owner
         self._tracks = tracks
+        self._poses = poses
         self._fps = fps
-        drawn, first = np.unique(owner, return_index=True)
-        self._first_part = np.zeros(len(self._rows), np.intp)  # whose axes are the object's
-        self._first_part[drawn] = first
-        parts = sorted(stage.instances, key=lambda each: each.object)  # a stable sort, as of the registry
-        self._origins = np.array([stage.meshes[each.mesh].origin for each in parts]).reshape(-1, 3)
-        self._tracked = np.unique(owner[tracks.rows])
+        self._tracked = np.union1d(owner[tracks.rows], poses.rows)
         self._numbers = {each.prim_path: row for row, each in enumerate(stage.objects)}
         self._starts: dict[tuple[int, int], Array] = {}  # matrix of an animated object at the frame of a move
         self.lives: dict[int, StageObjectHistory] = {}
@@ -138,7 +137,7 @@ class StageObjects:
     def rows(self, frame: int) -> list[ObjectState]:
         """Return the objects that are alive at a frame."""
         rows: list[ObjectState | None] = list(self._rows)
-        if self._tracks:
+        if len(self._tracked):
             for number, posed in self._posed(frame).items():
                 rows[number] = posed
         for number, life in self.lives.items():
@@ -165,18 +164,22 @@ class StageObjects:
 
     def _posed(self, frame: int) -> dict[int, ObjectState | None]:
         """Return the animated objects at a frame, by row; None for one that is absent."""
-        matrices, present = self._tracks.at(frame / self._fps)
-        following = self._tracks.at((frame + 1) / self._fps)[0]
+        present = self._tracks.at(frame / self._fps)[1]
         there = np.bincount(self._owner[present], minlength=len(self._rows)) > 0
-        first = self._first_part[self._tracked]
-        now, after = (with_origin(each[first], self._origins[first]) for each in (matrices, following))
-        rotations = quaternions(polar(now[:, :, :3])[0])
+        now, after = (self._poses.at(each / self._fps)[0][self._tracked] for each in (frame, frame + 1))
+        turned, authored = polar(now[:, :, :3])[0], self._poses.authored[self._tracked]
+        rotations = quaternions(turned)
+        scales = np.einsum("nji,njk,nkl->nil", turned, now[:, :, :3], inverted(authored)[0][:, :, :3])
+        scales = np.einsum("nij,njk->nik", scales, polar(authored[:, :, :3])[0])  # since the start, in own axes
         velocities = (after[:, :, 3] - now[:, :, 3]) * self._fps
         result: dict[int, ObjectState | None] = {}
-        poses = zip(now[:, :, 3].tolist(), rotations.tolist(), velocities.tolist(), strict=True)
-        for number, (position, rotation, velocity) in zip(self._tracked.tolist(), poses, strict=True):
+        scaled = (np.abs(scales - np.eye(3)) > 1e-9).any(axis=(1, 2)).tolist()
+        poses = zip(now[:, :, 3].tolist(), rotations.tolist(), velocities.tolist(), scaled, scales, strict=True)
+        for number, (position, rotation, velocity, is_scaled, scale) in zip(self._tracked.tolist(), poses, strict=True):
             posed = {"position": tuple(position), "rotation": tuple(rotation), "velocity": tuple(velocity)}
-            result[number] = replace(self._rows[number], **posed) if there[number] else None
+            row = self._rows[number]
+            box = _scaled(row.box, scale) if is_scaled else row.box
+            result[number] = replace(row, **posed, box=box) if there[number] else None
         return result
 
     def carries(self, path: str, frame: int) -> Array | None:
@@ -198,6 +201,13 @@ class StageObjects:
                 instance = replace(instance, world_from_object=by @ instance.world_from_object)
             instances.append(instance)
         return instances, [self.is_alive(instance.object, frame) for instance in instances]
+
+
+def _scaled(box: tuple[Vector3, Vector3], scale: Array) -> tuple[Vector3, Vector3]:
+    """Return a box whose edges a 3x3 matrix scales."""
+    low, high = np.array(box)
+    middle, half = scale @ (0.5 * (low + high)), np.linalg.norm(scale, axis=0) * 0.5 * (high - low)
+    return corners(np.stack([middle - half, middle + half]))
 
 
 def _matrix_of(row: ObjectState) -> Array:

@@ -303,6 +303,32 @@ def test_meshes_without_visible_faces_are_reported(tmp_path):
     assert not read_with_warning(tmp_path, body, "a mesh without a visible face: </M>").instances
 
 
+def test_smooth_mesh_of_whose_faces_none_remains_is_reported(tmp_path):
+    """It was an error of numpy."""
+    quad = QUAD.replace('"none"', '"catmullClark"')
+    for lines, text in (
+        ('uniform token interpolateBoundary = "none"', 'interpolateBoundary "none" leaves out every face.*</M>'),
+        ("int[] holeIndices = [0]", "a mesh without a visible face: </M>"),
+    ):
+        assert not read_with_warning(tmp_path, mesh(quad, lines), text).instances
+
+
+@pytest.mark.parametrize("family", ["materialBind", "parts"])
+def test_subset_that_is_left_out_is_no_part(tmp_path, family):
+    subset = """
+    def GeomSubset "%s" (prepend apiSchemas = ["MaterialBindingAPI"])
+    {
+        uniform token elementType = "face"
+        uniform token familyName = "%s"
+        int[] indices = [%s]
+    }"""
+    lines = subset % ("Good", family, "0") + subset % ("Bad", family, "1, 7")
+    two = QUAD.replace("[4]", "[3, 3]").replace("[0, 1, 2, 3]", "[0, 1, 2, 0, 2, 3]")
+    description = read_with_warning(tmp_path, mesh(two, lines), "</M/Bad> subset: refers to face 7")
+    assert description.objects[0].parts == ("M/Good", "M")
+    assert description.meshes[0].parts.tolist() == [0, 1]
+
+
 def test_subset_index_out_of_range_is_a_problem(tmp_path):
     body = mesh(
         QUAD,

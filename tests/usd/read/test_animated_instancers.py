@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from pxr import Usd, UsdGeom
 
 from tests.usd.helpers import read, write
 from tests.usd.read.test_animation import RANGE, placed, stream
@@ -78,6 +79,28 @@ def test_velocities_extrapolate_points_until_the_next_sample(tmp_path):
     assert placed(track, 0.3)[0][0] == pytest.approx([0, 3, 0])
     assert placed(track, 0.2)[1] == [True, False]
     assert placed(track, 0.4)[1] == [True, True]
+
+
+@pytest.mark.parametrize(
+    ("samples", "more"),
+    [
+        ("2: [(0, 0, 0)]", ""),
+        ("2: [(0, 0, 0)]", "vector3f[] accelerations.timeSamples = { 2: [(-20, 0, 0)] }"),
+        ("2: [(0, 0, 0)], 4: [(0, 5, 0)]", ""),
+    ],
+    ids=["one sample", "accelerations", "two samples"],
+)
+def test_velocities_carry_points_beyond_their_samples_within_the_range_of_the_stage(tmp_path, samples, more):
+    """One sample did nothing, and points stopped at the last of several."""
+    velocities = samples.replace("(0, 0, 0)", "(10, 20, 0)").replace("(0, 5, 0)", "(0, 0, -5)")
+    more += f"\nvector3f[] velocities.timeSamples = {{ {velocities} }}"
+    path = write(tmp_path, SCATTER % (" = [0]", f".timeSamples = {{ {samples} }}", more), more=RANGE)
+    stage = Usd.Stage.Open(str(path))
+    instancer = UsdGeom.PointInstancer(stage.GetPrimAtPath("/P"))
+    frames = stream(path, buffers=("instance",))
+    for k in (0, 2, 3, 5, 9, 10, 15):
+        expected = instancer.ComputeInstanceTransformsAtTime(min(k, 10), min(k, 10))[0].ExtractTranslation()
+        assert frames[k].objects[0].position == pytest.approx(tuple(expected), abs=1e-6), k
 
 
 def test_moving_parts_of_a_prototype_move_in_each_point(tmp_path):

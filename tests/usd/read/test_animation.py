@@ -7,6 +7,7 @@ import warnings
 
 import numpy as np
 import pytest
+from pxr import Usd, UsdGeom
 
 import tiscene as ts
 from tests.usd.helpers import STAGES, read, read_with_warning, write
@@ -157,6 +158,35 @@ def Mesh "Fluid"
     assert description.meshes[0].deformation is None
     fewer = CLOTH.replace(", (-1, 1, 2)]", "]") % ""
     read_with_warning(tmp_path, fewer, "a Mesh whose number of points changes has time samples.*: </Cloth>$")
+
+
+MESH = 'uniform token subdivisionScheme = "none"\nint[] faceVertexCounts = [3]\nint[] faceVertexIndices = [0, 1, 2]'
+CURVE = 'uniform token type = "linear"\nint[] curveVertexCounts = [3]\nfloat[] widths = [0.1]'
+
+
+@pytest.mark.parametrize("acceleration", [False, True])
+@pytest.mark.parametrize(
+    ("kind", "shape"),
+    [("Mesh", MESH), ("BasisCurves", CURVE), ("Points", "float[] widths = [1]")],
+    ids=["Mesh", "BasisCurves", "Points"],
+)
+def test_velocities_carry_the_points_of_shapes_beyond_their_samples(tmp_path, kind, shape, acceleration):
+    samples = ".timeSamples = { 2: [(0, 0, 0), (1, 0, 0), (1, 1, 0)] }"
+    lines = f"point3f[] points{samples}\nvector3f[] velocities.timeSamples = {{ 2: {[(0, 10, 0)] * 3} }}\n"
+    if acceleration:
+        lines += f"vector3f[] accelerations.timeSamples = {{ 2: {[(0, 0, -20)] * 3} }}\n"
+    path = write(tmp_path, f'def {kind} "Shape"\n{{\n{shape}\n{lines}}}\n', more=RANGE)
+    stage = Usd.Stage.Open(str(path))
+    based = UsdGeom.PointBased(stage.GetPrimAtPath("/Shape"))
+    frames = stream(path, buffers=("instance",))
+    for k in (0, 2, 3, 7, 10, 20):
+        bounds = frames[k].objects[0].world_bounds
+        points = np.array(based.ComputePointsAtTime(min(k, 10), min(k, 10)))
+        expected = np.stack([points.min(axis=0), points.max(axis=0)])
+        np.testing.assert_allclose(bounds.mean(axis=0), expected.mean(axis=0), atol=0.03)
+    (mesh,) = read_stage(path, time_code=7.0).meshes
+    height = 0.5 * (mesh.positions[:, 1].min() + mesh.positions[:, 1].max())
+    assert height == pytest.approx(5.5, abs=0.03)
 
 
 def test_constant_samples_are_not_animation(tmp_path):

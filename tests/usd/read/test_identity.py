@@ -39,6 +39,34 @@ def test_taxonomies(tmp_path):
     assert [each.category for each in read(tmp_path, body).objects] == ["one", "two", "a"]
 
 
+def omniverse(name: str, *labels: tuple[str, str], inside: str = "", schemas: str = "") -> str:
+    """Return a cube with labels of Omniverse's SemanticsAPI, by (semanticType, semanticData)."""
+    applied = ", ".join(
+        [f'"SemanticsAPI:Semantics_{number}"' for number in range(len(labels))] + [schemas] * bool(schemas)
+    )
+    lines = "".join(
+        f'string semantic:Semantics_{number}:params:semanticType = "{kind}"\n'
+        f'string semantic:Semantics_{number}:params:semanticData = "{text}"\n'
+        for number, (kind, text) in enumerate(labels)
+    )
+    return f'def Cube "{name}" (prepend apiSchemas = [{applied}])\n{{\n{lines}{inside}\n}}\n'
+
+
+def test_labels_of_omniverse_are_read_where_there_are_no_others(tmp_path):
+    body = (
+        omniverse("A", ("color", "red"), ("class", "crate"))
+        + omniverse("B", ("color", "red"))
+        + omniverse("C", ("class", "crate"), inside='token[] semantics:labels:class = ["box"]',
+                    schemas='"SemanticsLabelsAPI:class"')
+        + label("D", type_="Cube")
+    )  # fmt: skip
+    path = write(tmp_path, body)
+    assert [each.category for each in read_stage(path).objects] == ["crate", "red", "box", ""]
+    assert [each.category for each in read_stage(path, taxonomy="color").objects] == ["red", "red", "", ""]
+    with pytest.raises(UnknownName, match="There are: class, color"):
+        read_stage(path, taxonomy="wikidata")
+
+
 def test_component_is_one_object(tmp_path):
     parts = label("Seat", ("class", "cushion"), type_="Cube") + label("Leg", type_="Cube")
     body = (

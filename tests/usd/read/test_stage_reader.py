@@ -139,6 +139,14 @@ def test_missing_file_is_reported_before_its_missing_variant(tmp_path):
         read_stage(path, variants={"/A{color}": "red"})
 
 
+def test_unknown_variant_is_named_beside_broken_parts_of_other_prims(tmp_path):
+    path = write(tmp_path, VARIANTS + 'def "Miss" (references = @nope.usda@)\n{\n}\n')
+    with pytest.raises(UnknownName, match=r"no variant 'x' in </Room>\{lighting\}\. There are: day, night\."):
+        read_stage(path, variants={"/Room{lighting}": "x"})
+    with pytest.raises(StageError, match=r"nope\.usda"):
+        read_stage(path, variants={"/Miss/Lamp{lighting}": "x"})
+
+
 def test_selected_variants_are_read(tmp_path):
     path = write(tmp_path, VARIANTS)
     before = path.read_bytes()
@@ -316,10 +324,27 @@ def test_long_lists_of_problems_are_truncated(tmp_path):
     read_with_warning(tmp_path, body, r"<\/P4> and 4 more$")
 
 
+@pytest.mark.parametrize(
+    ("skeleton", "reason"),
+    [
+        ("", "neither it nor a prim above it has a skel:skeleton"),
+        ("rel skel:skeleton = </R/Gone>", "there is no Skeleton at its skel:skeleton </R/Gone>"),
+    ],
+)
+def test_skinned_mesh_without_its_skeleton_is_reported(tmp_path, skeleton, reason):
+    lines = 'int[] primvars:skel:jointIndices = [0, 0, 0, 0] (interpolation = "vertex")'
+    body = f'def Mesh "M" (prepend apiSchemas = ["SkelBindingAPI"])\n{{\n{QUAD}\n{lines}\n{skeleton}\n}}'
+    root = f'def SkelRoot "R"\n{{\n{body}\n}}'
+    assert len(read_with_warning(tmp_path, root, f"without its skinning, since {reason}: </R/M>").instances) == 1
+
+
 def test_unbound_skinned_mesh_is_reported(tmp_path):
     lines = 'int[] primvars:skel:jointIndices = [0, 0, 0, 0] (interpolation = "vertex")'
     body = f'def Mesh "M" (prepend apiSchemas = ["SkelBindingAPI"])\n{{\n{QUAD}\n{lines}\n}}'
-    assert len(read_with_warning(tmp_path, body, "without its skinning: </M>").instances) == 1
+    assert (
+        len(read_with_warning(tmp_path, body, "without its skinning, since it is not below a SkelRoot: </M>").instances)
+        == 1
+    )
 
 
 def test_empty_stage_is_valid(tmp_path):

@@ -14,6 +14,7 @@
     recentering    points far from the origin of their prim, relative to their own center
     gprim          cube, sphere, cylinder, cone, capsule, plane
     curve_evaluation  points, widths and colors along curves
+    swept_curves   tubes and ribbons along polylines
     curves         curves as tubes or ribbons, points as spheres
     draw_modes     models drawn as textured cards
     deforming      shapes with time samples

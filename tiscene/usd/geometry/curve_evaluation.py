@@ -23,7 +23,7 @@ def _segment_controls(values: Floats, basis: str, wrap: str) -> Floats | None:
         step = 3 if basis == "bezier" else 1
         if n < 3:
             return None
-        index = (np.arange(segments)[:, None] * step + np.arange(4)) % n
+        index = (np.arange(segments)[:, None] * step + np.arange(4)) % (segments * step)
         return np.asarray(values[:, index])
     if wrap == "pinned" and basis != "bezier":  # phantom points make the curve reach its ends
         if n < 2:
@@ -36,6 +36,13 @@ def _segment_controls(values: Floats, basis: str, wrap: str) -> Floats | None:
     if segments < 1:
         return None
     return np.asarray(values[:, np.arange(segments)[:, None] * step + np.arange(4)])
+
+
+def unused_points(count: int, basis: str, wrap: str) -> int:
+    """Return how many points at the end of a curve of `count`, which USD does not allow there, no segment has."""
+    if basis != "bezier":
+        return 0
+    return count % 3 if wrap == "periodic" else (count - 1) % 3
 
 
 def evaluate(values: Floats, basis: str, wrap: str) -> Floats | None:

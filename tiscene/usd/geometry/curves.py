@@ -1,29 +1,32 @@
 # SPDX-License-Identifier: Apache-2.0
 """UsdGeomBasisCurves as tubes or ribbons, UsdGeomPoints as spheres.
 
-Curves of equal vertex count are evaluated together as arrays [curves, points, components]. Above 100,000 samples, tubes
-get fewer sides and spheres fewer triangles; above 2,000,000 a prim is not drawn, curve_ids is reported.
+Curves of equal vertex count are evaluated together as arrays [curves, points, components]. The more spheres a prim has,
+the fewer triangles each gets. Above 100,000 samples, tubes get fewer sides; above 2,000,000 a prim is not drawn, which
+is reported.
 """
 
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
-from typing import Any
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
 from pxr import Usd, UsdGeom
 
 from tiscene.usd.core.report import StageReport
-from tiscene.usd.geometry.curve_evaluation import BASES, evaluate, evaluate_values
+from tiscene.usd.core.value_times import value_times
+from tiscene.usd.geometry.curve_evaluation import BASES, evaluate, evaluate_values, unused_points
+from tiscene.usd.geometry.deforming import points_at
 from tiscene.usd.geometry.primvar import COLOR, NO_PRIMVARS, OPACITY, PrimvarNames, array_of, read_colors
-from tiscene.usd.geometry.triangulate import cross
+from tiscene.usd.geometry.swept_curves import Strip, ribbons, tubes
 from tiscene.usd.geometry.vertex_weld import WeldedMesh
 
 Floats = NDArray[np.floating]
 _MAX_SAMPLES = 2_000_000  # points of a Points prim, or samples along all curves of a prim
-_MAX_FINE_SAMPLES = 100_000  # up to this many, tubes have 8 sides and spheres 80 triangles; above, 4 and 20
+_MAX_FINE_SAMPLES = 100_000  # up to this many, tubes have 8 sides and spheres at least 80 triangles; above, 4 and 20
+_MAX_FINE_TRIANGLES = 250_000  # of spheres as smooth as UsdGeomSphere, or nearly so
 
 
 def read_curves(
@@ -41,7 +44,7 @@ def read_curves(
         The mesh; None, with the reason reported, if there is nothing to draw.
     """
     curves = UsdGeom.BasisCurves(prim)
-    points = array_of(curves.GetPointsAttr(), time, np.float32, width=3)
+    points = points_at(curves, time)
     counts = array_of(curves.GetCurveVertexCountsAttr(), time, np.int64)
     kind, basis, wrap = (
         str(attribute.Get(time)) for attribute in (curves.GetTypeAttr(), curves.GetBasisAttr(), curves.GetWrapAttr())
@@ -65,7 +68,7 @@ def read_curves(
         widths = np.array([np.ptp(points, axis=0).max() / 1000.0], np.float32)
     starts = np.cumsum(counts) - counts
     colors = read_colors(prim, names, time)
-    strips: list[_Strip] = []
+    strips: list[Strip] = []
     for count in np.unique(counts).tolist():
         curve_ids = np.flatnonzero(counts == count)
         rows = starts[curve_ids][:, None] + np.arange(count)
@@ -73,6 +76,9 @@ def read_curves(
         if sampled is None:
             report.omission(prim.GetPath(), f"curves of {count} points are too short for their basis")
             continue
+        if (unused := unused_points(count, basis, wrap)) > 0:
+            text = f"{basis} curves of {count} points, which is not valid, are drawn without the last {unused}"
+            report.omission(prim.GetPath(), text)
         width = evaluate_values(widths[:, None], rows, curve_ids, counts, basis, wrap, sampled.shape[1])
         if width is None:
             report.problem(
@@ -91,21 +97,21 @@ def read_curves(
                 report.omission(prim.GetPath(), f"{text}, so that it is not used")
                 continue
             color[..., columns] = np.clip(found, values.min(axis=0), values.max(axis=0))
-        strips.append(_Strip(sampled, width[..., 0], normal, color, curve_ids))
+        strips.append(Strip(sampled, width[..., 0], normal, color, curve_ids))
     samples = sum(strip.line.shape[0] * strip.line.shape[1] for strip in strips)
     if samples > _MAX_SAMPLES:
         report.omission(prim.GetPath(), f"curves of {samples:,} samples are not drawn: the limit is {_MAX_SAMPLES:,}")
         return None
     sides = 8 if samples <= _MAX_FINE_SAMPLES else 4
-    closed = wrap == "periodic"
-    return _concatenate(
-        [
-            _ribbons(strip, strip.normal) if strip.normal is not None else _tubes(strip, sides, closed)
-            for strip in strips
-        ],
-        prim,
-        report,
-    )
+    corners, closed = basis == "linear" and samples <= _MAX_FINE_SAMPLES, wrap == "periodic"
+    surfaces = [
+        tubes(strip, sides, corners, closed) if strip.normal is None else ribbons(strip, strip.normal, corners, closed)
+        for strip in strips
+    ]
+    shape = curves.GetPointsAttr(), curves.GetWidthsAttr(), curves.GetNormalsAttr()
+    if not any(value_times(attribute) for attribute in shape):
+        surfaces = [_without_empty_triangles(surface) for surface in surfaces]
+    return _concatenate(surfaces, prim, report)
 
 
 def read_points(prim: Usd.Prim, time: Usd.TimeCode, report: StageReport) -> WeldedMesh | None:
@@ -115,7 +121,7 @@ def read_points(prim: Usd.Prim, time: Usd.TimeCode, report: StageReport) -> Weld
         The mesh; None, with the reason reported, if there is nothing to draw.
     """
     points = UsdGeom.Points(prim)
-    at = array_of(points.GetPointsAttr(), time, np.float32, width=3)
+    at = points_at(points, time)
     widths = array_of(points.GetWidthsAttr(), time, np.float32)
     if len(at) == 0:
         return _concatenate([], prim, report)
@@ -131,7 +137,8 @@ def read_points(prim: Usd.Prim, time: Usd.TimeCode, report: StageReport) -> Weld
     if len(at) > _MAX_SAMPLES:
         report.omission(prim.GetPath(), f"{len(at):,} points are not drawn: the limit is {_MAX_SAMPLES:,}")
         return None
-    sphere, faces = _icosphere(1 if len(at) <= _MAX_FINE_SAMPLES else 0)
+    times = {*value_times(points.GetPointsAttr()), *value_times(points.GetWidthsAttr())}
+    sphere, faces = _icosphere(_sphere_level(len(at) * max(1, len(times))))
     kept = np.broadcast_to(widths, len(at)) > 0.0
     rows = np.flatnonzero(kept)
     radius = np.broadcast_to(widths, len(at))[rows] / 2.0
@@ -147,25 +154,6 @@ def read_points(prim: Usd.Prim, time: Usd.TimeCode, report: StageReport) -> Weld
     return _concatenate([surface], prim, report)
 
 
-@dataclass(frozen=True, eq=False)
-class _Strip:
-    """Curves of one vertex count at m samples each.
-
-    Attributes:
-        line: [c, m, 3].
-        width: [c, m].
-        normal: [c, m, 3]; None: tubes.
-        color: [c, m, 8], the columns of `primvar.read_vertex_values`; None: none are read.
-        curve_ids: [c], the curves among all.
-    """
-
-    line: Floats
-    width: Floats
-    normal: Floats | None
-    color: Floats | None
-    curve_ids: NDArray[np.int64]
-
-
 def _describe_fault(counts: NDArray[np.int64], **values: Floats) -> str:
     """Describe what is wrong with the curves' values; `point` has a row for each control point. "" if nothing."""
     if len(counts) and counts.min() < 0:
@@ -178,86 +166,11 @@ def _describe_fault(counts: NDArray[np.int64], **values: Floats) -> str:
     return ""
 
 
-def _parallel_frames(line: Floats, closed: bool) -> tuple[Floats, Floats, Floats]:
-    """Return tangents and two perpendiculars, each [c, m, 3], that rotate as little as possible along polylines."""
-    tangent = np.empty_like(line)
-    tangent[:, 1:-1] = line[:, 2:] - line[:, :-2]
-    tangent[:, 0], tangent[:, -1] = line[:, 1] - line[:, 0], line[:, -1] - line[:, -2]
-    if closed:
-        tangent[:, 0] = tangent[:, -1] = line[:, 1] - line[:, -2]
-    length = np.linalg.norm(tangent, axis=-1, keepdims=True)
-    tangent = np.where(length > 0.0, tangent / np.maximum(length, 1e-300), (0.0, 0.0, 1.0))
-    side = np.empty_like(line)
-    least = np.argmin(np.abs(tangent[:, 0]), axis=-1)
-    across = np.eye(3)[least]
-    for step in range(line.shape[1]):  # project the last side vector onto the plane perpendicular here
-        t = tangent[:, step]
-        across = across - t * np.einsum("ck,ck->c", across, t)[:, None]
-        norm = np.linalg.norm(across, axis=-1, keepdims=True)
-        fallback = cross(t, np.eye(3)[np.argmin(np.abs(t), axis=-1)])
-        across = np.where(norm > 1e-9, across / np.maximum(norm, 1e-300), fallback)
-        side[:, step] = across
-    return tangent, side, cross(tangent, side)
-
-
-def _tubes(strip: _Strip, sides: int, closed: bool) -> WeldedMesh:
-    """Make tubes with flat caps around curves; closed ones have no caps."""
-    line, width = strip.line, strip.width
-    curves, samples = line.shape[:2]
-    tangent, side, other = _parallel_frames(line, closed)
-    turn = 2.0 * math.pi * np.arange(sides) / sides
-    outward = side[:, :, None] * np.cos(turn)[:, None] + other[:, :, None] * np.sin(turn)[:, None]
-    rings = line[:, :, None] + outward * (0.5 * width)[:, :, None, None]
-    ring = np.arange(sides)
-    after = (ring + 1) % sides
-    lower = (np.arange(samples - 1) * sides)[:, None]
-    quads = [lower + ring, lower + after, lower + sides + after, lower + sides + ring]
-    faces = np.stack([np.stack([quads[0], quads[1], quads[2]], -1), np.stack([quads[0], quads[2], quads[3]], -1)], -2)
-    positions, normals = rings.reshape(curves, -1, 3), outward.reshape(curves, -1, 3)
-    triangles = faces.reshape(-1, 3)
-    sample_of_vertex = np.repeat(np.arange(samples), sides)
-    if not closed:
-        fan = np.stack([np.zeros(sides - 2, int), np.arange(1, sides - 1), np.arange(2, sides)], axis=-1)
-        caps = [fan[:, ::-1] + samples * sides, fan + (samples + 1) * sides]
-        triangles = np.concatenate([triangles, *caps])
-        positions = np.concatenate([positions, rings[:, 0], rings[:, -1]], axis=1)
-        ends = [np.repeat(-tangent[:, :1], sides, axis=1), np.repeat(tangent[:, -1:], sides, axis=1)]
-        normals = np.concatenate([normals, *ends], axis=1)
-        sample_of_vertex = np.concatenate([sample_of_vertex, np.repeat([0, samples - 1], sides)])
-    return _repeat_triangles(positions, normals, triangles, strip, sample_of_vertex)
-
-
-def _ribbons(strip: _Strip, normal: Floats) -> WeldedMesh:
-    """Make ribbons along curves, facing the normals [c, m, 3]."""
-    line, width = strip.line, strip.width
-    tangent, _, _ = _parallel_frames(line, closed=False)
-    side = cross(tangent, normal)
-    side = side / np.maximum(np.linalg.norm(side, axis=-1, keepdims=True), 1e-30) * (0.5 * width)[..., None]
-    facing = cross(side, tangent)
-    facing = facing / np.maximum(np.linalg.norm(facing, axis=-1, keepdims=True), 1e-30)
-    positions = np.stack([line - side, line + side], axis=2).reshape(len(line), -1, 3)
-    low = 2 * np.arange(line.shape[1] - 1)[:, None]
-    triangles = (low[:, :, None] + np.array([[0, 1, 3], [0, 3, 2]])).reshape(-1, 3)
-    sample_of_vertex = np.repeat(np.arange(line.shape[1]), 2)
-    return _repeat_triangles(positions, np.repeat(facing, 2, axis=1), triangles, strip, sample_of_vertex)
-
-
-def _repeat_triangles(
-    positions: Floats, normals: Floats, triangles: NDArray[Any], strip: _Strip, sample_of_vertex: NDArray[Any]
-) -> WeldedMesh:
-    """Make a mesh of c curves with the same triangles; positions and normals are [c, v, 3].
-
-    sample_of_vertex: [v], the sample of the curve whose color each vertex has.
-    """
-    curves, vertices = positions.shape[:2]
-    every = triangles + (np.arange(curves) * vertices)[:, None, None]
-    return WeldedMesh(
-        positions.reshape(-1, 3).astype(np.float32),
-        every.reshape(-1, 3).astype(np.int32),
-        normals.reshape(-1, 3).astype(np.float32),
-        None if strip.color is None else strip.color[:, sample_of_vertex].reshape(-1, 8).astype(np.float32),
-        np.repeat(strip.curve_ids, len(triangles)).astype(np.int32),
-    )
+def _without_empty_triangles(surface: WeldedMesh) -> WeldedMesh:
+    """Return a mesh without triangles two of whose vertices are at one place, as between two sides of a joint."""
+    a, b, c = surface.positions[surface.triangles].transpose(1, 0, 2)
+    kept = ~((a == b).all(axis=1) | (b == c).all(axis=1) | (c == a).all(axis=1))
+    return replace(surface, triangles=surface.triangles[kept], face=surface.face[kept])
 
 
 def _concatenate(surfaces: list[WeldedMesh], prim: Usd.Prim, report: StageReport) -> WeldedMesh | None:
@@ -274,6 +187,12 @@ def _concatenate(surfaces: list[WeldedMesh], prim: Usd.Prim, report: StageReport
         None if surfaces[0].uv is None else np.concatenate([each.uv for each in surfaces if each.uv is not None]),
         np.concatenate([surface.face for surface in surfaces]),
     )
+
+
+def _sphere_level(spheres: int) -> int:
+    """Return how often to subdivide the triangles of a number of spheres, counted at each of their samples."""
+    fine = (level for level in (4, 3, 2) if spheres * 20 * 4**level <= _MAX_FINE_TRIANGLES)
+    return next(fine, 1 if spheres <= _MAX_FINE_SAMPLES else 0)
 
 
 def _icosphere(level: int) -> tuple[Floats, NDArray[np.int64]]:

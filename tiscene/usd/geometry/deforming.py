@@ -19,7 +19,7 @@ from tiscene.scene.animation import Deformation
 from tiscene.scene.skinned_deformation import SkinnedDeformation
 from tiscene.usd.core.report import StageReport
 from tiscene.usd.core.time_samples import in_seconds
-from tiscene.usd.core.value_times import is_time_varying, value_times
+from tiscene.usd.core.value_times import dense_times, is_time_varying, value_times
 from tiscene.usd.geometry.display_color import is_constant_color
 from tiscene.usd.geometry.primvar import array_of
 from tiscene.usd.geometry.vertex_weld import WeldedMesh
@@ -50,7 +50,40 @@ def shape_times(prim: Usd.Prim, report: StageReport) -> list[float]:
     if topology:
         report.frozen(prim.GetPath(), f"a {prim.GetTypeName()} whose topology changes ({', '.join(topology)})")
         return []
-    return sorted({time for name in moving for time in value_times(prim.GetAttribute(name))})
+    return sorted({*_drift_times(prim), *(time for name in moving for time in value_times(prim.GetAttribute(name)))})
+
+
+def points_at(based: UsdGeom.PointBased, time: Usd.TimeCode) -> NDArray[np.float32]:
+    """Return the points [n, 3] of a gprim. Beyond their samples its velocities carry them, as USD computes it."""
+    points = array_of(based.GetPointsAttr(), time, np.float32, width=3)
+    samples = based.GetPointsAttr().GetTimeSamples()
+    if not samples or time.IsEarliestTime() or samples[0] <= time.GetValue() <= samples[-1]:
+        return points
+    if not _has_velocities(based, samples[0] if time.GetValue() < samples[0] else samples[-1]):
+        return points
+    return np.asarray(based.ComputePointsAtTime(time, time), np.float32).reshape(-1, 3)
+
+
+def _has_velocities(based: UsdGeom.PointBased, sample: float) -> bool:
+    """Return whether all points of a sample, at a time code, have velocities."""
+    time = Usd.TimeCode(sample)
+    points = array_of(based.GetPointsAttr(), time, None, width=3)
+    velocities = array_of(based.GetVelocitiesAttr(), time, np.float32, width=3)
+    aligned = sample in based.GetVelocitiesAttr().GetTimeSamples() and len(velocities) == len(points)
+    return aligned and bool(velocities.any())
+
+
+def _drift_times(prim: Usd.Prim) -> list[float]:
+    """Return the time codes at which velocities carry points beyond their samples, as far as the stage's range."""
+    based, stage = UsdGeom.PointBased(prim), prim.GetStage()
+    samples = based.GetPointsAttr().GetTimeSamples() if based else []
+    if not samples or not based.GetVelocitiesAttr().GetNumTimeSamples() or not stage.HasAuthoredTimeCodeRange():
+        return []
+    first, last = samples[0], samples[-1]
+    ends = (first, min(first, stage.GetStartTimeCode())), (last, max(last, stage.GetEndTimeCode()))
+    beyond = [end for sample, end in ends if end != sample and _has_velocities(based, sample)]
+    times = {first, last, *beyond} if beyond else set()
+    return dense_times(times) if based.GetAccelerationsAttr().GetNumTimeSamples() else sorted(times)
 
 
 def read_point_samples(
@@ -70,13 +103,12 @@ def read_point_samples(
     """
     if not times:
         return None
-    attribute = UsdGeom.PointBased(prim).GetPointsAttr()
     if count * len(times) * 24 > MAX_BYTES:
         report.frozen(prim.GetPath(), f"a {prim.GetTypeName()} of more than {MAX_BYTES >> 30} GiB of points")
         return None
     samples = []
     for time in times:
-        points = array_of(attribute, Usd.TimeCode(time), np.float32, width=3)
+        points = points_at(UsdGeom.PointBased(prim), Usd.TimeCode(time))
         if len(points) != count:
             report.frozen(prim.GetPath(), f"a {prim.GetTypeName()} whose number of points changes")
             return None

@@ -13,6 +13,7 @@ from collections.abc import Iterator
 
 from pxr import Gf, Kind, Sdf, Usd, UsdGeom, UsdShade, Vt
 
+from tiscene.usd.core.broken_prims import has_bounds
 from tiscene.usd.core.report import StageReport
 
 _TRAVERSAL = Usd.TraverseInstanceProxies(Usd.PrimIsActive & Usd.PrimIsLoaded & Usd.PrimIsDefined & ~Usd.PrimIsAbstract)
@@ -45,6 +46,8 @@ def apply_draw_modes(stage: Usd.Stage, time: Usd.TimeCode, report: StageReport) 
     for prim, mode, shows_up_axis in list(_drawn_otherwise(stage)):
         with report.guard(prim):
             fault = "" if mode == "cards" else f"model:drawMode {mode!r} is lines without width"
+            if not fault and not has_bounds(prim):
+                fault = "the cards of a model with a point instancer that contains itself are not drawn"
             if not fault:
                 box = cache.ComputeUntransformedBound(prim).ComputeAlignedBox()
                 fault = _fault(prim, box)

@@ -20,7 +20,7 @@ from tiscene.usd.core.report import StageReport
 from tiscene.usd.core.semantics import shared_path
 from tiscene.usd.core.time_samples import in_seconds
 from tiscene.usd.geometry.catmull_clark import Creases
-from tiscene.usd.geometry.deforming import read_point_samples
+from tiscene.usd.geometry.deforming import points_at, read_point_samples
 from tiscene.usd.geometry.primvar import PrimvarNames, Topology, array_of, read_normals, read_vertex_values
 from tiscene.usd.geometry.skinned_mesh import control_of, posed, with_normals
 from tiscene.usd.geometry.skinning import skin_of
@@ -114,7 +114,10 @@ def read_mesh(
         if skin is not None:
             surface = replace(surface, control=control_of(surface, normals))
     if len(surface.triangles) == 0:
-        report.omission(prim.GetPath(), "a mesh without a visible face")
+        text = "a mesh without a visible face"
+        if smooth and boundary == "none" and visible.any():
+            text += ': its interpolateBoundary "none" leaves out every face with a point on its boundary'
+        report.omission(prim.GetPath(), text)
         return None
     if mesh.GetOrientationAttr().Get(time) == UsdGeom.Tokens.leftHanded:
         surface = _reverse_winding(surface, flip_normals=smooth)
@@ -166,7 +169,7 @@ def _read_topology(
 ) -> tuple[NDArray[np.float32], Topology] | None:
     """Return points [n, 3] and faces; None, with the reason reported, if they contradict each other or are absent."""
     path = mesh.GetPath()
-    points = array_of(mesh.GetPointsAttr(), time, np.float32, width=3)
+    points = points_at(mesh, time)
     counts = array_of(mesh.GetFaceVertexCountsAttr(), time, np.int32)
     indices = array_of(mesh.GetFaceVertexIndicesAttr(), time, np.int32)
     if len(counts) == 0 and len(indices) == 0:

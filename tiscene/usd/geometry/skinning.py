@@ -18,7 +18,7 @@ from pxr import Sdf, Usd, UsdGeom, UsdSkel, Vt
 
 from tiscene.scene.skinned_deformation import BlendShapes, SkeletonPoses, Skin
 from tiscene.usd.core.report import StageReport
-from tiscene.usd.core.semantics import shared_path
+from tiscene.usd.core.semantics import ancestors, shared_path
 from tiscene.usd.core.time_samples import in_seconds
 from tiscene.usd.core.value_times import dense_times, transform_times
 
@@ -54,11 +54,23 @@ def skin_of(prim: Usd.Prim, report: StageReport) -> Skin | None:
     return found
 
 
-def is_unskinned(prim: Usd.Prim, report: StageReport) -> bool:
-    """Return whether a gprim is bound to a skeleton, but `prepare_skinning` has not posed it."""
+def why_unskinned(prim: Usd.Prim, report: StageReport) -> str | None:
+    """Return why `prepare_skinning` has not posed a gprim that has joints; None if it has, or has no need to."""
     if not UsdSkel.BindingAPI(prim).GetJointIndicesPrimvar().HasAuthoredValue():
-        return False
-    return prim.GetPath() not in report.budget.skins and prim.GetPath() not in report.budget.baked_skins
+        return None
+    if prim.GetPath() in report.budget.skins or prim.GetPath() in report.budget.baked_skins:
+        return None
+    if not any(each.IsA(UsdSkel.Root) for each in ancestors(prim)):
+        return "it is not below a SkelRoot"
+    relationships = (UsdSkel.BindingAPI(each).GetSkeletonRel() for each in (prim, *ancestors(prim)))
+    bound = next((each for each in relationships if each and each.HasAuthoredTargets()), None)
+    targets = [] if bound is None else bound.GetForwardedTargets()
+    if not targets:
+        return "neither it nor a prim above it has a skel:skeleton"
+    skeleton = prim.GetStage().GetPrimAtPath(targets[0])
+    if not skeleton or not skeleton.IsA(UsdSkel.Skeleton):
+        return f"there is no Skeleton at its skel:skeleton <{targets[0]}>"
+    return "its joints do not fit its skeleton, or SkelBindingAPI is not applied"
 
 
 def _skel_roots(stage: Usd.Stage) -> list[Usd.Prim]:

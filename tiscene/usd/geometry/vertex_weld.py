@@ -8,6 +8,7 @@ result of all geometry readers, area-weighted smooth normals, and two helpers fo
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
@@ -179,7 +180,7 @@ def unique_rows(columns: list[NDArray[np.generic]]) -> tuple[NDArray[np.int64], 
     for column in columns:
         if np.issubdtype(column.dtype, np.floating):
             column = (column.astype(np.float32) + np.float32(0.0)).view(np.int32)  # -0 and 0 are one value
-        words += list(column.reshape(len(column), -1).T)
+        words += list(column.reshape(len(column), math.prod(column.shape[1:])).T)
     hashes = np.zeros(len(columns[0]), dtype=np.uint64)
     for word in words:  # sorting 64-bit hashes is many times faster than sorting rows
         hashes = (hashes ^ word.astype(np.uint64)) * np.uint64(0x9E3779B97F4A7C15)

@@ -14,6 +14,7 @@ from pxr import Sdf, Usd, UsdGeom
 
 from tiscene.scene.description import Matrix
 from tiscene.scene.input_track import InputTrack
+from tiscene.usd.core.broken_prims import ENDLESS
 from tiscene.usd.core.report import StageReport
 from tiscene.usd.core.semantics import asset_name, direct_label, inherited_label, name_label
 from tiscene.usd.core.time_samples import NOT_ANIMATED, AnimatedAncestors, TransformSamples
@@ -72,7 +73,7 @@ class PointInstancerReader:
     def _read_instancer(self, prim: Usd.Prim, here: TraversalContext) -> None:
         """Read a point instancer: each point is an object that consists of all meshes of its prototype."""
         if prim.GetPath() in self._open_instancers:
-            self._report.problem(prim.GetPath(), "instancer", "one of its prototypes contains the instancer itself")
+            self._report.problem(prim.GetPath(), "instancer", ENDLESS)
             return
         world = to_matrix(here.world, self._meters)
         if fault := range_fault(world):
@@ -245,7 +246,10 @@ class PointInstancerReader:
         worlds = [points.matrices[:, rows] @ matrix[:, None] for matrix in local]
         movable, asset = is_rigid_body(root), asset_name(root)
         for row, point in enumerate(points.ids[rows].tolist()):
-            new = StageObject(f"{name}[{point}]", f"{path}[{point}]", category, True, by_name, asset, movable=movable)
+            pose = points.matrices[:, rows[row]]
+            moves = TransformSamples(tuple(times), pose[order], np.ones(len(times), bool)) if times else None
+            names = f"{name}[{point}]", f"{path}[{point}]"
+            new = StageObject(*names, category, True, by_name, asset, pose[0], moves, movable=movable)
             owner = objects.setdefault(point, new)
             for part, world, shown in zip(parts, worlds, visible, strict=True):
                 if not part.is_drawn:

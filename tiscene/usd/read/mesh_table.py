@@ -111,6 +111,7 @@ class MeshTable:
         """Return the names of a gprim's parts, and the part of each face (None: there is one part).
 
         Subsets of other families are preferred to those that bind materials. Of overlapping subsets the last counts.
+        Those that refer to missing faces are left out.
         """
         if source not in self._partitions:
             self._partitions[source] = self._read_parts(prim)
@@ -124,10 +125,11 @@ class MeshTable:
         material = UsdShade.Tokens.materialBind
         subsets = [each for each in subsets if each.GetFamilyNameAttr().Get() != material] or subsets
         faces = face_count(prim, self._time)
+        found = [(each, indices) for each in subsets if (indices := self._subset_faces(each, faces)) is not None]
+        subsets = [subset for subset, _ in found]
         part_of_face = np.full(faces, len(subsets), dtype=np.int32)
-        for number, subset in enumerate(subsets):
-            indices = array_of(subset.GetIndicesAttr(), self._time, np.int64)
-            part_of_face[indices[(indices >= 0) & (indices < faces)]] = number
+        for number, (_, indices) in enumerate(found):
+            part_of_face[indices] = number
         if not subsets:
             return ("",), None
         names = tuple(each.GetPrim().GetName() for each in subsets)
@@ -154,14 +156,20 @@ class MeshTable:
             if subset.GetElementTypeAttr().Get() != UsdGeom.Tokens.face:
                 self._report.omission(subset.GetPath(), "a material bound to points or edges is not applied")
                 continue
-            indices = array_of(subset.GetIndicesAttr(), self._time, np.int64)
-            if len(indices) and (indices.min() < 0 or indices.max() >= faces):
-                worst = indices.max() if indices.max() >= faces else indices.min()
-                text = f"refers to face {worst}, but there are {faces} faces (0-{faces - 1})"
-                self._report.problem(subset.GetPath(), "subset", text)
-                continue
-            found.append((self._materials.binding(subset.GetPrim(), prim), indices))
+            indices = self._subset_faces(subset, faces)
+            if indices is not None:
+                found.append((self._materials.binding(subset.GetPrim(), prim), indices))
         return found
+
+    def _subset_faces(self, subset: UsdGeom.Subset, faces: int) -> NDArray[np.int64] | None:
+        """Return the faces of a subset of a mesh of `faces`; None, with the problem reported, if it has not all."""
+        indices = array_of(subset.GetIndicesAttr(), self._time, np.int64)
+        if len(indices) == 0 or (indices.min() >= 0 and indices.max() < faces):
+            return indices
+        worst = indices.max() if indices.max() >= faces else indices.min()
+        text = f"refers to face {worst}, but there are {faces} faces (0-{faces - 1})"
+        self._report.problem(subset.GetPath(), "subset", text)
+        return None
 
     def _surface(
         self, prim: Usd.Prim, source: Any, bindings: tuple[Binding, ...], subsets: Subsets

@@ -9,12 +9,14 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 
+import numpy as np
 from pxr import Usd, UsdPhysics
 
 from tiscene.scene.animation import InstanceTrack
 from tiscene.scene.description import Collider, Instance, Matrix, SceneObject
 from tiscene.usd.core.semantics import asset_name, name_label
 from tiscene.usd.core.time_samples import TransformSamples, tracks_of
+from tiscene.usd.core.transform import is_singular
 
 
 @dataclass
@@ -28,6 +30,8 @@ class StageObject:
         is_labeled: whether the label is authored on the object or within it, not inherited from a group.
         name_label: category derived from its name.
         asset: name of its asset, "" for none.
+        matrix: float64 4x4, world from its prim or point, m.
+        samples: the same over time; None: static.
         row: row of the SceneObject; None: not drawn so far.
         parts: names of its meshes and their subsets.
         movable: whether it is a rigid body.
@@ -40,15 +44,26 @@ class StageObject:
     is_labeled: bool
     name_label: str = ""
     asset: str = ""
+    matrix: Matrix = field(default_factory=lambda: np.eye(4))
+    samples: TransformSamples | None = None
     row: int | None = None
     parts: list[str] = field(default_factory=list)
     movable: bool = False
     colliders: int = 0
 
     @classmethod
-    def of(cls, prim: Usd.Prim, category: str, is_labeled: bool) -> StageObject:
+    def of(
+        cls,
+        prim: Usd.Prim,
+        category: str,
+        is_labeled: bool,
+        matrix: Matrix,
+        samples: TransformSamples | None = None,
+    ) -> StageObject:
         """Return a new object for a prim."""
-        return cls(prim.GetName(), str(prim.GetPath()), category, is_labeled, name_label(prim), asset_name(prim))
+        names = name_label(prim), asset_name(prim)
+        matrix = first_shown(matrix, samples)
+        return cls(prim.GetName(), str(prim.GetPath()), category, is_labeled, *names, matrix, samples)
 
     def add_parts(self, names: tuple[str, ...]) -> int:
         """Add parts by their names and return the number of the first one."""
@@ -119,6 +134,10 @@ class StageObjectTable:
         """Return the animation of the instances."""
         return tracks_of(self._stage, self._samples)
 
+    def object_tracks(self) -> tuple[InstanceTrack, ...]:
+        """Return the transforms over time of the objects that move."""
+        return tracks_of(self._stage, [each.samples for each in self._objects])
+
     def instances(self) -> tuple[Instance, ...]:
         """Return the instances in the order of `add`."""
         has_physics_scene = any(prim.IsA(UsdPhysics.Scene) for prim in self._stage.Traverse())
@@ -147,9 +166,17 @@ class StageObjectTable:
                 tuple(each.parts) if len(each.parts) > 1 else (),
                 each.movable,
                 each.asset,
+                each.matrix,
             )
             for each in self._objects
         )
+
+
+def first_shown(matrix: Matrix, samples: TransformSamples | None) -> Matrix:
+    """Return the transform of a prim, or where that flattens it, the first one over time that does not."""
+    if samples is None or not is_singular(matrix):
+        return matrix
+    return next((each for each in samples.matrices if not is_singular(each)), matrix)
 
 
 def collides(prim: Usd.Prim) -> bool | None:

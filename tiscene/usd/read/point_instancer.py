@@ -21,9 +21,10 @@ from tiscene.usd.core.transform import to_matrix
 from tiscene.usd.core.value_times import dense_times, value_times
 from tiscene.usd.geometry.primvar import array_of
 
+_VELOCITIES = ("velocities", "accelerations", "angularVelocities")
 _ARRAYS = (
     *("protoIndices", "positions", "orientations", "orientationsf", "scales", "ids", "invisibleIds"),
-    *("velocities", "accelerations", "angularVelocities"),
+    *_VELOCITIES,
 )
 
 
@@ -126,8 +127,14 @@ def point_instances(
 
 
 def instancer_times(prim: Usd.Prim) -> list[float]:
-    """Return the time codes of an instancer's samples and the whole ones between them; empty if it never changes."""
+    """Return the time codes of an instancer's samples and the whole ones between them; empty if it never changes.
+
+    Where points have velocities, these are those of the stage's range as well: they carry points beyond the samples.
+    """
     times = {time for name in _ARRAYS for time in value_times(prim.GetAttribute(name))}
+    stage = prim.GetStage()
+    if stage.HasAuthoredTimeCodeRange() and any(prim.GetAttribute(name).GetNumTimeSamples() for name in _VELOCITIES):
+        times |= {stage.GetStartTimeCode(), stage.GetEndTimeCode()}
     return dense_times(times) if len(times) > 1 else []
 
 

@@ -116,7 +116,7 @@ def read_stage(
         )
         file = Path(path)
         name = file.resolve().parent.name if file.stem == "scene" else file.stem
-        description = replace(reader.description(name, templates), rooms=read_room_volumes(stage, time))
+        description = replace(reader.description(name, templates), rooms=read_room_volumes(stage, time, report))
         report.raise_problems(anything_left=bool(description.instances or templates))
         _report_distance(description, stage, report)
     report.warn()

@@ -19,14 +19,14 @@ from tiscene.usd.core.report import UNDRAWN, StageReport
 from tiscene.usd.core.semantics import direct_label, is_component, is_object_instance, taxonomies_of
 from tiscene.usd.core.time_samples import TransformSamples
 from tiscene.usd.core.transform import is_singular, range_fault, to_matrix
-from tiscene.usd.geometry.skinning import is_unskinned
+from tiscene.usd.geometry.skinning import why_unskinned
 from tiscene.usd.lights.animated_light import mesh_emission_over_time
 from tiscene.usd.lights.light import LightReader, is_light
 from tiscene.usd.materials.material import Binding, MaterialTableBuilder
 from tiscene.usd.materials.texture import TextureTable
 from tiscene.usd.read.instancer_reader import PointInstancerReader, PrototypeLight
 from tiscene.usd.read.mesh_table import MeshTable, is_drawable
-from tiscene.usd.read.object_builder import StageObject, StageObjectTable, collides, is_rigid_body
+from tiscene.usd.read.object_builder import StageObject, StageObjectTable, collides, first_shown, is_rigid_body
 from tiscene.usd.read.point_instancer import PrototypePart
 from tiscene.usd.read.stage_camera import read_camera, unique_names
 from tiscene.usd.read.stage_render_settings import read_render_settings
@@ -80,6 +80,7 @@ class StageReader(PointInstancerReader):
             camera_paths=tuple(str(path) for path, _ in cameras),
             colliders=self._objects.colliders(),
             tracks=self._objects.tracks(),
+            object_tracks=self._objects.object_tracks(),
             material_tracks=tuple(self._materials.tracks),
             light_tracks=tuple(self._light_tracks),
             up_axis=self.up_axis,
@@ -137,7 +138,8 @@ class StageReader(PointInstancerReader):
         owner = inherited.owner
         if is_object:
             own = bool(direct)
-            owner = StageObject.of(prim, label, own)
+            samples = TransformSamples.of(animated, world, self._meters)
+            owner = StageObject.of(prim, label, own, to_matrix(world, self._meters), samples)
         if owner is not None and is_rigid_body(prim):
             owner.movable = True
         return TraversalContext(world, visible, purpose, label, own, owner, animated)
@@ -220,12 +222,12 @@ class StageReader(PointInstancerReader):
         mesh = self._meshes.row(prim, emitter)
         if mesh is None:
             return
-        if here.is_drawn and is_unskinned(prim, self._report):
-            self._report.omission(prim.GetPath(), "a mesh bound to a skeleton is drawn without its skinning")
+        if here.is_drawn and (reason := why_unskinned(prim, self._report)) is not None:
+            text = f"a mesh with joints is drawn without its skinning, since {reason}"
+            self._report.omission(prim.GetPath(), text)
         matrix = to_matrix(here.world, self._meters)
         samples = TransformSamples.of(here.animated, here.world, self._meters) if self._parts is None else None
-        if samples is not None and is_singular(matrix):  # it has the size of its first time that shows it
-            matrix = next((each for each in samples.matrices if not is_singular(each)), matrix)
+        matrix = first_shown(matrix, samples)
         if fault := range_fault(matrix if samples is None else samples.matrices):
             self._report.problem(prim.GetPath(), "transform", fault)
         elif is_singular(matrix) and (samples is not None or not here.animated):
@@ -235,10 +237,10 @@ class StageReader(PointInstancerReader):
             part = PrototypePart(mesh, matrix, here.label, names, collides(prim), here.is_drawn, here.animated)
             self._parts.append(part)
         elif not here.is_drawn:
-            owner = here.owner or StageObject.of(prim, here.label, True)
+            owner = here.owner or StageObject.of(prim, here.label, True, matrix, samples)
             self._objects.add_collider(owner, mesh, self._meshes.placed(mesh, matrix), str(prim.GetPath()))
         else:
-            owner = here.owner or StageObject.of(prim, here.label, True)
+            owner = here.owner or StageObject.of(prim, here.label, True, matrix, samples)
             owner.movable = owner.movable or (here.owner is None and is_rigid_body(prim))
             if here.label_is_own and not owner.is_labeled:  # the object's category is that of its first labeled part
                 owner.category, owner.is_labeled = here.label, True
