@@ -172,7 +172,7 @@ class Illumination:
 
     def __post_init__(self) -> None:
         table, atlas = LightTable(), TextureAtlas()
-        table.append((self.light,), atlas.append(self.textures))
+        table.place([(0, self.light)], [atlas.append(self.textures)])
         self.arrays: tuple[Any, ...] = (*table.arrays(atlas), *atlas.arrays())
 
     def sample(self, numbers: NDArray[Any]) -> tuple[NDArray[Any], NDArray[Any], NDArray[Any]]:

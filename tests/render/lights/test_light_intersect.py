@@ -65,7 +65,7 @@ def some_lights(count: int) -> list[Light]:
 def test_nearest_light_equals_brute_force(count: int) -> None:
     random = np.random.default_rng(7)
     table = LightTable()
-    table.append(some_lights(count), 0)
+    table.place([(0, light) for light in some_lights(count)], [0])
     arrays = table.arrays(TextureAtlas())
     rays = np.empty((4000, 7), np.float32)
     rays[:, :3] = random.uniform(-4.0, 4.0, (4000, 3))

@@ -73,7 +73,7 @@ def chosen(lights, point, numbers, normal=(0.0, 0.0, 0.0)):
     With a normal, the probabilities are those returned by choosing; 0 for lights that were never chosen.
     """
     table = LightTable()
-    table.append(lights, 0)
+    table.place([(0, light) for light in lights], [0])
     arrays = table.arrays(TextureAtlas())
     kinds = arrays.values.to_numpy()[:, KIND].astype(int)
     probabilities, counts, mismatch = (np.zeros(size, np.float32) for size in (len(kinds), len(kinds), 1))
@@ -218,7 +218,8 @@ def test_choices_follow_their_probabilities(count, normal):
 
 def test_groups_contain_each_light_once():
     table = LightTable()
-    table.append([*many_lamps(50), DomeLight("sky", "/sky", np.eye(4), (1.0, 1.0, 1.0))], 0)
+    lights = *many_lamps(50), DomeLight("sky", "/sky", np.eye(4), (1.0, 1.0, 1.0))
+    table.place([(0, light) for light in lights], [0])
     arrays = table.arrays(TextureAtlas())
     table_rows = arrays.nodes.to_numpy()
     nodes = table_rows[: int(table_rows[H_BVH_ROW // LANES, H_BVH_ROW % LANES])].reshape(-1, NODE_COLUMNS)
