@@ -51,6 +51,20 @@ def test_part_is_copied_again_where_its_number_or_a_part_before_it_differs():
     assert (first.asked, second.asked) == (2, 3)
 
 
+def test_parts_that_an_interrupted_write_has_replaced_are_copied_again():
+    first, second, other = (Source(4, seed) for seed in range(3))
+    array = PartArray(np.float32, 2)
+    array.write([first.part(), second.part()])
+
+    def interrupted():
+        raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        array.write([first.part(), other.part(), ArrayPart(object(), 0, 4, interrupted)])
+    array.write([first.part(), second.part()])
+    np.testing.assert_array_equal(contents(array, [first, second]), np.concatenate([first.values, second.values]))
+
+
 def test_array_has_a_row_without_parts_and_keeps_what_it_has():
     array = PartArray(np.int32)
     assert array.array.shape == (1,)

@@ -104,8 +104,8 @@ def serial(scenes: list[BakedScene], scale: float) -> Iterator[Check]:
     random = np.random.default_rng(3)
     status = random.choice([0, LIVE, LIGHT_PENDING, LIVE | LIGHT_PENDING], count)
     arrays = [upload(each) for each in (status, np.arange(count), np.zeros(count, int), np.zeros(count, int))]
-    chunks = upload(np.zeros((chunks_for(count), 2), np.int32))
-    compacted = arrays[0], arrays[1], count, arrays[2], arrays[3], chunks, scans_in_blocks()
+    chunks = [upload(np.zeros(chunks_for(count), np.int32)) for _ in range(2)]
+    compacted = arrays[0], arrays[1], count, arrays[2], arrays[3], *chunks, scans_in_blocks()
     sizes = compact_queue(*compacted)
     right = (sizes & 0xFFFFFFFF, sizes >> 32) == tuple(int((status & flag > 0).sum()) for flag in (LIVE, LIGHT_PENDING))
     milliseconds = 1e3 * median(lambda: compact_queue(*compacted), 10)

@@ -69,6 +69,7 @@ class PartArray:
             larger = self._new(count + count // SPARE if first else count)
             copy_rows(self.array, larger, first)
             self.array = larger
+        del self._held[same:]  # an interruption leaves them half written
         for part in filter(lambda part: part.length, parts[same:]):
             write_rows(self.array, first, np.asarray(part.rows(), self._dtype))
             first += part.length

@@ -24,7 +24,7 @@ ROOT = Path(tiscene.__file__).parents[1]
 BALL = shape(trimesh.creation.icosphere(subdivisions=3))
 # Kernels with a loop in one thread. `collapse` and `refit_bvh8` belong to builds and to the layout of CPUs; the others
 # scan the sums of blocks.
-SERIAL = {"collapse", "refit_bvh8", "compact_queue", "exclusive_scan"}
+SERIAL = {"collapse", "refit_bvh8", "exclusive_scan"}
 
 
 def check_trees(

@@ -11,7 +11,8 @@ import taichi as ti
 
 from tiscene.device.kernel_types import Floats2, Floats3, Ints1, Ints2, Template, vec2, vec3, vec4
 
-INFO_FIRST_TRIANGLE, INFO_INSTANCE_ID, INFO_CATEGORY_ID, INFO_MESH, INFO_FLAGS, INFO_PART, INFO_MOVED = range(1, 8)
+# Columns of `DeviceScene.instance_info`.
+INFO_INSTANCE_ID, INFO_CATEGORY_ID, INFO_FLAGS, INFO_PART, INFO_MOVED = 2, 3, 5, 6, 7
 INFO_COLORS, INFO_LINK_CLASS = 8, 17
 HAS_NORMALS, HAS_UV, HAS_COLORS = 1, 2, 8
 

@@ -14,6 +14,8 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
+from dynamics.lru_cache import LRUCache
+
 NODE_COLUMNS = 16
 TOPOLOGIES = 4  # that are kept; more trees at once, those of several frames, are built together
 GROWTH = 1.1  # of the surface area of all boxes, up to which a tree keeps its topology
@@ -23,7 +25,7 @@ class InstanceTrees:
     """Builds trees over instances, or refits earlier trees over the same instances."""
 
     def __init__(self) -> None:
-        self._topologies: dict[bytes, TreeTopology] = {}  # by the names of the instances, the least recently used first
+        self._topologies: LRUCache[bytes, TreeTopology] = LRUCache(TOPOLOGIES)  # by the names of the instances
 
     def build(
         self, trees: Sequence[tuple[NDArray[np.float32], NDArray[np.int32]]], roots: Sequence[int]
@@ -39,18 +41,11 @@ class InstanceTrees:
             boxes, rows = (np.concatenate(parts) for parts in zip(*trees, strict=True))
             return median_trees(boxes, rows, np.cumsum(sizes) - sizes, np.array(roots))
         nodes = [
-            self._topology(rows).nodes(boxes, rows, root) for (boxes, rows), root in zip(trees, roots, strict=True)
+            self._topologies.get(rows.tobytes(), TreeTopology).nodes(boxes, rows, root)
+            for (boxes, rows), root in zip(trees, roots, strict=True)
         ]
         numbers = [root + np.arange(len(each)) for each, root in zip(nodes, roots, strict=True)]
         return np.concatenate(nodes), np.concatenate(numbers)
-
-    def _topology(self, rows: NDArray[np.int32]) -> TreeTopology:
-        """Return the topology that is kept for instances of these names, a new one if there is none."""
-        key = rows.tobytes()
-        self._topologies[key] = topology = self._topologies.pop(key, None) or TreeTopology()
-        if len(self._topologies) > TOPOLOGIES:
-            del self._topologies[next(iter(self._topologies))]
-        return topology
 
 
 class TreeTopology:

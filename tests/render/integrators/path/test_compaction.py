@@ -16,8 +16,8 @@ def test_compacted_queues_keep_their_order(in_blocks: bool) -> None:
         status = random.choice([0, LIVE, LIGHT_PENDING, LIVE | LIGHT_PENDING], count)
         queue = random.permutation(count).astype(np.int32)
         live, shadows = upload(np.zeros(count, np.int32)), upload(np.zeros(count, np.int32))
-        chunks = upload(np.full((chunks_for(count), 2), 7, np.int32))
-        found = compact_queue(upload(status), upload(queue), count, live, shadows, chunks, in_blocks)
+        chunks = [upload(np.full(chunks_for(count), 7, np.int32)) for _ in range(2)]
+        found = compact_queue(upload(status), upload(queue), count, live, shadows, *chunks, in_blocks)
         for flag, result, size in ((LIVE, live, found & 0xFFFFFFFF), (LIGHT_PENDING, shadows, found >> 32)):
             expected = queue[status[queue] & flag > 0]
             assert size == len(expected)

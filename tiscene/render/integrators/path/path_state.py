@@ -122,7 +122,7 @@ class PathState:
         self.queue = device_array(ti.i32, (size,))
         self.next_queue = device_array(ti.i32, (size,))
         self.shadow_queue = device_array(ti.i32, (size,))
-        self.chunks = device_array(ti.i32, (chunks_for(size), 2))
+        self.chunks = device_array(ti.i32, (chunks_for(size),)), device_array(ti.i32, (chunks_for(size),))
         self._shadow_hits: tuple[Any, Any] | None = None
 
     def swap_queues(self) -> None:

@@ -8,7 +8,7 @@ same bytes for any number of threads and any batch size.
 import taichi as ti
 
 from tiscene.device.kernel_types import Floats1, Floats2, Floats3, Ints1, Ints2, Template, uint3, vec3
-from tiscene.device.prefix_sums import SCAN_BLOCKS, scans_in_blocks
+from tiscene.device.prefix_sums import exclusive_scan, scans_in_blocks
 from tiscene.render.integrators.path.frame_stack import frame_of, key_of
 from tiscene.render.integrators.path.path_state import (
     DIRECT,
@@ -147,7 +147,7 @@ def start_paths(
 def compact(state: PathState, count: int) -> tuple[int, int]:
     """Compact the first `count` paths of the queue, see `PathPass.advance` for what is returned."""
     queues = state.queue, count, state.next_queue, state.shadow_queue
-    counts = compact_queue(state.status, *queues, state.chunks, scans_in_blocks())
+    counts = compact_queue(state.status, *queues, *state.chunks, scans_in_blocks())
     state.swap_queues()
     return counts & 0xFFFFFFFF, counts >> 32
 
@@ -159,15 +159,15 @@ def compact_queue(
     count: ti.i32,
     live: Ints1,
     shadows: Ints1,
-    chunks: Ints2,
+    live_chunks: Ints1,
+    shadow_chunks: Ints1,
     in_blocks: Template,
 ) -> ti.i64:
     """Compact queue[0..count): live paths to `live`, paths with LIGHT_PENDING to `shadows`, both in queue order.
 
     Args:
-        chunks: Scratch, i32 [chunks_for(count), 2].
-        in_blocks: Scan the counts of chunks in SCAN_BLOCKS blocks, of which one thread scans the totals only. A GPU
-            thread takes milliseconds for all; a CPU has the result sooner than it starts its threads.
+        live_chunks, shadow_chunks: Scratch, i32 [chunks_for(count)].
+        in_blocks: Compile-time: see `exclusive_scan`.
 
     Returns:
         Their numbers in one integer: live + shadows * 2^32.
@@ -182,37 +182,12 @@ def compact_queue(
                 live_count += 1
             if status[i] & LIGHT_PENDING:
                 shadow_count += 1
-        chunks[chunk, 0] = live_count
-        chunks[chunk, 1] = shadow_count
-    scanned = chunk_count  # rows that one thread scans; with blocks, those of their totals
-    first = 0
-    if ti.static(in_blocks):
-        scanned = SCAN_BLOCKS
-        first = chunk_count + 1
-        for block, column in ti.ndrange(SCAN_BLOCKS, 2):
-            block_size = (chunk_count + SCAN_BLOCKS - 1) // SCAN_BLOCKS
-            total = 0
-            for chunk in range(block * block_size, ti.min(chunk_count, (block + 1) * block_size)):
-                total += chunks[chunk, column]
-            chunks[chunk_count + 1 + block, column] = total
-    ti.loop_config(serialize=True)
-    for column in range(2):
-        total = 0
-        for chunk in range(first, first + scanned):
-            size_of_chunk = chunks[chunk, column]
-            chunks[chunk, column] = total
-            total += size_of_chunk
-        chunks[chunk_count, column] = total
-    if ti.static(in_blocks):
-        for block, column in ti.ndrange(SCAN_BLOCKS, 2):
-            block_size = (chunk_count + SCAN_BLOCKS - 1) // SCAN_BLOCKS
-            total = chunks[chunk_count + 1 + block, column]
-            for chunk in range(block * block_size, ti.min(chunk_count, (block + 1) * block_size)):
-                size_of_chunk = chunks[chunk, column]
-                chunks[chunk, column] = total
-                total += size_of_chunk
+        live_chunks[chunk] = live_count
+        shadow_chunks[chunk] = shadow_count
+    exclusive_scan(live_chunks, chunk_count, in_blocks)
+    exclusive_scan(shadow_chunks, chunk_count, in_blocks)
     for chunk in range(chunk_count):
-        live_count, shadow_count = chunks[chunk, 0], chunks[chunk, 1]
+        live_count, shadow_count = live_chunks[chunk], shadow_chunks[chunk]
         for k in range(chunk * size, ti.min(count, (chunk + 1) * size)):
             i = queue[k]
             if status[i] & LIVE:
@@ -221,7 +196,7 @@ def compact_queue(
             if status[i] & LIGHT_PENDING:
                 shadows[shadow_count] = i
                 shadow_count += 1
-    return ti.cast(chunks[chunk_count, 0], ti.i64) + (ti.cast(chunks[chunk_count, 1], ti.i64) << 32)
+    return ti.cast(live_chunks[chunk_count], ti.i64) + (ti.cast(shadow_chunks[chunk_count], ti.i64) << 32)
 
 
 @ti.kernel
