@@ -30,8 +30,16 @@ from __future__ import annotations
 import os
 from typing import Any
 
-from dynamics.cache_folder import set_cache_folder
-from dynamics.lazy_names import import_name
+try:
+    from dynamics.cache_folder import set_cache_folder
+    from dynamics.lazy_names import import_name
+except ImportError as error:
+    import dynamics
+
+    place = getattr(dynamics, "__file__", None) or dynamics
+    raise ImportError(
+        f"tiscene needs its own package `dynamics`, which {place!r} hides: rename that file or folder"
+    ) from error
 
 # Before Taichi is first imported: without these it prints a banner and looks up its newest version on the network.
 os.environ.setdefault("ENABLE_TAICHI_HEADER_PRINT", "0")
@@ -84,7 +92,7 @@ _MODULES = {
     "templates": "tiscene.catalog",
 }
 __all__ = ["__version__", *sorted(_MODULES)]
-__version__ = "0.1.0"
+__version__ = "0.2.0.dev0"
 
 
 def __getattr__(name: str) -> Any:

@@ -11,6 +11,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+import tiscene
 from tests.export.fake_stream import FAKE_FORMATS, FakeStream, fake_stream_for, skip_without_extra
 from tiscene.errors import ArgumentError, ExportError
 from tiscene.export import FORMATS, export
@@ -168,7 +169,7 @@ def test_refused_export_names_the_arguments_that_continue_the_earlier_one(tmp_pa
 @pytest.mark.parametrize(
     ("key", "there", "now", "sentence"),
     [
-        ("tiscene", "0.0.1", "0.1.0", "use tiscene 0.0.1."),
+        ("tiscene", "0.0.1", tiscene.__version__, "use tiscene 0.0.1."),
         ("file_digests", {"a": "1"}, {"a": "2"}, "restore the files of the scene that have changed since."),
         ("scenario", {"objects": []}, {"objects": [1]}, "export, use the scenario of that export, which is another."),
         (
@@ -210,6 +211,7 @@ def test_second_export_into_a_folder_is_refused_while_the_first_one_runs(tmp_pat
 KILLED = """
 import os, sys
 from pathlib import Path
+import tiscene
 from tests.export.fake_stream import FAKE_FORMATS, FakeStream, fake_stream_for, skip_without_extra
 from tiscene.export import export
 

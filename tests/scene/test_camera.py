@@ -112,7 +112,7 @@ def test_framing_shows_the_whole_box_and_fills_the_image(up):
     [
         ({"position": (0.0, math.nan, 0.0)}, "must be finite"),
         ({"rotation": (0.0, 0.0, 0.0, 0.0)}, "not a quaternion"),
-        ({"rotation": (0.0, 30.0, 0.0)}, r"must be a quaternion \(w, x, y, z\), finite numbers, 4 of them"),
+        ({"rotation": (0.0, 30.0, 0.0)}, r"must be a quaternion \(w, x, y, z\); `Camera.look_at`"),
         ({"vertical_fov": 0.0}, "between 0 and pi"),
         ({"vertical_fov": 60.0}, "between 0 and pi"),
         ({"lens_radius": -0.1}, "lens_radius"),

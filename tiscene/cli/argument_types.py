@@ -53,8 +53,8 @@ def number_list(text: str) -> tuple[float, ...]:
 
 
 def variant_choice(text: str) -> tuple[str, str]:
-    """Split "/Room{lighting}=evening" into ("/Room{lighting}", "evening")."""
+    """Split "/Room02{lighting}=evening" into ("/Room02{lighting}", "evening")."""
     place, _, variant = text.partition("=")
     if not (place.startswith("/") and "{" in place and place.endswith("}") and variant):
-        raise argparse.ArgumentTypeError(f"{text!r} is not PRIM{{SET}}=NAME, such as /Room{{lighting}}=evening")
+        raise argparse.ArgumentTypeError(f"{text!r} is not PRIM{{SET}}=NAME, such as /Room02{{lighting}}=evening")
     return place, variant

@@ -73,7 +73,7 @@ def add_seed(command: argparse.ArgumentParser) -> None:
 
 
 def add_arch(command: argparse.ArgumentParser) -> None:
-    command.add_argument("--arch", metavar="NAME", help="cpu or cuda (default: cpu)")
+    command.add_argument("--arch", metavar="NAME", help="cpu or cuda (default: TISCENE_ARCH, else cpu)")
 
 
 def add_variant(command: argparse.ArgumentParser) -> None:
@@ -83,7 +83,7 @@ def add_variant(command: argparse.ArgumentParser) -> None:
         type=variant_choice,
         action="append",
         default=[],
-        help="select a variant of the stage, such as '/Room{lighting}=evening'; may be repeated",
+        help="select a variant of the stage, such as '/Room02{lighting}=evening'; may be repeated",
     )
 
 

@@ -29,6 +29,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
     Returns:
         The exit status.
     """
+    for stream in (sys.stdout, sys.stderr):
+        if hasattr(stream, "reconfigure"):  # a terminal without a character, such as "²", shows "?"
+            stream.reconfigure(errors="replace")
     top = parser()
     command_line = list(sys.argv[1:] if arguments is None else arguments)
     own, script_arguments = command_line, []

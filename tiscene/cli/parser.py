@@ -157,7 +157,11 @@ def _import(commands: Commands) -> None:
     )
     importer.add_argument("file", metavar="FILE", type=path, help="the model, or a Sweet Home 3D furniture catalog")
     importer.add_argument(
-        "-o", "--output", metavar="DIR", type=path, help="library (default: the first folder of TISCENE_PATH)"
+        "-o",
+        "--output",
+        metavar="DIR",
+        type=path,
+        help="library (default: the first folder of TISCENE_PATH, else tiscene-assets)",
     )
     importer.add_argument(
         "--name", metavar="TEXT", default="", help="name, such as 'Chair 03' (default: from the file name)"

@@ -86,7 +86,7 @@ def add_render(commands: Any) -> None:
     render.add_argument(
         "--pixel-filter",
         metavar="NAME",
-        help="box, triangle, gaussian, mitchell or blackman-harris (default: by --quality)",
+        help="box, triangle, gaussian, mitchell or blackman-harris (default: box)",
     )
     render.add_argument(
         "--shutter",
@@ -109,7 +109,8 @@ def add_render(commands: Any) -> None:
     render.add_argument(
         "--incremental",
         action=argparse.BooleanOptionalAction,
-        help="render frames of a static camera as a base image plus what movers change (default: by --quality)",
+        help="reuse light between frames: a base image where the camera stands, with fast and preview "
+        "also panoramas where it turns or walks (default: by --quality)",
     )
     render.add_argument(
         "--categories",

@@ -81,7 +81,7 @@ class FrameDisplay:
         A PNG of ids up to 255 is an indexed image: its pixels are the ids, its palette has their colors.
 
         Args:
-            path: of the file; the suffix .png, .jpg or .webp decides the format.
+            path: of the file, whose folder is made if it is missing; the suffix .png, .jpg or .webp decides the format.
             buffer: as of `picture`.
             flow_colors: as of `picture`.
 

@@ -61,8 +61,8 @@ class Course(Iterator[CourseFrame]):
         pixels: the pixels that scores count: "objects" (of the scenarios, without distractors), "moving" (objects) or
             "frame" (all).
         **settings: keyword arguments of `Stream`: width, height, fps, buffers, quality, categories, seed and so on, but
-            not those of UNUSED: cameras and variants are those of the scenarios. By default 64 x 48 px, quality "fast",
-            and the buffers rgb, semantic, instance, part and depth.
+            not frames, camera, variants, prefetch and batch: cameras and variants are those of the scenarios. Defaults:
+            64 x 48 px, quality "fast", and the buffers rgb, semantic, instance, part and depth.
 
     Raises:
         TisceneError: an argument is invalid.

@@ -47,7 +47,8 @@ def evaluate(learner: Learner, course: Course, metrics: Iterable[Metric] | None 
         course: phases, in which it learns, and tests.
         metrics: None: online accuracy of objects and of whole frames, near-future accuracy, accuracy at a focus of
             attention, adaptation to drift.
-        **options: as of `evaluate_all`.
+        **options: clock (a Clock), checkpoint (a file), checkpoint_every (s), keep_checkpoint and progress, as of
+            `evaluate_all`.
 
     Returns:
         All scores, and what is needed to compute them again.

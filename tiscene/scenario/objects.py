@@ -20,7 +20,7 @@ class Object:
         id: name in the scenario, unique.
         template: name ("Chair 01") or file of its template, or the path of a prim on the stage, which then moves.
         position: m, world; the authored place of a prim of the stage is not kept.
-        rotation: Euler angles in degrees, or a quaternion.
+        rotation: Euler angles (x, y, z), degrees, or a quaternion (w, x, y, z).
         dynamic: trajectory; None: none.
         first_frame: first frame at which it is alive.
         last_frame: last frame at which it is alive; None: for ever.

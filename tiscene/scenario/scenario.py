@@ -64,7 +64,7 @@ class Scenario:
             stage's own. Several watch the same world; the first is the main camera.
         edits: edits made while a stream ran, in the order in which they were made; see `tiscene.scenario.edits`.
         lights: motion and intensity of lights of the stage.
-        variants: variant selections on the stage by prim and set, {"/Room{lighting}": "night"}.
+        variants: variant selections on the stage by prim and set, {"/Room02{lighting}": "night"}.
         overrides: changes of lights, materials, objects and cameras of the stage, for all frames; see
             `tiscene.scenario.overrides`.
         exposure_compensation: stops by which `rgb` is brighter than the cameras' exposure makes it.
@@ -226,7 +226,7 @@ class Scenario:
         """Return the scenario with one factor of variation drawn anew, and everything else as it is: a counterfactual.
 
         Args:
-            factor: such as "illumination" or "speed"; see `tiscene.randomization.factors`.
+            factor: one of `tiscene.randomization.factors.FACTORS`, such as "illumination", "furniture" or "speed".
             value: its value or ranges; None: typical ranges.
             seed: 0 to 2^64 - 1. Each factor has random numbers of its own.
 

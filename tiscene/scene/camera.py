@@ -76,8 +76,9 @@ class Camera:
             raise refuse("name", "must be a string without lone surrogates")
         for name, count in (("position", 3), ("rotation", 4), ("aperture_offset", 2)):
             if not _are_numbers(getattr(self, name), count):
-                kind = "a quaternion (w, x, y, z), " if name == "rotation" else ""
-                raise refuse(name, f"must be {kind}finite numbers, {count} of them")
+                if name == "rotation":
+                    raise refuse(name, "must be a quaternion (w, x, y, z); `Camera.look_at` makes a camera of a target")
+                raise refuse(name, f"must be finite numbers, {count} of them")
             object.__setattr__(self, name, tuple(float(component) for component in getattr(self, name)))
         optional = ("exposure", "orthographic_height", "aspect")
         for name in (*_LENGTHS, "vertical_fov", *optional, "shutter_open", "shutter_close"):

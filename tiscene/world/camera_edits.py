@@ -71,7 +71,7 @@ class CameraEdits(ABC):
 
         Args:
             position: m, in the world.
-            rotation: Euler angles in degrees, or a quaternion; None: unchanged.
+            rotation: Euler angles (x, y, z), degrees, or a quaternion (w, x, y, z); None: unchanged.
             relative: `position` is an offset along the camera's own axes: x right, y up, -z forward.
             camera: its name or prim path; None: the main camera.
 

@@ -68,7 +68,7 @@ class ObjectEdits(CameraEdits):
         Args:
             template: name or file of its template.
             position: m; None: the origin, or with `free` the place that is found.
-            rotation: Euler angles in degrees, or a quaternion.
+            rotation: Euler angles (x, y, z), degrees, or a quaternion (w, x, y, z).
             dynamic: trajectory, whose clock starts at the next frame; None: none, or with `Scenario(physics=True)` a
                 RigidBody.
             id: name in the scenario; None: a new one is made.
@@ -124,7 +124,7 @@ class ObjectEdits(CameraEdits):
         Args:
             object: instance id, name in the scenario, or prim path on the stage.
             position: m, as in `frame.objects`.
-            rotation: Euler angles in degrees, or a quaternion; None: unchanged.
+            rotation: Euler angles (x, y, z), degrees, or a quaternion (w, x, y, z); None: unchanged.
 
         Raises:
             ObjectNotFound: no such object is alive at the next frame.
