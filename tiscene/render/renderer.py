@@ -20,6 +20,7 @@ from tiscene.render.film.adaptive import render_to_error
 from tiscene.render.film.postprocess import Postprocessor
 from tiscene.render.film.tone_map import auto_exposure, tone_map
 from tiscene.render.film.upsample import reduced_size
+from tiscene.render.film.visible_lights import visible_lights
 from tiscene.render.integrators.incremental.base_image import ProgressCallback
 from tiscene.render.integrators.incremental.base_image_cache import BaseImageCache
 from tiscene.render.integrators.incremental.incremental_pass import CACHE_BYTES, IncrementalPass
@@ -33,6 +34,8 @@ from tiscene.render.render_settings import RenderSettings
 from tiscene.render.view import View
 from tiscene.scene.device_scene import DeviceScene
 from tiscene.scene.placement import CURRENT, Placement
+
+FloatImage = NDArray[np.float32]
 
 # Labels that guide the upsampling of light traced at reduced size.
 UPSAMPLING_GUIDES = (FILTERED_ALBEDO, "normal")
@@ -145,7 +148,7 @@ class Renderer:
         if shared is self._panorama and "instance" not in labels:
             labels.append("instance")
         if colored and shared is None and settings.downscale > 1:
-            labels += [name for name in UPSAMPLING_GUIDES if name not in labels]
+            labels += [name for name in (*UPSAMPLING_GUIDES, "distance") if name not in labels]
         if labels or light is None:
             self.scene.place(placement, times=times_needed([*buffers, *labels]))
         static_hits = self._panorama.static_hits if shared is self._panorama else None
@@ -248,8 +251,8 @@ class Renderer:
             buffers: Names of the requested buffers.
             moving: The movers, see `render`.
             shared: The pass that shares light with other frames; None: path tracing.
-            labels: Rendered labels, with UPSAMPLING_GUIDES if light is traced at reduced size, and `instance` for a
-                frame over a panorama.
+            labels: Rendered labels, with UPSAMPLING_GUIDES and `distance` if light is traced at reduced size, and
+                `instance` for a frame over a panorama.
             blurred: Image over the shutter interval, if the shutter is open.
             light: The path-traced image, if it is there already.
         """
@@ -276,7 +279,7 @@ class Renderer:
             image = blurred or light or self._trace(self._traced_view(view), frame_index, seed)
             guides = image.albedo, image.normal
             if downscale > 1:
-                guides = labels[UPSAMPLING_GUIDES[0]], labels[UPSAMPLING_GUIDES[1]]
+                guides = self._guides(view, labels)
             if "hdr" in buffers:
                 result["hdr"] = upsampling.process(image, *guides)
             if needs_denoised:
@@ -290,6 +293,12 @@ class Renderer:
                 radiance = radiance + np.where(surface, albedo, 0.0) * np.array(view.ambient, np.float32)
             result["rgb"] = tone_map(radiance, exposure)
         return result
+
+    def _guides(self, view: View, labels: dict[str, NDArray[Any]]) -> tuple[FloatImage, FloatImage]:
+        """Return albedo and normal for upsampling; the normal is zero where a light is in front of the surface."""
+        albedo, normal = (labels[name] for name in UPSAMPLING_GUIDES)
+        shown = visible_lights(self.scene, view, labels["distance"])
+        return albedo, np.where(shown[..., None], np.float32(0.0), normal)
 
     def _traced_view(self, view: View) -> View:
         """Return a view in the size in which light is traced."""

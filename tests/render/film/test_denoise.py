@@ -96,3 +96,11 @@ def test_wrong_arguments_raise() -> None:
         denoise(image, albedo, normal, "best")
     with pytest.raises(ArgumentError, match="shapes"):
         denoise(image, albedo[:-1], normal)
+
+
+@pytest.mark.parametrize(("height", "width"), [(1, 1), (1, 64), (64, 2), (9, 12)])
+def test_small_images_keep_their_mean(height: int, width: int) -> None:
+    random = np.random.default_rng(0)
+    hdr = random.uniform(0.9, 1.1, (height, width, 3)).astype(np.float32)
+    flat = np.full_like(hdr, 0.5)
+    assert denoise(hdr, flat, flat).mean() == pytest.approx(hdr.mean(), rel=0.1)

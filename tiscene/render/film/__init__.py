@@ -7,6 +7,7 @@
     denoise        Intel Open Image Denoise
     postprocess    denoise and upsample radiance images
     upsample       guided upsampling along label edges
+    visible_lights pixels that show a light in front of the surface of their labels
     light_nearby   light that hidden parts of pixels should have
     smooth_light   light of reduced size: what varies slowly, and what has changed
     steady_change  changes of light without their noise

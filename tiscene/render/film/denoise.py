@@ -23,6 +23,7 @@ from tiscene.errors import ArgumentError, DeviceError
 
 FloatImage = NDArray[np.float32]
 QUALITIES = ("fast", "balanced", "high")
+MIN_SIDE = 16  # px; the library darkens smaller images, so they are continued beyond their last row and column
 MAX_FILTERS = 48  # in the cache, each with its images
 
 
@@ -122,6 +123,10 @@ def denoise(
     if hdr.ndim != 3 or hdr.shape[2] != 3 or not hdr.shape == albedo.shape == normal.shape:
         raise ArgumentError(f"images of shapes {hdr.shape}, {albedo.shape} and {normal.shape}: all must be (h, w, 3)")
     height, width, _ = hdr.shape
+    if min(height, width) < MIN_SIDE:
+        beyond = [(0, max(MIN_SIDE - side, 0)) for side in (height, width)]
+        padded = (np.pad(each, (*beyond, (0, 0)), mode="edge") for each in (hdr, albedo, normal))
+        return denoise(*padded, quality, clean=clean)[:height, :width].copy()
     key = (height, width, quality, clean)
     return _denoisers.get(key, lambda: _Denoiser(*_oidn_device(), height, width, quality, clean))(hdr, albedo, normal)
 

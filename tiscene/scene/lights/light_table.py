@@ -221,6 +221,11 @@ class LightTable:
         """Whether shadow linking restricts a light."""
         return any(light.shadowing is not None for light in self.lights)
 
+    @property
+    def any_visible(self) -> bool:
+        """Whether a light has an area and the camera sees it."""
+        return any(LIGHT_KINDS[kind_of(light)].group == AREA and light.seen_by_camera for light in self.lights)
+
     def arrays(self, atlas: TextureAtlas) -> LightArrays:
         """Return the device arrays."""
         if self._arrays is None:

@@ -60,7 +60,7 @@ class MoverCoverage:
     @property
     def max_rows(self) -> int:
         """Largest number of rays that are tested together."""
-        return int(self._probe_rays.shape[0])
+        return max(int(self._probe_rays.shape[0]), SUBPIXELS - PROBES)
 
     def count(self, test: MoverTest, blocked: Any, all_subpixels: bool) -> NDArray[np.int32]:
         """Count the covered subpixels of each pixel.

@@ -6,8 +6,8 @@ distinguished by column 3 of the ray:
 
 - a *segment* between two path vertices, with the emission found at its end. Column 3 is the index of its restart state,
   from which the path can be traced again.
-- a *shadow ray* that reached its light, with the light sample's contribution. Column 3 is SHADOW - g, where g is the
-  light group.
+- a *shadow ray* that reached its light, with the light sample's contribution. Column 3 is
+  SHADOW - g - MAX_GROUPS * links, where g is the light group and links the LINKS of the ray.
 
 The records of a path are stored in the order of tracing, the segment to a vertex before the vertex's shadow ray.
 Segments hold the light of group 0. The light of the other groups is recorded as shadow rays, also where a segment found
@@ -35,12 +35,13 @@ from tiscene.render.integrators.path.path_state import (
     set3,
 )
 from tiscene.render.integrators.path.shading import read3, write3
-from tiscene.render.intersect.ray_queue import ROW, Hits, Pixels, Rays, ray_direction, ray_origin
+from tiscene.render.intersect.ray_queue import LINKS, ROW, Hits, Pixels, Rays, ray_direction, ray_origin
 from tiscene.render.lights.intersect import nearest_light
 from tiscene.render.lights.light_sample import LightTables
 
 SEGMENT = 3  # column of a recorded ray: index of its restart state, or
-SHADOW = -1.0  # the kind of a shadow ray of light group 0
+SHADOW = -1.0  # the kind of a shadow ray of light group 0 without links
+MAX_GROUPS = 16  # light groups that a kind tells apart
 
 # Columns of mean and base images: light of group 0, albedo, normal, light of groups 1, 2, ...
 AUXILIARY = 3
@@ -91,7 +92,13 @@ def record_segments(
 @ti.func
 def group_of(rays: Template, row: ti.i32) -> ti.i32:
     """Return the light group of a record."""
-    return ti.max(-1 - ti.cast(rays[row][SEGMENT], ti.i32), 0)
+    return ti.max(-1 - ti.cast(rays[row][SEGMENT], ti.i32), 0) % MAX_GROUPS
+
+
+@ti.func
+def links_of(rays: Template, row: ti.i32) -> ti.f32:
+    """Return LINKS of a recorded shadow ray."""
+    return ti.cast((-1 - ti.cast(rays[row][SEGMENT], ti.i32)) // MAX_GROUPS, ti.f32)
 
 
 @ti.func
@@ -235,7 +242,7 @@ def append_shadow_rays(
             row = next_row[i]
             next_row[i] += 1
             sorted_rays[row] = rays[k]
-            sorted_rays[row][SEGMENT] = SHADOW - group
+            sorted_rays[row][SEGMENT] = SHADOW - group - MAX_GROUPS * rays[k][LINKS]
             write3(sorted_light, row, 0, read3(light, k, 0))
 
 

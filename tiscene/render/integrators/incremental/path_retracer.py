@@ -77,8 +77,8 @@ class PathRetracer:
         """
         state, first = cache.state, block.first
         near = self.test(block.rays, block.rows, scratch)
-        if scene.any_coverage and near:
-            self._pass_partially_opaque_movers(scene, cache, block, near, scratch)
+        if (scene.any_coverage or scene.any_shadow_links) and near:
+            self._pass_movers(scene, cache, block, near, scratch)
         restart_offsets = np.zeros(cache.steps + 1, np.int32)
         kernels.find_invalidated(
             block.count, cache.steps, block.offsets, block.rays, block.light, factors, block.restart, scratch.blocked,
@@ -103,10 +103,10 @@ class PathRetracer:
             scratch.correction, scratch.mover_sums,
         )  # fmt: skip
 
-    def _pass_partially_opaque_movers(
+    def _pass_movers(
         self, scene: PathScene, cache: PathCache, block: PathBlock, near: int, scratch: FrameScratch
     ) -> None:
-        """Unblock the shadow rays that alpha-rejected movers let pass.
+        """Unblock the shadow rays that alpha-rejected movers let pass, and movers that cast no shadow of their light.
 
         The recorded rays passed the static surfaces. The movers' opacity is sampled with random numbers of its own.
         """

@@ -22,6 +22,7 @@ from tiscene.render.integrators.incremental.path_recording import (
     SEGMENT,
     group_of,
     light_column,
+    links_of,
 )
 from tiscene.render.integrators.path.path_state import (
     DIFFUSE_FRACTION,
@@ -41,7 +42,7 @@ from tiscene.render.integrators.path.path_state import (
     set3,
 )
 from tiscene.render.integrators.path.shading import read3, write3
-from tiscene.render.intersect.ray_queue import ROW, Pixels, Rays, ray_direction, ray_origin, write_ray
+from tiscene.render.intersect.ray_queue import LINKS, ROW, Pixels, Rays, ray_direction, ray_origin, write_ray
 
 STRIDES = 16  # restarted paths are queued in this many passes over the image, which balances the threads
 
@@ -329,6 +330,7 @@ def gather_shadow_rays(rows: Ints1, begin: ti.i32, count: ti.i32, rays: Rays, sh
     for k in range(count):
         queue[k] = k
         shadow_rays[k] = rays[rows[begin + k]]
+        shadow_rays[k][LINKS] = links_of(rays, rows[begin + k])
 
 
 @ti.kernel
