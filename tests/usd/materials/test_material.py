@@ -299,6 +299,12 @@ def test_non_finite_inputs_are_problems(tmp_path):
     assert problems_of(tmp_path, body) == ("</Looks/L/Surface> roughness: nan is not a finite number",)
 
 
+@pytest.mark.parametrize("value", ["0", "-1"])
+def test_index_of_refraction_that_is_not_above_zero_is_a_problem(tmp_path, value):
+    body = material(shader("Surface", "UsdPreviewSurface", f"float inputs:ior = {value}"))
+    assert problems_of(tmp_path, body) == (f"</Looks/L/Surface> ior: {float(value)} is not above 0",)
+
+
 def test_mesh_light_emits(tmp_path):
     body = f"""
 def Mesh "M" (prepend apiSchemas = ["MeshLightAPI"])

@@ -90,7 +90,7 @@ class NetworkReader:
             opacity=self._float(inputs, "opacity", default.opacity),
             opacity_mode=cast(Literal["transparent", "presence"], mode),
             opacity_threshold=self._number(inputs, "opacityThreshold", default.opacity_threshold),
-            ior=self._number(inputs, "ior", default.ior),
+            ior=self._ior(inputs, default.ior),
             normal=self._normal(inputs),
             prim_path=str(material.GetPath()),
         )
@@ -175,6 +175,14 @@ class NetworkReader:
             self._report.omission(self._path, f"{name} cannot come from a texture; {default} is used")
             return default
         return default if value is None else value[0]
+
+    def _ior(self, inputs: dict[str, ShaderConnection], default: float) -> float:
+        """Return the index of refraction; one that is not above 0 is reported and replaced by the default."""
+        value = self._number(inputs, "ior", default)
+        if value > 0.0:
+            return value
+        self._report.problem(self._path, "ior", f"{value} is not above 0")
+        return default
 
     def _token(self, inputs: dict[str, ShaderConnection], name: str, default: str) -> str:
         connection = inputs.get(name)
