@@ -125,8 +125,8 @@ def denoise(
     height, width, _ = hdr.shape
     if min(height, width) < MIN_SIDE:
         beyond = [(0, max(MIN_SIDE - side, 0)) for side in (height, width)]
-        padded = (np.pad(each, (*beyond, (0, 0)), mode="edge") for each in (hdr, albedo, normal))
-        return denoise(*padded, quality, clean=clean)[:height, :width].copy()
+        larger = [np.pad(each, (*beyond, (0, 0)), mode="edge") for each in (hdr, albedo, normal)]
+        return denoise(larger[0], larger[1], larger[2], quality, clean=clean)[:height, :width].copy()
     key = (height, width, quality, clean)
     return _denoisers.get(key, lambda: _Denoiser(*_oidn_device(), height, width, quality, clean))(hdr, albedo, normal)
 
