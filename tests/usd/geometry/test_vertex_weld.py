@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import numpy as np
+import pytest
 
 from tiscene.usd.geometry.vertex_weld import Attribute, smooth_normals, unique_rows, unit_normals, weld
 
@@ -41,6 +42,13 @@ def test_corners_with_different_attributes_split_the_vertex():
     assert len(surface.positions) == 5
     np.testing.assert_array_equal(surface.uv[surface.triangles].reshape(-1, 2), uv.values)
     np.testing.assert_array_equal(surface.positions[surface.triangles].reshape(-1, 3), SQUARE[CORNER_POINT])
+
+
+@pytest.mark.parametrize("per_corner", [False, True])
+def test_corners_of_vertices_are_at_their_points(per_corner):
+    uv = Attribute(np.arange(12, dtype=np.float32).reshape(6, 2), per_corner)
+    surface = weld(SQUARE, CORNER_POINT[::-1], TRIANGLES, np.zeros(2), None, uv)
+    np.testing.assert_array_equal(CORNER_POINT[::-1][surface.corner], surface.point)
 
 
 def test_points_without_triangle_are_dropped():

@@ -336,6 +336,19 @@ def test_missing_image_is_named_and_the_rest_imported(builder, tmp_path):
     assert description.materials[0].roughness == 0.5
 
 
+def test_broken_image_is_named_and_the_rest_imported(builder, tmp_path):
+    """Pillow raises SyntaxError where no chunk follows the first byte of the pixels."""
+    info = builder.picture()
+    data = bytearray(base64.b64decode(builder.parts["images"][0]["uri"].partition(",")[2]))
+    at = data.index(b"IDAT")
+    data[at - 4 : at] = struct.pack(">I", 1)
+    (tmp_path / "broken.png").write_bytes(data)
+    builder.parts["images"][0] = {"uri": "broken.png"}
+    builder.parts["materials"] = [{"pbrMetallicRoughness": {"baseColorTexture": info, "roughnessFactor": 0.5}}]
+    description = builder.read(tmp_path, "thing.gltf refers to missing files: broken.png")
+    assert description.materials[0].roughness == 0.5
+
+
 @pytest.mark.parametrize(
     "damage",
     [

@@ -21,6 +21,7 @@ from tiscene.scene.description import TextureLookup
 from tiscene.usd.importers.import_template import import_asset
 from tiscene.usd.importers.imported_mesh import corner_normals
 from tiscene.usd.importers.materials import from_phong
+from tiscene.usd.importers.mesh_file import find_file
 from tiscene.usd.read.template import read_template
 
 BOX = """
@@ -225,6 +226,17 @@ def test_variants_of_imported_usd_file_are_selectable(tmp_path):
         low, high = read_template(path, variants={"size": variant}).description.bounds()
         np.testing.assert_allclose(high - low, [width] * 3)
     assert Usd.Stage.Open(str(path)).GetDefaultPrim().GetVariantSet("size").GetVariantSelection() == ""
+
+
+def test_file_of_the_same_case_is_preferred():
+    files = dict.fromkeys(["Wood.png", "wood.png", "maps/OAK.png", "maps/oak.png", "oak.png"], b"")
+    assert [find_file(name, files) for name in ("wood.png", "WOOD.png", "old/wood.png")] == [
+        "wood.png",
+        "Wood.png",
+        "wood.png",
+    ]
+    assert find_file("maps\\oak.png", files) == "maps/oak.png"
+    assert find_file("birch.png", files) is None
 
 
 def test_missing_textures_are_reported(box, tmp_path):

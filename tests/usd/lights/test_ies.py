@@ -41,10 +41,12 @@ def test_cosine_profile_has_power_of_pi():
         ([0, 90], {0: 1, 45: 1.5, 90: 2, 135: 1.5, 180: 1, 270: 2, 350: 1 + 10 / 90}),
         ([0, 180], {0: 1, 90: 1.5, 180: 2, 270: 1.5}),
         ([0, 360], {0: 1, 90: 1.25, 180: 1.5, 270: 1.75}),
+        ([90, 180, 270], {90: 1, 135: 1.5, 180: 2, 225: 2.5, 270: 3, 315: 2.5, 0: 2, 45: 1.5, 359: 2 + 1 / 90}),
+        ([0, 120, 240], {0: 1, 60: 1.5, 120: 2, 240: 3, 300: 2, 330: 1.5}),  # 360 is left out, as some programs do
     ],
 )
 def test_horizontal_angles_are_mirrored_by_their_range(horizontal, expected):
-    profile = read_ies(ies([0, 180], horizontal, [[1, 1], [2, 2]]))
+    profile = read_ies(ies([0, 180], horizontal, [[k + 1, k + 1] for k in range(len(horizontal))]))
     values = profile.intensity(np.array([10.0]), np.array(list(expected), float))
     np.testing.assert_allclose(values[0], list(expected.values()))
 
@@ -84,6 +86,13 @@ def test_normalized_profile_has_unit_power():
         (ies([0, 90], [0], [[1, 2]], kind=2), "photometric type 2"),
         (ies([90, 0], [0], [[1, 2]]), "do not increase"),
         (ies([0, 90], [0], [["nan", 2]]), "numbers that are not finite"),
+        (ies([0, 90], [0], [[1, 2]], scale=math.nan), "times nan x 1 are negative or not finite"),
+        (ies([0, 90], [0], [[0, 2]], scale=1e39), "negative or not finite"),
+        (ies([0, 90], [0], [[1e300, 2]], scale=1e300), "negative or not finite"),
+        (ies([0, 90], [0], [[1, 2]], scale=-1.0), "negative or not finite"),
+        (ies([0, 90], [0, 45], [[1, 2]] * 2), "from 0 to 45 degrees; they must be one of 0 to 90"),
+        (ies([0, 90], [0, 90, 270], [[1, 2]] * 3), "from 0 to 270 degrees"),
+        (ies([0, 90], [90, 180], [[1, 2]] * 2), "from 90 to 180 degrees"),
         (ies([0, 90], [0], [[1, 2]]).replace(b" 2 1 1 2 ", b" 99999 1 1 2 "), "99999 x 1 angles"),
     ],
 )

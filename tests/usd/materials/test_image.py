@@ -12,7 +12,7 @@ from PIL import Image
 from pxr import Sdf, UsdUtils
 
 from tests.usd.helpers import preview_material, write
-from tiscene.usd.materials.image import read_picture, read_radiance
+from tiscene.usd.materials.image import read_file, read_picture, read_radiance
 from tiscene.usd.read.stage_reader import read_stage
 
 RGB = np.array([[[255, 0, 0], [0, 255, 0]], [[0, 0, 255], [10, 20, 30]], [[1, 2, 3], [4, 5, 6]]], dtype=np.uint8)
@@ -64,6 +64,19 @@ def test_gray_png_with_alpha_keeps_alpha(tmp_path):
     picture = read_picture(str(tmp_path / "a.png"))
     np.testing.assert_array_equal(picture.pixels[0], [[10, 10, 10, 20], [30, 30, 30, 40]])
     assert not picture.srgb
+
+
+@pytest.mark.parametrize(("mode", "colors"), [("RGB", [(9, 8, 7), (9, 8, 6)]), ("L", [9, 8]), ("I;16", [999, 998])])
+def test_transparent_color_of_a_png_becomes_alpha(tmp_path, mode, colors):
+    image = Image.new(mode, (2, 1), colors[0])
+    image.putpixel((1, 0), colors[1])
+    image.save(tmp_path / "a.png", transparency=colors[0])
+    picture = read_picture(str(tmp_path / "a.png"))
+    assert picture.pixels[0, :, 3].tolist() == [0, 1 if mode == "I;16" else 255]
+    scale = 65535.0 if mode == "I;16" else 1.0
+    expected = [np.broadcast_to(color, 3) / np.float32(scale) for color in colors]
+    np.testing.assert_allclose(picture.pixels[0, :, :3], expected)
+    assert picture.srgb == (mode == "RGB")
 
 
 def test_palette_png_is_decoded(tmp_path):
@@ -144,6 +157,26 @@ def test_radiance_scan_order_is_normalized():
 
 
 @pytest.mark.parametrize(
+    ("width", "height", "body", "expected"),
+    [
+        (131071, 131071, bytes(16), "may have 536,870,912 in all"),
+        (16384, 16384, bytes(16), "ends early"),
+        (16384, 16384, bytes([2, 2, 64, 0, 137, 1]), "ends early"),
+    ],
+)
+def test_radiance_of_a_size_that_its_bytes_cannot_have_needs_no_memory(monkeypatch, width, height, body, expected):
+    monkeypatch.setattr(np, "empty", None)
+    with pytest.raises(ValueError, match=expected):
+        read_radiance(radiance(width, height, body))
+
+
+def test_last_run_of_a_radiance_picture_needs_no_more_memory_than_the_picture():
+    """The last of four runs repeats its pixel 255 * 2^24 times, in 17 GB."""
+    values = read_radiance(radiance(264, 1, bytes([9, 0, 0, 136, *[1, 1, 1, 0] * 3, 1, 1, 1, 255])))
+    np.testing.assert_array_equal(values[0, :, 0], 9.0)
+
+
+@pytest.mark.parametrize(
     "data",
     [
         b"#?RADIANCE\n\n-Y 1 +X 1\n",
@@ -213,3 +246,28 @@ def test_file_with_a_unicode_name_in_a_package_of_usd(tmp_path):
     package = str(tmp_path / "stage.usdz")
     assert UsdUtils.CreateNewUsdzPackage(Sdf.AssetPath(str(tmp_path / "stage.usda")), package)
     assert read_picture(f"{package}[ü 木.png]").pixels[0, 0].tolist() == [10, 20, 30, 255]
+
+
+@pytest.mark.parametrize("method", [zipfile.ZIP_DEFLATED, zipfile.ZIP_BZIP2])
+def test_damaged_compressed_file_in_a_package_raises_value_error(tmp_path, method):
+    package = tmp_path / "a.usdz"
+    with zipfile.ZipFile(package, "w", method) as archive:
+        archive.writestr("b.png", bytes(range(256)))
+    data = bytearray(package.read_bytes())
+    start = data.index(b"b.png") + 5
+    data[start : start + 20] = (byte ^ 0xFF for byte in data[start : start + 20])
+    package.write_bytes(data)
+    with pytest.raises(ValueError, match="not a readable package"):
+        read_file(f"{package}[b.png]")
+
+
+def test_encrypted_file_in_a_package_raises_value_error(tmp_path):
+    package = tmp_path / "a.usdz"
+    with zipfile.ZipFile(package, "w") as archive:
+        archive.writestr("b.png", b"123")
+    data = bytearray(package.read_bytes())
+    for signature, offset in ((b"PK\3\4", 6), (b"PK\1\2", 8)):
+        data[data.index(signature) + offset] |= 1
+    package.write_bytes(data)
+    with pytest.raises(ValueError, match="encrypted"):
+        read_file(f"{package}[b.png]")

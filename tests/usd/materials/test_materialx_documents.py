@@ -10,6 +10,7 @@ from dataclasses import replace
 import pytest
 from PIL import Image
 
+from dynamics.lru_cache import LRUCache
 from tests.usd.helpers import read_with_warning, write
 from tests.usd.materials.test_materialx import (
     PIXELS,
@@ -24,6 +25,8 @@ from tests.usd.materials.test_materialx import (
 )
 from tiscene.errors import StageError, StageWarning
 from tiscene.scene.description import Material, TextureLookup
+from tiscene.usd.materials import materialx_document
+from tiscene.usd.materials.materialx_document import layer_of_document
 from tiscene.usd.read.stage_reader import read_stage
 
 
@@ -122,6 +125,19 @@ def test_document_outside_the_root_is_not_read(tmp_path):
     path = write(tmp_path / "inside", REFERENCE.replace("./doc", "../doc"))
     with pytest.warns(StageWarning, match=r"composition: .*doc\.mtlx"):
         read_stage(path, root=tmp_path / "inside")
+
+
+def test_document_used_least_recently_is_dropped_first(tmp_path, monkeypatch):
+    monkeypatch.setattr(materialx_document, "_layers", LRUCache(2))
+    paths = [str(tmp_path / f"{number}.mtlx") for number in range(3)]
+    for path in paths:
+        with open(path, "w", encoding="utf-8") as file:
+            file.write(document(given("base", "1")))
+    first, second = (layer_of_document(path)[0] for path in paths[:2])
+    assert layer_of_document(paths[0])[0] is first
+    layer_of_document(paths[2])
+    assert layer_of_document(paths[0])[0] is first
+    assert layer_of_document(paths[1])[0] is not second
 
 
 def test_changed_document_is_read_again(tmp_path):

@@ -48,6 +48,13 @@ def png(values: np.ndarray, kinds: list[int], more: bytes = b"", interlaced: boo
     return b"\x89PNG\r\n\x1a\n" + body
 
 
+def test_transparent_color_becomes_alpha():
+    values = np.array([[[1, 2, 3], [1, 2, 4]]], np.uint16)
+    more = chunk(b"tRNS", struct.pack(">3H", 1, 2, 3))
+    pixels, _ = read_deep_color(png(values, [0], more))
+    np.testing.assert_array_equal(pixels, [[[1, 2, 3, 0], [1, 2, 4, 65535]]])
+
+
 @pytest.mark.parametrize("interlaced", [False, True])
 @pytest.mark.parametrize("shape", [(7, 5, 3), (5, 9, 4), (1, 6, 2), (6, 1, 3), (1, 1, 3), (17, 33, 4)])
 def test_every_filter_and_interlacing_round_trips(shape, interlaced):

@@ -50,6 +50,21 @@ def test_changed_file_that_a_template_refers_to_is_read_again(tmp_path):
     )
 
 
+def test_template_that_is_saved_while_it_is_read_is_read_again(tmp_path, monkeypatch):
+    path = write(tmp_path, CHAIR, more=DEFAULT)
+    read = kept_templates.template_and_report
+
+    def read_and_save(*arguments):
+        result = read(*arguments)
+        write(tmp_path, CHAIR.replace('["chair"]', '["stool"]'), more=DEFAULT)
+        return result
+
+    with monkeypatch.context() as patch:
+        patch.setattr(kept_templates, "template_and_report", read_and_save)
+        assert kept_template(path).category == "chair"
+    assert kept_template(path).category == "stool"
+
+
 def test_removed_template_is_missing(tmp_path):
     path = write(tmp_path, CHAIR, more=DEFAULT)
     kept_template(path)

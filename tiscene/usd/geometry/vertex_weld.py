@@ -100,10 +100,11 @@ def weld(
         first, vertex = unique_rows([used_point.astype(np.int64), *split])
         vertex_corner, vertex_point = used[first], used_point[first]
     else:
-        referenced = np.zeros(len(points), dtype=bool)
-        referenced[used_point] = True
+        corner_of_point = np.full(len(points), -1, dtype=used.dtype)
+        corner_of_point[used_point] = used
+        referenced = corner_of_point >= 0
         vertex_point = np.flatnonzero(referenced)
-        vertex_corner = vertex_point  # unused: every attribute is per point
+        vertex_corner = corner_of_point[vertex_point]
         vertex = (np.cumsum(referenced) - 1)[used_point]
     shape = vertex.reshape(-1, 3).astype(np.int32)
     return WeldedMesh(

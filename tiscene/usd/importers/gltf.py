@@ -10,10 +10,8 @@ from __future__ import annotations
 import base64
 import binascii
 import importlib.util
-import io
 import json
 import urllib.parse
-import warnings
 from collections.abc import Callable, Mapping
 from typing import Any
 
@@ -23,6 +21,7 @@ from PIL import Image
 
 from tiscene.errors import StageError
 from tiscene.usd.importers.gltf_lobes import lost_parts
+from tiscene.usd.materials.image import open_picture
 
 SUFFIXES = (".gltf", ".glb")
 # Extensions that are read.
@@ -188,11 +187,7 @@ class GltfDocument:
         name = f"image {index}" if name.startswith("data:") else name
         try:
             data = self._file(entry["uri"]) if "uri" in entry else self.view(entry["bufferView"])[0]
-            with warnings.catch_warnings():
-                warnings.simplefilter("ignore")
-                image = Image.open(io.BytesIO(data))
-                image.load()
-        except (OSError, ValueError, KeyError, Image.DecompressionBombError):
+            return open_picture(data)
+        except (OSError, ValueError, KeyError):
             self.missing.append(name)
             return None
-        return image

@@ -106,11 +106,16 @@ class _FileResolver:
 
 
 def find_file(name: str, files: Mapping[str, bytes]) -> str | None:
-    """Return the file that a reference means, ignoring case, backslashes and missing folders; None if there is none."""
+    """Return the file that a reference means, ignoring backslashes and missing folders; None if there is none.
+
+    A file of the same case is preferred to others.
+    """
     wanted = name.strip().replace("\\", "/").removeprefix("./")
     for same in (wanted, wanted.rpartition("/")[2]):
+        if same in files:
+            return same
         for candidate in files:
-            if candidate == same or candidate.lower() == same.lower():
+            if candidate.lower() == same.lower():
                 return candidate
     return None
 

@@ -20,11 +20,11 @@ Spelling is free: case, spaces, underscores and a final "map" or "texture" do no
 
 from __future__ import annotations
 
-import io
 import json
 import re
 import warnings
 from collections.abc import Mapping
+from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -37,6 +37,7 @@ from tiscene.scene.color import decode_srgb
 from tiscene.usd.importers.import_template import Credit, license_beside, write_template
 from tiscene.usd.importers.materials import ImportedMaterial, TextureMap, has_holes
 from tiscene.usd.importers.mesh_file import find_file, load_model
+from tiscene.usd.materials.image import open_picture
 
 _FROM_UNITY = np.diag([1.0, 1.0, -1.0])
 _GENERATED_MTL = "tiscene_generated.mtl"
@@ -202,12 +203,9 @@ def _with_all_materials(name: str, files: Mapping[str, bytes]) -> dict[str, byte
 
 
 def _image(data: bytes) -> Image.Image | None:
-    try:
-        image = Image.open(io.BytesIO(data))
-        image.load()
-    except Exception:  # PIL's decoders raise many types for damaged data
-        return None
-    return image
+    with suppress(ValueError):
+        return open_picture(data)
+    return None
 
 
 def _plain(name: str) -> str:

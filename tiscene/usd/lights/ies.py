@@ -19,6 +19,8 @@ Floats = NDArray[np.floating]
 ROWS, COLUMNS = 360, 360  # resolution of the profile image: 0.5 degrees vertically, 1 degree horizontally
 _MAX_ANGLES = 4096  # in each direction
 _HEADER_SIZE = 13  # numbers between the tilt data and the angles
+_MAX_CANDELA = float(np.finfo(np.float32).max)
+_RANGES = ((0.0, 90.0), (0.0, 180.0), (90.0, 270.0), (0.0, 360.0))  # of horizontal angles, degrees, by LM-63
 
 
 @dataclass(frozen=True, eq=False)
@@ -27,7 +29,8 @@ class Profile:
 
     Attributes:
         vertical: angles from the luminaire's axis, degrees, increasing.
-        horizontal: angles about the axis, degrees, increasing; one, a quadrant, a half or the full circle.
+        horizontal: angles about the axis, degrees, increasing: one, or 0 to 90, 0 to 180, 90 to 270 or 0 to 360. The
+            others mirror them.
         candela: luminous intensity, cd, [horizontal, vertical].
     """
 
@@ -49,10 +52,12 @@ class Profile:
         last = self.horizontal[-1]
         if len(self.horizontal) == 1:
             around = np.zeros_like(around)
-        elif last <= 90.0:  # a quadrant, mirrored twice
+        elif last == 90.0:  # a quadrant, mirrored twice
             around = np.minimum(around % 180.0, 180.0 - around % 180.0)
-        elif last <= 180.0:
+        elif last == 180.0:
             around = np.minimum(around, 360.0 - around)
+        elif self.horizontal[0] == 90.0:  # symmetric about the plane of 90 and 270 degrees
+            around = np.where(np.abs(around - 180.0) > 90.0, (180.0 - around) % 360.0, around)
         down = np.array([np.interp(vertical, self.vertical, line, 0.0, 0.0) for line in self.candela])
         at = np.clip(np.searchsorted(self.horizontal, around, side="right") - 1, 0, max(len(self.horizontal) - 2, 0))
         after = np.minimum(at + 1, len(self.horizontal) - 1)
@@ -94,7 +99,8 @@ def read_ies(data: bytes) -> Profile:
     """Parse an IES file of photometric type C.
 
     Raises:
-        ValueError: the file is damaged, too large, or of another photometric type.
+        ValueError: the file is damaged, too large, or of another photometric type, or its angles or intensities are
+            not those of a luminaire.
     """
     _, tilt, rest = data.decode("latin-1").partition("TILT=")
     if not tilt:
@@ -122,5 +128,23 @@ def read_ies(data: bytes) -> Profile:
     vertical, horizontal, candela = np.split(values, [down, down + around])
     if (np.diff(vertical) <= 0.0).any() or (np.diff(horizontal) <= 0.0).any():
         raise ValueError("an IES file whose angles do not increase")
-    candela = np.maximum(candela.reshape(around, down), 0.0) * (scale * ballast)
+    candela, factor = np.maximum(candela.reshape(around, down), 0.0), scale * ballast
+    if not (factor >= 0.0 and factor * float(candela.max()) <= _MAX_CANDELA):
+        raise ValueError(f"an IES file whose intensities times {scale:g} x {ballast:g} are negative or not finite")
+    return _closed(vertical, horizontal, candela * factor)
+
+
+def _closed(vertical: Floats, horizontal: Floats, candela: Floats) -> Profile:
+    """Return a profile, with an angle of 360 degrees where a file leaves it out as equal to that of 0.
+
+    Raises:
+        ValueError: the horizontal angles do not say what the intensity is all around.
+    """
+    first, last = float(horizontal[0]), float(horizontal[-1])
+    if len(horizontal) > 1 and (first, last) not in _RANGES:
+        if first != 0.0 or not math.isclose(360.0 - last, last - horizontal[-2], abs_tol=0.01):
+            ranges = ", ".join(f"{low:g} to {high:g}" for low, high in _RANGES)
+            text = f"an IES file of horizontal angles from {first:g} to {last:g} degrees; they must be one of {ranges}"
+            raise ValueError(text)
+        horizontal, candela = np.append(horizontal, 360.0), np.append(candela, candela[:1], axis=0)
     return Profile(vertical, horizontal, candela)

@@ -22,7 +22,9 @@ from PIL import Image
 from tiscene.scene.description import FloatArray
 from tiscene.usd.core.package import split_package
 from tiscene.usd.materials.color_profile import declared_transfer
-from tiscene.usd.materials.png16 import is_deep_color, read_deep_color
+from tiscene.usd.materials.png16 import is_deep_color, read_deep_color, with_transparent_color
+
+_MAX_PIXELS = 1 << 29  # of a Radiance picture: a few bytes can repeat a pixel that often
 
 
 @dataclass(frozen=True, eq=False)
@@ -62,7 +64,7 @@ def read_file(path: str) -> bytes:
         for name in inner:
             with zipfile.ZipFile(io.BytesIO(data), metadata_encoding="utf-8") as archive:  # as USD writes names
                 data = archive.read(name)
-    except (zipfile.BadZipFile, KeyError, UnicodeDecodeError) as error:
+    except Exception as error:  # zipfile and its decompressors raise many types on damaged and encrypted archives
         raise ValueError(f"not a readable package: {error}") from error
     return data
 
@@ -76,14 +78,27 @@ def _decode(data: bytes, suffix: str) -> ImageData:
     if is_deep_color(data):
         values, transfer = read_deep_color(data)
         return ImageData(_with_alpha(values.astype(np.float32) / np.float32(65535.0)), srgb=transfer == "srgb")
+    return _from_pillow(open_picture(data, suffix))
+
+
+def open_picture(data: bytes, suffix: str = "") -> Image.Image:
+    """Decode an image file by Pillow.
+
+    Args:
+        data: the bytes of the file.
+        suffix: of its name, for messages only.
+
+    Raises:
+        ValueError: it is not a readable image.
+    """
     try:
         with warnings.catch_warnings():
-            warnings.simplefilter("ignore")  # Pillow's warnings about metadata
-            with Image.open(io.BytesIO(data)) as image:
-                image.load()
-                return _from_pillow(image)
+            warnings.simplefilter("ignore")  # about metadata
+            image = Image.open(io.BytesIO(data))
+            image.load()
     except Exception as error:  # Pillow's decoders raise many types on damaged files
         raise ValueError(f"not a readable {suffix or 'image'} file: {error}") from error
+    return image
 
 
 def _from_pillow(image: Image.Image) -> ImageData:
@@ -95,6 +110,8 @@ def _from_pillow(image: Image.Image) -> ImageData:
         transparent = "transparency" in image.info or image.mode == "PA"
         image = image.convert("L" if image.mode == "1" else "RGBA" if transparent else "RGB")
     values = np.asarray(image)
+    if "transparency" in image.info and image.mode in ("L", "RGB", "I;16"):
+        values = with_transparent_color(values, image.info["transparency"])
     if image.mode.startswith("I") or values.dtype in (np.uint16, np.int32, np.uint32):
         return ImageData(_with_alpha(values.astype(np.float32) / np.float32(65535.0)), srgb=transfer == "srgb")
     if values.dtype == np.float32:
@@ -156,6 +173,8 @@ def read_radiance(data: bytes) -> FloatArray:
     height, width = int(words[1]), int(words[3])
     if not (0 < height < 1 << 17 and 0 < width < 1 << 17):
         raise ValueError(f"a Radiance picture of {width} x {height} pixels; each side must be in 1..131071")
+    if height * width > _MAX_PIXELS:
+        raise ValueError(f"a Radiance picture of {width} x {height} pixels; it may have {_MAX_PIXELS:,} in all")
     rgbe = _scanlines(np.frombuffer(body, dtype=np.uint8), height, width)
     scale = np.where(rgbe[..., 3] > 0, np.ldexp(np.float32(1.0), rgbe[..., 3].astype(np.int32) - 136), 0.0)
     values = rgbe[..., :3].astype(np.float32) * scale[..., None].astype(np.float32)
@@ -168,12 +187,13 @@ def read_radiance(data: bytes) -> FloatArray:
 
 def _scanlines(body: NDArray[np.uint8], height: int, width: int) -> NDArray[np.uint8]:
     """Decode the run-length encoded RGBE scanlines: uint8 [h, w, 4]."""
-    result = np.empty((height, 4, width), dtype=np.uint8)
-    at = 0
     if not (8 <= width < 1 << 15 and len(body) >= 4 and body[0] == 2 and body[1] == 2 and body[2] < 128):
         words = body[: len(body) // 4 * 4].reshape(-1, 4)
         return _old_scanlines(words, height * width).reshape(height, width, 4)
-    data = body.tobytes()
+    if len(body) < height * (4 + 8 * -(-width // 127)):  # a run of 127 pixels has two bytes
+        raise ValueError("a Radiance picture that ends early")
+    result = np.empty((height, 4, width), dtype=np.uint8)
+    data, at = body.tobytes(), 0
     for row in range(height):
         if data[at : at + 4] != bytes((2, 2, width >> 8, width & 255)):
             raise ValueError(f"a Radiance picture whose row {row} is damaged")
@@ -207,7 +227,7 @@ def _old_scanlines(words: NDArray[np.uint8], count: int) -> NDArray[np.uint8]:
     index = np.arange(len(words))
     last_pixel = np.maximum.accumulate(np.where(runs, -1, index))
     order = np.minimum(index - last_pixel - 1, 3)  # number of runs between a run and its pixel
-    repeats = np.where(runs, words[:, 3].astype(np.int64) << (8 * np.maximum(order, 0)), 1)
+    repeats = np.where(runs, words[:, 3].astype(np.int64) << (8 * np.maximum(order, 0)), 1).clip(max=count)
     if len(words) and last_pixel[0] < 0:
         raise ValueError("a Radiance picture that begins with a run")
     ends = np.cumsum(repeats)

@@ -12,13 +12,12 @@ import os
 import posixpath
 import re
 import xml.etree.ElementTree as ElementTree
-import zipfile
-from collections import OrderedDict
 from dataclasses import dataclass
 from typing import Any
 
 from pxr import Gf, Sdf, Tf, Usd, UsdShade
 
+from dynamics.lru_cache import LRUCache
 from tiscene.usd.core.package import split_package
 from tiscene.usd.materials.image import read_file
 
@@ -36,9 +35,9 @@ _TYPES = {
 _VECTORS = {2: Gf.Vec2f, 3: Gf.Vec3f, 4: Gf.Vec4f}
 _MAX_NODES = 20_000  # of a material; a document that expands to more is damaged
 _MAX_DEPTH = 64
-_MAX_LAYERS = 256  # kept in memory, for stages that are open
+_MAX_LAYERS = 256  # kept in memory, those used last
 DOCUMENT = "materialx"  # in the customLayerData of a layer that was converted, the path of the .mtlx file
-_layers: OrderedDict[tuple[str, float], tuple[Sdf.Layer, tuple[str, ...]]] = OrderedDict()
+_layers: LRUCache[tuple[str, float], tuple[Sdf.Layer, tuple[str, ...]]] = LRUCache(_MAX_LAYERS)
 _substituted: set[str] = set()  # identifiers of layers that refer to converted documents
 
 Element = ElementTree.Element
@@ -65,7 +64,7 @@ def substitute_documents(stage: Usd.Stage, allowed: Any) -> list[tuple[str, str]
             try:
                 converted, broken = layer_of_document(path)
                 faults += [(path, each) for each in broken]
-            except (ValueError, OSError, zipfile.BadZipFile) as error:
+            except (ValueError, OSError) as error:
                 faults.append((path, str(error)))
                 continue
             layer.UpdateCompositionAssetDependency(asset, converted.identifier)
@@ -84,13 +83,12 @@ def layer_of_document(path: str) -> tuple[Sdf.Layer, tuple[str, ...]]:
     Raises:
         ValueError: the file is not a MaterialX document.
     """
-    key = (path, os.path.getmtime(split_package(path)[0]))
-    if key not in _layers:
-        converter = _Converter(path)
-        _layers[key] = converter.layer(), tuple(converter.faults)
-        while len(_layers) > _MAX_LAYERS:
-            _layers.popitem(last=False)
-    return _layers[key]
+    return _layers.get((path, os.path.getmtime(split_package(path)[0])), lambda: _converted(path))
+
+
+def _converted(path: str) -> tuple[Sdf.Layer, tuple[str, ...]]:
+    converter = _Converter(path)
+    return converter.layer(), tuple(converter.faults)
 
 
 @dataclass(frozen=True, eq=False)

@@ -10,6 +10,7 @@ import contextlib
 import struct
 import zlib
 from collections.abc import Iterator
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -44,7 +45,7 @@ def read_deep_color(data: bytes) -> tuple[NDArray[np.uint16], Transfer | None]:
     for name, content in _chunks(data):
         if name == b"IDAT":
             compressed.append(content)
-        elif name in (b"iCCP", b"sRGB", b"gAMA"):
+        elif name in (b"iCCP", b"sRGB", b"gAMA", b"tRNS"):
             metadata[name] = content
     passes = _PASSES if interlaced else ((0, 0, 1, 1),)
     sizes = [(-(-(height - y) // dy), -(-(width - x) // dx)) for x, y, dx, dy in passes]
@@ -64,7 +65,16 @@ def read_deep_color(data: bytes) -> tuple[NDArray[np.uint16], Transfer | None]:
             part = _unfilter(np.frombuffer(raw, np.uint8, size, at).reshape(rows, -1), 2 * channels)
             pixels[y::dy, x::dx] = part.view(">u2").reshape(rows, columns, channels)
         at += size
+    if kind == 2 and len(metadata.get(b"tRNS", b"")) == 6:
+        pixels = with_transparent_color(pixels, np.frombuffer(metadata[b"tRNS"], ">u2"))
     return pixels, _transfer(metadata)
+
+
+def with_transparent_color(pixels: NDArray[Any], color: Any) -> NDArray[Any]:
+    """Return integers [h, w] or [h, w, c] with alpha: 0 where they have a color of c values (PNG's tRNS), else full."""
+    pixels = np.atleast_3d(pixels)
+    alpha = np.where((pixels == color).all(axis=2, keepdims=True), 0, np.iinfo(pixels.dtype).max)
+    return np.concatenate([pixels, alpha.astype(pixels.dtype)], axis=2)
 
 
 def _transfer(metadata: dict[bytes, bytes]) -> Transfer | None:

@@ -4,12 +4,12 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Hashable, Mapping
 from pathlib import Path
 from typing import Any, Literal, NamedTuple
 
 from tiscene.scene.description import SceneDescription, Template
-from tiscene.usd.core.layers import layer_digests
+from tiscene.usd.core.layers import layer_state
 from tiscene.usd.core.report import StageReport
 from tiscene.usd.read.template import template_and_report
 
@@ -18,11 +18,11 @@ _MIPMAPS = 4.0 / 3.0  # memory of an image with its coarser copies, over that of
 
 
 class _Kept(NamedTuple):
-    """A template, what was left out of it, and the digests of its files when it was read."""
+    """A template, what was left out of it, and the state of its files before it was read."""
 
     template: Template
     report: StageReport
-    digests: dict[str, str]
+    state: Hashable
     nbytes: int
 
 
@@ -45,9 +45,10 @@ def kept_template(
     """
     key = str(Path(path).resolve()), up_axis, tuple(sorted((variants or {}).items())), taxonomy
     kept = _kept.pop(key, None)
-    if kept is None or not Path(path).is_file() or kept.digests != layer_digests(path):
+    state = layer_state(path) if Path(path).is_file() else None  # before it is read: files may change meanwhile
+    if kept is None or state is None or kept.state != state:
         template, report = template_and_report(path, up_axis, variants, taxonomy)
-        kept = _Kept(template, report, layer_digests(path), _bytes_of(template.description))
+        kept = _Kept(template, report, state, _bytes_of(template.description))
     _kept[key] = kept
     total = sum(each.nbytes for each in _kept.values())
     while total > MAX_BYTES:
