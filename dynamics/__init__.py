@@ -40,7 +40,7 @@ angles, where a class accepts them, are degrees (see `dynamics.rotation`). Axes 
     integrate                           choice of each body's next motion
     path_following, bounce_response     collision responses
     sweep_obstacles, sweep_bodies       continuous collision detection
-    collision_free                      test for paths without any collision
+    path_cover, collision_free          balls around paths; test for paths without any collision
     obstacles, tree_access              static triangles, and their hierarchy in kernels
     sphere_query, contact               spheres against all obstacles, and against a triangle
     sphere_proxy, sphere_cover_kernels  sphere proxies of surfaces

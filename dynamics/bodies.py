@@ -76,12 +76,6 @@ class Body:
         """Tracks of its path, computed once: a static one for a dynamic that is not closed-form."""
         return self.dynamic.tracks(self.start) if isinstance(self.dynamic, ClosedForm) else (fixed(self.start),)
 
-    def alone(self) -> Body:
-        """Return a body with its path, computed once for both, whose clock runs from 0 on."""
-        result = Body(self.dynamic, self.position, self.rotation)
-        vars(result)["tracks"] = self.tracks
-        return result
-
     @cached_property
     def states(self) -> SteppedStates | None:
         """States of its Stepped dynamic, which all simulations of the body share; None for other dynamics."""

@@ -22,7 +22,8 @@ class LRUCache(Generic[Key, Value]):
 
     def __init__(self, maxsize: int) -> None:
         self._maxsize = maxsize
-        # The least recently used first. Threads share it without a lock: each call of the dictionary is atomic.
+        # The least recently used first. Threads share it without a lock: each call of the dictionary is atomic, a loop
+        # over it is not.
         self._values: OrderedDict[Key, Value] = OrderedDict()
 
     def __len__(self) -> int:
@@ -48,5 +49,6 @@ class LRUCache(Generic[Key, Value]):
 
     def drop(self, outdated: Callable[[Key], bool]) -> None:
         """Drop the values of all keys for which `outdated` returns True."""
-        for key in [key for key in self._values if outdated(key)]:
-            del self._values[key]
+        for key in list(self._values):
+            if outdated(key):
+                self._values.pop(key, None)

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from dynamics.errors import ArgumentError
 
 # Columns of `Obstacles.instances`: the matrix, its inverse, meters per unit along each own axis, and a factor.
-MATRIX, METERS_PER_UNIT, GAP_FACTOR, INSTANCE_COLUMNS = 0, 24, 27, 28
+MATRIX, INVERSE, METERS_PER_UNIT, GAP_FACTOR, INSTANCE_COLUMNS = 0, 12, 24, 27, 28
 
 
 class Trees(Protocol):
@@ -131,8 +131,8 @@ def instance_rows(world_from_instance: NDArray[np.float64]) -> NDArray[np.float3
     lengths = np.linalg.norm(inverse[:, :, :3], axis=2)
     unit = inverse[:, :, :3] / lengths[:, :, None]
     perpendicular = np.abs(unit @ unit.swapaxes(1, 2) - np.eye(3)).max(axis=(1, 2), initial=0.0) < 1e-6
-    rows[:, :12] = matrices[:, :3].reshape(count, 12)
-    rows[:, 12:24] = inverse.reshape(count, 12)
+    rows[:, MATRIX:INVERSE] = matrices[:, :3].reshape(count, 12)
+    rows[:, INVERSE:METERS_PER_UNIT] = inverse.reshape(count, 12)
     # Slightly smaller than exact, so that rounding cannot cull a box.
     rows[:, METERS_PER_UNIT:GAP_FACTOR] = (1.0 - 1e-5) / lengths
     rows[:, GAP_FACTOR] = np.where(perpendicular, 1.0, 1.0 / 3.0)

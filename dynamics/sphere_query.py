@@ -17,7 +17,7 @@ from dynamics.contact import (
     record_touch,
 )
 from dynamics.kernel_types import Template
-from dynamics.obstacles import GAP_FACTOR, METERS_PER_UNIT
+from dynamics.obstacles import GAP_FACTOR, INVERSE, MATRIX, METERS_PER_UNIT
 from dynamics.tree_access import (
     STACK,
     child_bounds,
@@ -178,8 +178,8 @@ def query_sphere(
             instance = leaf_instance(current, is_bvh8)
             meters_per_unit = vector_at(instances, instance, METERS_PER_UNIT)
             factor = instances[instance, GAP_FACTOR]
-            start = transformed(instances, instance, 12, center, 1.0)
-            along = transformed(instances, instance, 12, chord, 0.0)
+            start = transformed(instances, instance, INVERSE, center, 1.0)
+            along = transformed(instances, instance, INVERSE, chord, 0.0)
             inverse_x, inverse_y, inverse_z = reciprocal(along[0]), reciprocal(along[1]), reciprocal(along[2])
             expansion = reach / meters_per_unit
             mesh_stack_base = stack_size
@@ -188,9 +188,9 @@ def query_sphere(
             first, triangle_count = leaf_triangles(triangles, current, is_bvh8)
             for index in range(triangle_count):
                 corner, edge_1, edge_2 = load_triangle(triangles, first, index, is_bvh8)
-                corner = transformed(instances, instance, 0, corner, 1.0) - center
-                edge_1 = transformed(instances, instance, 0, edge_1, 0.0)
-                edge_2 = transformed(instances, instance, 0, edge_2, 0.0)
+                corner = transformed(instances, instance, MATRIX, corner, 1.0) - center
+                edge_1 = transformed(instances, instance, MATRIX, edge_1, 0.0)
+                edge_2 = transformed(instances, instance, MATRIX, edge_2, 0.0)
                 if ti.static(query == CONTACT):
                     time, normal, start_normal, start_gap = first_contact(
                         corner, edge_1, edge_2, chord, radius, slack, inward, best

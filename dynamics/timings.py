@@ -20,6 +20,7 @@ from dynamics.dynamic import Dynamic
 from dynamics.errors import ArgumentError, ArgumentTypeError
 
 NEVER = Window(Fraction(0), Fraction(0))
+LONGEST_LOOP = 1e6  # s: a loop that WaitUntilComplete waits for
 ALWAYS = Window(Fraction(0))
 
 
@@ -59,7 +60,7 @@ class AllTogether(Timing):
 class WaitUntilComplete(Timing):
     """One body at a time: wait, body 0 completes one loop and stays at its start pose, wait, body 1, and so on.
 
-    Static bodies get no turn. Dynamics whose loop never completes are refused.
+    Static bodies get no turn. Dynamics whose loop never completes, or takes more than 10^6 s, are refused.
 
     Args:
         wait_time: Seconds before each turn.
@@ -81,6 +82,12 @@ class WaitUntilComplete(Timing):
                 raise ArgumentError(
                     f"WaitUntilComplete waits for each loop to end, but the {type(dynamic).__name__} of {name!r} never "
                     "returns to its start; use AllTogether or DictTimings"
+                )
+            if dynamic.loop_time > LONGEST_LOOP:
+                raise ArgumentError(
+                    f"WaitUntilComplete waits for each loop to end, but the {type(dynamic).__name__} of {name!r} takes "
+                    f"{dynamic.loop_time:.3g} s: give its parts periods with a short common multiple, or use "
+                    "AllTogether or DictTimings"
                 )
             loop = exact(dynamic.loop_time)
             start = end + exact(self.wait_time) if loop else end

@@ -38,6 +38,20 @@ def test_outdated_values_are_dropped() -> None:
     assert [cache.get(key, lambda: 1) for key in range(3)] == [0, 1, 1]
 
 
+def test_values_are_dropped_while_others_are_used() -> None:
+    """As another thread would use them between two keys."""
+    cache = LRUCache[int, int](4)
+    for key in range(4):
+        cache.get(key, lambda: 0)
+
+    def outdated(key: int) -> bool:
+        cache.get(10 + key, lambda: 1)  # drops `key`, the least recently used one
+        return key % 2 == 0
+
+    cache.drop(outdated)
+    assert [key for key in range(20) if key in cache] == [10, 11, 12, 13]
+
+
 def test_threads_share_a_cache() -> None:
     cache, interval = LRUCache[int, int](2), sys.getswitchinterval()
 

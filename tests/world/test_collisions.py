@@ -55,6 +55,12 @@ def path(*stations: tuple[float, float, float], time: float = 4.0) -> ts.LinearW
     return ts.LinearWaypoints([ts.Waypoint(station) for station in stations], total_time=time)
 
 
+def detour(time: float) -> ts.Keyframes:
+    """Return a loop that crosses the pillar's place and comes back within one second, and rests otherwise."""
+    here, there = ts.Waypoint((0, 0, 0)), ts.Waypoint((2.5, 0, 0))
+    return ts.Keyframes((0, 0.3 * time, 0.3 * time + 0.5, 0.3 * time + 1, time), (here, here, there, here, here), True)
+
+
 def poses(made: World, frames: range | list[int]) -> np.ndarray:
     return np.array(
         [[(*row.position, *row.rotation) for row in made.state(k).objects if not row.prim_path] for k in frames]
@@ -151,6 +157,13 @@ def test_a_follower_is_held_up_and_returns():
         ([ts.Object("f", "Cube", dynamic=path((5, 0, 0), (9, 0, 1))), ts.Object("s", "Cube")], EMPTY, None, False),
         ([ts.Object("s", "Cube", (1.5, 0, 0)), ts.Object("t", "Cube", (1.5, 0, 0))], STAGE, None, False),
         ([bouncer(collide=False)], EMPTY, None, True),
+        ([ts.Object("f", "Cube", dynamic=detour(4.0))], STAGE, None, True),
+        ([ts.Object("f", "Cube", dynamic=detour(100.0))], STAGE, None, True),
+        ([ts.Object("f", "Cube", dynamic=detour(100.0)), ts.Object("s", "Cube", (1.5, 0, 0))], EMPTY, None, True),
+        ([ts.Object("f", "Cube", dynamic=detour(100.0)), ts.Object("s", "Cube", (1.5, 1, 0))], EMPTY, None, False),
+        ([ts.Object("f", "Cube", dynamic=path(*[(-1, 0, 0), (2.5, 0, 0)] * 64))], STAGE, None, True),
+        ([ts.Object("f", "Cube", dynamic=ts.Keyframes((0, 1), (ts.Waypoint((0, 0, 0)), ts.Waypoint((0, 0, 1)))))],
+         STAGE, None, False),
     ],
 )  # fmt: skip
 def test_only_what_can_meet_something_is_stepped(objects, stage, frustum, stepped):
