@@ -192,7 +192,7 @@ def change(content: object, path: list[object], value: object) -> object:
         (["scene"], ..., "scene: is missing"),
         (["scene"], 3, "scene=3: must be a string"),
         (["seed"], 3, "seed: Scenario has no such key"),
-        (["objects"], {}, "objects.id: is missing"),
+        (["objects"], {}, "objects: must be a list"),
         (["objects"], "abc", "objects='abc': must be a sequence of Object"),
         (["objects", 1], 3, r"objects\[1\]=3: must be an Object"),
         (["objects", 1], [], r"objects\[1\]=\(\): must be an Object"),
@@ -360,3 +360,26 @@ def test_every_dynamic_and_timing_of_the_package_can_be_written():
 def test_invalid_overrides_raise(make, message):
     with pytest.raises(ScenarioError, match=message):
         make()
+
+
+@pytest.mark.parametrize(
+    ("make", "match"),
+    [
+        (lambda: ts.Scenario("room", exposure_compensation=1e6), "exposure_compensation=1000000.0: must be from"),
+        (lambda: ts.Scenario("room").save(5), "path=5: must be the name of a file"),
+        (lambda: Scenario.from_json(ts.Scenario("room").to_json() | {"objects": {}}), "objects: must be a list"),
+        (lambda: ts.DistanceJoint("a"), "max_distance: is missing"),
+        (lambda: ts.Scenario.sample("object_view", objects=None), "objects=None: must be 2 numbers"),
+    ],
+)
+def test_values_without_a_meaning_are_refused(make, match):
+    with pytest.raises(ts.TisceneError, match=match):
+        make()
+
+
+def test_turns_that_take_ages_are_refused():
+    """No object but the first would ever have had a turn."""
+    long = ts.Composite((ts.Orbit(period=3.123456789012345), ts.Orbit(period=1.987654321098765)))
+    objects = [ts.Object("spinner", "Cube", dynamic=long), ts.Object("b", "Cube", dynamic=ts.Orbit(period=2.0))]
+    with pytest.raises(ts.TisceneError, match=r"'spinner' takes .* s: give its parts periods"):
+        ts.Scenario("room", objects, timings=ts.WaitUntilComplete(1.0))

@@ -35,6 +35,11 @@ from tiscene.scenario.edits import Despawn, Move, SetFrustumWalls, Spawn
         (lambda made: made.spawn("Cube", scale=-1), ScenarioError, "scale"),
         (lambda made: made.spawn("Cube", dynamic="fast"), ScenarioError, "dynamic"),
         (lambda made: made.spawn("Cube", colour=1), ArgumentTypeError, "colour: world.spawn has no .* collide, scale"),
+        (lambda made: made.spawn("Cube", free=1), ArgumentTypeError, "free=1: must be True or False"),
+        (lambda made: made.spawn("Cube", region=(0, 0, 0.5, 1)), ArgumentError, "add free=True"),
+        (lambda made: made.move_camera((0, 1, 0), relative="yes"), ScenarioError, "relative='yes': must be True"),
+        (lambda made: made.camera_at("x"), ArgumentTypeError, "frame='x': must be a whole number"),
+        (lambda made: made.camera_at(-1), ArgumentError, "frame=-1: must be at least 0"),
         (lambda made: made.spawn("Cube", first_frame=3), ArgumentTypeError, "first_frame: world.spawn has no such"),
     ],
 )

@@ -86,6 +86,36 @@ def test_joint_is_that_of_a_replay_after_its_holder_is_moved_at_the_start():
         assert (here.name, here.position) == ("load", there.position)
 
 
+def test_move_of_a_joined_object_shows_closed_joints_at_once():
+    """At the frame of the move it was torn off its joint, and what hangs on it stayed behind."""
+    objects = [
+        ts.Object("hook", "Cube", (0, 2.5, -3), scale=0.2, dynamic=ts.Still(), collide=False),
+        ts.Object("a", "Cube", (0, 2, -3), scale=0.3),
+        ts.Object("b", "Cube", (0, 1.5, -3), scale=0.3),
+    ]
+    joints = [
+        ts.SphericalJoint("a", "hook", position=(0, 0.5, 0)),
+        ts.SphericalJoint("b", "a", position=(0, 0.5, 0)),
+    ]
+    stream = stream_of(ts.Scenario("object_view", objects, physics=True, joints=joints))
+    stream.world.next_frame = 5
+    stream.world.move("a", (1, 2.5, -3), (0, 0, 90))
+
+    def places(frame):
+        rows = {row.name: row.position for row in stream.world.state(frame).objects}
+        return [*rows["a"], *rows["b"]]
+
+    assert places(4) == pytest.approx([0, 2, -3, 0, 1.5, -3], abs=1e-6)
+    turned = [0.5, 2.5, -3, 1.0, 2.5, -3]  # about the hook, as one
+    assert places(5) == pytest.approx(turned, abs=1e-6)
+    stream.world.state(9)
+    assert places(5) == pytest.approx(turned, abs=1e-6)
+    stream.world.next_frame = 10
+    stream.world.move("hook", (1, 3, -3))
+    a = np.subtract(places(10)[:3], (1, 3, -3))
+    assert np.linalg.norm(a) == pytest.approx(0.5, abs=1e-6)
+
+
 def test_despawning_one_of_two_joined_objects_frees_the_other():
     objects = [
         ts.Object("post", "Cube", (0, 2, -2), dynamic=ts.Still(), scale=0.1),

@@ -11,6 +11,7 @@ pytest.importorskip("mujoco")
 
 import tiscene as ts
 from tiscene.errors import MissingExtra, ScenarioError
+from tiscene.scenario.edits import Spawn
 from tiscene.world.physics.convex_parts import convex_parts
 
 CAMERA = ts.Camera.look_at((0.0, 1.2, 4.0), (0.0, 0.6, 0.0), (0.0, 1.0, 0.0))
@@ -166,12 +167,27 @@ def test_a_pile_of_concave_objects_rests_on_the_floor():
 
 @pytest.mark.parametrize(("template", "scale"), [("Ball 01", 0.001), ("Cup 01", 0.03)])
 def test_objects_that_are_too_small_are_named(template, scale, tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)  # where the engine writes its log
+    monkeypatch.chdir(tmp_path)  # where the engine would write its log
     floor = ts.Object("floor", "Cube", (0.0, -1.0, 0.0), scale=(25.0, 5.0, 25.0), dynamic=ts.Still())
     grain = ts.Object("grain", template, (0.0, 0.1, 0.0), (10, 20, 5), scale=scale)
     stream = ts.Stream(ts.Scenario("object_view", [floor, grain], physics=True), width=8, height=6)
     with pytest.raises(ScenarioError, match="object 'grain' is too small"):
         stream.world.state(60)
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_bodies_fall_freely_within_the_walls_of_a_frustum():
+    """They were flung towards the camera: the walls began at the origin of the world."""
+    ball = ts.Object("ball", "Ball 01", (0.0, 1.0, -3.0), dynamic=ts.RigidBody())
+    spawned = ts.Object("later", "Ball 01", (0.5, 1.0, -3.0), dynamic=ts.RigidBody(), first_frame=3)
+    scenario = ts.Scenario("object_view", [ball], frustum=ts.Frustum(6.0), edits=[Spawn(3, spawned)])
+    world = ts.Stream(scenario, width=8, height=6, buffers=("depth",)).world
+    for frame in (1, 5):
+        for row in world.state(frame).objects:
+            if row.name in ("ball", "later"):
+                time = (frame - (3 if row.name == "later" else 0)) / 25.0
+                x = 0.5 if row.name == "later" else 0.0
+                np.testing.assert_allclose(row.position, (x, 1.0 - 4.905 * time**2, -3.0), atol=1e-8)
 
 
 def test_objects_that_are_too_large_are_named():

@@ -42,7 +42,7 @@ class ScenarioRanges:
 
     def __post_init__(self) -> None:
         for name, least, most in (("objects", 0, math.inf), ("waypoints", 2, 64), ("life", 1, math.inf)):
-            if getattr(self, name) is not None:
+            if name != "life" or self.life is not None:
                 self._set(name, whole_range_of(getattr(self, name), name, least, most))
         for name, most in (("speed", math.inf), ("angular_speed", math.inf), ("in_view", 1.0), ("occlusion", 1.0)):
             self._set(name, range_of(getattr(self, name), name, most))

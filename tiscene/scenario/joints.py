@@ -142,6 +142,8 @@ class DistanceJoint(Joint):
     def __post_init__(self) -> None:
         super().__post_init__()
         with scenario_errors():
+            if self.max_distance is None and self.min_distance == 0:
+                raise ScenarioError("max_distance: is missing; give it, min_distance or both")
             least = argument_checks.not_negative(self.min_distance, "min_distance")
             object.__setattr__(self, "min_distance", least)
             if self.max_distance is not None:

@@ -44,6 +44,7 @@ from tiscene.scenario.scenario_fields import (
 )
 from tiscene.scene.camera import Camera
 
+MAX_STOPS = 100.0  # of exposure compensation
 FORMAT, VERSION = "tiscene.scenario", 1
 # Factors that `Scenario.sample` draws after the objects, in this order: each keeps clear of what was drawn before.
 DRAWN_FACTORS = ("clutter", "furniture", "views", "illumination", "materials")
@@ -114,6 +115,10 @@ class Scenario:
             object.__setattr__(self, "variants", check_variants(self.variants))
             object.__setattr__(self, "overrides", check_overrides(self.overrides))
             stops = argument_checks.number(self.exposure_compensation, "exposure_compensation")
+            if abs(stops) > MAX_STOPS:
+                raise ScenarioError(
+                    f"exposure_compensation={stops!r}: must be from -{MAX_STOPS:g} to {MAX_STOPS:g} stops"
+                )
             object.__setattr__(self, "exposure_compensation", stops)
             self.log()
 
@@ -269,6 +274,8 @@ class Scenario:
             ScenarioError: the scenario holds something that a file cannot.
             ExportError: the file cannot be written.
         """
+        if not isinstance(path, str | os.PathLike):
+            raise ArgumentError(f"path={path!r}: must be the name of a file")
         path = Path(path)
         content = self.to_json()
         if path.suffix.lower() == ".json":

@@ -24,6 +24,7 @@ from tiscene.files import write_atomically
 Classes = Mapping[str, type]
 Made = TypeVar("Made")
 LINE_LENGTH = 110
+LISTS = ("objects", "edits", "lights", "overrides", "joints")  # fields of a scenario
 
 
 class DerivedClasses(Mapping[str, type]):
@@ -83,9 +84,11 @@ def decode(value: Any, table: Mapping[str, Classes], classes: Classes | None = N
     if not isinstance(value, Mapping):
         return value
     if classes is None:
-        raise ScenarioError(f"{path}: must be a plain value, not an object {{...}}")
+        raise ScenarioError(f"{path}: must be a plain value or a list, not an object {{...}}")
     if not classes:
         return {str(key): decode(item, table, classes, f"{path}[{key!r}]") for key, item in value.items()}
+    if path in LISTS:
+        raise ScenarioError(f"{path}: must be a list, not an object {{...}}")
     members = dict(value)
     kind = _class_of(members, classes, path)
     fields = {field.name: field for field in dataclasses.fields(kind)}

@@ -44,7 +44,9 @@ class CameraEdits(ABC):
 
         Raises:
             CameraNotFound: there is no such camera.
+            ArgumentError: for a negative frame.
         """
+        frame = argument_checks.integer(frame, "frame", 0)
         return self._cameras.at(frame, self._cameras.row(camera), frame)
 
     def camera_roams(self, frame: int, row: int) -> bool:
@@ -83,6 +85,7 @@ class CameraEdits(ABC):
         with scenario_errors():
             place = argument_checks.vector(position, "position")
             rotation = None if rotation is None else argument_checks.rotation(rotation, "rotation")
+            argument_checks.flag(relative, "relative")
         place = cameras.offset(frame, camera, place) if relative else place
         self._edit(cameras.moved(frame, camera, place, rotation))
 

@@ -23,6 +23,8 @@ from tiscene.world.physics_trajectories import PhysicsTrajectories
 from tiscene.world.place_finder import PlaceFinder
 from tiscene.world.stage_objects import StageObjects
 
+WHOLE_IMAGE = (0.0, 0.0, 1.0, 1.0)  # left, top, right, bottom
+TYPICAL_DEPTH = (1.0, 5.0)  # m
 _SPAWN_ARGUMENTS = (
     *("template", "position", "rotation", "dynamic", "id", "free", "region", "depth"),
     *("last_frame", "frustum_limited", "collide", "scale"),  # of `Object`
@@ -59,8 +61,8 @@ class ObjectEdits(CameraEdits):
         *,
         id: str | None = None,
         free: bool = False,
-        region: tuple[float, float, float, float] = (0.0, 0.0, 1.0, 1.0),
-        depth: tuple[float, float] = (1.0, 5.0),
+        region: tuple[float, float, float, float] = WHOLE_IMAGE,
+        depth: tuple[float, float] = TYPICAL_DEPTH,
         **others: Any,
     ) -> int:
         """Spawn an object at the next frame.
@@ -89,13 +91,15 @@ class ObjectEdits(CameraEdits):
             first = len(self._log.lives) - len(self._scenario.objects) + 1
             id = next(name for n in itertools.count(first) if self._log.row(name := f"spawned_{n}") is None)
         argument_checks.known_names(others, _SPAWN_ARGUMENTS, "world.spawn")
+        if not free and (region is not WHOLE_IMAGE or depth is not TYPICAL_DEPTH):
+            raise ArgumentError("region and depth say where a free place is looked for; add free=True")
         start = (0.0, 0.0, 0.0) if position is None else position
         if dynamic is None and self.physics:
             dynamic = RigidBody()
         new = Object(id, template, start, rotation, dynamic, first_frame=self.next_frame, **others)  # type: ignore[arg-type]
         self.trajectories.check(new)
         self._registry.template(new)
-        if free:
+        if argument_checks.flag(free, "free"):
             if position is not None:
                 raise ArgumentError("free=True finds a position; leave position out")
             new = self._place_finder.placed(new, self.camera_at(self.next_frame), region, depth)

@@ -35,6 +35,7 @@ SLOP = 5e-4  # m: bodies that overlap by less are not moved
 STATIC, RIGID, MOVER, WALL = 1, 2, 4, 8  # bits of collision
 WALLS = 6
 ARENA = 2**30  # bytes: most that contacts may take; only what they use is ever touched
+REPORTED = 1000  # warnings of failures that the engine believes to have printed: it prints the first and logs it
 ENLARGE = "make it larger or denser, or let it stay with Still()"
 
 
@@ -159,6 +160,12 @@ class PhysicsModel:
         for body in self._model.geom_bodyid[len(stage) :].tolist():
             kind, _, row = self._model.body(body).name.partition("_")
             self._owners.append((kind, int(row)))
+        kinds = mujoco.mjtWarning
+        self._failures = {
+            kinds.mjWARN_BADQPOS: self._model.jnt_qposadr,
+            kinds.mjWARN_BADQVEL: self._model.jnt_dofadr,
+            kinds.mjWARN_BADQACC: self._model.jnt_dofadr,
+        }
         self._state_size = mujoco.mj_stateSize(self._model, mujoco.mjtState.mjSTATE_INTEGRATION)
 
     def _add_body(self, spec: Any, made: Any, row: int) -> Any:
@@ -282,6 +289,8 @@ class PhysicsModel:
         Raises:
             ScenarioError: A body moves in a way that cannot be simulated. The engine has lost its state then.
         """
+        for kind in self._failures:
+            self._data.warning[kind].number = REPORTED
         self._engine.mj_step(self._model, self._data)
         self._check_stability()
         touching = []
@@ -294,15 +303,9 @@ class PhysicsModel:
 
     def _check_stability(self) -> None:
         """Raise ScenarioError if the engine has given up a body, and with it the state of all."""
-        kinds = self._engine.mjtWarning
-        for kind, starts in (
-            (kinds.mjWARN_BADQPOS, self._model.jnt_qposadr),
-            (kinds.mjWARN_BADQVEL, self._model.jnt_dofadr),
-            (kinds.mjWARN_BADQACC, self._model.jnt_dofadr),
-        ):
+        for kind, starts in self._failures.items():
             warning = self._data.warning[kind]
-            if warning.number:
-                warning.number = 0
+            if warning.number not in (0, REPORTED):  # the engine has set all to 0, then counted its failure
                 joint = int(np.searchsorted(starts, warning.lastinfo, side="right")) - 1
                 row = int(self._model.body(self._model.jnt_bodyid[joint]).name.removeprefix("body_"))
                 raise ScenarioError(f"{self._named(row)} is too small, light or fast to be simulated; {ENLARGE}")

@@ -88,6 +88,26 @@ class _Saved(NamedTuple):
     lag: float = 0.0  # s: how much earlier than poses velocities are
 
 
+class _Prepared(NamedTuple):
+    """The bodies at the start of a frame, before they are simulated to the next.
+
+    Attributes:
+        key: Key of the model.
+        model: The model, with all bodies at their places.
+        bodies: The bodies by row.
+        paths: Ways of the movers to the next frame, by row.
+        walls: Planes [6, 4] at the start of each step and at the end of the last; None without walls.
+        begun: Rows of rigid bodies that were placed anew.
+    """
+
+    key: Hashable
+    model: PhysicsModel
+    bodies: Sequence[PhysicsBody]
+    paths: dict[int, _MoverPath]
+    walls: list[Array | None]
+    begun: list[int]
+
+
 class RigidBodySimulation:
     """Simulates rigid bodies frame by frame.
 
@@ -170,10 +190,25 @@ class RigidBodySimulation:
         arrivals = [
             saved.rigid[number][0] if number in saved.rigid else self._world.start(number) for number in numbers
         ]
-        moved = self._world.teleports(frame)
+        moved = self._moved(frame, saved)
         poses = [moved.get(number, pose) for number, pose in zip(numbers, arrivals, strict=True)]
         shape = (len(numbers), 7)
         return PhysicsFrame(numbers, np.reshape(poses, shape), np.reshape(arrivals, shape), saved.contacts)
+
+    def _moved(self, frame: int, saved: _Saved) -> Mapping[int, Array]:
+        """Return the poses [7] to which rigid bodies are moved at a frame; joined ones as their joints let them."""
+        moved = self._world.teleports(frame)
+        joints = self._world.joints(frame) if moved else ()
+        if not any(number in moved for each in joints for number in (each.body, each.parent)):
+            return moved
+        start = self._prepared(frame, saved)
+        start.model.joints.update()
+        joined = {
+            body.number: start.model.pose(row)
+            for row, body in enumerate(start.bodies)
+            if body.rigid is not None and start.model.joints.joined(row)
+        }
+        return {**moved, **joined}
 
     def _gravity(self) -> Sequence[float]:
         if self._loaded is None:
@@ -184,9 +219,37 @@ class RigidBodySimulation:
     def _advance(self, frame: int, saved: _Saved) -> _Saved:
         """Simulate from a frame to the next."""
         self.simulated_frames += 1
-        bodies, joints = self._world.bodies(frame), self._world.joints(frame)
-        if not any(body.rigid is not None for body in bodies):
+        if not any(body.rigid is not None for body in self._world.bodies(frame)):
             return _Saved(None, {}, np.zeros(0), ())
+        key, model, bodies, paths, walls, begun = self._prepared(frame, saved)
+        if model.walled and walls[0] is not None:
+            model.place_walls(walls[0])
+        model.separate(begun)
+        touched: dict[tuple[int, str, int], None] = {}
+        for part in range(self._steps):
+            for row, path in paths.items():
+                pose, motion = path.at(part, self._steps, self._step)
+                if path.before is not None:
+                    model.accelerate(row, motion - path.before)
+                    path.before, motion = motion, path.before
+                model.place(row, pose, motion)
+            planes = walls[part + 1]
+            if model.walled and planes is not None:
+                model.place_walls(planes)
+            for row, (kind, other) in model.step():
+                number = bodies[other].number if kind == "body" else other
+                touched[bodies[row].number, kind, number] = None
+        model.joints.update()
+        rigid = {
+            body.number: (model.pose(row), model.motion(row))
+            for row, body in enumerate(bodies)
+            if body.rigid is not None
+        }
+        return _Saved(key, rigid, model.save(), tuple(sorted(touched)), model.lag)
+
+    def _prepared(self, frame: int, saved: _Saved) -> _Prepared:
+        """Place all bodies as a frame begins, the moved ones at their new poses."""
+        bodies, joints = self._world.bodies(frame), self._world.joints(frame)
         times = [Fraction(frame * self._steps + part, self._steps) / self._fps for part in range(self._steps + 1)]
         walls = [self._world.walls(time) for time in times]
         walled = all(planes is not None for planes in walls)
@@ -229,28 +292,7 @@ class RigidBodySimulation:
                 model.place(row, pose, motion)
             elif body.number not in saved.rigid:
                 begun.append(row)
-        model.separate(begun)
-        touched: dict[tuple[int, str, int], None] = {}
-        for part in range(self._steps):
-            for row, path in paths.items():
-                pose, motion = path.at(part, self._steps, self._step)
-                if path.before is not None:
-                    model.accelerate(row, motion - path.before)
-                    path.before, motion = motion, path.before
-                model.place(row, pose, motion)
-            planes = walls[part + 1]
-            if walled and planes is not None:
-                model.place_walls(planes)
-            for row, (kind, other) in model.step():
-                number = bodies[other].number if kind == "body" else other
-                touched[bodies[row].number, kind, number] = None
-        model.joints.update()
-        rigid = {
-            body.number: (model.pose(row), model.motion(row))
-            for row, body in enumerate(bodies)
-            if body.rigid is not None
-        }
-        return _Saved(key, rigid, model.save(), tuple(sorted(touched)), model.lag)
+        return _Prepared(key, model, bodies, paths, walls, begun)
 
     def _mover_paths(self, frame: int, bodies: Sequence[PhysicsBody], model: PhysicsModel) -> dict[int, _MoverPath]:
         """Return the ways of the movers from a frame to the next, by row."""
