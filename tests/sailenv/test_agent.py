@@ -320,6 +320,25 @@ def test_errors_are_printed_or_raised_if_strict(make_agent, capsys):
         Agent(qualty="fast")
 
 
+def test_printed_errors_repeat_names_with_braces(make_agent, capsys):
+    agent = make_agent()
+    for call in (agent.spawn_object, agent.despawn_object, agent.change_scene, agent.get_light_color):
+        call("{x}{}")
+    lines = capsys.readouterr().out.splitlines()
+    assert len(lines) == 4
+    assert all("{x}{}" in line for line in lines)
+
+
+def test_agent_that_registers_again_is_in_the_worlds_once(make_agent):
+    agent, other = make_agent(), make_agent()
+    worlds = agent._worlds
+    for _ in range(2):
+        agent.register()
+    assert worlds.agents.keys() == {agent.id, other.id}
+    agent.delete()
+    assert worlds.agents.keys() == {other.id}
+
+
 def test_load_scenario_skips_invalid_objects_and_rejects_invalid_scenarios(make_agent, capsys):
     agent = make_agent(main_frame_active=False)
     objects = [

@@ -5,6 +5,8 @@ import numpy as np
 import pytest
 
 from tests.sailenv.conftest import SCENE
+from tiscene.sailenv.light_controls import LightControls
+from tiscene.scene.description import SphereLight
 
 
 def test_clear_flags_change_only_the_background(make_agent):
@@ -112,3 +114,26 @@ def test_background_of_object_view_has_one_color_and_no_suns(make_agent, rotatio
     assert (agent.get_frame()["main"] == (1, 0, 0)).all()
     agent.change_main_camera_clear_flags(-1, 0, 0)
     assert (np.rint(agent.get_frame()["main"] * 255) == (173, 173, 173)).all()
+
+
+def test_lights_with_the_same_name_have_different_names_and_edits():
+    paths = ("/R/A/Sun", "/R/A/Lamp", "/R/B/lamp", "/R/C/Lamp", "/R/C/Rim_Light", "/R/C/Main Light")
+    changed = []
+    lights = [
+        SphereLight(
+            name=path.rpartition("/")[2].replace("_", " "),
+            world_from_light=np.eye(4),
+            radiance=(1.0, 1.0, 1.0),
+            radius=0.1,
+            prim_path=path,
+        )
+        for path in paths
+    ]
+    controls = LightControls(lights, ["Directional Light"], lambda row, light: changed.append(row))
+    expected = ["Directional Light", "Lamp", "R/B/lamp", "R/C/Lamp", "R/C/Rim_Light", "R/C/Main Light"]
+    assert controls.names == expected
+    for name in expected:
+        controls.set_intensity(name, 0.0)
+    assert changed == list(range(6))
+    assert controls.find("Rim Light").row == 1
+    assert LightControls(lights[:1], [], print).find("Rim Light").row == 0

@@ -1,20 +1,27 @@
 # SPDX-License-Identifier: Apache-2.0
 """The TCP server: clients that send garbage, half messages or nothing, or disappear."""
 
+import asyncio
 import contextlib
 import json
+import queue
 import random
 import signal
 import socket
 import struct
 import subprocess
 import sys
+import threading
 import time
 
+import numpy as np
 import pytest
 
-from tests.sailenv.client import OBJECT, Client, text
+from tests.sailenv.client import MAIN, OBJECT, Client, text
 from tests.sailenv.conftest import SCENE
+from tiscene.sailenv import wire_format
+from tiscene.sailenv.agent_worlds import AgentWorlds
+from tiscene.sailenv.server import Server
 
 COMMANDS = range(0x1F)
 
@@ -91,6 +98,36 @@ def test_client_that_never_reads_does_not_block_others(server, connect):
         unread.ask(0x00, bytes([OBJECT]))
     assert other.frame(OBJECT)["object"].shape == (24, 32, 3)
     unread.socket.close()
+
+
+class LargeFrames(Server):
+    """A server whose frames are larger than what systems keep for a client that does not read."""
+
+    async def frame(self, agent, views):
+        return {"main": np.zeros((3000, 3000, 3), np.uint8)}, 0.04
+
+
+def test_frame_that_a_dropped_client_has_not_taken_is_not_kept_for_it(monkeypatch):
+    """Its socket and the frame stayed for as long as the client was there."""
+    monkeypatch.setattr(wire_format, "TIMEOUT", 0.3)
+    server, addresses = LargeFrames(AgentWorlds(SCENE), port=0), queue.SimpleQueue()
+    thread = threading.Thread(target=lambda: asyncio.run(server.run(lambda *address: addresses.put(address))))
+    thread.start()
+    try:
+        with Client(addresses.get(timeout=30.0), timeout=20.0) as c:
+            c.ask(0x00, bytes([MAIN]))
+            size = c.int()
+            deadline = time.monotonic() + 20.0
+            while server._clients and time.monotonic() < deadline:
+                time.sleep(0.05)
+            taken = 0
+            with contextlib.suppress(ConnectionError):
+                while data := c.socket.recv(1 << 20):
+                    taken += len(data)
+            assert taken < size
+    finally:
+        server.stop()
+        thread.join()
 
 
 def test_client_killed_in_the_middle_of_a_frame_does_not_block_others(server, connect):

@@ -183,5 +183,17 @@ def test_invalid_timings_raise_scenario_error(content):
         json_messages.timings_of(content, ["a"], ["a"])
 
 
+def test_names_of_many_objects_with_one_id_are_made_quickly():
+    names = json_messages.object_names([{"id": "a"}] * 10_000)  # took minutes
+    assert names[:2] == ["a", "a (2)"]
+    assert names[-1] == "a (10000)"
+    assert json_messages.object_names([{"id": "a (2)"}, {"id": "a"}, {"id": "a"}]) == ["a (2)", "a", "a (3)"]
+
+
+def test_scenario_with_too_many_objects_is_refused():
+    with pytest.raises(ScenarioError, match="objects: there are 10001; the limit is 10000"):
+        json_messages.scenario_of({"objects": [{}] * 10_001}, "object_view", lambda name: pytest.fail(name))
+
+
 def test_object_names_are_unique():
     assert json_messages.object_names([{"id": "a"}, {"id": "a"}, {"id": 3}, {}]) == ["a", "a (2)", "3", "object_3"]

@@ -246,6 +246,11 @@ def test_upload_that_cannot_be_written_is_refused_and_the_next_is_stored(uploads
     assert len(list(Path(path).parent.parent.iterdir())) == 1
 
 
+@pytest.mark.parametrize("name", ["unpacked", "template", "+unpacked", "+template"])
+def test_upload_may_have_the_name_of_a_folder(uploads, name):
+    assert Path(uploads.template(uploads.store(name, zipped({"a.obj": SQUARE})))).is_file()
+
+
 @pytest.mark.parametrize("cut", [10, 40, -10, -30])
 def test_damaged_zip_is_refused_or_unpacked(uploads, cut):
     data = zipped({"a.obj": "v 0 0 0\nv 1 0 0\nv 1 1 0\nf 1 2 3\n" * 20})

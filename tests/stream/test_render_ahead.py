@@ -15,12 +15,24 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from dynamics import LinearWaypoints, Waypoint
 from tiscene.errors import ArgumentError, DeviceError
 from tiscene.scenario.objects import Object
 from tiscene.scenario.scenario import Scenario
 from tiscene.stream.stream import Stream
 
 SETTINGS = {"width": 16, "height": 12, "frames": 40, "buffers": ("instance", "depth")}
+
+
+class Guarded(LinearWaypoints):
+    """A path that cannot be pickled until it is released."""
+
+    is_released = False
+
+    def __getstate__(self):
+        if not self.is_released:
+            raise TypeError("is not released")
+        return vars(self)
 
 
 def scenario() -> Scenario:
@@ -71,6 +83,45 @@ def test_frames_are_those_of_a_stream_without_worker_after_seeks_and_edits(ahead
     assert_equal_frames(next(ahead), next(plain))
     assert ahead.position == 1
     assert ahead.state_dict() == plain.state_dict()
+
+
+def test_edit_that_cannot_be_pickled_is_an_error_for_each_frame_until_it_can(ahead):
+    """The second frame was waited for without end."""
+    ahead.seek(0)
+    next(ahead)
+    guarded = Guarded([Waypoint((0.5, 1.0, -2.5)), Waypoint((0.5, 2.0, -2.5))], 1.0)
+    ahead.world.spawn("Ball 01", position=(0.5, 1.0, -2.5), dynamic=guarded)
+    for _ in range(2):
+        with pytest.raises(ArgumentError, match=r"Spawn in frame 1 cannot be pickled.*is not released.*prefetch=0"):
+            next(ahead)
+    vars(guarded)["is_released"] = True
+    frame = next(ahead)
+    assert frame.index == 1
+    assert frame.depth.tobytes() == ahead[1].depth.tobytes()
+    assert frame.depth.tobytes() != ahead[0].depth.tobytes()
+
+
+@pytest.mark.slow
+def test_interrupted_request_is_made_again(ahead, monkeypatch):
+    def interrupt(request):
+        raise KeyboardInterrupt
+
+    ahead.seek(3)
+    next(ahead)
+    monkeypatch.setattr(ahead._ahead._requests, "send", interrupt)
+    ahead.seek(6)
+    with pytest.raises(KeyboardInterrupt):
+        next(ahead)
+    assert next(ahead).index == 6
+
+
+def test_stream_that_cannot_be_pickled_starts_no_worker():
+    guarded = Guarded([Waypoint((0.5, 1.0, -2.5)), Waypoint((0.5, 2.0, -2.5))], 1.0)
+    objects = [Object("ball", "Ball 01", (0, 1, -3), dynamic=guarded)]
+    with Stream(Scenario("solid_benchmark", objects), prefetch=1, **SETTINGS) as stream:
+        with pytest.raises(ArgumentError, match=r"the stream cannot be pickled.*is not released"):
+            next(stream)
+        assert stream._ahead._worker is None
 
 
 def test_worker_waits_while_enough_frames_are_ready(ahead):

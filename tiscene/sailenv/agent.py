@@ -145,7 +145,7 @@ class Agent(AgentObjects):
         return worlds.world_of(camera)
 
     def register(self) -> None:
-        """Add the agent; it enters a world with its next command.
+        """Add the agent; it enters a world with its next command. If it was registered, it first leaves its world.
 
         Raises:
             ArgumentError: Agents with the same host and port have worlds with other settings than this one asks for.
@@ -158,8 +158,10 @@ class Agent(AgentObjects):
                 worlds = AgentWorlds(**self._settings)
             else:
                 self._check_settings(worlds)
-            self._camera = worlds.register(int(self.width), int(self.height))
-            self._worlds = _worlds[key] = worlds
+            camera = worlds.register(int(self.width), int(self.height))
+            self.delete()
+            self._camera, self._worlds = camera, worlds
+            _worlds[key] = worlds
             self.id = self._camera.id
             self.scenes = worlds.scenes()
 
@@ -221,14 +223,14 @@ class Agent(AgentObjects):
             The answer; None for an error.
         """
         answer: PixelAnswer | None = self._try(
-            "Error asking about a pixel: {}", lambda world, camera: world.ask_pixel(camera, y, x)
+            "Error asking about a pixel: ", lambda world, camera: world.ask_pixel(camera, y, x)
         )
         return answer
 
     def change_scene(self, scene_name: str) -> None:
         """Go to one of `scenes`, or to a room of `world`; see `AgentWorlds.change_scene`."""
         failed = self._try(
-            "Cannot change scene! error = {}",
+            "Cannot change scene! error = ",
             lambda _, camera: self._registered()[0].change_scene(camera, scene_name),
             self,
         )
@@ -250,9 +252,7 @@ class Agent(AgentObjects):
 
     def set_position(self, position: Any) -> None:
         """Set the agent's position, m, from the next frame on."""
-        self._try(
-            "Error setting position: {}", lambda world, camera: world.set_pose(camera, single_precision(position))
-        )
+        self._try("Error setting position: ", lambda world, camera: world.set_pose(camera, single_precision(position)))
 
     def get_rotation(self) -> Vector3:
         """Return the agent's Euler angles, degrees."""
@@ -262,17 +262,17 @@ class Agent(AgentObjects):
     def set_rotation(self, rotation: Any) -> None:
         """Set the agent's Euler angles, degrees, from the next frame on."""
         self._try(
-            "Error setting rotation: {}",
+            "Error setting rotation: ",
             lambda world, camera: world.set_pose(camera, rotation=single_precision(rotation)),
         )
 
     def toggle_follow(self) -> None:
         """Follow the camera track of the scene, or stop."""
-        self._try("Error toggling follow: {}", Environment.toggle_follow)
+        self._try("Error toggling follow: ", Environment.toggle_follow)
 
     def change_main_camera_clear_flags(self, r: int, g: int, b: int) -> None:
         """Set the 8-bit color of pixels that show no object; with a negative component, the sky."""
-        self._try("Error sending clear flags: {}", lambda world, camera: world.set_background(camera, (r, g, b)))
+        self._try("Error sending clear flags: ", lambda world, camera: world.set_background(camera, (r, g, b)))
 
     def get_ambient_light_color(self) -> tuple[int, int, int]:
         """Return the color of the ambient light, 8-bit sRGB."""
@@ -281,7 +281,7 @@ class Agent(AgentObjects):
 
     def set_ambient_light_color(self, r: int, g: int, b: int) -> None:
         """Set the color of the ambient light, which reaches every surface equally, 8-bit sRGB."""
-        self._try("Error setting ambient light color: {}", lambda world, camera: world.set_ambient(camera, (r, g, b)))
+        self._try("Error setting ambient light color: ", lambda world, camera: world.set_ambient(camera, (r, g, b)))
 
     def _load_scenario(self, content: dict[str, Any]) -> tuple[list[str], list[str]]:
         worlds, camera = self._registered()
@@ -313,7 +313,7 @@ class Agent(AgentObjects):
             yield worlds.world_of(camera), camera
 
     def _try(self, message: str, call: Callable[[Environment, AgentCamera], Any], default: Any = None) -> Any:
-        """Return the result of a call; if it raises a TisceneError, print the message and return the default."""
+        """Return the result of a call; if it raises a TisceneError, print that and return the default."""
         try:
             with self._locked() as (environment, camera):
                 return call(environment, camera)
@@ -322,10 +322,10 @@ class Agent(AgentObjects):
             return default
 
     def _report(self, message: str, error: TisceneError) -> None:
-        """Print an error as SAILenv does; raise it if `strict`."""
+        """Print an error after a message, as SAILenv does; raise it if `strict`."""
         if self.strict:
             raise error
-        print(message.format(error))
+        print(f"{message}{error}")
 
 
 def to_client_dtype(name: str, view: NDArray[Any]) -> NDArray[Any]:

@@ -36,7 +36,7 @@ class AgentCamera:
     """The camera of an agent and its state in an environment.
 
     Attributes:
-        id: The agent's number in its environment.
+        id: The agent's number among all of its `AgentWorlds`.
         width: Image width, px.
         height: Image height, px.
         position: In Unity's space, m.

@@ -68,13 +68,13 @@ class AgentLights:
         return self._light("getting light type", lambda lights: lights.type(light_name))
 
     def _light(self, task: str, call: Callable[[LightControls], Result]) -> Result | None:
-        result: Result | None = self._try(f"Error {task}: {{}}", lambda world, _: call(world.lights))
+        result: Result | None = self._try(f"Error {task}: ", lambda world, _: call(world.lights))
         return result
 
     def _set_light(self, quantity: str, name: str, value: Callable[[], Any]) -> None:
         task = f"setting light {quantity.replace('_', ' ')}"
-        self._try(f"Error {task}: {{}}", lambda world, camera: world.set_light(camera, quantity, name, value()))
+        self._try(f"Error {task}: ", lambda world, camera: world.set_light(camera, quantity, name, value()))
 
     def _try(self, message: str, call: Callable[[Environment, AgentCamera], Any], default: Any = None) -> Any:
-        """Return the result of a call; if it raises a TisceneError, print the message and return the default."""
+        """Return the result of a call; if it raises a TisceneError, print that and return the default."""
         raise NotImplementedError

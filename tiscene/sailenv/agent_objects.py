@@ -60,7 +60,7 @@ class AgentObjects(AgentLights):
         elif not isinstance(frustum_limited, bool | int):
             frustum_limited, scale = True, frustum_limited
         id: str = self._try(
-            f"Error object {name} not spawned: {{}}",
+            f"Error object {name} not spawned: ",
             lambda world, camera: world.spawn(
                 camera,
                 name,
@@ -80,7 +80,7 @@ class AgentObjects(AgentLights):
     def despawn_object(self, idstr: str) -> None:
         """Remove an object from the next frame on."""
         failed = self._try(
-            f"Error despawning object with id {idstr}: {{}}",
+            f"Error despawning object with id {idstr}: ",
             lambda world, camera: world.despawn(camera, _object_id(idstr)),
             self,
         )
@@ -90,7 +90,7 @@ class AgentObjects(AgentLights):
     def move_object(self, idstr: str, position: Any, rotation: Any) -> None:
         """Move an object in the next frame; position in m, Euler angles in degrees."""
         self._try(
-            f"Error moving object with id {idstr}: {{}}",
+            f"Error moving object with id {idstr}: ",
             lambda world, camera: world.move(
                 camera, _object_id(idstr), single_precision(position), single_precision(rotation)
             ),
@@ -104,10 +104,10 @@ class AgentObjects(AgentLights):
         """
         failure: tuple[list[str], list[str]] = ([""] * scenario.n_objects, [])
         spawned, problems = self._try(
-            "Error loading scenario: {}", lambda *_: self._load_scenario(scenario.asdict()), failure
+            "Error loading scenario: ", lambda *_: self._load_scenario(scenario.asdict()), failure
         )
         for problem in problems:
-            self._report("Error loading scenario: {}", ArgumentError(problem))
+            self._report("Error loading scenario: ", ArgumentError(problem))
         ids = [(id, each.id) for id, each in zip(spawned, scenario.objects, strict=True)]
         self.spawned_objects_idstr_names_table.update((id, name) for id, name in ids if id)
         self._update_names()
@@ -115,7 +115,7 @@ class AgentObjects(AgentLights):
 
     def spawn_collidable_view_frustum(self) -> None:
         """Put walls at the sides of the agent's view; they follow the agent."""
-        self._try("Error spawning view frustum: {}", Environment.set_frustum_walls)
+        self._try("Error spawning view frustum: ", Environment.set_frustum_walls)
 
     def send_obj_zip(self, file: str | os.PathLike[str] | BinaryIO, filename: str | None = None) -> str:
         """Upload a model.
@@ -137,7 +137,7 @@ class AgentObjects(AgentLights):
             name = filename
             file.seek(0)
             data = file.read()
-        path: str = self._try("Error sending file: {}", lambda world, _: world.uploads.store(name, data), "")
+        path: str = self._try("Error sending file: ", lambda world, _: world.uploads.store(name, data), "")
         return path
 
     def _load_scenario(self, content: dict[str, Any]) -> tuple[list[str], list[str]]:
@@ -149,7 +149,7 @@ class AgentObjects(AgentLights):
         raise NotImplementedError
 
     def _report(self, message: str, error: TisceneError) -> None:
-        """Print an error as SAILenv does; raise it if `strict`."""
+        """Print an error after a message, as SAILenv does; raise it if `strict`."""
         raise NotImplementedError
 
 

@@ -22,6 +22,7 @@ from tiscene.sailenv.unity_coordinates import mirrored, mirrored_euler
 from tiscene.scene.camera import Vector3
 
 MAX_COORDINATE = 1e6  # m, or degrees
+MAX_OBJECTS = 10_000  # of a scenario; other agents wait while it is read
 ALL_TOGETHER = {"type": "all_together", "description": {"wait_time": 0.0}}
 
 
@@ -91,7 +92,10 @@ def timings_of(content: Any, names: Sequence[str], valid: Collection[str]) -> dy
             case "wait_until_complete":
                 return dynamics.WaitUntilComplete(float(description.get("wait_time", 0.0)))
             case "dict":
-                times = {_object_name(key, names): float(s) for key, s in (description.get("times") or {}).items()}
+                known = frozenset(names)
+                times = {
+                    _object_name(key, names, known): float(s) for key, s in (description.get("times") or {}).items()
+                }
                 return dynamics.DictTimings([(name, seconds) for name, seconds in times.items() if name in valid])
         raise ScenarioError(f"type {content.get('type')!r}: must be all_together, wait_until_complete or dict")
 
@@ -144,6 +148,8 @@ def scenario_of(
     contents = [] if contents is None else contents
     if not isinstance(contents, list) or not all(isinstance(each, dict) for each in contents):
         raise ScenarioError("objects: must be a list of objects")
+    if len(contents) > MAX_OBJECTS:
+        raise ScenarioError(f"objects: there are {len(contents)}; the limit is {MAX_OBJECTS}")
     names = object_names(contents)
     objects, problems = [], []
     for name, each in zip(names, contents, strict=True):
@@ -164,15 +170,17 @@ def scenario_of(
 
 def object_names(contents: Sequence[Mapping[str, Any]]) -> list[str]:
     """Return unique names of a scenario's objects: their ids, with a number where an id is repeated."""
-    names: list[str] = []
+    names: dict[str, None] = {}  # in order
+    last: dict[str, int] = {}  # number of each id
     for row, content in enumerate(contents):
         id = str(content.get("id") or f"object_{row}")
-        number, name = 1, id
+        number, name = last.get(id, 1), id
         while name in names:
             number += 1
             name = f"{id} ({number})"
-        names.append(name)
-    return names
+        last[id] = number
+        names[name] = None
+    return list(names)
 
 
 def _waypoint(content: Mapping[str, Any]) -> dynamics.Waypoint:
@@ -180,10 +188,10 @@ def _waypoint(content: Mapping[str, Any]) -> dynamics.Waypoint:
     return dynamics.Waypoint(mirrored(bounded(position)), mirrored_euler(bounded(rotation)))
 
 
-def _object_name(key: Any, names: Sequence[str]) -> str:
+def _object_name(key: Any, names: Sequence[str], known: Collection[str]) -> str:
     """Return the name of the object that a key of timings refers to, by name or index; "" for none."""
     text = str(key)  # JSON turns an index into text
-    if text in names:
+    if text in known:
         return text
     return names[int(text)] if text.isdecimal() and int(text) < len(names) else ""
 

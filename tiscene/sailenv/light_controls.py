@@ -7,7 +7,7 @@ Positions and directions are in Unity's space.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -22,6 +22,7 @@ from tiscene.scene.description import DiskLight, DistantLight, DomeLight, Light,
 from tiscene.scene.lights.light_groups import emission_of, with_emission
 
 MAX_FACTOR = 1e9  # of an intensity or an indirect multiplier
+FIXED_NAMES = {"main light": 0, "directional light": 0, "rim light": 1}  # the numbers of their lights
 Color8 = tuple[int, int, int]
 UNITY_TYPES: dict[type, str] = {
     DistantLight: "Directional",
@@ -60,8 +61,9 @@ class NamedLight:
 class LightControls:
     """The lights of a scene by name, to read and to edit. Every method that takes a name raises LightNotFound.
 
-    The first lights that are no domes have SAILenv's names, the others their own. Whatever names a scene lists, "Main
-    Light" and "Directional Light" are its first light and "Rim Light" its second.
+    The first lights that are no domes have SAILenv's names, the others their own, or their paths where an earlier light
+    has the name. Whatever names a scene lists, "Main Light" and "Directional Light" are its first light and "Rim Light"
+    its second, or its only one.
 
     Attributes:
         names: The names of all lights.
@@ -81,12 +83,11 @@ class LightControls:
         rows = [row for row, light in enumerate(stage_lights) if not isinstance(light, DomeLight)]
         rows = rows or list(range(len(stage_lights)))
         self._lights = [_named_light(row, stage_lights[row]) for row in rows]
-        own_names = [each.light.name for each in self._lights]
+        fixed = {name: min(number, len(self._lights) - 1) for name, number in FIXED_NAMES.items() if self._lights}
+        own_names = _different_names([each.light for each in self._lights], fixed)
         self.names = [*sailenv_names[: len(own_names)], *own_names[len(sailenv_names) :]]
         self._by_name = {name.casefold(): light for name, light in zip(own_names, self._lights, strict=True)}
-        for name, number in (("Main Light", 0), ("Directional Light", 0), ("Rim Light", 1)):
-            if self._lights:
-                self._by_name[name.casefold()] = self._lights[min(number, len(self._lights) - 1)]
+        self._by_name |= {name: self._lights[number] for name, number in fixed.items()}
 
     def find(self, name: str) -> NamedLight:
         """Return the light of a name; case does not matter."""
@@ -187,6 +188,20 @@ def clipped(color: Sequence[int]) -> Color8:
     """Return a color clipped to 0..255. Raises ArgumentError."""
     r, g, b = (min(max(component, 0), 255) for component in integer_color(color))
     return (r, g, b)
+
+
+def _different_names(lights: Sequence[Light], fixed: Mapping[str, int]) -> list[str]:
+    """Return the names of lights; the path, without its first slash, of one whose name another has.
+
+    Args:
+        lights: The lights.
+        fixed: Names, in lower case, that lights have in any case: the number of the light of each.
+    """
+    taken, names = dict(fixed), []
+    for number, light in enumerate(lights):
+        is_free = taken.setdefault(light.name.casefold(), number) == number
+        names.append(light.name if is_free else light.prim_path.removeprefix("/"))
+    return names
 
 
 def _named_light(row: int, light: Light) -> NamedLight:

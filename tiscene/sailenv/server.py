@@ -19,6 +19,7 @@ from concurrent.futures import ThreadPoolExecutor
 from typing import Any, TypeVar
 
 from tiscene.errors import ArgumentError
+from tiscene.sailenv import wire_format
 from tiscene.sailenv.agent_camera import AgentCamera
 from tiscene.sailenv.agent_worlds import AgentWorlds
 from tiscene.sailenv.connection import Connection
@@ -92,12 +93,15 @@ class Server:
         assert task is not None
         self._clients.add(task)
         client = Connection(self, Reader(stream), writer)
+        grace = 0.0  # s, for replies that the client has not taken yet
         try:
             if len(self._clients) > MAX_CLIENTS:
                 raise ProtocolError(f"too many clients; the limit is {MAX_CLIENTS}")
             await client.run()
+            grace = wire_format.TIMEOUT
         except (asyncio.IncompleteReadError, ConnectionError):
             client.log("disconnected")
+            grace = wire_format.TIMEOUT
         except TimeoutError:
             client.log("dropped: timeout in the middle of a message")
         except ProtocolError as error:
@@ -112,7 +116,8 @@ class Server:
                 with contextlib.suppress(RuntimeError, asyncio.CancelledError):  # the server is stopping
                     await asyncio.shield(self.call(self.worlds.delete, client.agent))
                 self._wake_waiting()
-            writer.close()
+            writer.close()  # which keeps the socket until all is sent
+            asyncio.get_running_loop().call_later(grace, writer.transport.abort)
 
     async def call(self, function: Callable[..., Result], *arguments: Any) -> Result:
         """Call a function on the thread that owns the worlds, and return its result."""

@@ -26,6 +26,7 @@ MAX_UNPACKED = 512 << 20  # bytes, of all members of a zip file
 MAX_MEMBERS = 1000  # of a zip file
 MAX_MODEL = 64 << 20  # bytes, of an OBJ file; other agents wait while it is read
 MAX_FILES, MAX_STORED = 1024, 8 << 30  # files and bytes in one environment
+UNPACKED, TEMPLATE = "+unpacked", "+template"  # folders beside the file; its name has no +
 _CHUNK = 1 << 16
 
 
@@ -80,7 +81,7 @@ class UploadedModels:
         try:
             path.write_bytes(data)
             for member, content in members.items():
-                target = folder / "unpacked" / member
+                target = folder / UNPACKED / member
                 target.parent.mkdir(parents=True, exist_ok=True)
                 target.write_bytes(content)
         except OSError as error:
@@ -109,7 +110,7 @@ class UploadedModels:
             if model.stat().st_size > MAX_MODEL:
                 raise ArgumentError(f"{model.name!r} has {model.stat().st_size} bytes; the limit is {MAX_MODEL}")
             name = model.stem.replace("_", " ")
-            self._templates[path] = import_unity_model(model, folder / "template", name=name, label=name.lower())
+            self._templates[path] = import_unity_model(model, folder / TEMPLATE, name=name, label=name.lower())
         return str(self._templates[path])
 
     def close(self) -> None:

@@ -54,7 +54,7 @@ class RenderAhead:
 
         Raises:
             StopIteration: that is the stream's end.
-            ArgumentError: another thread closed the stream meanwhile.
+            ArgumentError: another thread closed the stream meanwhile; or it, or an edit, cannot be pickled.
             DeviceError: the worker has died.
             TisceneError: whatever rendering the frame has raised in the worker.
         """
@@ -114,12 +114,12 @@ class RenderAhead:
     def _start(self, stream: StreamInterface) -> None:
         if multiprocessing.current_process().name == WORKER_NAME:
             raise SystemExit(NO_GUARD)  # the owner explains it
+        copied = _pickled("the stream", stream)
         context = multiprocessing.get_context("spawn")
         # Pipes, not a Queue: that keeps an end for writing open here, so that this process would wait for ever for the
         # rest of a frame whose sender was killed. Its semaphores have names, which a killed process leaves behind.
         requests, self._requests = context.Pipe(duplex=False)
         self._results, results = context.Pipe(duplex=False)
-        copied = pickle.dumps(stream)
         self._worker = context.Process(
             target=_render_ahead, args=(self.count, requests, results), name=WORKER_NAME, daemon=True
         )
@@ -148,12 +148,22 @@ class RenderAhead:
             stream: the stream.
             position: index of the first frame.
             version: number of edits of its scenario.
+
+        Raises:
+            ArgumentError: an edit cannot be pickled; nothing is requested then.
         """
-        first = self._expected[1]
-        self._number += 1
-        self._expected = position, version
-        with suppress(OSError):  # the worker is dead; `_receive` reports that
-            self._requests.send((self._number, position, first, stream.world.edits(first, version)))
+        number, first = self._number + 1, self._expected[1]
+        edits = [
+            _pickled(f"{type(each).__name__} in frame {each.frame}", each)
+            for each in stream.world.edits(first, version)
+        ]
+        try:
+            with suppress(OSError):  # the worker is dead; `_receive` reports that
+                self._requests.send((number, position, first, edits))
+            self._number, self._expected = number, (position, version)
+        except BaseException:  # Ctrl-C in the middle of it: the next frame starts another worker
+            self.close()
+            raise
 
     def _receive(self) -> tuple[int, Any]:
         try:
@@ -194,8 +204,8 @@ def _render_ahead(count: int, requests: Connection, results: Connection) -> None
 
     Args:
         count: Number of results that may wait for the owner.
-        requests: Gives the bytes of the stream, then (number, position, and arguments of `World.follow`), and None when
-            the owner has received a result.
+        requests: Gives the bytes of the stream, then (number, position, and arguments of `World.follow`, each edit as
+            bytes), and None when the owner has received a result.
         results: Takes (number of the request, pixels or error).
     """
     threading.Thread(target=_exit_with_owner, daemon=True).start()
@@ -212,8 +222,8 @@ def _render_ahead(count: int, requests: Connection, results: Connection) -> None
             if request is None:
                 free += 1
                 continue
-            number, position, *edited = request
-            stream.world.follow(*edited)
+            number, position, first, edits = request
+            stream.world.follow(first, [pickle.loads(each) for each in edits])
         try:
             result: Any = [Pixels.of(view) for view in stream[position].views.values()]
         except Exception as error:
@@ -231,6 +241,17 @@ def _send(ready: queue.SimpleQueue[tuple[int, Any]], results: Connection) -> Non
             results.send(ready.get())
         except OSError:  # the owner has ended
             os._exit(1)
+
+
+def _pickled(name: str, value: Any) -> bytes:
+    """Return what the worker gets as bytes. Raises ArgumentError, with the name, if it cannot be pickled."""
+    try:
+        return pickle.dumps(value)
+    except Exception as error:
+        raise ArgumentError(
+            f"{name} cannot be pickled for the process that renders ahead: {error}. Define its classes and functions "
+            "at the top of a module, or make the stream with prefetch=0"
+        ) from error
 
 
 def _picklable(error: Exception) -> Exception:

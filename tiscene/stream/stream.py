@@ -211,6 +211,8 @@ class Stream(FixedSettings, LoaderMethods, StreamOutput, SavedState, Iterator[Fr
         Raises:
             TisceneError: the scenario, its stage or a template is invalid; nothing has changed then.
         """
+        if not isinstance(scenario, Scenario):
+            raise ArgumentError(f"scenario={scenario!r}: must be a Scenario; Scenario.load reads one")
         width, height = image_size(self.width if width is None else width, self.height if height is None else height)
         stage, settings, cache_bytes = self.stages.stage(scenario), self.render_settings, self._cache_bytes
         renderer = ViewRenderer(

@@ -3,6 +3,7 @@
 
 import itertools
 import pickle
+import sys
 
 import numpy as np
 import pytest
@@ -77,6 +78,12 @@ def test_shards_of_an_endless_stream_take_turns():
     dataset = Stream("solid_benchmark", width=8, height=6, buffers=("depth",)).huggingface(shards=2)
     second = dataset.shard(2, 1)
     assert [example["index"] for example in itertools.islice(second, 3)] == [1, 3, 5]
+
+
+def test_shards_of_an_endless_range_keep_its_step():
+    stream = Stream("solid_benchmark", width=8, height=6, buffers=("depth",))
+    second = stream.huggingface(frames=range(0, sys.maxsize, 10), shards=2).shard(2, 1)
+    assert [example["index"] for example in itertools.islice(second, 3)] == [10, 30, 50]
 
 
 def test_transform_and_objects_reach_the_examples(stream):

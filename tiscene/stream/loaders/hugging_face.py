@@ -3,7 +3,6 @@
 
 from __future__ import annotations
 
-import sys
 from collections.abc import Iterator
 from typing import Any
 
@@ -47,7 +46,7 @@ def iterable_dataset(stream: StreamInterface, frames: range | None, samples: Fra
 def _blocks(indices: range, shards: int) -> list[tuple[int, int, int]]:
     """Return the start, stop and step of each shard."""
     if is_endless(indices):
-        parts = [range(indices.start + shard, sys.maxsize, shards) for shard in range(shards)]
+        parts = [indices[shard::shards] for shard in range(shards)]
     else:
         count = len(indices)
         parts = [indices[count * shard // shards : count * (shard + 1) // shards] for shard in range(shards)]
