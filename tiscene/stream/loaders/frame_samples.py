@@ -71,7 +71,7 @@ def frame_range(frames: range | None, stream: StreamInterface) -> range:
         return range(stream.position, end)
     if not isinstance(frames, range):
         raise ArgumentError(f"frames={frames!r}: must be a range of frame indices, such as range(100), or None")
-    if len(frames) and not (min(frames) >= 0 and max(frames) < end):
+    if frames and not all(0 <= index < end for index in (frames[0], frames[-1])):
         raise ArgumentError(f"frames={frames}: the stream has the frames 0..{end - 1}")
     return frames
 
