@@ -101,11 +101,12 @@ def test_edit_that_cannot_be_pickled_is_an_error_for_each_frame_until_it_can(ahe
     assert frame.depth.tobytes() != ahead[0].depth.tobytes()
 
 
+def interrupt(*arguments):
+    raise KeyboardInterrupt
+
+
 @pytest.mark.slow
 def test_interrupted_request_is_made_again(ahead, monkeypatch):
-    def interrupt(request):
-        raise KeyboardInterrupt
-
     ahead.seek(3)
     next(ahead)
     monkeypatch.setattr(ahead._ahead._requests, "send", interrupt)
@@ -139,9 +140,6 @@ def test_worker_waits_while_enough_frames_are_ready(ahead):
 
 
 def test_interrupted_wait_for_a_frame_can_be_continued(ahead, monkeypatch):
-    def interrupt(timeout):
-        raise KeyboardInterrupt
-
     ahead.seek(3)
     next(ahead)
     monkeypatch.setattr(ahead._ahead._results, "poll", interrupt)

@@ -297,6 +297,8 @@ class Renderer:
     def _guides(self, view: View, labels: dict[str, NDArray[Any]]) -> tuple[FloatImage, FloatImage]:
         """Return albedo and normal for upsampling; the normal is zero where a light is in front of the surface."""
         albedo, normal = (labels[name] for name in UPSAMPLING_GUIDES)
+        if not self.scene.lights.any_visible:
+            return albedo, normal
         shown = visible_lights(self.scene, view, labels["distance"])
         return albedo, np.where(shown[..., None], np.float32(0.0), normal)
 

@@ -11,6 +11,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from dynamics.rotation import matrix_from_quaternion
+
 _TOLERANCE = 1e-9  # fraction of an interval; a time this near to a sample has the sample's values to the bit
 
 
@@ -111,8 +113,9 @@ def interpolated(a: NDArray[np.float64], b: NDArray[np.float64], t: float) -> ND
         weight_p = np.where(near, 1.0 - t, np.sin((1.0 - t) * angle) / sine)
         weight_q = np.where(near, t, np.sin(t * angle) / sine)
         middle = weight_p[:, None] * p + weight_q[:, None] * q
+        middle /= np.linalg.norm(middle, axis=1, keepdims=True)
         stretch = stretch_a + t * (stretch_b - stretch_a)
-        result[rotating, :, :3] = np.einsum("nij,njk->nik", _matrices(middle), stretch)
+        result[rotating, :, :3] = np.einsum("nij,njk->nik", matrix_from_quaternion(middle), stretch)
     return result
 
 
@@ -147,16 +150,3 @@ def quaternions(m: NDArray[np.float64]) -> NDArray[np.float64]:
     result: NDArray[np.float64] = chosen / np.linalg.norm(chosen, axis=1, keepdims=True)
     result[result[:, 0] < 0.0] *= -1.0
     return result
-
-
-def _matrices(q: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return rotations [n, 3, 3] of quaternions [n, 4] of any length."""
-    w, x, y, z = (q / np.linalg.norm(q, axis=1, keepdims=True)).T
-    return np.stack(
-        [
-            np.stack([1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)], axis=-1),
-            np.stack([2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)], axis=-1),
-            np.stack([2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)], axis=-1),
-        ],
-        axis=1,
-    )

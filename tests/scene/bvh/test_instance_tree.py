@@ -22,8 +22,8 @@ Floats = NDArray[np.float32]
 
 ROOT = Path(tiscene.__file__).parents[1]
 BALL = shape(trimesh.creation.icosphere(subdivisions=3))
-# Kernels with a loop in one thread. `collapse` and `refit_bvh8` belong to builds and to the layout of CPUs; the others
-# scan the sums of blocks.
+# Kernels with a loop in one thread. `collapse` and `refit_bvh8` belong to builds and to the layout of CPUs; the other
+# scans the sums of blocks.
 SERIAL = {"collapse", "refit_bvh8", "exclusive_scan"}
 
 

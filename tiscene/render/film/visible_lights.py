@@ -25,8 +25,8 @@ def visible_lights(scene: DeviceScene, view: View, distance: NDArray[np.float32]
         bool [h, w].
     """
     shown = np.zeros(distance.shape, np.int32)
-    if scene.lights.any_visible:
-        _find(*scene.lights.arrays(scene.textures)[:3], view.array(), view.width, view.height, distance, shown)
+    lights = scene.lights.arrays(scene.textures)
+    _find(*lights, view.array(), view.width, view.height, distance, shown)
     return shown > 0
 
 

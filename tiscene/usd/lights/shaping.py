@@ -8,7 +8,6 @@ of lights that are not rendered.
 from __future__ import annotations
 
 import math
-import zipfile
 from pathlib import Path
 from typing import Any
 
@@ -92,7 +91,7 @@ def _profile(prim: Usd.Prim, time: Usd.TimeCode, textures: TextureTable, report:
         if not asset.resolvedPath:
             raise ValueError("there is no such file")
         profile = read_ies(read_file(str(asset.resolvedPath)))
-    except (OSError, ValueError, zipfile.BadZipFile) as error:
+    except (OSError, ValueError) as error:
         text = f"IES profile @{asset.path}@ cannot be read ({error}); the light is rendered without it"
         report.omission(prim.GetPath(), text)
         return None
