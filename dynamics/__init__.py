@@ -49,6 +49,7 @@ angles, where a class accepts them, are degrees (see `dynamics.rotation`). Axes 
     errors, argument_checks             exceptions; validation of arguments
     kernel_types                        types of kernel arguments
     lru_cache                           a cache of a bounded number of values
+    checkpoints                         states at intervals, in bounded memory
     lazy_names                          names of packages that are imported at first use
     cache_folder                        folder of Taichi's cache where there is no home
 """

@@ -1,8 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """Validation of constructor arguments.
 
-Each function takes a value and the name of the argument, and returns the value as a plain Python type. It raises
+Checks take a value and the name of the argument, and return the value as a plain Python type. They raise
 ArgumentTypeError for a wrong type and ArgumentError for a wrong value. Messages read "name=value: must be ...".
+A frozen dataclass lists those of its fields: ``set_checked(self, frame=index, position=optional(vector))``.
 """
 
 from __future__ import annotations
@@ -10,11 +11,25 @@ from __future__ import annotations
 import math
 import operator
 import sys
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from numbers import Real
-from typing import Any, cast
+from typing import Any, TypeVar, cast
 
 from dynamics.errors import ArgumentError, ArgumentTypeError
+
+Value = TypeVar("Value")
+Check = Callable[[Any, str], Value]
+
+
+def set_checked(instance: Any, **checks: Check[Any]) -> None:
+    """Replace fields of a frozen dataclass, in its `__post_init__`, by what their checks return."""
+    for name, check in checks.items():
+        object.__setattr__(instance, name, check(getattr(instance, name), name))
+
+
+def optional(check: Check[Value]) -> Check[Value | None]:
+    """Return a check that takes None too."""
+    return lambda value, name: None if value is None else check(value, name)
 
 
 def number(value: Any, name: str) -> float:
@@ -44,6 +59,11 @@ def integer(value: Any, name: str, low: int, high: int = sys.maxsize) -> int:
         expected = f"at least {low}" if high == sys.maxsize and result < low else f"from {low} to {high}"
         raise ArgumentError(f"{name}={value}: must be {expected}")
     return result
+
+
+def index(value: Any, name: str) -> int:
+    """Return `value` as an int of 0 or more."""
+    return integer(value, name, 0)
 
 
 def positive(value: Any, name: str) -> float:

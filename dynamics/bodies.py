@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from dynamics import argument_checks
+from dynamics.argument_checks import flag, not_negative, rotation, set_checked, text, vector
 from dynamics.closed_form import Still
 from dynamics.dynamic import (
     LENGTH_STEPS,
@@ -57,13 +57,11 @@ class Body:
     timed: bool = True
 
     def __post_init__(self) -> None:
-        check_dynamic(self.dynamic, "dynamic")
-        object.__setattr__(self, "position", argument_checks.vector(self.position, "position"))
-        object.__setattr__(self, "rotation", argument_checks.rotation(self.rotation, "rotation"))
-        argument_checks.not_negative(self.birth, "birth")
+        set_checked(self, dynamic=check_dynamic, position=vector, rotation=rotation)
+        not_negative(self.birth, "birth")
         if self.name != "":
-            argument_checks.text(self.name, "name")
-        argument_checks.flag(self.timed, "timed")
+            text(self.name, "name")
+        flag(self.timed, "timed")
 
     @property
     def start(self) -> Pose:

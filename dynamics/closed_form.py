@@ -14,7 +14,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from dynamics import argument_checks
+from dynamics.argument_checks import direction, flag, numbers, positive, set_checked, vector
 from dynamics.clocks import common_multiple, exact
 from dynamics.dynamic import (
     ROTATION,
@@ -62,9 +62,7 @@ class Orbit(ClosedForm):
     axis: Vector = (0.0, 1.0, 0.0)
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "center", argument_checks.vector(self.center, "center"))
-        object.__setattr__(self, "period", argument_checks.positive(self.period, "period"))
-        object.__setattr__(self, "axis", argument_checks.direction(self.axis, "axis"))
+        set_checked(self, center=vector, period=positive, axis=direction)
 
     @property
     def loop_time(self) -> float:
@@ -94,9 +92,7 @@ class LookAt(ClosedForm):
     up: Vector = (0.0, 1.0, 0.0)
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "target", argument_checks.vector(self.target, "target"))
-        object.__setattr__(self, "up", argument_checks.direction(self.up, "up"))
-        check_closed_form(self.motion, "motion")
+        set_checked(self, target=vector, up=direction, motion=check_closed_form)
 
     @property
     def loop_time(self) -> float:
@@ -124,10 +120,10 @@ class Keyframes(ClosedForm):
 
     def __post_init__(self) -> None:
         waypoints = check_waypoints(self.waypoints)
-        times = argument_checks.numbers(self.times, "times", len(waypoints))
+        times = numbers(self.times, "times", len(waypoints))
         if times[0] < 0.0 or any(b <= a for a, b in itertools.pairwise(times)):
             raise ArgumentError(f"times={self.times!r}: must begin at 0 or later and increase")
-        argument_checks.flag(self.repeat, "repeat")
+        flag(self.repeat, "repeat")
         object.__setattr__(self, "waypoints", waypoints)
         object.__setattr__(self, "times", times)
 

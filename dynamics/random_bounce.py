@@ -9,7 +9,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
-from dynamics import argument_checks
+from dynamics.argument_checks import direction, not_negative, set_checked, whole
 from dynamics.dynamic import Dynamic, Vector
 
 
@@ -35,10 +35,7 @@ class UniformMovementRandomBounce(Dynamic):
     seed: int = 42
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "speed", argument_checks.not_negative(self.speed, "speed"))
-        object.__setattr__(self, "angular_speed", argument_checks.not_negative(self.angular_speed, "angular_speed"))
-        object.__setattr__(self, "start_direction", argument_checks.direction(self.start_direction, "start_direction"))
-        object.__setattr__(self, "seed", argument_checks.whole(self.seed, "seed"))
+        set_checked(self, speed=not_negative, angular_speed=not_negative, start_direction=direction, seed=whole)
 
     @property
     def loop_time(self) -> float:

@@ -9,7 +9,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
-from dynamics import argument_checks
+from dynamics.argument_checks import not_negative, positive, set_checked, vector
 from dynamics.dynamic import Dynamic, Vector
 from dynamics.errors import ArgumentError
 
@@ -33,11 +33,8 @@ class RigidBody(Dynamic):
     angular_velocity: Vector = (0.0, 0.0, 0.0)
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "density", argument_checks.positive(self.density, "density"))
-        for name in ("friction", "restitution"):
-            object.__setattr__(self, name, argument_checks.not_negative(getattr(self, name), name))
-        for name in ("velocity", "angular_velocity"):
-            object.__setattr__(self, name, argument_checks.vector(getattr(self, name), name))
+        set_checked(self, density=positive, friction=not_negative, restitution=not_negative)
+        set_checked(self, velocity=vector, angular_velocity=vector)
         if self.restitution > 0.95:
             raise ArgumentError(f"restitution={self.restitution!r}: must be from 0 to 0.95")
 

@@ -298,22 +298,9 @@ def substep(
                     ahead_time = look_ahead(bodies, integers, body)
             if queries_obstacles:
                 time, normal, row = sweep_obstacles(
-                    bodies,
-                    integers,
-                    groups,
-                    spheres,
-                    bounding,
-                    touches,
-                    times,
-                    counts,
-                    is_bvh8,
-                    nodes,
-                    triangles,
-                    instances,
-                    roots,
-                    root,
-                    body,
-                )
+                    bodies, integers, groups, spheres, bounding, touches, times, counts,
+                    is_bvh8, nodes, triangles, instances, roots, root, body,
+                )  # fmt: skip
                 if time < 1.0:
                     kind = OBSTACLE
             if ahead_time > 0.0:
@@ -325,22 +312,9 @@ def substep(
             elif not queries_obstacles:
                 propose(bodies, integers, body)
             other_time, other_normal, other_kind, other = sweep_walls_and_movers(
-                bodies,
-                integers,
-                groups,
-                spheres,
-                bounding,
-                frozen,
-                frozen_groups,
-                frozen_bodies,
-                neighbors,
-                planes,
-                touches,
-                times,
-                counts,
-                body,
-                time,
-            )
+                bodies, integers, groups, spheres, bounding, frozen, frozen_groups, frozen_bodies,
+                neighbors, planes, touches, times, counts, body, time,
+            )  # fmt: skip
             if other_kind != NOTHING:
                 time, normal, kind, row = other_time, other_normal, other_kind, other
             if not queries_obstacles and time <= 0.0 and kind != WAIT:

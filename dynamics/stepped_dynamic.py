@@ -14,6 +14,7 @@ from typing import Any, ClassVar
 import numpy as np
 
 from dynamics import argument_checks
+from dynamics.checkpoints import Checkpoints
 from dynamics.dynamic import Array, Dynamic, Pose
 from dynamics.errors import ArgumentTypeError
 from dynamics.lru_cache import LRUCache
@@ -84,9 +85,9 @@ class SteppedStates:
         self._dynamic = dynamic
         self._name = f"{type(dynamic).__name__} of {name!r}"
         self._step = argument_checks.positive(dynamic.step, f"step of {type(dynamic).__name__}")
-        self._checkpoints: dict[int, Any] = {0: dynamic.begin(start)}
-        self._interval = CHECKPOINT
-        self._latest = (0, self._checkpoints[0])
+        self._checkpoints: Checkpoints[Any] = Checkpoints(CHECKPOINT, MAX_CHECKPOINTS)
+        self._latest = (0, dynamic.begin(start))
+        self._checkpoints.add(*self._latest)
         self._poses: LRUCache[int, Array] = LRUCache(CHECKPOINT)
 
     @property
@@ -115,19 +116,12 @@ class SteppedStates:
 
     def _state(self, number: int) -> Any:
         reached, state = self._latest
-        if not reached <= number < reached + self._interval:
+        if not reached <= number < reached + self._checkpoints.interval:
             reached = max(kept for kept in self._checkpoints if kept <= number)
             state = self._checkpoints[reached]
         while reached < number:
             state = self._dynamic.advance(state, reached)
             reached += 1
-            if reached % self._interval == 0 and reached not in self._checkpoints:
-                self._save(reached, state)
+            self._checkpoints.add(reached, state)
         self._latest = reached, state
         return state
-
-    def _save(self, number: int, state: Any) -> None:
-        self._checkpoints[number] = state
-        if len(self._checkpoints) > MAX_CHECKPOINTS:
-            self._interval *= 2
-            self._checkpoints = {each: state for each, state in self._checkpoints.items() if each % self._interval == 0}

@@ -9,6 +9,7 @@ come and go, a frame costs no more than those that exist at the same time.
 from __future__ import annotations
 
 import bisect
+import functools
 import hashlib
 import math
 from collections import OrderedDict
@@ -23,6 +24,7 @@ from numpy.typing import NDArray
 
 from dynamics import argument_checks
 from dynamics import body_layout as at
+from dynamics.checkpoints import Checkpoints
 from dynamics.clocks import exact
 from dynamics.closed_form import Still
 from dynamics.colliding_bodies import Array, CollisionState, Mover
@@ -96,14 +98,14 @@ class SteppedSimulation:
         argument_checks.positive(fps, "fps")
         self.fps = exact(fps)
         self._walls = walls or (lambda _time: None)
-        self._obstacles = obstacles or _NoObstacles()
+        empty = functools.cache(Obstacles.empty)
+        self._obstacles = obstacles or (lambda _frame: empty())
         self.substeps = max(1, math.ceil(1 / (self.fps * SUBSTEP)))
         self.simulated_frames = 0
         self._first = 0  # the frame to start from; before it there is no collision
         self._current = -1  # frame of the state in the arrays; -1: none
-        self._checkpoints: dict[int, _State] = {}
+        self._checkpoints: Checkpoints[_State] = Checkpoints(CHECKPOINT, MAX_CHECKPOINTS)
         self._recent: dict[int, _State] = {}
-        self._interval = CHECKPOINT
         self._results: OrderedDict[int, CollisionState] = OrderedDict()
         self._set_movers(movers)
         self._build(self._numbers(0))
@@ -121,7 +123,7 @@ class SteppedSimulation:
         if number in self._results:
             self._results.move_to_end(number)
             return self._results[number]
-        if not self._first <= self._current <= number <= self._current + self._interval:
+        if not self._first <= self._current <= number <= self._current + self._checkpoints.interval:
             self._seek(number)
         while self._current < number:
             state = self._advance(self._current)
@@ -226,13 +228,7 @@ class SteppedSimulation:
         self._recent[frame] = _State(self._arrays.numbers, *self._arrays.state())
         while len(self._recent) > RECENT_FRAMES:
             del self._recent[next(iter(self._recent))]
-        if frame in self._checkpoints or (frame != self._first and frame % self._interval):
-            return
-        self._checkpoints[frame] = self._recent[frame]
-        if len(self._checkpoints) > MAX_CHECKPOINTS:
-            # Drop every other one: memory stays bounded while the interval grows with the stream.
-            self._interval *= 2
-            self._checkpoints = {k: state for k, state in self._checkpoints.items() if k % self._interval == 0}
+        self._checkpoints.add(frame, self._recent[frame], always=frame == self._first)
 
     def _teleported(self, arrays: StepArrays, state: CollisionState) -> CollisionState:
         """Apply the teleports of the current frame to the arrays and to its result."""
@@ -316,14 +312,3 @@ class SteppedSimulation:
 
 def _pose(position: Sequence[float], rotation: Sequence[float]) -> Array:
     return np.array([*position, *rotation], dtype=np.float64)
-
-
-class _NoObstacles:
-    """Provider of no obstacles at any frame."""
-
-    def __init__(self) -> None:
-        self._empty: Obstacles | None = None
-
-    def __call__(self, _frame: int) -> Obstacles:
-        self._empty = self._empty or Obstacles.empty()
-        return self._empty

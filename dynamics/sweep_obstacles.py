@@ -112,25 +112,10 @@ def sweep_obstacles(
             radius = bounding[group, 3] * (1.0 + angle)
         if step == 0 or earliest_group > -1:
             time, _normal, _row, _touched = query_sphere(
-                is_bvh8,
-                nodes,
-                triangles,
-                instances,
-                roots,
-                root,
-                origin + arm,
-                point_displacement(turn, move, arm),
-                radius + band + SKIN + ROUNDING_MARGIN,
-                1.0,
-                0.0,
-                0.0,
-                arm,
-                arm,
-                touches,
-                0,
-                0,
-                WITHIN,
-            )
+                is_bvh8, nodes, triangles, instances, roots, root,
+                origin + arm, point_displacement(turn, move, arm), radius + band + SKIN + ROUNDING_MARGIN,
+                1.0, 0.0, 0.0, arm, arm, touches, 0, 0, WITHIN,
+            )  # fmt: skip
             if step > 0:
                 times[group] = time
                 if time < times[earliest_group]:
@@ -151,25 +136,11 @@ def sweep_obstacles(
                 for sphere in range(groups[group, 1], groups[group, 1] + groups[group, 2]):
                     arm = rotate_to_world(bodies, body, vector_at(spheres, sphere, 0))
                     time_of_sphere, normal, row, touched = query_sphere(
-                        is_bvh8,
-                        nodes,
-                        triangles,
-                        instances,
-                        roots,
-                        root,
-                        origin + arm,
-                        point_displacement(turn, move, arm),
-                        spheres[sphere, 3],
-                        best,
-                        slack,
-                        band,
-                        arm,
-                        rotate_to_world(bodies, body, read3_f32(bodies, body, CENTER)) - arm,
-                        touches,
-                        group * MAX_TOUCHES,
-                        counts[group],
-                        CONTACT,
-                    )
+                        is_bvh8, nodes, triangles, instances, roots, root,
+                        origin + arm, point_displacement(turn, move, arm), spheres[sphere, 3], best, slack, band,
+                        arm, rotate_to_world(bodies, body, read3_f32(bodies, body, CENTER)) - arm,
+                        touches, group * MAX_TOUCHES, counts[group], CONTACT,
+                    )  # fmt: skip
                     counts[group] = touched
                     if time_of_sphere < best:
                         best = time_of_sphere
@@ -193,23 +164,8 @@ def obstacle_distances(
     """Set column 3 of `points`, f32 [n, 4], to the distance of the nearest obstacle, m; `limit` if none is nearer."""
     for i in range(points.shape[0]):
         distance, _normal, _row, _touched = query_sphere(
-            is_bvh8,
-            nodes,
-            triangles,
-            instances,
-            roots,
-            root,
-            vector_at(points, i, 0),
-            vec3(0.0),
-            0.0,
-            limit,
-            0.0,
-            0.0,
-            vec3(0.0),
-            vec3(0.0),
-            touches,
-            0,
-            0,
-            NEAREST,
-        )
+            is_bvh8, nodes, triangles, instances, roots, root,
+            vector_at(points, i, 0), vec3(0.0), 0.0, limit,
+            0.0, 0.0, vec3(0.0), vec3(0.0), touches, 0, 0, NEAREST,
+        )  # fmt: skip
         points[i, 3] = distance

@@ -14,7 +14,7 @@ from dataclasses import dataclass
 from fractions import Fraction
 from numbers import Integral
 
-from dynamics import argument_checks
+from dynamics.argument_checks import flag, not_negative, positive, set_checked
 from dynamics.clocks import Window, exact
 from dynamics.dynamic import Dynamic
 from dynamics.errors import ArgumentError, ArgumentTypeError
@@ -50,7 +50,7 @@ class AllTogether(Timing):
     wait_time: float = 1.0
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "wait_time", argument_checks.not_negative(self.wait_time, "wait_time"))
+        set_checked(self, wait_time=not_negative)
 
     def windows(self, bodies: Sequence[tuple[str, Dynamic]]) -> list[Window]:
         return [Window(exact(self.wait_time))] * len(bodies)
@@ -71,8 +71,7 @@ class WaitUntilComplete(Timing):
     repeat: bool = True
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "wait_time", argument_checks.not_negative(self.wait_time, "wait_time"))
-        argument_checks.flag(self.repeat, "repeat")
+        set_checked(self, wait_time=not_negative, repeat=flag)
 
     def windows(self, bodies: Sequence[tuple[str, Dynamic]]) -> list[Window]:
         turns = []
@@ -122,12 +121,10 @@ class DictTimings(Timing):
             key, seconds = pair
             if isinstance(key, bool) or not isinstance(key, Integral | str):
                 raise ArgumentTypeError(f"times: {key!r} must be the index or the name of a body")
-            pairs.append(
-                (key if isinstance(key, str) else int(key), argument_checks.positive(seconds, f"times[{key!r}]"))
-            )
+            pairs.append((key if isinstance(key, str) else int(key), positive(seconds, f"times[{key!r}]")))
         if not pairs:
             raise ArgumentError("times: must name one body or more")
-        argument_checks.flag(self.repeat, "repeat")
+        flag(self.repeat, "repeat")
         object.__setattr__(self, "times", tuple(pairs))
 
     def windows(self, bodies: Sequence[tuple[str, Dynamic]]) -> list[Window]:

@@ -38,8 +38,7 @@ class Waypoint:
     rotation: tuple[float, ...] = (0.0, 0.0, 0.0)
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "position", argument_checks.vector(self.position, "position"))
-        object.__setattr__(self, "rotation", argument_checks.rotation(self.rotation, "rotation"))
+        argument_checks.set_checked(self, position=argument_checks.vector, rotation=argument_checks.rotation)
 
 
 @dataclass(frozen=True)

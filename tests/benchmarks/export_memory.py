@@ -42,14 +42,11 @@ def print_table(formats: tuple[str, ...] = tuple(FORMATS), frames: int = FRAMES)
 def measure(format: str, frames: int) -> None:
     """Export frames in this process, and print the row of a format."""
     import tiscene as ts
+    from tests.benchmarks.movers import bouncing_movers
     from tiscene.export import export
 
-    movers = [
-        ts.Object(f"mover_{number}", name, (0.5 * number - 0.5, 0.8, 0.0), dynamic=ts.UniformMovementRandomBounce(0.8))
-        for number, name in enumerate(("Cube", "Sphere"))
-    ]
     buffers = BUFFERS if FORMATS[format].optional is None else FORMATS[format].buffers
-    scenario = ts.Scenario("solid_benchmark", movers)
+    scenario = ts.Scenario("solid_benchmark", bouncing_movers(("Cube", "Sphere")))
     stream = ts.Stream(scenario, width=64, height=48, buffers=buffers, quality="preview", spp=1)
     marks = {round(share * frames) for share in SHARES}
     resident: list[int] = []

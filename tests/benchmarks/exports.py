@@ -8,11 +8,11 @@ that require `rgb` get one sample per pixel. A format whose extra is not install
 from __future__ import annotations
 
 import tempfile
-import time
-from collections.abc import Callable
 from pathlib import Path
 
 import tiscene as ts
+from tests.benchmarks.movers import bouncing_movers
+from tests.benchmarks.timing import timed
 from tiscene.errors import MissingExtra
 from tiscene.export import FORMATS, export
 
@@ -59,7 +59,7 @@ def _row(stream: ts.Stream, format: str, frames: int, rounds: int) -> str:
     render()
     with tempfile.TemporaryDirectory() as folder:  # imports the libraries of the format
         export(stream, folder, format=format, frames=range(2))
-    pairs = [(_seconds(render), _seconds(write)) for _ in range(rounds)]
+    pairs = [(timed(render)[:2], timed(write)[:2]) for _ in range(rounds)]
     alone, exported = (
         [1e3 * min(times) / frames for times in zip(*each, strict=True)] for each in zip(*pairs, strict=True)
     )
@@ -71,18 +71,8 @@ def _row(stream: ts.Stream, format: str, frames: int, rounds: int) -> str:
 
 
 def _stream(buffers: tuple[str, ...]) -> ts.Stream:
-    movers = [
-        ts.Object(f"mover_{number}", name, (0.5 * number - 0.5, 0.8, 0.0), dynamic=ts.UniformMovementRandomBounce(0.8))
-        for number, name in enumerate(("Chair 01", "Pillow 01", "Dish 01"))
-    ]
-    return ts.Stream(ts.Scenario("room_02", movers), buffers=buffers, quality="preview", spp=1, incremental=False)
-
-
-def _seconds(work: Callable[[], object]) -> tuple[float, float]:
-    """Return wall and CPU time of a run, s."""
-    wall, cpu = time.perf_counter(), time.process_time()
-    work()
-    return time.perf_counter() - wall, time.process_time() - cpu
+    scenario = ts.Scenario("room_02", bouncing_movers())
+    return ts.Stream(scenario, buffers=buffers, quality="preview", spp=1, incremental=False)
 
 
 if __name__ == "__main__":

@@ -16,12 +16,9 @@ Between the measured samples and beyond them, error and time follow a power law.
 from __future__ import annotations
 
 import tempfile
-import time
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from dataclasses import dataclass
-from functools import partial
 from pathlib import Path
-from typing import TypeVar
 
 import numpy as np
 
@@ -40,6 +37,7 @@ from tests.benchmarks.reference_pictures import (
     times_for,
 )
 from tests.benchmarks.shipped_rooms import Room
+from tests.benchmarks.timing import timed
 from tiscene.render.film.denoise import denoise
 from tiscene.render.film.postprocess import Postprocessor
 from tiscene.render.film.tone_map import auto_exposure, tone_map
@@ -48,7 +46,6 @@ from tiscene.render.integrators.incremental.incremental_pass import IncrementalI
 from tiscene.render.view import View
 from tiscene.scene.device_scene import DeviceScene
 
-T = TypeVar("T")
 FRAMES = 6  # the first counts as a part of "once"
 PATHS = (4, 8)
 DENOISERS = {"": Postprocessor("balanced", 1, True), ", fast": Postprocessor("fast", 2, True)}
@@ -164,15 +161,15 @@ def incremental_results(room: Room, plan: Plan, truth: Reference, seed: int) -> 
 
     with tempfile.TemporaryDirectory() as folder:
         images = BaseImageCache(Path(folder))
-        base, _ = timed(partial(prepare, IncrementalPass(scene, plan.width, plan.height, images=images), 0, 1))
+        base, _, _ = timed(prepare, IncrementalPass(scene, plan.width, plan.height, images=images), 0, 1)
         for paths in PATHS:  # each finds the base image on disk
             renderer = IncrementalPass(scene, plan.width, plan.height, images=images)
-            first, _ = timed(partial(render_frames, renderer, paths, range(1)))
-            several, image = timed(partial(render_frames, renderer, paths, range(1, FRAMES)))
+            first, _, _ = timed(render_frames, renderer, paths, range(1))
+            several, _, image = timed(render_frames, renderer, paths, range(1, FRAMES))
             wall = several / (FRAMES - 1)
             for name, denoiser in DENOISERS.items():
-                best, _ = timed(partial(denoiser.difference, image))
-                denoising, radiance = timed(partial(denoiser.difference, image))
+                best, _, _ = timed(denoiser.difference, image)
+                denoising, _, radiance = timed(denoiser.difference, image)
                 noise = np.mean((tone_map(radiance, exposure) - shown) ** 2)
                 yield IncrementalResult(
                     f"incremental, {paths} paths{name}",
@@ -183,13 +180,6 @@ def incremental_results(room: Room, plan: Plan, truth: Reference, seed: int) -> 
                     base + first + best,
                     10.0 * float(np.log10(255.0**2 / noise)),
                 )
-
-
-def timed(work: Callable[[], T]) -> tuple[float, T]:
-    """Return the wall time of a function, s, and its result."""
-    began = time.perf_counter()
-    result = work()
-    return time.perf_counter() - began, result
 
 
 if __name__ == "__main__":

@@ -9,7 +9,6 @@ with every column of the object table.
 
 from __future__ import annotations
 
-import time
 from collections.abc import Callable
 from dataclasses import replace
 
@@ -17,7 +16,9 @@ import numpy as np
 import taichi as ti
 
 import tiscene as ts
+from tests.benchmarks.movers import bouncing_movers
 from tests.benchmarks.room import room, static_placement
+from tests.benchmarks.timing import timed
 from tiscene.frame.buffers import LABELS, times_needed
 from tiscene.frame.object_table import ObjectState
 from tiscene.render.annotations.object_measurements import Measurer
@@ -38,14 +39,13 @@ ROUNDS = 15
 
 def milliseconds(work: Callable[[], object]) -> tuple[float, float]:
     """Return the shortest wall and CPU time of ROUNDS runs after a warm-up run, ms."""
-    work()
-    walls, cpus = [], []
-    for _ in range(ROUNDS):
-        wall, cpu = time.perf_counter(), time.process_time()
+
+    def finished() -> None:
         work()
         ti.sync()
-        walls.append(time.perf_counter() - wall)
-        cpus.append(time.process_time() - cpu)
+
+    work()
+    walls, cpus, _ = zip(*(timed(finished) for _ in range(ROUNDS)), strict=True)
     return 1e3 * min(walls), 1e3 * min(cpus)
 
 
@@ -79,29 +79,24 @@ def main() -> None:
     for name in LABELS:
         cpu = milliseconds(lambda name=name: labels.render(view, ("instance", name)))[1]  # type: ignore[misc]
         print(f"{name:>20}: {max(cpu - alone, 0.0):.1f} ms of CPU time in addition to instance ({alone:.1f})")
-    began = time.perf_counter()
     zero = (0.0, 0.0, 0.0)
     bare = ObjectState(0, "", "", "", 0, "", zero, (1.0, 0.0, 0.0, 0.0), zero, 0, None, box=(zero, zero))
     states = [replace(bare, id=id) for id in np.unique(placement.instance_id).tolist()]
-    rows = Measurer(scene).table(placement, view, states)
-    rows.columns()
-    print(f"every column of {len(rows)} objects, at first access: {1e3 * (time.perf_counter() - began):.0f} ms")
+    wall, _, _ = timed(lambda: Measurer(scene).table(placement, view, states).columns())
+    print(f"every column of {len(states)} objects, at first access: {1e3 * wall:.0f} ms")
     frames()
 
 
 def frames() -> None:
     """Print the time of whole frames of a stream."""
-    movers = [
-        ts.Object(f"mover_{number}", name, (0.5 * number - 0.5, 0.8, 0.0), dynamic=ts.UniformMovementRandomBounce(0.8))
-        for number, name in enumerate(("Chair 01", "Pillow 01", "Dish 01"))
-    ]
+    scenario = ts.Scenario("room_02", bouncing_movers())
     accesses: dict[str, Callable[[ts.Frame], object]] = {
         "frame": lambda frame: frame,
         "boxes, visible pixels": lambda frame: [(row.visible_box, row.visible_pixels) for row in frame.objects],
         "every column": lambda frame: frame.objects.columns(),
     }
     for name in ("default", "all but coverages", "all"):
-        stream = ts.Stream(ts.Scenario("room_02", movers), buffers=BUFFER_SETS[name])
+        stream = ts.Stream(scenario, buffers=BUFFER_SETS[name])
         for label, access in accesses.items():
             stream.seek(0)
             wall, cpu = milliseconds(lambda stream=stream, access=access: access(next(stream)))  # type: ignore[misc]

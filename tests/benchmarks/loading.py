@@ -5,13 +5,13 @@ The first line includes the compilation of its kernels, unless they are in Taich
 """
 
 import tempfile
-import time
 from pathlib import Path
 
 import numpy as np
 from pxr import Sdf, Usd, UsdGeom, Vt
 
 import tiscene as ts
+from tests.benchmarks.timing import timed
 from tiscene.usd.read.stage_reader import read_stage
 
 SIDE = 501  # points along each side of the ground
@@ -64,12 +64,8 @@ def main() -> None:
         for author in (ground, crowd):
             path = Path(folder, f"{author.__name__}.usdc")
             author(path)
-            began = time.perf_counter()
-            read_stage(path)
-            read = time.perf_counter() - began
-            began, cpu = time.perf_counter(), time.process_time()
-            ts.Stream(path, width=64, height=48, buffers=("instance",))[0]
-            wall, cpu = time.perf_counter() - began, time.process_time() - cpu
+            read, _, _ = timed(read_stage, path)
+            wall, cpu, _ = timed(lambda path=path: ts.Stream(path, width=64, height=48, buffers=("instance",))[0])
             print(f"{author.__name__:10} {read:8.2f} {wall:16.2f} {cpu:8.2f}")
 
 

@@ -19,7 +19,6 @@ from __future__ import annotations
 import functools
 import hashlib
 import math
-import time
 from collections.abc import Callable
 from dataclasses import dataclass
 
@@ -30,6 +29,7 @@ from scipy.ndimage import map_coordinates
 import tiscene as ts
 from dynamics.rotation import multiply
 from tests.benchmarks.reference_pictures import note
+from tests.benchmarks.timing import timed
 from tiscene.files import cache_folder
 from tiscene.render.view import View
 
@@ -109,22 +109,16 @@ def main(large: bool = False) -> None:
 def line(shot: Shot, preset: str, truth: dict[int, tuple[Displayed, Displayed]]) -> None:
     """Measure and print one preset."""
     with shot.stream(quality=preset, buffers=BUFFERS) as stream:
-        began = time.perf_counter()
-        shot.render(stream, 0)
-        once, walls, cpus = time.perf_counter() - began, [], []
+        once, _, _ = timed(shot.render, stream, 0)
+        walls, cpus = [], []
         frames: dict[int, ts.Frame] = {}
         for index in range(1, FRAMES):
-            wall, cpu = time.perf_counter(), time.process_time()
-            frame = shot.render(stream, index)
-            walls.append(time.perf_counter() - wall)
-            cpus.append(time.process_time() - cpu)
+            wall, cpu, frame = timed(shot.render, stream, index)
+            walls.append(wall)
+            cpus.append(cpu)
             if index in COMPARED or index - 1 in COMPARED:
                 frames[index] = frame
-        again = []
-        for index in reversed(range(FRAMES // 2, FRAMES)):
-            wall = time.perf_counter()
-            shot.render(stream, index)
-            again.append(time.perf_counter() - wall)
+        again = [timed(shot.render, stream, index)[0] for index in reversed(range(FRAMES // 2, FRAMES))]
     errors = [product_of_errors(display(frames[k].denoised), *truth[k]) for k in COMPARED]
     wall, cpu, mean = 1e3 * np.median(walls), 1e3 * np.median(cpus), 1e3 * np.mean(walls)
     flicker = np.mean([difference(frames[k], frames[k + 1]) for k in COMPARED])

@@ -8,12 +8,12 @@ equal errors: see `stills`.
 
 from __future__ import annotations
 
-import time
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 from tests.benchmarks import shipped_rooms
 from tests.benchmarks.reference_pictures import Render
+from tests.benchmarks.timing import timed
 
 SIZES = ((256, 192), (640, 480))
 SPP, DEPTH = 16, 5
@@ -38,10 +38,9 @@ class Renderer:
 
     def run(self, seed: int) -> None:
         """Render once and record the times."""
-        wall, cpu = time.perf_counter(), time.process_time()
-        self.render(SPP, seed)
-        self.walls.append(time.perf_counter() - wall)
-        self.cpus.append(time.process_time() - cpu)
+        wall, cpu, _ = timed(self.render, SPP, seed)
+        self.walls.append(wall)
+        self.cpus.append(cpu)
 
 
 def main(scenes: Sequence[str] = shipped_rooms.ROOMS) -> None:

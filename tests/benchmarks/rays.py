@@ -17,9 +17,10 @@ import taichi as ti
 from numpy.typing import NDArray
 
 from tests.benchmarks.room import room, static_placement
-from tiscene.device.memory import device_array, upload
+from tests.benchmarks.timing import timed
+from tiscene.device.memory import device_array, upload, upload_vectors
 from tiscene.render.intersect import trace
-from tiscene.render.intersect.ray_queue import hit, hit_id, upload_rays
+from tiscene.render.intersect.ray_queue import hit, hit_id
 from tiscene.scene.camera import Camera
 from tiscene.scene.description import RectLight, SceneDescription
 from tiscene.scene.device_scene import DeviceScene
@@ -112,9 +113,7 @@ def cpu_seconds(*jobs: Callable[[], None], rounds: int = ROUNDS) -> list[float]:
     best = [np.inf] * len(jobs)
     for _ in range(rounds):
         for k, job in enumerate(jobs):
-            start = time.process_time()
-            job()
-            best[k] = min(best[k], time.process_time() - start)
+            best[k] = min(best[k], timed(job)[1])
     return best
 
 
@@ -123,7 +122,7 @@ def rates(scene: DeviceScene, embree: Embree, sets: dict[str, NDArray[np.float32
     result = {}
     for name, rays in sets.items():
         count = len(rays)
-        on_device, queue = upload_rays(rays), upload(np.arange(count, dtype=np.int32))
+        on_device, queue = upload_vectors(rays), upload(np.arange(count, dtype=np.int32))
         hits, hit_ids = device_array(hit, count), device_array(hit_id, count)
         occluded = device_array(ti.i32, count)
 

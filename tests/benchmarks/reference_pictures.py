@@ -4,7 +4,6 @@
 from __future__ import annotations
 
 import sys
-import time
 from collections.abc import Callable
 from dataclasses import dataclass
 
@@ -12,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tests.benchmarks import power_law
+from tests.benchmarks.timing import timed
 from tiscene.render.film.denoise import denoise
 
 Image = NDArray[np.float32]
@@ -104,12 +104,10 @@ def measured(render: Render, spp: int, seeds: int, against: Reference) -> Row:
     rows = []
     render(min(spp, 4), 0)
     for seed in range(1, seeds + 1):
-        wall, cpu = time.perf_counter(), time.process_time()
-        radiance, albedo, normal = render(spp, seed)
-        raw = time.perf_counter() - wall, time.process_time() - cpu
-        denoised = denoise(radiance, albedo, normal, FILTER)
-        both = time.perf_counter() - wall, time.process_time() - cpu
-        rows.append((*raw, against.error(radiance), *both, against.error(denoised)))
+        wall, cpu, picture = timed(render, spp, seed)
+        denoising_wall, denoising_cpu, denoised = timed(denoise, *picture, FILTER)
+        both = wall + denoising_wall, cpu + denoising_cpu
+        rows.append((wall, cpu, against.error(picture[0]), *both, against.error(denoised)))
     return Row(*np.mean(rows, axis=0).tolist())
 
 

@@ -6,7 +6,6 @@ number of scenarios. "frames alone": of each scenario the median frame after the
 number of frames. Memory is the largest of a hundred scenarios, since three scenes have different sizes.
 """
 
-import os
 import sys
 import tempfile
 import time
@@ -15,6 +14,7 @@ from pathlib import Path
 
 import numpy as np
 
+from tests.stress.process_resources import resident_memory
 from tiscene.export.generation.generator import generate
 from tiscene.export.generation.recipe import Recipe
 
@@ -71,7 +71,7 @@ def measure(folder: str | Path, count: int) -> Measured:
         now = time.process_time()
         if frame is None:
             measured.seconds.append(now - began)
-            measured.memory.append(int(Path("/proc/self/statm").read_text().split()[1]) * os.sysconf("SC_PAGESIZE"))
+            measured.memory.append(resident_memory())
             measured.frames.append(frames)
             began, frames = now, []
             if number % 100 == 99:

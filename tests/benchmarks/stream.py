@@ -10,7 +10,6 @@ noise. Cameras that move are in `moving`.
 
 from __future__ import annotations
 
-import time
 from collections.abc import Iterable
 from dataclasses import replace
 from typing import Any
@@ -19,6 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 import tiscene as ts
+from tests.benchmarks.timing import timed
 from tiscene.cli import bench, demo
 from tiscene.render.render_settings import preset
 
@@ -51,13 +51,8 @@ def five_views(scenes: Iterable[str], settings: Iterable[str]) -> None:
             stream = bouncing_objects(scene, SETTINGS[name])
             for index in range(WARM_UP):
                 stream[index]
-            walls, cpus = [], []
-            for index in range(WARM_UP, WARM_UP + FRAMES):
-                wall, cpu = time.perf_counter(), time.process_time()
-                stream[index]
-                walls.append(time.perf_counter() - wall)
-                cpus.append(time.process_time() - cpu)
-            wall, cpu = 1e3 * np.median(walls), 1e3 * np.median(cpus)
+            times = [timed(stream.__getitem__, index)[:2] for index in range(WARM_UP, WARM_UP + FRAMES)]
+            wall, cpu = 1e3 * np.median(times, axis=0)
             print(f"{scene:<12} {name:<16} {wall:>7.1f} ms {cpu:>7.1f} ms {1e3 / wall:>9.1f}", flush=True)
 
 
@@ -84,13 +79,8 @@ def against_path_tracing() -> None:
     print(f"{'room_02, fast':<16} {'once':>10} {'frame':>10} {'best':>10} {'frames/s':>9} {'PSNR':>8}")
     for spp in BASES:
         stream = ts.Stream(scenario, buffers=FIVE_VIEWS, quality="fast", base_spp=spp, incremental=True, **size)
-        began = time.perf_counter()
-        stream[0]
-        once, walls = time.perf_counter() - began, []
-        for index in range(WARM_UP + FRAMES):
-            began = time.perf_counter()
-            stream[index]
-            walls.append(1e3 * (time.perf_counter() - began))
+        once, _, _ = timed(stream.__getitem__, 0)
+        walls = [1e3 * timed(stream.__getitem__, index)[0] for index in range(WARM_UP + FRAMES)]
         errors = [
             np.mean((stream[index].rgb / 255.0 - one) * (stream[index].rgb / 255.0 - other))
             for index, one, other in zip(COMPARED, *halves, strict=True)

@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import math
 import sys
+from dataclasses import dataclass
 from fractions import Fraction
 
 import numpy as np
@@ -39,6 +40,26 @@ def test_whole_accepts_integer_types_only():
     for value in (True, 1.0, "1", None):
         with pytest.raises(ArgumentTypeError, match="must be a whole number"):
             argument_checks.whole(value, "x")
+
+
+def test_fields_of_frozen_dataclasses_are_replaced_by_checked_values():
+    @dataclass(frozen=True)
+    class Placed:
+        frame: int
+        position: tuple[float, ...] | None = None
+
+        def __post_init__(self) -> None:
+            vector = argument_checks.optional(argument_checks.vector)
+            argument_checks.set_checked(self, frame=argument_checks.index, position=vector)
+
+    assert Placed(np.int64(2)) == Placed(2, None)
+    assert Placed(0, [1, 2, 3]).position == (1.0, 2.0, 3.0)
+    for arguments, message in (
+        ((-1,), "frame=-1: must be at least 0"),
+        ((0, (1, 2)), "position=.*: must be 3 numbers"),
+    ):
+        with pytest.raises(ArgumentError, match=message):
+            Placed(*arguments)
 
 
 def test_numbers_checks_length_and_type():

@@ -13,11 +13,11 @@ import pytest
 
 import tiscene
 from tests.export.fake_stream import FAKE_FORMATS, FakeStream, fake_stream_for, skip_without_extra
+from tests.export.folders import contents
 from tiscene.errors import ArgumentError, ExportError
 from tiscene.export import FORMATS, export
 from tiscene.export.manifest import NAME, Manifest, buffer_digest, frame_entry
 from tiscene.export.manifest_difference import cure, differences
-from tiscene.export.rerun_recording import content_digest as rrd_digest
 from tiscene.frame.buffers import BUFFERS
 from tiscene.frame.frame import FrameCamera
 from tiscene.scene.camera import Camera
@@ -25,15 +25,6 @@ from tiscene.scene.camera import Camera
 
 def summary_of(format):
     return getattr(FORMATS[format].writer(), "SUMMARY", ())
-
-
-def contents(folder):
-    """Files by name; of Rerun's recordings, whose bytes differ, the digest of their chunks."""
-    return {
-        str(path.relative_to(folder)): rrd_digest(path) if path.suffix == ".rrd" else path.read_bytes()
-        for path in sorted(folder.rglob("*"))
-        if path.is_file()
-    }
 
 
 @pytest.mark.parametrize("format", FAKE_FORMATS)

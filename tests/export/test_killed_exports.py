@@ -4,12 +4,14 @@
 import random
 import subprocess
 import sys
+from collections.abc import Callable
+from typing import Any
 
 import pytest
 
 import tiscene as ts
 from tests.export.fake_stream import FAKE_FORMATS, FakeStream, fake_stream_for, skip_without_extra
-from tests.export.test_export import contents
+from tests.export.folders import contents
 from tiscene.export import export
 from tiscene.export.formats import FORMATS, find_format
 
@@ -54,11 +56,11 @@ def source(format: str) -> FakeStream | ts.Stream:
     return ts.Stream(scenario, width=32, height=24, buffers=("instance",))
 
 
-def small_files(format: str) -> None:
-    """Make files of many frames hold four, so that there are several."""
+def small_files(format: str, set_attribute: Callable[[Any, str, Any], None] = setattr) -> None:
+    """Make files of many frames hold four, so that there are several; `monkeypatch.setattr` undoes it."""
     writer = find_format(format).writer()
     if getattr(writer, "FRAMES_PER_FILE", None):
-        writer.FRAMES_PER_FILE = 4
+        set_attribute(writer, "FRAMES_PER_FILE", 4)
 
 
 def kill(folder, format: str, operations: list[int]) -> list[int]:
@@ -69,9 +71,7 @@ def kill(folder, format: str, operations: list[int]) -> list[int]:
 
 def check(tmp_path, monkeypatch, format: str, kills: int) -> None:
     skip_without_extra(format)
-    writer = find_format(format).writer()
-    monkeypatch.setattr(writer, "FRAMES_PER_FILE", getattr(writer, "FRAMES_PER_FILE", None), raising=False)
-    small_files(format)
+    small_files(format, monkeypatch.setattr)
     export(source(format), tmp_path / "whole", format=format, frames=range(FRAMES))
     operations = [random.Random(f"{format} {number}").randrange(1, 40) for number in range(kills)]
     statuses = kill(tmp_path / "killed", format, operations)

@@ -6,11 +6,10 @@ import json
 import pytest
 
 from tests.export.fake_stream import FAKE_FORMATS, FakeStream, fake_stream_for, skip_without_extra
-from tests.export.test_export import contents
+from tests.export.folders import contents, merged
 from tests.export.test_killed_exports import small_files
 from tiscene.errors import ArgumentError, ExportError
 from tiscene.export import export
-from tiscene.export.formats import find_format
 from tiscene.export.merging import merge
 from tiscene.export.shards import SHARDS, Shard, machine
 
@@ -25,11 +24,6 @@ def render_shard(folder, number, count, format="png", stream=None, machine=machi
     return part
 
 
-def merged(folder):
-    """The contents of a folder without its shards."""
-    return {name: data for name, data in contents(folder).items() if not name.startswith(SHARDS)}
-
-
 @pytest.mark.parametrize("count", [1, 3, 8, 20])
 def test_shards_are_disjoint_and_complete_runs_of_frames(count):
     shards = [Shard(number, count, (FRAMES.start, FRAMES.stop, FRAMES.step)) for number in range(count)]
@@ -39,9 +33,7 @@ def test_shards_are_disjoint_and_complete_runs_of_frames(count):
 @pytest.mark.parametrize("format", FAKE_FORMATS)
 def test_merged_shards_have_the_bytes_of_one_export(tmp_path, monkeypatch, format):
     skip_without_extra(format)
-    writer = find_format(format).writer()
-    monkeypatch.setattr(writer, "FRAMES_PER_FILE", getattr(writer, "FRAMES_PER_FILE", None), raising=False)
-    small_files(format)
+    small_files(format, monkeypatch.setattr)
     export(fake_stream_for(format), tmp_path / "whole", format=format, frames=FRAMES)
     for number in (2, 0, 3, 1, 2):  # in any order, one twice
         render_shard(tmp_path / "out", number, 4, format)

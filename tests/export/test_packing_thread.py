@@ -6,7 +6,7 @@ import threading
 import pytest
 
 from tests.export.fake_stream import FakeStream, fake_stream_for, skip_without_extra
-from tests.export.test_export import contents
+from tests.export.folders import contents
 from tiscene.errors import ExportError
 from tiscene.export import export
 from tiscene.export.formats import find_format

@@ -4,8 +4,7 @@
 import pytest
 
 from tests.export.fake_stream import FAKE_FORMATS, FakeStream, fake_stream_for, skip_without_extra
-from tests.export.test_export import contents
-from tests.export.test_merging import merged
+from tests.export.folders import contents, merged
 from tiscene.errors import ArgumentError, ExportError
 from tiscene.export import export
 from tiscene.export.formats import FORMATS

@@ -4,15 +4,15 @@
 import signal
 import subprocess
 import sys
-from pathlib import Path
 
 import pytest
 
 import tiscene as ts
+from tests.export.folders import contents, merged
 from tests.stream.test_stream import moving_scenario
 from tiscene.errors import ExportError
 from tiscene.export import export, merge
-from tiscene.export.shards import SHARDS, Shard, machine
+from tiscene.export.shards import Shard, machine
 from tiscene.render.render_settings import PRESETS
 
 FRAMES = 8
@@ -35,11 +35,6 @@ def stream(preset: str, frames: int = FRAMES) -> ts.Stream:
     return ts.Stream(moving_scenario(), **size, quality=preset, spp=spp, base_spp=4, frames=frames)
 
 
-def contents(folder: Path) -> dict[str, bytes]:
-    files = (path for path in folder.rglob("*") if path.is_file() and SHARDS not in path.parts)
-    return {str(path.relative_to(folder)): path.read_bytes() for path in files}
-
-
 def render_shard(preset, number, count, frames, folder, progress=None):
     """Render a shard with a stream of its own."""
     shard = Shard(number, count, (0, frames, 1), machine())
@@ -55,7 +50,7 @@ def test_merged_shards_equal_one_run(preset, tmp_path):
     for number in (2, 0, 3, 1, 0):
         render_shard(preset, number, 4, FRAMES, tmp_path / "parts")
     merge(tmp_path / "parts")
-    assert contents(tmp_path / "parts") == contents(tmp_path / "whole")
+    assert merged(tmp_path / "parts") == contents(tmp_path / "whole")
 
 
 @pytest.mark.slow
@@ -74,4 +69,4 @@ def test_eight_shards_of_which_two_are_killed_equal_one_run(preset, tmp_path):
                 merge(tmp_path / "parts")
         render_shard(preset, number, 8, frames, tmp_path / "parts")
     merge(tmp_path / "parts")
-    assert contents(tmp_path / "parts") == contents(tmp_path / "whole")
+    assert merged(tmp_path / "parts") == contents(tmp_path / "whole")

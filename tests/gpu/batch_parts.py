@@ -17,7 +17,7 @@ from tests.gpu.baked_scene import LABEL_SIZE, LABELS, BakedScene
 from tests.gpu.checks import Check, median
 from tiscene.device import runtime
 from tiscene.device.kernel_types import float8
-from tiscene.device.memory import device_array, upload
+from tiscene.device.memory import device_array, upload, upload_vectors
 from tiscene.device.prefix_sums import scans_in_blocks
 from tiscene.render.integrators.incremental.mover_culling import cull_rays
 from tiscene.render.integrators.labels.label_pass import LabelPass
@@ -26,7 +26,6 @@ from tiscene.render.integrators.path.path_image import PathImage
 from tiscene.render.integrators.path.path_pass import PathPass
 from tiscene.render.integrators.path.path_state import LIGHT_PENDING, LIVE, chunks_for
 from tiscene.render.integrators.path.wavefront_kernels import compact_queue
-from tiscene.render.intersect.ray_queue import upload_rays
 from tiscene.scene.placement import CURRENT, NEXT, PREVIOUS, Placement
 
 SIZE = 256, 192
@@ -115,7 +114,7 @@ def serial(scenes: list[BakedScene], scale: float) -> Iterator[Check]:
     rays = np.zeros((count, 8), np.float32)
     rays[:, 0], rays[:, 2], rays[:, 6], rays[:, 7] = random.uniform(-3.0, 3.0, count), -5.0, 1.0, np.inf
     near, rows = upload(np.zeros(count, int)), upload(np.zeros(count, int))
-    culled = upload_rays(rays), count, boxes, near, rows, upload(np.zeros(chunks_for(count), int)), scans_in_blocks()
+    culled = upload_vectors(rays), count, boxes, near, rows, upload(np.zeros(chunks_for(count), int)), scans_in_blocks()
     right = cull_rays(*culled) == int((np.abs(rays[:, 0]) <= 1.0).sum())
     milliseconds = 1e3 * median(lambda: cull_rays(*culled), 10)
     yield Check("2^20 rays culled by boxes", f"{milliseconds:.2f} ms", right and milliseconds < limit)

@@ -26,11 +26,11 @@ from tests.gpu.batch_parts import SIZE, TIME, TIMED, batch, batch_colors, serial
 from tests.gpu.checks import Check, median
 from tests.gpu.stream_parts import streams
 from tiscene.device import runtime
-from tiscene.device.memory import device_array, upload
+from tiscene.device.memory import device_array, upload, upload_vectors
 from tiscene.render.integrators.incremental.incremental_pass import IncrementalPass
 from tiscene.render.integrators.labels.label_pass import LabelPass
 from tiscene.render.integrators.path.path_pass import PathPass
-from tiscene.render.intersect.ray_queue import hit, hit_id, upload_rays
+from tiscene.render.intersect.ray_queue import hit, hit_id
 from tiscene.render.intersect.trace import closest
 from tiscene.scene.device_scene import DeviceScene
 from tiscene.scene.placement import CURRENT
@@ -95,7 +95,7 @@ def watertight(scenes: list[BakedScene], scale: float) -> Iterator[Check]:
         directions = targets - rays[:, :3]
         rays[:, 4:7] = directions / np.linalg.norm(directions, axis=1, keepdims=True)
         rays[:, 7] = np.inf
-        closest(device, CURRENT, upload_rays(rays), queue, chunk, hits, hit_ids)
+        closest(device, CURRENT, upload_vectors(rays), queue, chunk, hits, hit_ids)
         misses += int((hit_ids.to_numpy()[:, 0] < 0).sum())
     yield Check("rays at edges of a closed sphere", f"{misses} of {-(-total // chunk) * chunk:,} miss", misses == 0)
 
@@ -300,7 +300,7 @@ def _incoherent_rays(scene: BakedScene, device: DeviceScene) -> float:
     directions = random.normal(size=(count, 3))
     rays[:, 4:7] = directions / np.linalg.norm(directions, axis=1, keepdims=True)
     rays[:, 7] = np.inf
-    on_device, queue = upload_rays(rays), upload(np.arange(count))
+    on_device, queue = upload_vectors(rays), upload(np.arange(count))
     hits, hit_ids = device_array(hit, count), device_array(hit_id, count)
     return count / median(lambda: closest(device, CURRENT, on_device, queue, count, hits, hit_ids), 10) / 1e6
 

@@ -14,9 +14,11 @@ from tiscene.scenario.scenario import Scenario
 SETTINGS = {"width": 24, "height": 18, "buffers": ("semantic", "instance", "part", "depth", "albedo")}
 
 
-def scenario(template):
+def scenario(template="Ball 01", total_time=1.0, scene="object_view", **others):
+    """Return a scenario of one object on a closed curve."""
     path = [Waypoint((-0.6, 0.9, -2)), Waypoint((0.6, 1.2, -2)), Waypoint((0, 0.6, -2.4))]
-    return Scenario("object_view", [Object("mover", template, dynamic=CatmullWaypoints(path, total_time=1.0))])
+    moving = Object("mover", template, dynamic=CatmullWaypoints(path, total_time=total_time), collide=False)
+    return Scenario(scene, [moving], **others)
 
 
 TAUGHT = SupervisionRules(Combined([OnePixelPerMovingObject(), RandomPixels(2)]))

@@ -7,7 +7,7 @@ import sys
 import numpy as np
 import pytest
 
-from dynamics import CatmullWaypoints, Waypoint
+from tests.learning.small_course import scenario
 from tiscene.errors import ArgumentError, ArgumentTypeError, MissingExtra
 from tiscene.learning.adapters.course_frames import CourseFrames
 from tiscene.learning.adapters.labeled_patches import labeled_patches, patch_around, patches_of_tests
@@ -16,16 +16,10 @@ from tiscene.learning.course import Course
 from tiscene.learning.phase import Phase
 from tiscene.learning.supervision_rules import SupervisionRules
 from tiscene.learning.teaching_policies import Combined, OnePixelPerMovingObject, RandomPixels
-from tiscene.scenario.objects import Object
 from tiscene.scenario.scenario import Scenario
 from tiscene.scene.camera import Camera
 
 TAUGHT = SupervisionRules(Combined([OnePixelPerMovingObject(), RandomPixels(1)]))
-
-
-def scenario(template):
-    path = [Waypoint((-0.5, 0.9, -2)), Waypoint((0.5, 1.2, -2)), Waypoint((0, 0.8, -2.4))]
-    return Scenario("object_view", [Object("mover", template, dynamic=CatmullWaypoints(path, total_time=1.0))])
 
 
 def make_course(rules=TAUGHT):

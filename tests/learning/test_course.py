@@ -8,7 +8,6 @@ import pytest
 
 from dynamics import (
     AllTogether,
-    CatmullWaypoints,
     DictTimings,
     LinearWaypoints,
     Orbit,
@@ -16,6 +15,7 @@ from dynamics import (
     WaitUntilComplete,
     Waypoint,
 )
+from tests.learning.small_course import BALL, CHAIR, scenario
 from tiscene.errors import ArgumentError, MissingFile, ObjectNotFound, ScenarioError, UnknownName
 from tiscene.learning.course import Course
 from tiscene.learning.drift import Cycle, Drift, Mix, Ramp, Step
@@ -32,15 +32,6 @@ from tiscene.stream import stage_cache
 from tiscene.stream.stream import Stream
 
 SMALL = {"width": 32, "height": 24, "buffers": ("semantic", "instance", "part", "depth"), "observed": ("depth",)}
-
-
-def scenario(template="Ball 01", total_time=1.0, scene="object_view", **others):
-    path = [Waypoint((-0.6, 0.9, -2)), Waypoint((0.6, 1.2, -2)), Waypoint((0, 0.6, -2.4))]
-    moving = Object("mover", template, dynamic=CatmullWaypoints(path, total_time=total_time), collide=False)
-    return Scenario(scene, [moving], **others)
-
-
-BALL, CHAIR = scenario("Ball 01"), scenario("Chair 01")
 
 
 @pytest.fixture(scope="module")

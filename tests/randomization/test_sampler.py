@@ -233,7 +233,7 @@ PINNED = (0.026698027485287157, 0.08494093512643908)
         ({"min_size": (0.1, 0.2)}, "min_size"),
         ({"aspect": 0.0}, "aspect"),
         ({"aspect": "wide"}, "aspect"),
-        ({"wait_time": -1}, "wait_time=-1: must be 0 or more"),
+        ({"wait_time": -1}, "wait_time=-1: must not be negative"),
         ({"wait_time": "soon"}, "wait_time"),
         ({"seed": -1}, "seed=-1"),
         ({"seed": 1.0}, "seed=1.0"),

@@ -10,9 +10,9 @@ import taichi as ti
 import trimesh
 from numpy.typing import ArrayLike, NDArray
 
-from tiscene.device.memory import device_array, upload
+from tiscene.device.memory import device_array, upload, upload_vectors
 from tiscene.render.intersect import trace
-from tiscene.render.intersect.ray_queue import hit, hit_id, upload_rays
+from tiscene.render.intersect.ray_queue import hit, hit_id
 from tiscene.scene.description import Material, Mesh, SceneDescription
 from tiscene.scene.device_scene import DeviceScene
 from tiscene.scene.placement import CURRENT, Placement
@@ -122,7 +122,7 @@ def sentinel_hits(count: int) -> tuple[Any, Any]:
 def trace_rays(scene: DeviceScene, rays: NDArray[np.float32], time: int = CURRENT) -> Traced:
     """Trace all rays, closest hit and any hit."""
     count = len(rays)
-    on_device, queue = upload_rays(rays), upload(np.arange(count, dtype=np.int32))
+    on_device, queue = upload_vectors(rays), upload(np.arange(count, dtype=np.int32))
     hits, hit_ids = sentinel_hits(count)
     result = device_array(ti.i32, count)
     result.fill(7)

@@ -12,6 +12,7 @@ from PIL import Image
 
 MAIN, CATEGORY, OBJECT, FLOW, DEPTH = 1, 4, 8, 16, 32
 ALL = MAIN | CATEGORY | OBJECT | FLOW | DEPTH
+FLAGS = {"main": MAIN, "category": CATEGORY, "object": OBJECT, "flow": FLOW, "depth": DEPTH}  # in the order of replies
 
 
 class Client:
@@ -85,13 +86,7 @@ class Client:
     def frame(self, flags=ALL):
         self.ask(0x00, bytes([flags]))
         frame = {}
-        for name, flag in (
-            ("main", MAIN),
-            ("category", CATEGORY),
-            ("object", OBJECT),
-            ("flow", FLOW),
-            ("depth", DEPTH),
-        ):
+        for name, flag in FLAGS.items():
             if flags & flag:
                 data = self.read(self.int())
                 frame[name] = self.decoded(name, gzip.decompress(data) if self.compress else data)

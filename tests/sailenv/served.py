@@ -2,11 +2,12 @@
 """`tiscene serve` in a process of its own."""
 
 import contextlib
-import os
 import re
 import signal
 import subprocess
 import sys
+
+from tests.stress.process_resources import resident_memory
 
 
 class Served:
@@ -35,8 +36,7 @@ class Served:
     @property
     def resident(self):
         """Resident memory, bytes."""
-        with open(f"/proc/{self.process.pid}/statm") as file:
-            return int(file.read().split()[1]) * os.sysconf("SC_PAGE_SIZE")
+        return resident_memory(self.process.pid)
 
     def stop(self, number=signal.SIGTERM):
         """Send a signal; return the exit status."""

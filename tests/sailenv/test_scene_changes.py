@@ -1,11 +1,11 @@
 # SPDX-License-Identifier: Apache-2.0
 """Changes of the scene: memory, and what other agents see of them."""
 
+import contextlib
 import gc
 import io
 import shutil
 import time
-import zipfile
 from pathlib import Path
 
 import numpy as np
@@ -13,7 +13,8 @@ import pytest
 from taichi.lang._ndarray import Ndarray
 
 import usd_scenes
-from tests.sailenv.conftest import SCENE
+from tests.sailenv.conftest import SCENE, zipped
+from tests.stress.process_resources import resident_memory
 from tiscene.errors import SceneNotFound, TisceneError
 from tiscene.sailenv import Object, Scenario
 from tiscene.sailenv.agent_worlds import AgentWorlds
@@ -26,9 +27,15 @@ def device_arrays():
     return sum(issubclass(type(each), Ndarray) for each in gc.get_objects())  # isinstance asks lazy modules
 
 
-def resident():
-    """Return the resident memory of this process, bytes."""
-    return int(Path("/proc/self/statm").read_text().split()[1]) * 4096
+@contextlib.contextmanager
+def no_garbage_collector():
+    """Free memory by the counts of references alone."""
+    gc.collect()
+    gc.disable()
+    try:
+        yield
+    finally:
+        gc.enable()
 
 
 @pytest.fixture
@@ -43,29 +50,20 @@ def small_scenes(tmp_path, monkeypatch):
 @pytest.mark.parametrize("changes", [12, pytest.param(40, marks=pytest.mark.slow)])
 def test_changing_between_scenes_frees_device_memory(make_agent, small_scenes, changes):
     agent = make_agent(width=16, height=12, max_depth=2)
-    gc.collect()
-    gc.disable()  # device memory is freed at once, without the cyclic garbage collector
-    try:
+    with no_garbage_collector():  # device memory is freed at once
         counts = []
         for number in range(changes):
             agent.change_scene(small_scenes[number % 3])
             agent.spawn_object("Cube", (0, 1, 3))
             agent.get_frame()
             counts.append(device_arrays())
-    finally:
-        gc.enable()
     assert counts[-3:] == counts[6:9]  # the arrays of all scenes are kept for their next visit by then
 
 
 def test_uploaded_models_are_freed_with_the_scene(make_agent):
     agent = make_agent(width=16, height=12)
-    data = io.BytesIO()
-    with zipfile.ZipFile(data, "w") as archive:
-        archive.writestr("square.obj", SQUARE)
-    path = agent.send_obj_zip(data, "square.zip")
-    gc.collect()
-    gc.disable()
-    try:
+    path = agent.send_obj_zip(io.BytesIO(zipped({"square.obj": SQUARE})), "square.zip")
+    with no_garbage_collector():
         counts = []
         for _ in range(4):
             agent.change_scene(SCENE)
@@ -74,8 +72,6 @@ def test_uploaded_models_are_freed_with_the_scene(make_agent):
             agent.change_scene(SCENE)
             agent.get_frame()
             counts.append(device_arrays())
-    finally:
-        gc.enable()
     assert counts[1:] == counts[1:2] * 3
 
 
@@ -83,17 +79,13 @@ def test_deleting_the_last_agent_frees_the_world(make_agent):
     agent = make_agent(width=16, height=12)
     agent.get_frame()
     agent.delete()
-    gc.collect()
-    gc.disable()
-    try:
+    with no_garbage_collector():
         before = device_arrays()
         agent.register()
         agent.get_frame()
         assert device_arrays() > before
         agent.delete()
         assert device_arrays() <= before
-    finally:
-        gc.enable()
 
 
 def test_a_scene_that_is_started_again_gives_the_same_frames(make_agent, small_scenes):
@@ -163,7 +155,7 @@ def test_memory_is_flat_over_200_changes_of_scenes(make_agent, small_scenes):
         agent.spawn_object(("Cube", "Chair 01", "Sphere")[number % 3], (0, 1, 3))
         agent.get_frame()
         seconds.append(time.perf_counter() - began)
-        used.append(resident())
+        used.append(resident_memory())
     print(f"{used[20] >> 20} MB after 20 changes, {used[-1] >> 20} MB after 200; {np.median(seconds[20:]):.3f} s each")
     assert used[-1] < 1.05 * max(used[:30]), used
 
@@ -178,7 +170,7 @@ def test_memory_is_flat_over_changes_between_rooms():
         worlds.change_scene(agent, ("room_02/scene", "object_view/scene", "room_01/scene")[number % 3])
         worlds.world_of(agent).frame(agent, ["main", "object"])
         seconds.append(time.process_time() - began)
-        used.append(resident())
+        used.append(resident_memory())
     worlds.close()
     print(f"{used[10] >> 20} MB after 10 changes, {used[-1] >> 20} MB after 40; {np.median(seconds[10:]):.2f} s each")
     assert used[-1] < 1.1 * max(used[:10]), used

@@ -5,8 +5,8 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from tiscene.scene.assembly import MIN_EXTENT, ObjectParts, bounding_box, box_matrices, corners, joined, rigid
-from tiscene.scene.description import Mesh, SceneDescription
+from tiscene.scene.assembly import MIN_EXTENT, ObjectParts, box_matrices, corners, joined, rigid
+from tiscene.scene.description import Mesh, SceneDescription, bounding_box
 
 
 def placed(rotation: object, scale: object, translation: object = (1, 2, 3)) -> np.ndarray:

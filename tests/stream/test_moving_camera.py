@@ -67,7 +67,7 @@ def test_pinhole_cameras_that_turn_or_walk_are_rendered_over_panoramas() -> None
     flat = replace(turned, orthographic_height=1.0)
     found = [View(camera, each, camera, 32, 24).pinhole_moves for each in (camera, turned, moved, thick, flat)]
     assert found == [False, True, True, False, False]
-    assert View(camera, camera, camera, 32, 24, roams=True).pinhole_moves
+    assert View(camera, camera, camera, 32, 24, is_dynamic=True).pinhole_moves
 
 
 def test_a_camera_that_walks_by_edits_and_stops_stays_with_its_anchor() -> None:
@@ -125,7 +125,7 @@ def test_cameras_roam_that_have_a_trajectory_or_were_placed() -> None:
     fixed, path = ts.Camera(HERE), ts.Keyframes((0.0, 1.0), [ts.Waypoint(HERE), ts.Waypoint(HERE, (0.0, 10.0, 0.0))])
     scenario = ts.Scenario("solid_benchmark", camera=(fixed, ts.Camera(HERE, name="panning", dynamic=path)))
     with ts.Stream(scenario, buffers=("depth",), **SIZE) as stream:
-        assert [stream.world.camera_roams(5, row) for row in range(2)] == [False, True]
+        assert [stream.world.camera_is_dynamic(5, row) for row in range(2)] == [False, True]
         stream.world.turn_camera(10.0)
         placed = stream.world.next_frame
-        assert [stream.world.camera_roams(frame, 0) for frame in (placed, placed + 5)] == [True, True]
+        assert [stream.world.camera_is_dynamic(frame, 0) for frame in (placed, placed + 5)] == [True, True]

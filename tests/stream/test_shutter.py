@@ -123,6 +123,20 @@ def test_where_nothing_moves_nothing_changes(square):
     assert a.tobytes() == b.tobytes()
 
 
+@pytest.mark.parametrize("color", ["emissiveColor", "diffuseColor"])
+def test_animated_materials_are_blurred_though_nothing_moves(tmp_path, color):
+    """Emission is a light; a diffuse color is lit by a sun that white reflects with a radiance of 1."""
+    dark = ("color3f inputs:diffuseColor = (0, 0, 0)", "float inputs:ior = 1")
+    varying = f"color3f inputs:{color}.timeSamples = {{0: (0, 0, 0), 1: (1, 1, 1)}}"
+    glow = preview_material("/Glow", *(each for each in dark if color not in each), varying)
+    sun = f'def DistantLight "Sun"\n{{\n    float inputs:angle = 0\n    float inputs:intensity = {np.pi}\n}}\n'
+    square = SQUARE.replace('class "Templates"', 'def Scope "Still"').partition("def Material")[0]
+    text = square + glow + (sun if color == "diffuseColor" else "")
+    scene = write(tmp_path, text, more="timeCodesPerSecond = 25\n    startTimeCode = 0\n    endTimeCode = 1")
+    hdr = ts.Stream(str(scene), buffers=("hdr",), shutter=(0, 1), **SETTINGS)[0].hdr
+    np.testing.assert_allclose(hdr[22:28, 47:53], 0.5, atol=0.01)
+
+
 def test_frames_with_an_open_shutter_are_no_differences(square, monkeypatch):
     def refuse(*_: object, **__: object) -> None:
         raise AssertionError("a base image is made")
@@ -158,15 +172,15 @@ def test_formulas_are_exact_and_collisions_go_straight():
     # The same path beside something that bounces: it is stepped, but keeps to its formula.
     beside = world(ts.Object("f", "Cube", (0, 0, 0), dynamic=loop), bouncer("b", position=(-2, -1, -2)), stage=STAGE)
     for frame in (0, 7, 31):
-        exact = free.trajectories.between(frame, shift)[0]
+        exact = free.trajectories.between(frame, shift, (0,))[0]
         assert exact.tobytes() == free.trajectories.closed_form.poses(Fraction(8 * frame + 3, 8 * 25))[0].tobytes()
-        assert beside.trajectories.between(frame, shift)[0].tobytes() == exact.tobytes()
-        before, now, after = (beside.trajectories.poses(k)[1] for k in (frame - 1, frame, frame + 1))
+        assert beside.trajectories.between(frame, shift, (0, 1))[0].tobytes() == exact.tobytes()
+        before, now, after = (beside.trajectories.poses(k, (0, 1))[1] for k in (frame - 1, frame, frame + 1))
         np.testing.assert_allclose(
-            beside.trajectories.between(frame, shift)[1, :3], now[:3] + 0.375 * (after - now)[:3], atol=1e-12
+            beside.trajectories.between(frame, shift, (0, 1))[1, :3], now[:3] + 0.375 * (after - now)[:3], atol=1e-12
         )
         np.testing.assert_allclose(
-            beside.trajectories.between(frame, -shift)[1, :3], now[:3] + 0.375 * (before - now)[:3], atol=1e-12
+            beside.trajectories.between(frame, -shift, (0, 1))[1, :3], now[:3] + 0.375 * (before - now)[:3], atol=1e-12
         )
 
 

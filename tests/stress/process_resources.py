@@ -6,6 +6,7 @@ from __future__ import annotations
 import gc
 import os
 from dataclasses import dataclass
+from pathlib import Path
 
 
 @dataclass(frozen=True)
@@ -28,7 +29,10 @@ def resources(pid: int | None = None) -> Resources:
     if pid is None:
         gc.collect()
         pid = os.getpid()
-    with open(f"/proc/{pid}/statm") as statm:
-        pages = int(statm.read().split()[1])
     files = len(os.listdir(f"/proc/{pid}/fd"))
-    return Resources(pages * os.sysconf("SC_PAGE_SIZE"), files, len(os.listdir(f"/proc/{pid}/task")))
+    return Resources(resident_memory(pid), files, len(os.listdir(f"/proc/{pid}/task")))
+
+
+def resident_memory(pid: int | str = "self") -> int:
+    """Return the resident memory of a process, bytes."""
+    return int(Path(f"/proc/{pid}/statm").read_text().split()[1]) * os.sysconf("SC_PAGE_SIZE")

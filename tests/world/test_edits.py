@@ -151,7 +151,7 @@ def test_names_that_are_made_are_new():
     made.spawn("Cube", id="spawned_2")
     made.spawn("Cube")
     made.spawn("Cube")
-    assert [life.spec.id for life in made.scenario.lives()] == ["a", "spawned_2", "spawned_3", "spawned_4"]
+    assert [each.spec.id for each in made.scenario.log().histories] == ["a", "spawned_2", "spawned_3", "spawned_4"]
 
 
 def test_what_appears_and_vanishes_at_one_frame_was_never_there():

@@ -29,7 +29,7 @@ STAGE = """#usda 1.0
     upAxis = "Y"
 )
 def Xform "Room" {{
-    def Cube "Floor" {{
+    {floor} "Floor" {{
         double size = 2
         double3 xformOp:translate = (0, -1, 0)
         uniform token[] xformOpOrder = ["xformOp:translate"]
@@ -46,8 +46,8 @@ def Xform "Room" {{
 """
 
 
-def stage(path, lamp="", texture=""):
-    path.write_text(STAGE.format(lamp=lamp, texture=texture))
+def stage(path, lamp="", texture="", floor="def Cube"):
+    path.write_text(STAGE.format(lamp=lamp, texture=texture, floor=floor))
     return str(path)
 
 
@@ -98,10 +98,9 @@ def test_base_images_under_skies_of_other_pictures_are_not_shared(tmp_path):
     means = []
     for name, level in (("dark", 40), ("bright", 220)):
         Image.fromarray(np.full((8, 16, 3), level, np.uint8)).save(tmp_path / f"{name}.png")
-        scene = tmp_path / f"{name}.usda"
-        stage(scene, texture=f"asset inputs:texture:file = @{name}.png@")
-        scene.write_text(scene.read_text().replace('def Cube "Floor"', 'over "Floor"'))
+        picture = f"asset inputs:texture:file = @{name}.png@"
+        scene = stage(tmp_path / f"{name}.usda", texture=picture, floor="over")
         settings = {"width": 16, "height": 12, "quality": "fast", "buffers": ("hdr",), "incremental": True}
-        with ts.Stream(ts.Scenario(str(scene), [ball]), **settings) as stream:
+        with ts.Stream(ts.Scenario(scene, [ball]), **settings) as stream:
             means.append(stream[3].hdr.mean())
     assert means[1] > 2.0 * means[0]

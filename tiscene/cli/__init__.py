@@ -12,7 +12,7 @@ A command is a module with `run(args)`; its arguments are in `parser`.
     terminal  progress bars and notes on stderr
     common_arguments  arguments that several commands have
     render_arguments, data_set_arguments  arguments of render; of verify, merge, sample and generate
-    stream_arguments  the stream of the commands that show frames
+    stream_arguments  frames and streams from arguments
     demo, render, verify, merge, sample, generate, preview, view, list, show, inspect, import, bench  the commands
     measure, evaluate, serve, sailenv  more commands
 """

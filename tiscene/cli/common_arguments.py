@@ -4,8 +4,11 @@
 from __future__ import annotations
 
 import argparse
+from typing import TypeAlias
 
 from tiscene.cli.argument_types import frame_slice, name_list, path, variant_choice
+
+Commands: TypeAlias = "argparse._SubParsersAction[argparse.ArgumentParser]"
 
 
 def add_shown_stream(command: argparse.ArgumentParser) -> None:
@@ -36,6 +39,12 @@ def add_source(command: argparse.ArgumentParser) -> None:
     command.add_argument(
         "source", metavar="SCENE_OR_SCENARIO", help="the name of a scene, a USD file, or a scenario (.json)"
     )
+
+
+def add_output(command: argparse.ArgumentParser, default: str = "") -> None:
+    """Add the folder to write, which is required unless `default` says in words which one is written otherwise."""
+    text = f"folder to write (default: {default})" if default else "folder to write"
+    command.add_argument("-o", "--output", metavar="DIR", type=path, required=not default, help=text)
 
 
 def add_fps(command: argparse.ArgumentParser) -> None:

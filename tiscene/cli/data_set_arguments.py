@@ -4,10 +4,9 @@
 from __future__ import annotations
 
 import argparse
-from typing import Any
 
 from tiscene.cli.argument_types import count, path
-from tiscene.cli.common_arguments import add_arch
+from tiscene.cli.common_arguments import Commands, add_arch, add_output
 
 
 def add_parts(command: argparse.ArgumentParser, place: str) -> None:
@@ -42,7 +41,7 @@ def add_parts(command: argparse.ArgumentParser, place: str) -> None:
     command.add_argument("--unlike", action="store_true", help="let nodes of --ray be unlike machines")
 
 
-def add_verify(commands: Any) -> None:
+def add_verify(commands: Commands) -> None:
     """Add the command `verify`."""
     verify = commands.add_parser(
         "verify",
@@ -69,7 +68,7 @@ def add_verify(commands: Any) -> None:
     add_arch(verify)
 
 
-def add_merge(commands: Any) -> None:
+def add_merge(commands: Commands) -> None:
     """Add the command `merge`."""
     merge = commands.add_parser(
         "merge",
@@ -85,7 +84,7 @@ def add_merge(commands: Any) -> None:
     merge.add_argument("--unlike", action="store_true", help="merge shards of unlike machines")
 
 
-def add_sample(commands: Any) -> None:
+def add_sample(commands: Commands) -> None:
     """Add the command `sample`."""
     sample = commands.add_parser(
         "sample",
@@ -95,7 +94,7 @@ def add_sample(commands: Any) -> None:
     _add_recipe(sample)
 
 
-def add_generate(commands: Any) -> None:
+def add_generate(commands: Commands) -> None:
     """Add the command `generate`."""
     generate = commands.add_parser(
         "generate",
@@ -114,7 +113,7 @@ def _add_recipe(command: argparse.ArgumentParser) -> None:
         "recipe", metavar="RECIPE", type=path, help="a JSON file: scenes, ranges, frames, settings, splits"
     )
     command.add_argument("-n", "--count", metavar="N", type=count, required=True, help="number of scenarios")
-    command.add_argument("-o", "--output", metavar="DIR", type=path, required=True, help="folder to write")
+    add_output(command)
 
 
 def ray_address(text: str) -> str:

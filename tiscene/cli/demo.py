@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynamics import AllTogether, CatmullWaypoints, Waypoint
-from tiscene.cli.terminal import note, progress
+from tiscene.cli.terminal import note, progress, task_shown
 from tiscene.errors import ArgumentError, export_errors
 from tiscene.export.animated_image import write_animation
 from tiscene.export.contact_sheet import contact_sheet
@@ -66,7 +66,7 @@ def run(args: argparse.Namespace) -> None:
     """Render the scenario, write the images, and print their paths."""
     if args.frames < 1:
         raise ArgumentError(f"--frames {args.frames}: must be at least 1")
-    folder = Path(args.output)
+    folder = Path(args.output or "tiscene-demo")
     demo = scenario()
     with progress(f"reading {demo.scene}", args.frames) as step:
         stream = Stream(
@@ -78,7 +78,7 @@ def run(args: argparse.Namespace) -> None:
             buffers=tuple(BUFFERS),
             quality=args.quality,
             arch=args.arch,
-            progress=lambda task, fraction: step(0, task=f"{task}: {fraction:.0%}"),
+            progress=task_shown(step),
         )
         with export_errors(folder):
             folder.mkdir(parents=True, exist_ok=True)

@@ -9,7 +9,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 
-from tiscene.cli.terminal import note, progress
+from tiscene.cli.terminal import note, progress, total_shown
 from tiscene.errors import ArgumentError, export_errors
 from tiscene.learning.clock import Clock
 from tiscene.learning.course import Course
@@ -61,20 +61,14 @@ def evaluated(
     keys = {f"{name}, seed {seed}": (name, seed) for name, seed in learners}
     described = {key: {"learner": name, "seed": seed, "options": {}} for key, (name, seed) in keys.items()}
     with progress("reading scenes", len(course)) as step:
-        last = 0
-
-        def report(text: str, done: int, total: int) -> None:
-            nonlocal last
-            step(done - last, task=text)
-            last = done
-
+        show = total_shown(step)
         scores = evaluate_all(
             {key: learners[of] for key, of in keys.items()},
             course,
             clock=Clock(cost),
             checkpoint=checkpoint,
             keep_checkpoint=True,
-            progress=report,
+            progress=lambda text, done, total: show(done, text),
             described=described,
         )
     return [replace(score, name=str(score.learner["learner"])) for score in scores]

@@ -12,6 +12,7 @@ from tiscene.export.distributed.worker_processes import run_workers, shard_comma
 from tiscene.export.generation.data_set_index import DataSet
 from tiscene.export.generation.generator import claim, finish, generate
 from tiscene.export.generation.recipe import Recipe
+from tiscene.export.shards import Shard
 
 
 def run(args: argparse.Namespace) -> None:
@@ -33,14 +34,13 @@ def run(args: argparse.Namespace) -> None:
 
 def _generate(args: argparse.Namespace, recipe: Recipe) -> None:
     """Generate in this process."""
-    number, of = args.shard or (0, 1)
-    count = args.count * (number + 1) // of - args.count * number // of
-    with progress("reading the first scene", count) as step:
+    shard: tuple[int, int] = args.shard or (0, 1)
+    with progress("reading the first scene", len(Shard(*shard, (0, args.count, 1)).own_frames)) as step:
         generate(
             recipe,
             args.output,
             args.count,
-            shard=(number, of),
+            shard=shard,
             arch=args.arch,
             progress=lambda scenario, frame: step(int(frame is None), task=f"scenario {scenario}"),
         )

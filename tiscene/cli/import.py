@@ -12,7 +12,7 @@ from pathlib import Path
 import numpy as np
 
 from tiscene import catalog
-from tiscene.cli.terminal import progress
+from tiscene.cli.terminal import counted, progress
 from tiscene.errors import ArgumentError
 from tiscene.usd.importers.import_template import import_asset
 from tiscene.usd.importers.sweet_home_3d import FurnitureCatalog
@@ -80,7 +80,7 @@ def _print_template(path: Path) -> None:
     low, high = description.bounds()
     triangles = sum(len(mesh.triangles) for mesh in description.meshes)
     sides = " x ".join(f"{side:.3g}" for side in high - low)
-    print(f"{catalog.template_name(path.parent.name)}: {sides} m, {triangles:,} triangle{'s' * (triangles != 1)}")
+    print(f"{catalog.template_name(path.parent.name)}: {sides} m, {counted(triangles, 'triangle')}")
     print(f"  {path}")
     longest = float(np.max(high - low))
     if not _USUAL_SIZE[0] <= longest <= _USUAL_SIZE[1]:

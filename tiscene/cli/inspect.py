@@ -15,7 +15,7 @@ from typing import Any
 
 import numpy as np
 
-from tiscene.cli.show import stage_file
+from tiscene.cli.show import stage_file, triangle_count
 from tiscene.cli.terminal import counted
 from tiscene.errors import StageError, StageWarning
 from tiscene.scene.description import DistantLight, DomeLight, SceneDescription
@@ -104,27 +104,26 @@ def _facts(path: Path, facts: StageFacts) -> Iterable[str]:
             f"{counted(facts.animated, 'prim')} with motion"
         )
     prims = counted(sum(facts.types.values()), "prim")
-    yield (f"  {prims}, {facts.instances:,} of them instances{_listing(facts.types)}")
+    yield f"  {prims}, {facts.instances:,} of them instances{_listing(facts.types)}"
     for place, (selected, names) in list(facts.variants.items())[:_MAX_LISTED]:
-        yield (f"  variants {place}: {', '.join(f'[{name}]' if name == selected else name for name in names)}")
+        yield f"  variants {place}: {', '.join(f'[{name}]' if name == selected else name for name in names)}"
     if len(facts.variants) > _MAX_LISTED:
-        yield (f"  ... and {len(facts.variants) - _MAX_LISTED} more variant sets")
-    yield (f"  labels: {', '.join(facts.taxonomies) or 'none; names of prims are used instead'}")
+        yield f"  ... and {len(facts.variants) - _MAX_LISTED} more variant sets"
+    yield f"  labels: {', '.join(facts.taxonomies) or 'none; names of prims are used instead'}"
     if facts.unauthored_schemes:
         meshes = counted(facts.unauthored_schemes, "mesh", "es")
         yield f"  {meshes} without an authored subdivisionScheme: smooth surfaces, by USD's default catmullClark"
     for key, text in facts.license.items():
         line, *more = text.strip().splitlines() or [""]
-        yield (f"  {key}: {line}{' ...' if more else ''}")
+        yield f"  {key}: {line}{' ...' if more else ''}"
 
 
 def _rendered(stage: SceneDescription) -> Iterable[str]:
     low, high = stage.bounds()
     yield f"{' x '.join(f'{side:.3g}' for side in high - low)} m (x, y, z)"
     unique = sum(len(mesh.triangles) for mesh in stage.meshes)
-    placed = sum(len(stage.meshes[instance.mesh].triangles) for instance in stage.instances)
     meshes, instances = counted(len(stage.meshes), "mesh", "es"), counted(len(stage.instances), "time")
-    yield f"{unique:,} triangles in {meshes}, placed {instances}: {placed:,}"
+    yield f"{unique:,} triangles in {meshes}, placed {instances}: {triangle_count(stage):,}"
     categories = Counter(item.category or "(no category)" for item in stage.objects)
     yield f"{counted(len(stage.objects), 'object')}{_listing(dict(categories.most_common()))}"
     parts = sum(len(item.parts) or 1 for item in stage.objects)
@@ -185,12 +184,9 @@ def _suspicious(stage: SceneDescription, facts: StageFacts | None) -> list[str]:
             c.name for c in stage.cameras if np.linalg.norm(np.subtract(c.position, (low + high) / 2)) > 20 * longest
         ]
         found += [f"camera {name} is far away from the scene" for name in far]
-    suns = [light for light in stage.lights if isinstance(light, DistantLight)]
-    found += [
-        f"{sun.name}: {max(sun.irradiance):.3g} W/m² is brighter than the sun"
-        for sun in suns
-        if max(sun.irradiance) > 1e6
-    ]
+    for light in stage.lights:
+        if isinstance(light, DistantLight) and max(light.irradiance) > 1e6:
+            found.append(f"{light.name}: {max(light.irradiance):.3g} W/m² is brighter than the sun")
     if sum(isinstance(light, DomeLight) for light in stage.lights) > 1:
         found.append("there are several dome lights; their light adds up")
     return found

@@ -4,11 +4,11 @@
 from __future__ import annotations
 
 import argparse
-import json
 from pathlib import Path
 
 from tiscene.cli.terminal import progress
 from tiscene.errors import ArgumentError, export_errors
+from tiscene.export.array_files import json_file
 from tiscene.export.difficulty_plot import difficulty_plot
 from tiscene.files import write_atomically
 from tiscene.frame.difficulty import MEASURES, Difficulty, summary
@@ -19,9 +19,9 @@ LABELS = ("instance", "forward_flow")
 
 def run(args: argparse.Namespace) -> None:
     """Measure, print the table and the folder, and write `difficulty.json` and `difficulty.png` into it."""
-    if args.frames.stop is None or (args.frames.step or 1) < 0:
+    if args.frames.stop is None or args.frames.step < 0:
         raise ArgumentError("--frames: must have an end and a positive step, such as 0:250:5")
-    frames = range(args.frames.start or 0, args.frames.stop, args.frames.step or 1)
+    frames = range(args.frames.start, args.frames.stop, args.frames.step)
     buffers = (*LABELS, "rgb") if args.contrast else LABELS
     measured: list[Difficulty] = []
     with progress(f"reading {args.source}", len(frames)) as step:
@@ -52,6 +52,6 @@ def run(args: argparse.Namespace) -> None:
         "measures": {name: [getattr(each, name) for each in measured] for name in MEASURES},
     }
     with export_errors(folder):
-        write_atomically(folder / "difficulty.json", (json.dumps(content, indent=1) + "\n").encode())
+        write_atomically(folder / "difficulty.json", json_file(content))
         write_atomically(folder / "difficulty.png", difficulty_plot(list(frames), measured))
     print(folder)

@@ -8,13 +8,15 @@ from __future__ import annotations
 
 import argparse
 import re
-from typing import Any, NoReturn, TypeAlias
+from typing import Any, NoReturn
 
 import tiscene
 from tiscene.cli.argument_types import frame_slice, name_list, path
 from tiscene.cli.common_arguments import (
+    Commands,
     add_arch,
     add_fps,
+    add_output,
     add_quality,
     add_reading,
     add_seed,
@@ -27,8 +29,6 @@ from tiscene.cli.common_arguments import (
 from tiscene.cli.data_set_arguments import add_generate, add_merge, add_sample, add_verify
 from tiscene.cli.render_arguments import add_render
 from tiscene.errors import did_you_mean
-
-Commands: TypeAlias = "argparse._SubParsersAction[argparse.ArgumentParser]"
 
 
 class _Parser(argparse.ArgumentParser):
@@ -89,14 +89,7 @@ def parser() -> argparse.ArgumentParser:
 
 def _demo(commands: Commands) -> None:
     demo = commands.add_parser("demo", help="render a short scenario with every buffer")
-    demo.add_argument(
-        "-o",
-        "--output",
-        metavar="DIR",
-        type=path,
-        default="tiscene-demo",
-        help="folder to write (default: %(default)s)",
-    )
+    add_output(demo, "tiscene-demo")
     demo.add_argument(
         "--frames", metavar="N", type=int, default=24, help="length of the animation (default: %(default)s)"
     )
@@ -199,9 +192,7 @@ def _measure(commands: Commands) -> None:
         "write them for each frame, with a plot, into a folder. See docs/difficulty.md.",
     )
     add_source(measure)
-    measure.add_argument(
-        "-o", "--output", metavar="DIR", type=path, help="folder to write (default: tiscene-measure-NAME of the source)"
-    )
+    add_output(measure, "tiscene-measure-NAME of the source")
     measure.add_argument(
         "--frames",
         metavar="A:B[:STEP]",
@@ -240,9 +231,7 @@ def _evaluate(commands: Commands) -> None:
     evaluate.add_argument(
         "--seeds", metavar="N", type=int, default=1, help="evaluate each learner with seeds 0 to N - 1 (default: 1)"
     )
-    evaluate.add_argument(
-        "-o", "--output", metavar="DIR", type=path, help="folder to write (default: tiscene-evaluation-COURSE)"
-    )
+    add_output(evaluate, "tiscene-evaluation-COURSE")
     evaluate.add_argument(
         "--cost",
         metavar="FRAMES",
@@ -272,16 +261,7 @@ def _serve(commands: Commands) -> None:
     serve.add_argument(
         "--port", metavar="N", type=int, default=8085, help="port; 0: any free one (default: %(default)s)"
     )
-    serve.add_argument("--fps", metavar="N", type=float, default=25.0, help="frames per second (default: %(default)g)")
-    add_quality(serve, "preview")
-    add_spp(serve)
-    serve.add_argument(
-        "--incremental",
-        action=argparse.BooleanOptionalAction,
-        help="frames of a camera that stands still do not flicker; their first one waits for a base image or a "
-        "panorama (default: by --quality)",
-    )
-    add_seed(serve)
+    _add_sailenv_world(serve)
     serve.add_argument(
         "--consecutive-flow",
         action="store_true",
@@ -302,7 +282,6 @@ def _serve(commands: Commands) -> None:
         metavar="SCENE",
         help="a scene with rooms, such as home_01: changing to a scene that is one of its rooms is a walk there",
     )
-    serve.add_argument("--physics", action="store_true", help="objects fall and are pushed (extra: physics)")
     serve.add_argument(
         "--query-budget",
         type=int,
@@ -316,7 +295,6 @@ def _serve(commands: Commands) -> None:
         metavar="S",
         help="how long the clock waits for a slow client (default: %(default)g)",
     )
-    add_arch(serve)
     serve.add_argument("-v", "--verbose", action="count", default=0, help="log each event; -vv: each frame too")
 
 
@@ -333,7 +311,7 @@ def _sailenv(commands: Commands) -> None:
     record.add_argument(
         "source", metavar="SCRIPT_OR_SCENARIO", type=path, help="a Python file that imports sailenv, or JSON"
     )
-    record.add_argument("-o", "--output", metavar="DIR", type=path, required=True, help="folder to write")
+    add_output(record)
     record.add_argument("--frames", metavar="N", type=int, help="end after N frames (default: when the script ends)")
     record.add_argument(
         "--classes",
@@ -347,17 +325,27 @@ def _sailenv(commands: Commands) -> None:
     )
     record.add_argument("--overwrite", action="store_true", help="delete an earlier recording in the folder")
     record.add_argument("--windows", action="store_true", help="let the script open windows and wait for keys")
-    record.add_argument("--physics", action="store_true", default=None, help="objects fall and are pushed")
     record.add_argument("--scene", metavar="SCENE", help="first scene (default: SAILenv's)")
-    record.add_argument("--fps", metavar="N", type=float, default=25.0, help="frames per second (default: %(default)g)")
     record.add_argument("--width", metavar="PX", type=int, help="image width for a scenario (default: 256)")
     record.add_argument("--height", metavar="PX", type=int, help="image height for a scenario (default: 192)")
-    add_quality(record, "preview")
-    add_spp(record)
-    record.add_argument(
+    _add_sailenv_world(record)
+
+
+def _add_sailenv_world(command: argparse.ArgumentParser) -> None:
+    """Add the arguments of the worlds of SAILenv's agents."""
+    command.add_argument(
+        "--fps", metavar="N", type=float, default=25.0, help="frames per second (default: %(default)g)"
+    )
+    add_quality(command, "preview")
+    add_spp(command)
+    command.add_argument(
         "--incremental",
         action=argparse.BooleanOptionalAction,
-        help="frames of a camera that stands still do not flicker (default: by --quality)",
+        help="frames of a camera that stands still do not flicker; their first one waits for a base image or a "
+        "panorama (default: by --quality)",
     )
-    add_seed(record)
-    add_arch(record)
+    add_seed(command)
+    command.add_argument(
+        "--physics", action="store_true", default=None, help="objects fall and are pushed (extra: physics)"
+    )
+    add_arch(command)

@@ -4,12 +4,13 @@
 from __future__ import annotations
 
 import argparse
-from typing import Any
 
-from tiscene.cli.argument_types import frame_slice, name_list, number_list, path
+from tiscene.cli.argument_types import frame_slice, name_list, number_list
 from tiscene.cli.common_arguments import (
+    Commands,
     add_arch,
     add_fps,
+    add_output,
     add_quality,
     add_reading,
     add_seed,
@@ -21,7 +22,7 @@ from tiscene.cli.data_set_arguments import add_parts
 from tiscene.export.formats import FORMATS
 
 
-def add_render(commands: Any) -> None:
+def add_render(commands: Commands) -> None:
     """Add the command `render`."""
     render = commands.add_parser(
         "render",
@@ -36,7 +37,7 @@ def add_render(commands: Any) -> None:
         action="store_true",
         help="the source is a script for SAILenv (.py), which is run once without rendering, or its scenario (.json)",
     )
-    render.add_argument("-o", "--output", metavar="DIR", type=path, required=True, help="folder to write")
+    add_output(render)
     render.add_argument(
         "--frames",
         metavar="A:B[:STEP]",

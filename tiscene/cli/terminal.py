@@ -49,6 +49,15 @@ def progress(task: str, total: int) -> Iterator[Callable[..., None]]:
         yield step
 
 
+def task_shown(step: Callable[..., None]) -> Callable[[str, float], None]:
+    """Return the `progress` of a Stream that shows its tasks beside a progress bar.
+
+    Args:
+        step: That of the bar.
+    """
+    return lambda task, fraction: step(0, task=f"{task}: {fraction:.0%}")
+
+
 def total_shown(step: Callable[..., None]) -> Callable[..., None]:
     """Return a function that sets a progress bar to a number of steps, `show(count, task=None)`.
 

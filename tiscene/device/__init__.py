@@ -10,7 +10,7 @@
     prefix_sums       prefix sums whose result does not depend on threads
     vector_mode       compile kernels with SIMD vectors
     memory            host arrays to device arrays
-    freed_arrays      memory of deleted arrays, used again
+    array_pool        memory of deleted arrays, used again
     part_arrays       arrays of parts, of which those that are there are not copied again
     kept_uploads      device arrays for values that are new in every frame
     kernel_types      types of kernel arguments

@@ -11,7 +11,7 @@ import taichi as ti
 from numpy.typing import NDArray
 
 from tiscene.device import runtime
-from tiscene.device.freed_arrays import new_array
+from tiscene.device.array_pool import new_array
 from tiscene.device.taichi_patches import memcpy
 
 

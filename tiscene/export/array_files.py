@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import io
+import json
 import math
 import zipfile
 import zlib
@@ -25,6 +26,11 @@ Contents: TypeAlias = bytes | Callable[[], bytes]
 def resolved(contents: Mapping[str, Contents]) -> dict[str, bytes]:
     """Return contents by name, with functions called."""
     return {name: content() if callable(content) else content for name, content in contents.items()}
+
+
+def json_file(value: Any) -> bytes:
+    """Return JSON values as a file with a value on each line."""
+    return (json.dumps(value, indent=1) + "\n").encode()
 
 
 def npy(array: NDArray[Any]) -> bytes:

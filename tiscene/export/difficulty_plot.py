@@ -3,12 +3,12 @@
 
 from __future__ import annotations
 
-import io
 from collections.abc import Sequence
 
 import numpy as np
 from PIL import Image, ImageDraw, ImageFont
 
+from tiscene.export.array_files import png
 from tiscene.frame.difficulty import MEASURES, Difficulty
 
 UNITS = {"motion": "px/frame", "novelty": "degrees"}
@@ -36,9 +36,7 @@ def difficulty_plot(frames: Sequence[int], measured: Sequence[Difficulty], *, sc
     for number, name in enumerate(names):
         corner = number % columns * WIDTH, number // columns * HEIGHT
         _panel(draw, corner, name, frames, [getattr(each, name) for each in measured], scale)
-    file = io.BytesIO()
-    image.save(file, "png")
-    return file.getvalue()
+    return png(np.asarray(image))
 
 
 def _panel(

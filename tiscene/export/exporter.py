@@ -19,7 +19,7 @@ from tiscene.export.encoding_threads import EncodingThreads
 from tiscene.export.folder_writer import FolderWriter
 from tiscene.export.formats import find_format
 from tiscene.export.manifest import NAME, Manifest
-from tiscene.export.manifest_difference import cure, differences
+from tiscene.export.manifest_difference import cure, differences, listing
 from tiscene.files import lock_folder
 
 if TYPE_CHECKING:
@@ -125,9 +125,8 @@ def open_manifest(folder: Path, wanted: dict[str, Any], overwrite: bool) -> Mani
     if not found:
         return present
     if not overwrite:
-        listing = "".join(f"\n  {each}" for each in found)
         raise ExportError(
-            f"{str(folder)!r} holds frames that were made with other settings:{listing}\n"
+            f"{str(folder)!r} holds frames that were made with other settings:{listing(found)}\n"
             f"{cure(found, present.provenance)}To replace them, pass overwrite=True (--overwrite). "
             "Otherwise choose another folder."
         )

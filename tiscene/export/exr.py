@@ -45,12 +45,16 @@ def encode(frame: Frame) -> dict[str, Contents]:
 
 def _multi_part(buffers: Mapping[str, NDArray[Any]]) -> bytes:
     """Return buffers as the parts of a file."""
+    return file_of({name: channels(name, buffer) for name, buffer in buffers.items()})
+
+
+def file_of(parts: Mapping[str, dict[str, NDArray[Any]]]) -> bytes:
+    """Return a file of parts by name, each with arrays [h, w] by the names of its channels."""
     import OpenEXR
 
     header = {"compression": OpenEXR.ZIP_COMPRESSION, "type": OpenEXR.scanlineimage}
-    parts = [OpenEXR.Part(dict(header), channels(name, buffer), name=name) for name, buffer in buffers.items()]
     data = io.BytesIO()
-    OpenEXR.File(parts).write(data)
+    OpenEXR.File([OpenEXR.Part(dict(header), planes, name=name) for name, planes in parts.items()]).write(data)
     return data.getvalue()
 
 

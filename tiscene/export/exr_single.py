@@ -16,7 +16,6 @@ Values are those of the multi-part format (`exr`).
 
 from __future__ import annotations
 
-import io
 from functools import partial
 from typing import TYPE_CHECKING, Any
 
@@ -24,7 +23,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tiscene.export.array_files import Contents
-from tiscene.export.exr import channels
+from tiscene.export.exr import channels, file_of
 
 if TYPE_CHECKING:
     from tiscene.frame.frame import Frame
@@ -41,12 +40,7 @@ def encode(frame: Frame) -> dict[str, Contents]:
 
 def _single_part(name: str, buffer: NDArray[Any]) -> bytes:
     """Return a buffer as a file."""
-    import OpenEXR
-
-    header = {"compression": OpenEXR.ZIP_COMPRESSION, "type": OpenEXR.scanlineimage}
-    data = io.BytesIO()
-    OpenEXR.File([OpenEXR.Part(header, _renamed(channels(name, buffer)), name=name)]).write(data)
-    return data.getvalue()
+    return file_of({name: _renamed(channels(name, buffer))})
 
 
 def _renamed(planes: dict[str, NDArray[Any]]) -> dict[str, NDArray[Any]]:

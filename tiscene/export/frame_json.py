@@ -27,8 +27,12 @@ OBJECT_SELECTIONS = ("moving", "visible", "all")
 
 def encode(frame: Frame, objects: str | None) -> dict[str, bytes]:
     """Return the file of a frame by its name."""
-    text = json.dumps(frame_labels(frame, objects), allow_nan=False, separators=(",", ":"))
-    return {f"labels/{frame.index:06d}.json": text.encode() + b"\n"}
+    return {f"labels/{frame.index:06d}.json": labels_bytes(frame_labels(frame, objects)) + b"\n"}
+
+
+def labels_bytes(labels: dict[str, Any]) -> bytes:
+    """Return the metadata of a frame as JSON on one line."""
+    return json.dumps(labels, allow_nan=False, separators=(",", ":")).encode()
 
 
 def frame_labels(frame: Frame, objects: str | None) -> dict[str, Any]:

@@ -81,27 +81,6 @@ def _write_meta(
 ) -> None:
     """Write what LeRobot reads first: features, statistics, tasks and episodes."""
     count = len(columns["index"])
-    height, width = (size + size % 2 for size in shape[:2])  # H.264 has even sizes
-    features: dict[str, Any] = {
-        VIDEO: {
-            "dtype": "video",
-            "shape": [height, width, 3],
-            "names": ["height", "width", "channels"],
-            "info": {
-                "video.height": height,
-                "video.width": width,
-                "video.codec": "h264",
-                "video.pix_fmt": "yuv420p",
-                "video.is_depth_map": False,
-                "video.fps": run.fps,
-                "video.channels": 3,
-                "has_audio": False,
-            },
-        }
-    }
-    for name, column in columns.items():
-        names = POSE if column.ndim == 2 else None
-        features[name] = {"dtype": str(column.dtype), "shape": list(column.shape[1:]) or [1], "names": names}
     info = {
         "codebase_version": "v3.0",
         "robot_type": "camera",
@@ -115,12 +94,42 @@ def _write_meta(
         "splits": {"train": "0:1"},
         "data_path": f"data/{PLACE}.parquet",
         "video_path": f"videos/{{video_key}}/{PLACE}.mp4",
-        "features": features,
+        "features": _features(columns, shape, run.fps),
     }
     folder.mkdir(parents=True)
     (folder / "info.json").write_text(json.dumps(info, indent=4) + "\n")
     (folder / "stats.json").write_text(json.dumps(statistics, indent=4) + "\n")
     _write_tasks(folder / "tasks.parquet")
+    _write_table(folder / "episodes" / f"{FIRST}.parquet", _episode(count, run.fps, statistics))
+
+
+def _features(columns: dict[str, NDArray[Any]], shape: tuple[int, ...], fps: float) -> dict[str, Any]:
+    """Return the description of the video and of each column, by name."""
+    height, width = (size + size % 2 for size in shape[:2])  # H.264 has even sizes
+    video = {
+        "dtype": "video",
+        "shape": [height, width, 3],
+        "names": ["height", "width", "channels"],
+        "info": {
+            "video.height": height,
+            "video.width": width,
+            "video.codec": "h264",
+            "video.pix_fmt": "yuv420p",
+            "video.is_depth_map": False,
+            "video.fps": fps,
+            "video.channels": 3,
+            "has_audio": False,
+        },
+    }
+    features: dict[str, Any] = {VIDEO: video}
+    for name, column in columns.items():
+        names = POSE if column.ndim == 2 else None
+        features[name] = {"dtype": str(column.dtype), "shape": list(column.shape[1:]) or [1], "names": names}
+    return features
+
+
+def _episode(count: int, fps: float, statistics: dict[str, Any]) -> dict[str, Any]:
+    """Return the columns of the table of episodes, which has one."""
     episode: dict[str, Any] = {
         "episode_index": [0],
         "tasks": [[TASK]],
@@ -132,13 +141,13 @@ def _write_meta(
         f"videos/{VIDEO}/chunk_index": [0],
         f"videos/{VIDEO}/file_index": [0],
         f"videos/{VIDEO}/from_timestamp": [0.0],
-        f"videos/{VIDEO}/to_timestamp": [count / run.fps],
+        f"videos/{VIDEO}/to_timestamp": [count / fps],
         "meta/episodes/chunk_index": [0],
         "meta/episodes/file_index": [0],
     }
     for name, values in statistics.items():
         episode |= {f"stats/{name}/{kind}": [value] for kind, value in values.items()}
-    _write_table(folder / "episodes" / f"{FIRST}.parquet", episode)
+    return episode
 
 
 def _write_table(path: Path, columns: dict[str, Any]) -> None:

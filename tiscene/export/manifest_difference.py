@@ -8,7 +8,7 @@ with which the earlier export can be continued.
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -50,6 +50,11 @@ def differences(there: Any, now: Any, key: str = "") -> list[Difference]:
             found += differences(there.get(name), now.get(name), f"{key}.{name}" if key else name)
         return found
     return [] if there == now or key == "settings.scenario" else [Difference(key, there, now)]
+
+
+def listing(found: Iterable[object]) -> str:
+    """Return each difference on a line of its own, for the end of an error message."""
+    return "".join(f"\n  {each}" for each in found)
 
 
 def cure(found: Sequence[Difference], there: Mapping[str, Any]) -> str:

@@ -18,6 +18,7 @@ topic                    message
 from __future__ import annotations
 
 import base64
+import colorsys
 import json
 from collections.abc import Iterable
 from functools import lru_cache, partial
@@ -205,7 +206,7 @@ def _entity(id: int, name: str, box: OrientedBox) -> str:
     """Return the JSON of an object's box after its time. Most objects stand still: it is the same in each frame."""
     pose = {"position": _vector(box.center), "orientation": _quaternion(box.rotation)}
     hue = id * 0.618033988749895 % 1.0
-    color = dict(zip("rgba", (*_rgb(hue), 0.4), strict=True))
+    color = dict(zip("rgba", (*colorsys.hsv_to_rgb(hue, 1.0, 1.0), 0.4), strict=True))
     text = {"pose": pose, "billboard": True, "font_size": 12.0, "scale_invariant": True, "text": name}
     entity = {
         "frame_id": WORLD,
@@ -262,11 +263,6 @@ def _vector(values: Iterable[float]) -> dict[str, float]:
 
 def _quaternion(rotation: tuple[float, float, float, float]) -> dict[str, float]:
     return dict(zip("wxyz", map(float, rotation), strict=True))
-
-
-def _rgb(hue: float) -> tuple[float, float, float]:
-    red, green, blue = (min(max(abs((hue * 6.0 + shift) % 6.0 - 3.0) - 1.0, 0.0), 1.0) for shift in (0.0, 4.0, 2.0))
-    return red, green, blue
 
 
 def _json(message: dict[str, Any], data: bytes | None = None) -> bytes:

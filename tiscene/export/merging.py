@@ -13,7 +13,7 @@ from tiscene.export.exporter import open_manifest, writing_into
 from tiscene.export.folder_writer import FolderWriter
 from tiscene.export.formats import find_format
 from tiscene.export.manifest import Manifest, file_digest
-from tiscene.export.manifest_difference import differences
+from tiscene.export.manifest_difference import differences, listing
 from tiscene.export.packing import has_pieces
 from tiscene.export.shards import SHARDS, Shard
 
@@ -47,7 +47,7 @@ def merge(
             damaged, or have the same frame with different bytes. Nothing has been written then.
     """
     folder = Path(folder)
-    places = [Path(part) for part in parts] or sorted(path for path in (folder / SHARDS).glob("*") if path.is_dir())
+    places = part_folders(folder, parts)
     if not places:
         raise ExportError(
             f"{str(folder / SHARDS)!r} has no shards: render them with --shard I/N, or name their folders"
@@ -59,6 +59,11 @@ def merge(
     _check_files(manifests, shards, owners)
     with writing_into(folder):
         return _merge(folder, manifests, owners, overwrite, progress)
+
+
+def part_folders(folder: Path, parts: Sequence[str | Path]) -> list[Path]:
+    """Return the folders of parts of an export: the given ones, else all in `shards` in its folder."""
+    return [Path(part) for part in parts] or sorted(path for path in (folder / SHARDS).glob("*") if path.is_dir())
 
 
 def _manifest(place: Path) -> Manifest:
@@ -79,8 +84,7 @@ def _owners(manifests: dict[Path, Manifest]) -> dict[int, Path]:
     for place, manifest in others:
         found = differences(reference.provenance, manifest.provenance)
         if found:
-            listing = "".join(f"\n  {each}" for each in found)
-            raise ExportError(f"the parts {str(first)!r} and {str(place)!r} have other settings:{listing}")
+            raise ExportError(f"the parts {str(first)!r} and {str(place)!r} have other settings:{listing(found)}")
     owners: dict[int, Path] = {}
     for place, manifest in manifests.items():
         for index, entry in manifest.frames.items():

@@ -18,6 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tiscene.export.array_files import Contents, from_npy, npy, png
+from tiscene.export.frame_json import labels_bytes
 from tiscene.frame.buffers import BUFFERS
 
 if TYPE_CHECKING:
@@ -35,7 +36,7 @@ SUMMARY = ("README.md",)
 
 def pieces(frame: Frame, labels: dict[str, Any], stream: Stream) -> dict[str, Contents]:
     """Return the cells of a frame's row."""
-    cells: dict[str, Contents] = {"labels": json.dumps(labels, allow_nan=False, separators=(",", ":")).encode()}
+    cells: dict[str, Contents] = {"labels": labels_bytes(labels)}
     return cells | {name: partial(png if name == "rgb" else npy, buffer) for name, buffer in frame.buffers.items()}
 
 

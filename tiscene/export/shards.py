@@ -15,6 +15,7 @@ from importlib import metadata
 from pathlib import Path
 
 from tiscene.errors import ArgumentError, ExportError
+from tiscene.export.array_files import json_file
 from tiscene.files import write_atomically
 
 SHARDS, FILE = "shards", "shard.json"
@@ -58,7 +59,7 @@ class Shard:
 
     def save(self, folder: Path) -> None:
         """Write `shard.json`."""
-        write_atomically(folder / FILE, (json.dumps(asdict(self), indent=1) + "\n").encode())
+        write_atomically(folder / FILE, json_file(asdict(self)))
 
     @classmethod
     def load(cls, folder: Path) -> Shard | None:

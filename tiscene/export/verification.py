@@ -14,7 +14,7 @@ from tiscene.export.exporter import provenance
 from tiscene.export.folder_writer import FolderWriter
 from tiscene.export.generation.data_set_index import DATA_SET
 from tiscene.export.manifest import Manifest, buffer_digests
-from tiscene.export.manifest_difference import differences
+from tiscene.export.manifest_difference import differences, listing
 from tiscene.export.manifest_stream import stream_of
 from tiscene.files import FolderLockedError, lock_folder
 
@@ -103,13 +103,11 @@ def verify(
         with stream_of(manifest, [*map(Path, search), folder], arch) as stream:
             made = provenance(stream, manifest.provenance["format"], manifest.provenance["objects"])
             found = differences(manifest.provenance["settings"], made["settings"], "settings")
-            found = [each for each in found if each.key not in ("settings.scenario", "settings.files")]
+            found = [each for each in found if each.key != "settings.files"]
             recorded, present = (sorted(each["file_digests"].values()) for each in (manifest.provenance, made))
             if found or recorded != present:
-                changed = [str(each) for each in found] or ["a file of the scene or of a template has another content"]
-                raise ExportError(
-                    f"{str(folder)!r} cannot be rendered again:" + "".join(f"\n  {each}" for each in changed)
-                )
+                changed = listing(found or ["a file of the scene or of a template has another content"])
+                raise ExportError(f"{str(folder)!r} cannot be rendered again:{changed}")
             for index in chosen:
                 digests, recorded_buffers = buffer_digests(stream[index]), manifest.frames[index]["buffers"]
                 names = tuple(name for name, digest in recorded_buffers.items() if digests.get(name) != digest)

@@ -8,7 +8,6 @@ usual decoders of pictures would squeeze 16-bit ids into 8 bits), and `json` wit
 from __future__ import annotations
 
 import io
-import json
 import tarfile
 from collections.abc import Iterable
 from functools import partial
@@ -17,6 +16,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from tiscene.export.array_files import Contents, npy, png
+from tiscene.export.frame_json import labels_bytes
 
 if TYPE_CHECKING:
     from tiscene.export.packing import ExportRun, FramePieces
@@ -31,7 +31,7 @@ HOLDS_LABELS = True
 
 def pieces(frame: Frame, labels: dict[str, Any], stream: Stream) -> dict[str, Contents]:
     """Return the members of a sample by extension."""
-    members: dict[str, Contents] = {"json": json.dumps(labels, allow_nan=False, separators=(",", ":")).encode()}
+    members: dict[str, Contents] = {"json": labels_bytes(labels)}
     for name, buffer in frame.buffers.items():
         if name == "rgb":
             members["rgb.png"] = partial(png, buffer)

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import bisect
 import hashlib
-import inspect
 import itertools
 import json
 import operator
@@ -31,7 +30,7 @@ from tiscene.learning.supervision_rules import SupervisionRules
 from tiscene.scenario import serialization
 from tiscene.scenario.scenario import Scenario
 from tiscene.stream.frame_slice import FrameSlice
-from tiscene.stream.stream import Stream
+from tiscene.stream.stream import STREAM_ARGUMENTS, Stream
 
 VERSION = 1
 DEFAULTS: dict[str, Any] = {"width": 64, "height": 48, "fps": 25.0, "quality": "fast", "buffers": ("rgb", *LABELS)}
@@ -43,7 +42,7 @@ UNUSED = {  # arguments of `Stream` that a course does not have, and what to do
     "prefetch": "frames of a course are rendered one by one; leave it out",
     "batch": "frames of a course are rendered one by one; leave it out",
 }
-SETTINGS = tuple(name for name in inspect.signature(Stream).parameters if name not in ("source", *UNUSED))
+SETTINGS = tuple(name for name in STREAM_ARGUMENTS if name not in UNUSED)
 
 
 class Course(Iterator[CourseFrame]):

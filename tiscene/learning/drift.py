@@ -71,7 +71,26 @@ class Step(Schedule):
 
 
 @dataclass(frozen=True)
-class Ramp(Schedule):
+class _Transition(Schedule):
+    """Drift that begins at one frame and ends at another."""
+
+    start: int
+    end: int
+
+    def __post_init__(self) -> None:
+        if not 0 <= argument_checks.whole(self.start, "start") < argument_checks.whole(self.end, "end"):
+            raise ArgumentError(f"start={self.start!r}, end={self.end!r}: must be 0 <= start < end")
+
+    def events(self, frames: int, count: int) -> list[int]:
+        return [self.start] if 0 < self.start < frames else []
+
+    def _done(self, k: int) -> float:
+        """Return the fraction of the transition that is over at frame k."""
+        return min(max((k - self.start) / (self.end - self.start), 0.0), 1.0)
+
+
+@dataclass(frozen=True)
+class Ramp(_Transition):
     """Incremental drift: through all values from frame `start` to frame `end`, in `steps` equal steps.
 
     Attributes:
@@ -80,24 +99,18 @@ class Ramp(Schedule):
         steps: number of steps. Numbers are interpolated between the values; of other values the nearest holds.
     """
 
-    start: int
-    end: int
     steps: int = 8
 
     def __post_init__(self) -> None:
-        _check_interval(self.start, self.end)
+        super().__post_init__()
         argument_checks.integer(self.steps, "steps", 1)
 
     def position(self, k: int, count: int) -> float:
-        done = _fraction(k, self.start, self.end)
-        return round(done * self.steps) / self.steps * (count - 1)
-
-    def events(self, frames: int, count: int) -> list[int]:
-        return [self.start] if 0 < self.start < frames else []
+        return round(self._done(k) * self.steps) / self.steps * (count - 1)
 
 
 @dataclass(frozen=True)
-class Mix(Schedule):
+class Mix(_Transition):
     """Gradual drift: blocks of frames with the old and with the new value alternate; new ones become more frequent.
 
     Attributes:
@@ -107,27 +120,21 @@ class Mix(Schedule):
         seed: of the blocks' random numbers.
     """
 
-    start: int
-    end: int
     block: int = 25
     seed: int = 0
 
     def __post_init__(self) -> None:
-        _check_interval(self.start, self.end)
+        super().__post_init__()
         argument_checks.integer(self.block, "block", 1)
         argument_checks.integer(self.seed, "seed", 0)
 
     def position(self, k: int, count: int) -> float:
-        place = _fraction(k, self.start, self.end) * (count - 1)
         if k < self.start or k >= self.end:
-            return place
+            return self._done(k) * (count - 1)
         block = (k - self.start) // self.block
-        place = _fraction(self.start + block * self.block, self.start, self.end) * (count - 1)
+        place = self._done(self.start + block * self.block) * (count - 1)
         drawn = np.random.default_rng((_MIX, self.seed, block)).random()
         return min(float(int(place) + (drawn < place - int(place))), count - 1.0)
-
-    def events(self, frames: int, count: int) -> list[int]:
-        return [self.start] if 0 < self.start < frames else []
 
 
 @dataclass(frozen=True)
@@ -209,12 +216,3 @@ class Drift:
 
 def _is_number(value: Any) -> bool:
     return isinstance(value, int | float) and not isinstance(value, bool)
-
-
-def _fraction(k: int, start: int, end: int) -> float:
-    return min(max((k - start) / (end - start), 0.0), 1.0)
-
-
-def _check_interval(start: int, end: int) -> None:
-    if not 0 <= argument_checks.whole(start, "start") < argument_checks.whole(end, "end"):
-        raise ArgumentError(f"start={start!r}, end={end!r}: must be 0 <= start < end")

@@ -244,13 +244,10 @@ class _Evaluation:
             "refused": dict(run.teacher.refused),
             "ledger": ledger.digest(),
         }
+        made = {"learner": f"{type(run.learner).__module__}:{type(run.learner).__qualname__}"}
         return Score(
             name=run.name,
-            learner=dict(
-                self.described.get(
-                    run.name, {"learner": f"{type(run.learner).__module__}:{type(run.learner).__qualname__}"}
-                )
-            ),
+            learner=dict(self.described.get(run.name, made)),
             course=self.course,
             scores=scores,
             labels=labels,

@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import base64
 import io
+import math
 import os
 from collections.abc import Mapping, Sequence
 from html import escape
@@ -255,7 +256,7 @@ def _matrix(name: str, runs: Sequence[Score]) -> str:
 
 def _cell(value: float) -> str:
     """Return a cell of a matrix, from white (0) to blue (1); "–" for nan."""
-    if value != value:
+    if math.isnan(value):
         return "<td>–</td>"
     red, green, blue = (round(255 + (end - 255) * value) for end in (0, 114, 178))
     color = "#fff" if value > 0.6 else "#1b1f24"
@@ -272,15 +273,12 @@ def _adaptation(by_name: Mapping[str, Sequence[Score]]) -> str:
             before, drop = (percent([each[key] for each in events]) for key in ("before", "drop"))
             times = [_frames([each[key] for each in events]) for key in ("recovery", "adaptation")]
             rows.append([name, f"{events[0]['frame']}: {events[0]['change']}", before, drop, *times])
-    note = (
+    note = _note(
         "Before and drop in percent; frames until the accuracy is back at 90 % of that before (recovery), and at 90 % "
+        "of that at the end (adaptation). –: not before the next change."
     )
-    note += "of that at the end (adaptation). –: not before the next change."
-    return (
-        "<h2>After each change</h2>"
-        + _note(note)
-        + _table(["Learner", "Change", "before", "drop", "recovery", "adaptation"], rows)
-    )
+    table = _table(["Learner", "Change", "before", "drop", "recovery", "adaptation"], rows)
+    return f"<h2>After each change</h2>{note}{table}"
 
 
 def _frames(values: Sequence[int | None]) -> str:

@@ -6,8 +6,8 @@ from __future__ import annotations
 import itertools
 import math
 from abc import ABC, abstractmethod
-from collections.abc import Mapping
-from typing import Any
+from collections.abc import Callable, Mapping
+from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,11 +15,13 @@ from numpy.typing import NDArray
 from dynamics import argument_checks
 from tiscene.errors import ArgumentError
 from tiscene.learning.course import Course
+from tiscene.learning.drift import SCENARIO
 from tiscene.learning.phase import CourseFrame
 from tiscene.learning.pixel_counts import PixelCounts, check_pixels, named, selected_pixels
-from tiscene.learning.teaching_policies import FollowMovingObjects, Moment, Policy, check_pixel_list, check_policy
+from tiscene.learning.teaching_policies import FollowMovingObjects, Moment, Policy, check_policy, chosen_pixels
 
 _FOCUS = 0x60C
+Key = TypeVar("Key", int, str)
 
 
 class Metric(ABC):
@@ -96,38 +98,32 @@ class OnlineAccuracy(Metric):
             "class_accuracy": self._counts.class_accuracy(),
             "by_category": named(self._counts.by_category(), self._course.categories),
             "by_phase": self._grouped(lambda index: self._course.phases[self._course.phase_at(index)[0]].name),
-            "by_factor": self._grouped(self._factors),
+            "by_factor": {factors: value for factors, value in self._grouped(self._factors).items() if factors},
             "curve": self.curve(),
         }
 
     def _factors(self, index: int) -> str:
+        """Return the drifting factors of a frame with their values; of scenarios their position; "" for none."""
         number, k = self._course.phase_at(index)
-        drifts = self._course.phases[number].drift
-        values = [each.schedule.position(k, len(each.values)) for each in drifts]
-        shown = [
-            f"{each.factor} {each.at(position) if each.factor != 'scenario' else position:.4g}"
-            if isinstance(each.at(position), int | float) or each.factor == "scenario"
-            else f"{each.factor} {each.at(position)}"
-            for each, position in zip(drifts, values, strict=True)
-        ]
+        phase = self._course.phases[number]
+        shown = []
+        for each, position in zip(phase.drift, phase.positions(k), strict=True):
+            value = position if each.factor == SCENARIO else each.at(position)
+            shown.append(f"{each.factor} {value:.4g}" if isinstance(value, int | float) else f"{each.factor} {value}")
         return ", ".join(shown)
 
-    def _grouped(self, key: Any) -> dict[str, float]:
-        sums: dict[str, list[int]] = {}
+    def _grouped(self, key: Callable[[int], Key]) -> dict[Key, float]:
+        """Return the accuracy of groups of frames, by a key of their index; groups without pixels are left out."""
+        sums: dict[Key, list[int]] = {}
         for index, correct, total in self.hits:
             group = sums.setdefault(key(index), [0, 0])
             group[0] += correct
             group[1] += total
-        return {name: correct / total for name, (correct, total) in sums.items() if name and total}
+        return {name: correct / total for name, (correct, total) in sums.items() if total}
 
     def curve(self) -> list[tuple[int, float]]:
         """Return pairs (first frame of a window, accuracy); windows without pixels are left out."""
-        sums: dict[int, list[int]] = {}
-        for index, correct, total in self.hits:
-            window = sums.setdefault(index // self.window * self.window, [0, 0])
-            window[0] += correct
-            window[1] += total
-        return [(index, correct / total) for index, (correct, total) in sorted(sums.items()) if total]
+        return sorted(self._grouped(lambda index: index // self.window * self.window).items())
 
     def state_dict(self) -> dict[str, Any]:
         return {"counts": self._counts.to_json(), "hits": [list(row) for row in self.hits]}
@@ -180,11 +176,9 @@ class FocusAccuracy(Metric):
         self._counts = PixelCounts(len(course.categories))
 
     def update(self, frame: CourseFrame, prediction: NDArray[Any]) -> None:
-        number, k = self._course.phase_at(frame.index)
-        length = self._course.starts[number + 1] - self._course.starts[number]
+        _, _, k, length = self._course.rules(frame.index)
         rng = np.random.default_rng((_FOCUS, frame.index))
-        chosen = self.focus.pixels(frame, Moment(k, length, rng, frame.moving))
-        pixels = check_pixel_list(chosen, f"{type(self.focus).__name__}.pixels")
+        pixels = chosen_pixels(self.focus, frame, Moment(k, length, rng, frame.moving))
         if pixels:
             rows, columns = np.array(pixels).T
             self._counts.add(frame.semantic[rows, columns], prediction[rows, columns])

@@ -25,7 +25,7 @@ from tiscene.learning.label_ledger import LabelLedger, LedgerRow
 from tiscene.learning.phase import CourseFrame
 from tiscene.learning.pixel_labels import PixelLabel, has_labels, label_in_frame, moving_instances, render_label
 from tiscene.learning.supervision_rules import SupervisionRules
-from tiscene.learning.teaching_policies import Moment, Pixel, Policy, check_pixel_list
+from tiscene.learning.teaching_policies import Moment, Pixel, Policy, chosen_pixels
 from tiscene.stream.stream import Stream
 
 VERSION = 1
@@ -153,7 +153,7 @@ class Supervision:
         moment = self._moment(frame.index)
         if rules is None or self._is_silent(frame.index, rules, moment):
             return
-        for y, x in check_pixel_list(rules.policy.pixels(frame, moment), f"{type(rules.policy).__name__}.pixels"):
+        for y, x in chosen_pixels(rules.policy, frame, moment):
             answer = self._label(y, x, frame.index, unasked=True)
             if not isinstance(answer, Refused):
                 yield (y, x), answer
@@ -209,13 +209,11 @@ class Supervision:
         self._check_pixel(y, x)
         phase, rules, number, _ = self._rules_at(self.present)
         reason = self._refusal(phase, rules, number, index)
-        label = None if reason else self._true_label(y, x, index)
-        if label is not None and rules is not None and rules.per_category is not None:
-            if self._by_category[phase, label.category_id] >= rules.per_category:
-                reason = "category budget"
-        if reason or label is None or rules is None:
-            self.refused[reason] += 1
-            return Refused(reason)
+        if reason or rules is None:
+            return self._refused(reason)
+        label = self._true_label(y, x, index)
+        if rules.per_category is not None and self._by_category[phase, label.category_id] >= rules.per_category:
+            return self._refused("category budget")
         self._given[phase] += 1
         self._by_category[phase, label.category_id] += 1
         self._last[phase] = number
@@ -246,6 +244,10 @@ class Supervision:
             return "rate"
         last = self._last.get(phase)
         return "too soon" if last is not None and 0 < number - last < rules.every else ""
+
+    def _refused(self, reason: str) -> Refused:
+        self.refused[reason] += 1
+        return Refused(reason)
 
     def _true_label(self, y: int, x: int, index: int) -> PixelLabel:
         source, k = self._source(index)

@@ -81,9 +81,8 @@ class TaskMatrix:
             "learned_after": learned,
         }
         for measure in MEASURES:
-            R = np.array(
-                [[getattr(cell, measure)() for cell in row] for row in self._cells], np.float64
-            )  # None becomes nan
+            values = [[getattr(cell, measure)() for cell in row] for row in self._cells]
+            R = np.array(values, np.float64)  # None becomes nan
             result[measure] = {
                 "R": [[None if np.isnan(value) else value for value in row] for row in R.tolist()],
                 "ACC": accuracy_matrix.average_accuracy(R, learned),

@@ -264,6 +264,11 @@ def check_policy(value: Any, name: str) -> Policy:
     return value
 
 
+def chosen_pixels(policy: Policy, frame: Frame, moment: Moment) -> list[Pixel]:
+    """Return the pixels of a policy, checked: a user's own may return anything."""
+    return check_pixel_list(policy.pixels(frame, moment), f"{type(policy).__name__}.pixels")
+
+
 def check_pixel_list(value: Any, name: str) -> list[Pixel]:
     """Return `value`, pixels (row, column), as whole numbers."""
     return [(y, x) for y, x in check_rows(value, name, ("row", "column"))]

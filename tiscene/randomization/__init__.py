@@ -23,5 +23,6 @@
     free_places          find free places for objects that are spawned in a running stream
     point_pools          random free points: visible, hidden, out of view
     free_space           free balls, lines of sight and reachability in a scene
+    static_rays          rays between points of a static scene
     template_extent      size of a template
 """

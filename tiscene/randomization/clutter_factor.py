@@ -22,7 +22,7 @@ from tiscene.randomization.factor_ranges import ClutterRanges, is_number
 from tiscene.randomization.free_space import FreeSpace
 from tiscene.randomization.object_factors import DISTRACTOR, category_of, is_distractor
 from tiscene.randomization.object_paths import clear_of, swept_balls
-from tiscene.randomization.scene_collisions import SceneCollisions, about, transformed, unique_edges
+from tiscene.randomization.scene_collisions import SceneCollisions, about, box_of, transformed, unique_edges
 from tiscene.randomization.scene_files import free_space_of, stage_of, template_of
 from tiscene.randomization.template_extent import template_extent
 from tiscene.scenario.objects import Object
@@ -143,7 +143,7 @@ class _DistractorPlacer:
             place = np.round(points[row] - (below[row] + lowest * (not self.is_empty)) * up, DECIMALS)
             yaw = round(own.between("yaw", row, -180.0, 180.0), DECIMALS)
             there = transformed(edges * scale, about(np.zeros(3), up, math.radians(yaw), place))
-            low, high = there.reshape(-1, 3).min(axis=0), there.reshape(-1, 3).max(axis=0)
+            low, high = box_of(there)
             if self._fits(there, low, high):
                 self.boxes.append((low, high))
                 x, y, z = place.tolist()

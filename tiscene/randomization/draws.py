@@ -42,10 +42,10 @@ class Draws:
         """Return one whole number from low to high, both included."""
         return low + int(self.uniform(purpose, attempt)[0] * (high - low + 1))
 
-    def either_side(self, purpose: str, size: tuple[float, float]) -> float:
+    def either_side(self, purpose: str, size: tuple[float, float], attempt: int = 0) -> float:
         """Return a number of random sign whose size lies within a range. Of `purpose`, the first six bytes count."""
-        sign = -1.0 if self.uniform(f"{purpose[:6]} -", 0)[0] < 0.5 else 1.0
-        return sign * self.between(purpose, 0, *size)
+        sign = -1.0 if self.uniform(f"{purpose[:6]} -", attempt)[0] < 0.5 else 1.0
+        return sign * self.between(purpose, attempt, *size)
 
     def direction(self, purpose: str, attempt: int) -> tuple[float, float, float]:
         """Return a unit vector, uniform over the sphere."""

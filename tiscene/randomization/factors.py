@@ -12,10 +12,10 @@ from __future__ import annotations
 import hashlib
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from numbers import Integral
 from typing import Any, get_args
 
-from tiscene.errors import ArgumentError, UnknownName
+from dynamics.argument_checks import integer
+from tiscene.errors import UnknownName
 from tiscene.randomization.clutter_factor import with_clutter
 from tiscene.randomization.draws import Draws
 from tiscene.randomization.furniture_factor import with_furniture
@@ -81,9 +81,8 @@ def with_factor(scenario: Scenario, name: str, value: Any = None, *, seed: int =
     """
     if name not in FACTORS:
         raise UnknownName("factor", str(name), FACTORS)
-    if isinstance(seed, bool) or not isinstance(seed, Integral) or not 0 <= seed < 2**64:
-        raise ArgumentError(f"seed={seed!r}: must be a whole number from 0 to 2^64 - 1")
-    drawn = FACTORS[name].apply(scenario, value, lambda part: factor_draws(int(seed), name, part))
+    seed = integer(seed, "seed", 0, 2**64 - 1)
+    drawn = FACTORS[name].apply(scenario, value, lambda part: factor_draws(seed, name, part))
     return without_missing(drawn) if drawn.overrides else drawn
 
 

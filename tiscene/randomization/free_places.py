@@ -11,7 +11,7 @@ from tiscene.device import runtime
 from tiscene.errors import ScenarioError
 from tiscene.randomization.draws import Draws
 from tiscene.randomization.free_space import FreeSpace
-from tiscene.randomization.object_placer import ATTEMPTS, ObjectPlacer
+from tiscene.randomization.object_placer import ATTEMPTS, ObjectPlacer, tally
 from tiscene.randomization.point_pools import PointPools
 from tiscene.randomization.ranges import ScenarioRanges
 from tiscene.randomization.template_extent import enclosing_radius
@@ -55,11 +55,10 @@ class FreePlaces:
         placer = ObjectPlacer(space, ranges, draws, PointPools(space, ranges, draws), radius, 2.0 * radius, occupied)
         found = placer.position()
         if found is None:
-            tally = ", ".join(f"{reason} ({count} times)" for reason, count in placer.reasons.most_common())
             raise ScenarioError(
                 f"object {spec.id!r} (template {spec.template!r}, {radius:.2f} m about its origin) fits nowhere at "
                 f"frame {spec.first_frame} in region={ranges.region}, depth={ranges.depth}, in {ATTEMPTS} draws: "
-                f"{tally}. Widen region or depth, turn the camera, or spawn a smaller object"
+                f"{tally(placer.reasons)}. Widen region or depth, turn the camera, or spawn a smaller object"
             )
         x, y, z = found.tolist()
         return x, y, z

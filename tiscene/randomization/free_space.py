@@ -24,6 +24,7 @@ from dynamics.contact import MAX_TOUCHES, TOUCH_COLUMNS
 from dynamics.obstacles import Obstacles
 from dynamics.sweep_obstacles import obstacle_distances
 from tiscene.device import runtime
+from tiscene.randomization.static_rays import segment_rays, static_placement
 from tiscene.render.integrators.labels.first_hits import first_hits
 from tiscene.render.intersect.ray_queue import RayWave
 from tiscene.render.intersect.trace import closest
@@ -31,7 +32,7 @@ from tiscene.scene.bvh.obstacle_tree import ObstacleTree
 from tiscene.scene.camera import Camera
 from tiscene.scene.description import SceneDescription
 from tiscene.scene.device_scene import DeviceScene
-from tiscene.scene.placement import CURRENT, NEXT, Placement
+from tiscene.scene.placement import CURRENT, NEXT
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
@@ -181,14 +182,7 @@ class FreeSpace:
         count = len(origins)
         if not count or not self._scene.instance_count:
             return np.zeros(count, np.bool_)
-        wave = self._rays.reserved(count)
-        offset = targets - origins
-        length = np.linalg.norm(offset, axis=1)
-        rays = np.zeros((*wave.rays.shape, 8), np.float32)
-        rays[:count, :3] = origins
-        rays[:count, 4:7] = offset / np.maximum(length, 1e-12)[:, None]
-        rays[:count, 7] = length * _RAY_END
-        wave.rays.from_numpy(rays)
+        wave = segment_rays(self._rays, origins, targets, _RAY_END)
         if time == CURRENT:
             first_hits(self._scene, time, wave, wave.queue, count)
         else:
@@ -211,17 +205,7 @@ def _on_device(stage: SceneDescription) -> tuple[DeviceScene, Obstacles]:
     trees = scene.trees
     tree = ObstacleTree(trees, placed)
     obstacles = Obstacles.from_trees(trees.bvh, trees.is_bvh8, tree.roots, tree.matrices, tree.root)
-    count = len(placed)
-    present = np.ones((3, count), np.bool_)
+    present = np.ones((3, len(placed)), np.bool_)
     present[CURRENT, len(stage.instances) :] = False
-    world = np.array([each.world_from_object[:3] for each in placed])
-    placement = Placement(
-        mesh=np.array([each.mesh for each in placed], np.int32),
-        instance_id=np.arange(1, count + 1, dtype=np.int32),
-        category_id=np.zeros(count, np.int32),
-        world_from_object=np.broadcast_to(world, (3, count, 3, 4)).copy(),
-        box_from_object=np.broadcast_to(np.eye(4)[:3], (count, 3, 4)).copy(),
-        present=present,
-    )
-    scene.place(placement, (CURRENT, NEXT))
+    scene.place(static_placement(placed, present), (CURRENT, NEXT))
     return scene, obstacles

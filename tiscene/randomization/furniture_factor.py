@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from tiscene.randomization.draws import Draws
 from tiscene.randomization.factor_ranges import FurnitureRanges, is_number
 from tiscene.randomization.object_paths import clear_of, swept_balls
-from tiscene.randomization.scene_collisions import SceneCollisions, about, horizontal, transformed
+from tiscene.randomization.scene_collisions import SceneCollisions, about, box_of, horizontal, transformed
 from tiscene.randomization.scene_files import stage_of, variant_sets_of
 from tiscene.scenario.overrides import ObjectOverride, Override
 from tiscene.scenario.scenario import Scenario
@@ -86,19 +86,17 @@ def _moved(collisions: SceneCollisions, number: int, ranges: FurnitureRanges, ow
     before = collisions.support(edges)
     if before < LEAST_SUPPORT or collisions.carries() or collisions.penetrates(edges, np.eye(4)):
         return None
-    points = edges.reshape(-1, 3)
-    center = 0.5 * (points.min(axis=0) + points.max(axis=0))
+    low, high = box_of(edges)
+    center = 0.5 * (low + high)
     for attempt in range(ATTEMPTS):
         part = 1.0 - attempt / ATTEMPTS  # nearer places are freer
-        low, high = ranges.shift
-        distance = own.between("shift", attempt, low, low + (high - low) * part)
+        least, most = ranges.shift
+        distance = own.between("shift", attempt, least, least + (most - least) * part)
         direction = own.between("to", attempt, 0.0, 2.0 * math.pi)
-        sign = -1.0 if own.uniform("turn -", attempt)[0] < 0.5 else 1.0
-        angle = sign * math.radians(own.between("turn", attempt, *ranges.turn))
+        angle = math.radians(own.either_side("turn", ranges.turn, attempt))
         by = about(center, collisions.up, angle, distance * horizontal(collisions.up, direction))
         there = transformed(edges, by)
-        corners = there.reshape(-1, 3)
-        if not clear_of(balls, corners.min(axis=0), corners.max(axis=0)):
+        if not clear_of(balls, *box_of(there)):
             continue
         if collisions.support(there) >= KEPT_SUPPORT * before and not collisions.penetrates(there, by):
             return by

@@ -122,7 +122,7 @@ def _changed(
         else:
             color = _rounded(target)
     roughness = None
-    by = own.between("rough", 0, *ranges.roughness) * (-1.0 if own.uniform("rough -", 0)[0] < 0.5 else 1.0)
+    by = own.either_side("rough", ranges.roughness)
     if by != 0.0 and not isinstance(source.roughness, TextureLookup):
         roughness = round(min(max(source.roughness + by, LEAST_ROUGHNESS), 1.0), DECIMALS)
     path = None if like is None else source.prim_path

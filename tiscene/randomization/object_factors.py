@@ -31,6 +31,11 @@ def is_distractor(each: Object) -> bool:
     return each.id.startswith(DISTRACTOR)
 
 
+def is_kept(each: Object) -> bool:
+    """Return whether no factor changes an object's template and path: a distractor's, or those of the stage's own."""
+    return is_distractor(each) or catalog.is_prim_path(each.template)
+
+
 def with_speed(scenario: Scenario, value: Any, draws: Callable[[str], Draws]) -> Scenario:
     """Return a scenario whose objects move along the same paths at other speeds.
 
@@ -91,23 +96,20 @@ def with_instances(scenario: Scenario, value: Any, draws: Callable[[str], Draws]
         ScenarioError: a category has no other template or variant.
     """
     allowed = None if value is None else words_of([value] if isinstance(value, str) else value, "instances")
-    objects = []
-    for each in scenario.objects:
-        if is_distractor(each) or catalog.is_prim_path(each.template):
-            objects.append(each)
-            continue
-        if allowed is None:
-            wanted = category_of(each.template)
-            names = [name for name, entry in catalog.templates().items() if entry.category == wanted]
-            known = [variant for name in names or [each.template] for variant in instances_of(name)]
-            choices = [name for name in known if not _same(name, each.template)]
-            if not choices:
-                text = f"object {each.id!r}: {wanted!r} has no template or variant but {each.template!r}"
-                raise ScenarioError(f"{text}; name templates to draw from")
-        else:
-            choices = list(allowed)
-        objects.append(_replaced(each, choices, draws(each.id)))
-    return replace(scenario, objects=objects)
+
+    def choices(each: Object) -> Sequence[str]:
+        if allowed is not None:
+            return allowed
+        wanted = category_of(each.template)
+        names = [name for name, entry in catalog.templates().items() if entry.category == wanted]
+        known = [variant for name in names or [each.template] for variant in instances_of(name)]
+        others = [name for name in known if not _same(name, each.template)]
+        if not others:
+            text = f"object {each.id!r}: {wanted!r} has no template or variant but {each.template!r}"
+            raise ScenarioError(f"{text}; name templates to draw from")
+        return others
+
+    return _with_templates(scenario, choices, draws)
 
 
 def with_categories(scenario: Scenario, value: Any, draws: Callable[[str], Draws]) -> Scenario:
@@ -130,17 +132,14 @@ def with_categories(scenario: Scenario, value: Any, draws: Callable[[str], Draws
     for name in wanted:
         if name not in by_category:
             raise ArgumentError(f"categories: no template has the category {name!r}; there are {', '.join(known)}")
-    objects = []
-    for each in scenario.objects:
-        if is_distractor(each) or catalog.is_prim_path(each.template):
-            objects.append(each)
-            continue
+
+    def choices(each: Object) -> Sequence[str]:
         own = category_of(each.template)
         names = [name for name in wanted if name != own] or list(wanted)
         order = np.argsort(draws(each.id).uniform("category", 0, len(names)), kind="stable")
-        category = names[int(order[0])]
-        objects.append(_replaced(each, by_category[category], draws(each.id)))
-    return replace(scenario, objects=objects)
+        return by_category[names[int(order[0])]]
+
+    return _with_templates(scenario, choices, draws)
 
 
 def instances_of(template: str) -> list[str]:
@@ -165,6 +164,14 @@ def category_of(template: str) -> str:
 def _same(a: str, b: str) -> bool:
     """Return whether two names of templates mean the same, whatever the order of their variants."""
     return catalog.template_variants(a) == catalog.template_variants(b)
+
+
+def _with_templates(
+    scenario: Scenario, choices: Callable[[Object], Sequence[str]], draws: Callable[[str], Draws]
+) -> Scenario:
+    """Return a scenario whose objects have templates that are drawn from the choices of each."""
+    objects = [each if is_kept(each) else _replaced(each, choices(each), draws(each.id)) for each in scenario.objects]
+    return replace(scenario, objects=objects)
 
 
 def _replaced(each: Object, choices: Sequence[str], draws: Draws) -> Object:

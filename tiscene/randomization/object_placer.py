@@ -168,6 +168,11 @@ class ObjectPlacer:
         return ""
 
 
+def tally(reasons: Counter[str]) -> str:
+    """Return reasons for which draws were rejected with their numbers, for an error."""
+    return ", ".join(f"{reason} ({count} times)" for reason, count in reasons.most_common())
+
+
 def farthest_depth(space: FreeSpace, diameter: float, min_size: float) -> float:
     """Return the depth, m, at which an object's size falls below `min_size`; 0 for none, inf for no limit."""
     if min_size == 0.0:

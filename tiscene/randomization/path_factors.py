@@ -25,8 +25,8 @@ from tiscene.errors import ScenarioError
 from tiscene.randomization.clutter_factor import with_clutter
 from tiscene.randomization.draws import Draws
 from tiscene.randomization.free_space import FreeSpace
-from tiscene.randomization.object_factors import is_distractor
-from tiscene.randomization.object_placer import ObjectPlacer
+from tiscene.randomization.object_factors import is_distractor, is_kept
+from tiscene.randomization.object_placer import ObjectPlacer, tally
 from tiscene.randomization.point_pools import PointPools
 from tiscene.randomization.ranges import ScenarioRanges, range_of, words_of
 from tiscene.randomization.scene_files import free_space_of, stage_of
@@ -101,7 +101,7 @@ def _placed_anew(scenario: Scenario, ranges: dict[str, Any], draws: Callable[[st
     objects: list[Object] = []
     starts: list[tuple[Array, float]] = []
     for each in scenario.objects:
-        if is_distractor(each) or catalog.is_prim_path(each.template):
+        if is_kept(each):
             objects.append(each)
             continue
         placed, radius = _object_anew(each, ranges, draws(each.id), space, up_axis, starts, factor)
@@ -129,8 +129,8 @@ def _object_anew(
     placer = ObjectPlacer(space, limits, own, PointPools(space, limits, own), radius, extent.diameter * scale, starts)
     points = placer.position() if path is None else placer.loop(type(path))
     if points is None:
-        tally = ", ".join(f"{reason} ({number} times)" for reason, number in placer.reasons.most_common())
-        raise ScenarioError(f"{factor}: object {each.id!r} ({radius:.2f} m about its origin) fits nowhere: {tally}")
+        where = f"{factor}: object {each.id!r} ({radius:.2f} m about its origin)"
+        raise ScenarioError(f"{where} fits nowhere: {tally(placer.reasons)}")
     if path is None:
         x, y, z = points.tolist()
         return replace(each, position=(x, y, z)), radius

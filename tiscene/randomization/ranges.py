@@ -59,7 +59,7 @@ class ScenarioRanges:
         moving = set(self.dynamics) - {"still"}
         if moving and self.speed[0] <= 0.0:
             raise ArgumentError(f"speed={self.speed}: moving objects need a speed above 0; or use dynamics=('still',)")
-        left, top, right, bottom = _numbers(self.region, "region", 4)
+        left, top, right, bottom = argument_checks.numbers(self.region, "region", 4)
         if not (0.0 <= left < right <= 1.0 and 0.0 <= top < bottom <= 1.0):
             raise ArgumentError(f"region={self.region}: must be left < right and top < bottom, within 0..1")
         if self.occlusion[0] > 0.0 and self.in_view[1] == 0.0:
@@ -68,20 +68,14 @@ class ScenarioRanges:
             raise ArgumentError(f"life={self.life} is longer than the stream: frames={self.frames}")
         if self.frames is not None:
             self._set("frames", whole_range_of(self.frames, "frames", 1, math.inf)[0])
-        min_size = _numbers((self.min_size,), "min_size", 1)[0]
+        min_size = argument_checks.number(self.min_size, "min_size")
         if not 0.0 <= min_size <= 1.0:
             raise ArgumentError(
                 f"min_size={self.min_size!r}: must be a fraction of the image's height, 0 <= min_size < 1"
             )
         self._set("min_size", min_size)
-        aspect = _numbers((self.aspect,), "aspect", 1)[0]
-        if aspect <= 0.0:
-            raise ArgumentError(f"aspect={self.aspect!r}: must be greater than 0")
-        self._set("aspect", aspect)
-        wait_time = _numbers((self.wait_time,), "wait_time", 1)[0]
-        if wait_time < 0.0:
-            raise ArgumentError(f"wait_time={self.wait_time!r}: must be 0 or more")
-        self._set("wait_time", wait_time)
+        self._set("aspect", argument_checks.positive(self.aspect, "aspect"))
+        self._set("wait_time", argument_checks.not_negative(self.wait_time, "wait_time"))
 
     def _set(self, name: str, value: Any) -> None:
         object.__setattr__(self, name, value)
@@ -90,7 +84,7 @@ class ScenarioRanges:
 def range_of(value: Any, name: str, most: float, least: float = 0.0) -> tuple[float, float]:
     """Return `value` as (low, high) within least..most."""
     values = (value, value) if isinstance(value, Real) else value
-    low, high = _numbers(values, name, 2)
+    low, high = argument_checks.numbers(values, name, 2)
     if not least <= low <= high <= most:
         limits = f"must be {least:g} or more" if most == math.inf else f"must lie within {least:g}..{most:g}"
         raise ArgumentError(f"{name}={value!r}: {limits}, low before high")
@@ -104,13 +98,6 @@ def whole_range_of(value: Any, name: str, least: int, most: float) -> tuple[int,
         limits = f"{least} or more" if most == math.inf else f"from {least} to {most:g}"
         raise ArgumentError(f"{name}={value!r}: must be whole numbers, {limits}")
     return (int(low), int(high))
-
-
-def _numbers(value: Any, name: str, count: int) -> tuple[float, ...]:
-    try:
-        return argument_checks.numbers(value, name, count)
-    except (TypeError, ValueError) as error:
-        raise ArgumentError(str(error)) from None
 
 
 def words_of(value: Any, name: str) -> tuple[str, ...]:

@@ -12,7 +12,6 @@ import os
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import fields
-from numbers import Integral
 from pathlib import Path
 from typing import Any
 
@@ -20,12 +19,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynamics import CatmullWaypoints, LinearWaypoints, Waypoint
+from dynamics.argument_checks import integer
 from dynamics.dynamic import Pose
 from tiscene import catalog
 from tiscene.errors import ArgumentError, ScenarioError, did_you_mean
 from tiscene.randomization.draws import Draws
 from tiscene.randomization.free_space import FreeSpace
-from tiscene.randomization.object_placer import ATTEMPTS, ObjectPlacer
+from tiscene.randomization.object_placer import ATTEMPTS, ObjectPlacer, tally
 from tiscene.randomization.point_pools import DECIMALS, PointPools
 from tiscene.randomization.ranges import ScenarioRanges
 from tiscene.randomization.scene_files import free_space_of, stage_of
@@ -61,19 +61,18 @@ def sample(
         if name not in known:
             hint = did_you_mean(name, known) or f"; there are {', '.join(known)}"
             raise ArgumentError(f"{name}={ranges[name]!r}: no such range{hint}")
-    if isinstance(seed, bool) or not isinstance(seed, Integral) or not 0 <= seed < 2**64:
-        raise ArgumentError(f"seed={seed!r}: must be a whole number from 0 to 2^64 - 1")
+    seed = integer(seed, "seed", 0, 2**64 - 1)
     limits = ScenarioRanges(**ranges)
     names = sorted(catalog.templates()) if limits.templates is None else limits.templates
     for name in limits.templates or ():
         catalog.find_template(name)
     bare = Scenario(os.fspath(scene), camera=camera)
     space, up_axis = free_space_of(bare, aspect=limits.aspect), stage_of(bare).up_axis
-    count = Draws(int(seed), SCENARIO).whole("objects", 0, *limits.objects)
+    count = Draws(seed, SCENARIO).whole("objects", 0, *limits.objects)
     objects: list[dict[str, Any]] = []
     starts: list[tuple[Array, float]] = []
     for number in range(count):
-        content, start = _ObjectSampler(limits, space, up_axis, Draws(int(seed), number), number).draw(names, starts)
+        content, start = _ObjectSampler(limits, space, up_axis, Draws(seed, number), number).draw(names, starts)
         objects.append(content)
         starts.append(start)
     # Bouncing objects that must stay in view need walls.
@@ -127,14 +126,13 @@ class _ObjectSampler:
                 return self._object(name, start, content), (start, radius)
             reasons += placer.reasons
             radii.append(radius)
-        tally = ", ".join(f"{reason} ({count} times)" for reason, count in reasons.most_common())
         if len(tried) == 1:
             what, draws = f"object {self._id(tried[0])!r} ({self.kind}, {radii[0]:.2f} m about its origin)", ""
         else:
             sizes = f"{min(radii):.2f} to {max(radii):.2f} m about their origins"
             what, draws = f"object {self.number} ({self.kind})", f" of each of {len(tried)} templates ({sizes})"
         raise ScenarioError(
-            f"{what} fits nowhere in up to {ATTEMPTS} draws{draws}: {tally}. "
+            f"{what} fits nowhere in up to {ATTEMPTS} draws{draws}: {tally(reasons)}. "
             "Widen depth, region, in_view or occlusion, lower min_size, or draw from smaller templates"
         )
 

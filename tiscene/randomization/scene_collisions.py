@@ -8,16 +8,18 @@ are tested a little above their support, so that resting on it is no intersectio
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from tiscene.device import runtime
+from tiscene.randomization.static_rays import segment_rays, static_placement
 from tiscene.render.intersect.ray_queue import RayWave
 from tiscene.render.intersect.trace import closest
 from tiscene.scene.description import Instance, Mesh, SceneDescription
 from tiscene.scene.device_scene import DeviceScene
-from tiscene.scene.placement import CURRENT, NEXT, Placement
+from tiscene.scene.placement import CURRENT, NEXT
 
 Array = NDArray[np.float64]
 LIFT = 0.004  # m above its support at which an object is tested
@@ -50,7 +52,7 @@ class SceneCollisions:
         self.up: Array = np.asarray(stage.up, np.float64)
         self._owner = np.array([each.object for each in self._instances], np.int64)
         self._parts = [self._world_edges(row) for row in range(len(self._instances))]
-        self._boxes = [_box(part) for part in self._parts]
+        self._boxes = [box_of(part) for part in self._parts]
 
     def select(self, number: int = _EVERYTHING) -> None:
         """Choose the object to be tested; nothing: what is tested is not of the scene.
@@ -61,19 +63,8 @@ class SceneCollisions:
         if self._selected == number or not self._instances:
             return
         self._selected = number
-        count = len(self._instances)
-        own = np.array([each.object == number for each in self._instances])
-        present = np.ones((3, count), np.bool_)
-        present[CURRENT], present[NEXT] = ~own, own
-        matrices = np.array([each.world_from_object[:3] for each in self._instances])
-        placement = Placement(
-            mesh=np.array([each.mesh for each in self._instances], np.int32),
-            instance_id=np.arange(1, count + 1, dtype=np.int32),
-            category_id=np.zeros(count, np.int32),
-            world_from_object=np.broadcast_to(matrices, (3, count, 3, 4)).copy(),
-            box_from_object=np.broadcast_to(np.eye(4)[:3], (count, 3, 4)).copy(),
-            present=present,
-        )
+        own = self._owner == number
+        placement = static_placement(self._instances, np.stack([np.ones_like(own), ~own, own]))
         self._scene.place(placement, (CURRENT, NEXT) if own.any() else (CURRENT,))
 
     def edges_of(self, number: int) -> Array:
@@ -89,7 +80,7 @@ class SceneCollisions:
                 matrix = np.einsum("ij,jk->ik", by, each.world_from_object)
                 self._instances[row] = replace(each, world_from_object=matrix)
                 self._parts[row] = self._world_edges(row)
-                self._boxes[row] = _box(self._parts[row])
+                self._boxes[row] = box_of(self._parts[row])
         self._selected = None
 
     def penetrates(self, edges: Array, by: Array | None = None) -> bool:
@@ -103,7 +94,7 @@ class SceneCollisions:
         lifted = edges + LIFT * self.up
         if self._hits(lifted, CURRENT).any():
             return True
-        low, high = _box(lifted)
+        low, high = box_of(lifted)
         near = self._rest_near(low, high)
         if by is None:
             return bool(((near > low) & (near < high)).all(axis=2).any())
@@ -112,7 +103,7 @@ class SceneCollisions:
 
     def carries(self) -> bool:
         """Return whether another object rests on the selected one."""
-        low, high = _box(self.edges_of(_EVERYTHING if self._selected is None else self._selected))
+        low, high = box_of(self.edges_of(_EVERYTHING if self._selected is None else self._selected))
         near = self._rest_near(low, high + CONTACT) - CONTACT * self.up
         return bool(self._hits(near, NEXT).any())
 
@@ -146,14 +137,7 @@ class SceneCollisions:
         count = len(segments)
         if not count or not self._instances:
             return np.zeros(count, np.bool_)
-        wave = self._rays.reserved(count)
-        offset = segments[:, 1] - segments[:, 0]
-        length = np.linalg.norm(offset, axis=1)
-        rays = np.zeros((*wave.rays.shape, 8), np.float32)
-        rays[:count, :3] = segments[:, 0]
-        rays[:count, 4:7] = offset / np.maximum(length, 1e-12)[:, None]
-        rays[:count, 7] = length
-        wave.rays.from_numpy(rays)
+        wave = segment_rays(self._rays, segments[:, 0], segments[:, 1])
         closest(self._scene, time, wave.rays, wave.queue, count, wave.hits, wave.hit_ids)
         result: NDArray[np.bool_] = wave.hit_ids.to_numpy()[:count, 0] >= 0
         return result
@@ -179,13 +163,13 @@ def unique_edges(mesh: Mesh) -> NDArray[np.int64]:
     return np.stack([keys >> 32, keys & 0xFFFFFFFF], axis=1)
 
 
-def _box(edges: Array) -> tuple[Array, Array]:
+def box_of(edges: Array) -> tuple[Array, Array]:
     """Return the lowest and the highest corner of edges [n, 2, 3]; an empty box for none."""
     points = edges.reshape(-1, 3)
     return points.min(axis=0, initial=np.inf), points.max(axis=0, initial=-np.inf)
 
 
-def transformed(points: Array, matrix: Array) -> Array:
+def transformed(points: NDArray[np.floating[Any]], matrix: Array) -> Array:
     """Return points [..., 3] transformed by a 4x4 matrix."""
     result: Array = points @ np.asarray(matrix)[:3, :3].T + np.asarray(matrix)[:3, 3]
     return result

@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tiscene import catalog
+from tiscene.randomization.scene_collisions import transformed
 from tiscene.randomization.scene_files import template_of
 from tiscene.scene.description import SceneDescription
 from tiscene.usd.core.layers import cached_by_layers
@@ -62,11 +63,9 @@ def enclosing_radius(description: SceneDescription, scale: float | Sequence[floa
 
 def _vertices(description: SceneDescription) -> Array:
     """Return the vertices [n, 3] of a template in its own axes, m."""
-    vertices = [
-        description.meshes[each.mesh].positions @ each.world_from_object[:3, :3].T + each.world_from_object[:3, 3]
-        for each in description.instances
-    ]
-    return np.concatenate(vertices)
+    return np.concatenate(
+        [transformed(description.meshes[each.mesh].positions, each.world_from_object) for each in description.instances]
+    )
 
 
 def mean_silhouette(points: Array) -> float:

@@ -7,7 +7,7 @@ import sys
 from dataclasses import dataclass, replace
 from typing import Any
 
-from dynamics import argument_checks
+from dynamics.argument_checks import integer, optional, positive, set_checked
 from tiscene.errors import ArgumentError
 from tiscene.render.sampling.pixel_filter import pixel_filter
 
@@ -55,10 +55,8 @@ class RenderSettings:
         for name in ("spp", "max_depth", "base_spp", "near_spp", "panorama_spp", "downscale"):
             least = 0 if name in ("near_spp", "panorama_spp") else 1
             most = MAX_DEPTH if name == "max_depth" else sys.maxsize
-            object.__setattr__(self, name, argument_checks.integer(getattr(self, name), name, least, most))
-        for name in ("relative_error", "clamp"):
-            if getattr(self, name) is not None:
-                object.__setattr__(self, name, argument_checks.positive(getattr(self, name), name))
+            object.__setattr__(self, name, integer(getattr(self, name), name, least, most))
+        set_checked(self, relative_error=optional(positive), clamp=optional(positive))
         if self.relative_error is not None and self.relative_error >= 1.0:
             raise ArgumentError(f"relative_error={self.relative_error}: must lie between 0 and 1; 0.02 is 2 %")
         pixel_filter(self.pixel_filter)

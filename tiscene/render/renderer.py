@@ -161,7 +161,7 @@ class Renderer:
 
     def shares_light(self, view: View) -> bool:
         """Return whether frames of a view can share light: its camera stands still, or a panorama serves it."""
-        return view.rests or self._over_panorama(view)
+        return view.is_still or self._over_panorama(view)
 
     def render_labels(
         self, views: Sequence[View], placements: Sequence[Placement], buffers: Sequence[str]
@@ -220,7 +220,7 @@ class Renderer:
             frame_index=frame_index, spp=max(2, settings.spp), panorama_spp=settings.panorama_spp, **sampling,
         ):  # fmt: skip
             return self._panorama
-        if not (view.rests and self._incremental.is_cheaper(view, placement, moving, **sampling)):
+        if not (view.is_still and self._incremental.is_cheaper(view, placement, moving, **sampling)):
             return None
         self._incremental.prepare(
             view, placement, moving,

@@ -71,7 +71,7 @@ class View:
         ambient: Radiance of a white surface that `rgb` adds to the rendered one: ambient light without a source.
         background: Radiance shown where camera rays hit nothing, in place of lights at infinity, which still
             illuminate the scene; SKY shows them.
-        roams: Whether the camera moves at other times, even if it stands still around this frame.
+        is_dynamic: Whether the camera moves at other times, even if it stands still around this frame.
         walks: World axes (0, 1, 2) along which it is known to walk at other times.
 
     Raises:
@@ -85,7 +85,7 @@ class View:
     height: int
     ambient: tuple[float, float, float] = (0.0, 0.0, 0.0)
     background: tuple[float, float, float] = SKY
-    roams: bool = False
+    is_dynamic: bool = False
     walks: Axes = Axes()  # noqa: RUF009  # immutable
     _device: dict[str, Any] = field(default_factory=dict, init=False, repr=False, compare=False)
 
@@ -100,7 +100,7 @@ class View:
         return self.previous, self.current, self.next
 
     @property
-    def rests(self) -> bool:
+    def is_still(self) -> bool:
         """Whether the camera stands still around the frame."""
         return self.previous == self.current == self.next
 
@@ -111,7 +111,7 @@ class View:
         A camera that stops is seen as it was while it moved: nothing else has to be traced first, and the picture does
         not change when it stops.
         """
-        return self.is_pinhole and (self.roams or bool(self.walks) or not self.rests)
+        return self.is_pinhole and (self.is_dynamic or bool(self.walks) or not self.is_still)
 
     @property
     def is_pinhole(self) -> bool:

@@ -10,7 +10,6 @@ from __future__ import annotations
 import argparse
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
 
 from tiscene.sailenv.script_runner import ScriptAgent, agent_class, run_script
 
@@ -28,10 +27,8 @@ def main(arguments: Sequence[str] | None = None) -> None:
     script = Path(args.script)
     if not script.is_file():
         _parser().error(f"no file {args.script!r}")
-    names = ("quality", "spp", "seed", "incremental", "physics", "together", "world")
-    settings: dict[str, Any] = {name: value for name in names if (value := getattr(args, name)) is not None}
-    if args.strict:
-        settings["strict"] = True
+    names = ("quality", "spp", "seed", "incremental", "physics", "together", "world", "strict")
+    settings = {name: value for name in names if (value := getattr(args, name)) is not None}
     agent = agent_class(ScriptAgent, settings=settings, limit=args.frames)
     run_script(script, args.arguments, agent, headless=args.headless)
     if args.frames is not None and agent.frame_count >= args.frames:
@@ -56,7 +53,7 @@ def _parser() -> argparse.ArgumentParser:
     parser.add_argument(
         "--world", metavar="SCENE", help="a scene with rooms, such as home_01, that agents walk through"
     )
-    parser.add_argument("--strict", action="store_true", help="raise the errors that SAILenv prints")
+    parser.add_argument("--strict", action="store_true", default=None, help="raise the errors that SAILenv prints")
     parser.add_argument("script", metavar="SCRIPT", help="a Python file that imports sailenv")
     parser.add_argument("arguments", nargs=argparse.REMAINDER, help="arguments of the script")
     return parser

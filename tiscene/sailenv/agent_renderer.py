@@ -67,7 +67,7 @@ class AgentRenderer:
             agent.height,
             self._ambient_radiance(stream.exposure) if any(self._ambient) else (0.0, 0.0, 0.0),
             behind,
-            roams=True,
+            is_dynamic=True,
             walks=agent.walks,
         )
         needed = {buffer for name in views for buffer in frame_views.VIEWS[name].buffers}

@@ -141,7 +141,6 @@ class Environment(EnvironmentEdits):
             agent: The agent.
             room: The name of the room.
         """
-        self._ensure_scene()
         agent.walk_to(self._profile.room_start(room))
 
     def leave(self, agent: AgentCamera) -> None:
@@ -183,12 +182,10 @@ class Environment(EnvironmentEdits):
 
     def position(self, agent: AgentCamera) -> Vector3:
         """Return an agent's position, m."""
-        self._ensure_scene()
         return agent.pose(self._profile, self.clock)[0]
 
     def rotation(self, agent: AgentCamera) -> Vector3:
         """Return an agent's Euler angles, degrees: as they were set, or 0..360 on the camera track."""
-        self._ensure_scene()
         return agent.pose(self._profile, self.clock)[1]
 
     def set_pose(self, agent: AgentCamera, position: Vector3 | None = None, rotation: Vector3 | None = None) -> None:
@@ -202,12 +199,10 @@ class Environment(EnvironmentEdits):
         Raises:
             ArgumentError: A number is not finite or too large.
         """
-        self._ensure_scene()
         agent.set_pose(self._profile, self.clock, position, rotation)
 
     def toggle_follow(self, agent: AgentCamera) -> None:
         """Make an agent follow the camera track from its start, or stop where it is."""
-        self._ensure_scene()
         agent.toggle_follow(self._profile, self.clock)
 
     def set_background(self, agent: AgentCamera, color: Sequence[int]) -> None:
@@ -276,7 +271,6 @@ class Environment(EnvironmentEdits):
 
     def rooms(self) -> frozenset[str]:
         """Return the names of the rooms of the scene."""
-        self._ensure_scene()
         return frozenset(each.name for each in self._profile.rooms)
 
     def close(self) -> None:
@@ -296,6 +290,7 @@ class Environment(EnvironmentEdits):
 
     @property
     def _profile(self) -> SceneProfile:
+        self._ensure_scene()
         return self._session.profile
 
     def _advance_clock(self) -> None:

@@ -60,7 +60,7 @@ class EnvironmentEdits:
             LightNotFound, ArgumentError: The name or the value is invalid; nothing has changed then.
         """
         getattr(self.lights, f"set_{quantity}")(name, value)
-        self._mark_edited(agent)
+        agent.has_edited = True
 
     @property
     def ambient(self) -> Color8:
@@ -71,7 +71,7 @@ class EnvironmentEdits:
         """Set the color of the ambient light from the next frame on, 8-bit sRGB; values outside 0..255 are clipped."""
         self._ensure_scene()
         self._ambient = clipped(color)
-        self._mark_edited(agent)
+        agent.has_edited = True
 
     def spawn(
         self,
@@ -117,13 +117,13 @@ class EnvironmentEdits:
             scale=(x * scale[0], y * scale[1], z * scale[2]),
             frustum_limited=frustum_limited,
         )
-        self._mark_edited(agent)
+        agent.has_edited = True
         return str(number)
 
     def despawn(self, agent: AgentCamera, object_id: int) -> None:
         """Remove an object from the next frame on. Raises ObjectNotFound."""
         self.stream.world.despawn(object_id)
-        self._mark_edited(agent)
+        agent.has_edited = True
 
     def move(self, agent: AgentCamera, object_id: int, position: Vector3, rotation: Vector3) -> None:
         """Move an object, from the next frame on.
@@ -137,21 +137,17 @@ class EnvironmentEdits:
         Raises ObjectNotFound, and ScenarioError for invalid numbers.
         """
         self.stream.world.move(object_id, mirrored(bounded(position)), mirrored_euler(bounded(rotation)))
-        self._mark_edited(agent)
+        agent.has_edited = True
 
     def set_frustum_walls(self, agent: AgentCamera) -> None:
         """Put walls at the sides of an agent's view, up to its far plane; they follow the agent."""
         self._ensure_scene()
         self._walls = AgentWalls(agent, native_objects.Frustum())
-        self._mark_edited(agent)
+        agent.has_edited = True
 
     def _ensure_scene(self) -> None:
         """Start the first scene, unless a scene has been started."""
         raise NotImplementedError
-
-    def _mark_edited(self, agent: AgentCamera) -> None:
-        """Record that an agent has edited the world, so that its next frame is a new one."""
-        agent.has_edited = True
 
     def _template(self, name: str) -> tuple[str, Vector3]:
         """Return the catalog name of a template, or the file of an uploaded model, and the scale of SAILenv's size."""

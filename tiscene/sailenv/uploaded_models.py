@@ -31,20 +31,19 @@ _CHUNK = 1 << 16
 
 
 class UploadedModels:
-    """The uploaded models of one environment, by the paths that were returned to the clients."""
+    """The uploaded models of one environment, by the paths that were returned to the clients.
+
+    Attributes:
+        folder: The temporary folder of all models; None before the first upload.
+    """
 
     def __init__(self) -> None:
-        self._folder: Path | None = None
+        self.folder: Path | None = None
         self._delete: weakref.finalize[..., UploadedModels] | None = None
         self._files: dict[str, Path] = {}
         self._templates: dict[str, Path] = {}
         self._paths: dict[bytes, str] = {}  # by the digest of name and contents
         self._stored = 0  # bytes
-
-    @property
-    def folder(self) -> Path | None:
-        """The temporary folder of all models; None before the first upload."""
-        return self._folder
 
     def store(self, name: str, data: bytes) -> str:
         """Store an uploaded file.
@@ -72,11 +71,11 @@ class UploadedModels:
         size = len(data) + sum(map(len, members.values()))
         if len(self._files) >= MAX_FILES or self._stored + size > MAX_STORED:
             raise ArgumentError(f"{name!r}: the limits of an environment are {MAX_FILES} files and {MAX_STORED} bytes")
-        if self._folder is None:
-            self._folder = Path(tempfile.mkdtemp(prefix="tiscene-uploads-"))
+        if self.folder is None:
+            self.folder = Path(tempfile.mkdtemp(prefix="tiscene-uploads-"))
             # Scripts often do not delete their agents: the folder is then deleted with this object.
-            self._delete = weakref.finalize(self, shutil.rmtree, self._folder, ignore_errors=True)
-        folder = Path(tempfile.mkdtemp(prefix=f"{len(self._files):04d}-", dir=self._folder))
+            self._delete = weakref.finalize(self, shutil.rmtree, self.folder, ignore_errors=True)
+        folder = Path(tempfile.mkdtemp(prefix=f"{len(self._files):04d}-", dir=self.folder))
         path = folder / _safe_file_name(name)
         try:
             path.write_bytes(data)
@@ -117,7 +116,7 @@ class UploadedModels:
         """Delete all models and their folder."""
         if self._delete is not None:
             self._delete()
-        self._folder = self._delete = None
+        self.folder = self._delete = None
         self._stored = 0
         for table in (self._files, self._templates, self._paths):
             table.clear()

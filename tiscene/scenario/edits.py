@@ -7,8 +7,10 @@ import bisect
 import itertools
 from collections.abc import Sequence
 from dataclasses import dataclass, field
+from typing import Any, TypeVar
 
-from dynamics import Still, argument_checks
+from dynamics import Still
+from dynamics.argument_checks import index, positive, rotation, set_checked, text, vector
 from tiscene.errors import ScenarioError, scenario_errors
 from tiscene.scenario.lifespan_index import LifespanIndex
 from tiscene.scenario.objects import Frustum, Object
@@ -33,7 +35,7 @@ class Spawn:
 
     def __post_init__(self) -> None:
         with scenario_errors():
-            object.__setattr__(self, "frame", argument_checks.integer(self.frame, "frame", 0))
+            set_checked(self, frame=index)
             if getattr(self.object, "first_frame", None) != self.frame:
                 raise ScenarioError(
                     f"object: must be an Object whose first_frame is {self.frame}, the frame of its spawn"
@@ -57,8 +59,7 @@ class Despawn:
 
     def __post_init__(self) -> None:
         with scenario_errors():
-            object.__setattr__(self, "frame", argument_checks.integer(self.frame, "frame", 0))
-            argument_checks.text(self.id, "id")
+            set_checked(self, frame=index, id=text)
 
 
 @dataclass(frozen=True, slots=True)
@@ -83,10 +84,7 @@ class Move:
 
     def __post_init__(self) -> None:
         with scenario_errors():
-            object.__setattr__(self, "frame", argument_checks.integer(self.frame, "frame", 0))
-            argument_checks.text(self.id, "id")
-            object.__setattr__(self, "position", argument_checks.vector(self.position, "position"))
-            object.__setattr__(self, "rotation", argument_checks.rotation(self.rotation, "rotation"))
+            set_checked(self, frame=index, id=text, position=vector, rotation=rotation)
 
 
 @dataclass(frozen=True)
@@ -110,12 +108,12 @@ class SetFrustumWalls:
 
     def __post_init__(self) -> None:
         with scenario_errors():
-            object.__setattr__(self, "frame", argument_checks.integer(self.frame, "frame", 0))
+            set_checked(self, frame=index)
             if not isinstance(self.camera, Camera) or self.camera.dynamic is not None:
                 raise ScenarioError(
                     f"camera={self.camera!r}: must be a Camera without a dynamic; to move walls, set them again"
                 )
-            object.__setattr__(self, "aspect", argument_checks.positive(self.aspect, "aspect"))
+            set_checked(self, aspect=positive)
 
 
 @dataclass(frozen=True)
@@ -139,16 +137,26 @@ class PlaceCamera:
 
     def __post_init__(self) -> None:
         with scenario_errors():
-            object.__setattr__(self, "frame", argument_checks.integer(self.frame, "frame", 0))
-            argument_checks.text(self.camera, "camera")
-            object.__setattr__(self, "position", argument_checks.vector(self.position, "position"))
-            rotation = argument_checks.rotation(self.rotation, "rotation")
-            if len(rotation) != 4:
-                raise ScenarioError(f"rotation={self.rotation!r}: must be a quaternion (w, x, y, z)")
-            object.__setattr__(self, "rotation", rotation)
+            set_checked(self, frame=index, camera=text, position=vector, rotation=_quaternion)
+
+
+def _quaternion(value: Any, name: str) -> tuple[float, ...]:
+    quaternion = rotation(value, name)
+    if len(quaternion) != 4:
+        raise ScenarioError(f"{name}={value!r}: must be a quaternion (w, x, y, z)")
+    return quaternion
 
 
 Edit = Spawn | Despawn | Move | SetFrustumWalls | PlaceCamera
+
+
+AnyEdit = TypeVar("AnyEdit", Move, PlaceCamera)
+
+
+def _last(edits: Sequence[AnyEdit], frame: int) -> AnyEdit | None:
+    """Return the last of some edits, given by ascending frames, up to a frame; None: there is none."""
+    done = bisect.bisect_right(edits, frame, key=lambda edit: edit.frame)
+    return edits[done - 1] if done else None
 
 
 @dataclass(eq=False, slots=True)
@@ -183,8 +191,7 @@ class ObjectHistory:
 
     def move(self, frame: int) -> Move | None:
         """Return the last move up to a frame; None: there is none."""
-        done = bisect.bisect_right(self.moves, frame, key=lambda move: move.frame)
-        return self.moves[done - 1] if done else None
+        return _last(self.moves, frame)
 
     def is_static(self, as_of: int) -> bool:
         """Return whether, as of a frame, it is alive for ever and never moves; True before its spawn.
@@ -221,8 +228,7 @@ class StageObjectHistory:
 
     def move(self, frame: int, as_of: int) -> Move | None:
         """Return the last move up to a frame, as known at `as_of`; None: it has its authored pose."""
-        done = bisect.bisect_right(self.moves, min(frame, as_of), key=lambda move: move.frame)
-        return self.moves[done - 1] if done else None
+        return _last(self.moves, min(frame, as_of))
 
     def is_static(self, as_of: int) -> bool:
         """Return whether no edit up to a frame has removed it, or moved it after frame 0."""
@@ -244,8 +250,7 @@ class CameraHistory:
 
     def at(self, frame: int) -> PlaceCamera | None:
         """Return the last placement up to a frame; None: there is none."""
-        done = bisect.bisect_right(self.placements, frame, key=lambda placement: placement.frame)
-        return self.placements[done - 1] if done else None
+        return _last(self.placements, frame)
 
     def walks(self, frame: int) -> Axes:
         """Return along which axes placements up to a frame are steps from others."""
@@ -272,8 +277,8 @@ class EditLog:
 
     Attributes:
         edits: all edits.
-        lives: histories of all objects, spawned ones last.
-        stage: histories of edited objects of the stage, by prim path.
+        histories: histories of all objects, spawned ones last.
+        stage_histories: histories of edited objects of the stage, by prim path.
         enclosures: effective replacements of the walls, by frame.
         cameras: histories of placed cameras, by name.
 
@@ -281,10 +286,10 @@ class EditLog:
         ScenarioError: an edit is impossible.
     """
 
-    def __init__(self, objects: Sequence[Object], edits: Sequence[Edit] = ()) -> None:
+    def __init__(self, objects: Sequence[Object], edits: Sequence[Edit]) -> None:
         self.edits: list[Edit] = []
-        self.lives = [ObjectHistory(each) for each in objects]
-        self.stage: dict[str, StageObjectHistory] = {}
+        self.histories = [ObjectHistory(each) for each in objects]
+        self.stage_histories: dict[str, StageObjectHistory] = {}
         self.enclosures: list[SetFrustumWalls] = []
         self.cameras: dict[str, CameraHistory] = {}
         self._rows = {each.id: row for row, each in enumerate(objects)}
@@ -294,16 +299,20 @@ class EditLog:
             self.add(edit)
 
     def row(self, id: str) -> int | None:
-        """Return the row of an object in `lives`; None for objects of the stage."""
+        """Return the row of an object in `histories`; None for objects of the stage."""
         return self._rows.get(id)
 
     def around(self, frame: int) -> tuple[int, ...]:
-        """Return the rows in `lives` of the objects that have to do with a frame, in ascending order.
+        """Return the rows in `histories` of the objects that have to do with a frame, in ascending order.
 
         These are the spawned objects that are alive at the frame or at the one before it, and all objects that the
         scenario has without edits: their rows are the same at all frames.
         """
         return *self._unspawned, *self._spawned.at(frame)
+
+    def alive(self, frame: int) -> list[int]:
+        """Return the rows in `histories` of the objects that are alive at a frame, in ascending order."""
+        return [row for row in self.around(frame) if self.histories[row].alive(frame, as_of=frame)]
 
     def camera(self, name: str, frame: int) -> PlaceCamera | None:
         """Return the last placement of a camera up to a frame; None: there is none."""
@@ -327,12 +336,12 @@ class EditLog:
         elif isinstance(edit, Spawn):
             if edit.object.id in self._rows:
                 raise ScenarioError(f"{where}: the id {edit.object.id!r} is taken; ids are not reused")
-            row = self._rows[edit.object.id] = len(self.lives)
-            self.lives.append(ObjectHistory(edit.object, spawned=edit.frame))
-            self._spawned.add(row, *_relevant(self.lives[row]))
+            row = self._rows[edit.object.id] = len(self.histories)
+            self.histories.append(ObjectHistory(edit.object, spawned=edit.frame))
+            self._spawned.add(row, *_relevant(self.histories[row]))
         elif edit.id in self._rows:
             row = self._rows[edit.id]
-            history = self.lives[row]
+            history = self.histories[row]
             if not history.alive(edit.frame, edit.frame):
                 raise ScenarioError(f"{where}: the object {edit.id!r} is not alive at frame {edit.frame}")
             if isinstance(edit, Despawn) and history.spawned is not None:
@@ -342,11 +351,11 @@ class EditLog:
             else:
                 _extend(history, edit)
         elif edit.id.startswith("/"):
-            stage_history = self.stage.get(edit.id) or StageObjectHistory()
+            stage_history = self.stage_histories.get(edit.id) or StageObjectHistory()
             if not stage_history.alive(edit.frame, edit.frame):
                 raise ScenarioError(f"{where}: {edit.id!r} is not alive at frame {edit.frame}")
             _extend(stage_history, edit)
-            self.stage[edit.id] = stage_history
+            self.stage_histories[edit.id] = stage_history
         else:
             raise ScenarioError(f"{where}: no object {edit.id!r} exists before this edit")
         self.edits.append(edit)

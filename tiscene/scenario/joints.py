@@ -9,14 +9,26 @@ distance joint bounds the distance of the origins.
 
 from __future__ import annotations
 
-from collections.abc import Collection, Sequence
+from collections.abc import Collection
 from dataclasses import dataclass
 from typing import Any
 
-from dynamics import RigidBody, argument_checks
+from dynamics import RigidBody
+from dynamics.argument_checks import (
+    choice,
+    flag,
+    not_negative,
+    number,
+    optional,
+    positive,
+    rotation,
+    set_checked,
+    text,
+    vector,
+)
 from dynamics.joint_loops import closing_joints
 from tiscene.errors import ScenarioError, scenario_errors
-from tiscene.scenario.objects import Object
+from tiscene.scenario.objects import Object, check_each
 from tiscene.scene.camera import Vector3
 
 AXES = ("X", "Y", "Z")
@@ -50,16 +62,11 @@ class Joint:
 
     def __post_init__(self) -> None:
         with scenario_errors():
-            argument_checks.text(self.body, "body")
-            if self.parent is not None and argument_checks.text(self.parent, "parent") == self.body:
+            set_checked(self, body=text, parent=optional(text))
+            if self.parent == self.body:
                 raise ScenarioError(f"parent={self.parent!r}: must be another object than body")
-            for name in ("position", "parent_position"):
-                if getattr(self, name) is not None:
-                    object.__setattr__(self, name, argument_checks.vector(getattr(self, name), name))
-            for name in ("rotation", "parent_rotation"):
-                if getattr(self, name) is not None:
-                    object.__setattr__(self, name, argument_checks.rotation(getattr(self, name), name))
-            argument_checks.flag(self.collide, "collide")
+            set_checked(self, position=vector, parent_position=optional(vector))
+            set_checked(self, rotation=rotation, parent_rotation=optional(rotation), collide=flag)
 
 
 @dataclass(frozen=True)
@@ -84,10 +91,8 @@ class AxialJoint(Joint):
     def __post_init__(self) -> None:
         super().__post_init__()
         with scenario_errors():
-            argument_checks.choice(self.axis, "axis", AXES)
-            for name in ("lower_limit", "upper_limit"):
-                if getattr(self, name) is not None:
-                    object.__setattr__(self, name, argument_checks.number(getattr(self, name), name))
+            choice(self.axis, "axis", AXES)
+            set_checked(self, lower_limit=optional(number), upper_limit=optional(number))
             low, high = self.lower_limit, self.upper_limit
             if low is not None and high is not None and low > high:
                 raise ScenarioError(f"lower_limit={low!r}: must not be greater than upper_limit={high!r}")
@@ -144,13 +149,10 @@ class DistanceJoint(Joint):
         with scenario_errors():
             if self.max_distance is None and self.min_distance == 0:
                 raise ScenarioError("max_distance: is missing; give it, min_distance or both")
-            least = argument_checks.not_negative(self.min_distance, "min_distance")
-            object.__setattr__(self, "min_distance", least)
-            if self.max_distance is not None:
-                most = argument_checks.positive(self.max_distance, "max_distance")
-                object.__setattr__(self, "max_distance", most)
-                if most < least:
-                    raise ScenarioError(f"max_distance={most!r}: must be at least min_distance={least!r}")
+            set_checked(self, min_distance=not_negative, max_distance=optional(positive))
+            least, most = self.min_distance, self.max_distance
+            if most is not None and most < least:
+                raise ScenarioError(f"max_distance={most!r}: must be at least min_distance={least!r}")
 
 
 def check_joints(value: Any, objects: Collection[Object]) -> tuple[Joint, ...]:
@@ -163,12 +165,12 @@ def check_joints(value: Any, objects: Collection[Object]) -> tuple[Joint, ...]:
     Raises:
         ScenarioError: a joint is invalid; the message names it.
     """
-    if isinstance(value, str) or not isinstance(value, Sequence):
-        raise ScenarioError(f"joints={value!r}: must be a sequence of joints, such as RevoluteJoint(...)")
+    example = "such as RevoluteJoint(...)"
+    joints = check_each(value, "joints", Joint, f"joints, {example}", f"a joint, {example}")
     rigid = {each.id: isinstance(each.dynamic, RigidBody) for each in objects}
-    for row, each in enumerate(value):
-        if not isinstance(each, Joint) or type(each) in (Joint, AxialJoint):
-            raise ScenarioError(f"joints[{row}]={each!r}: must be a joint, such as RevoluteJoint(...)")
+    for row, each in enumerate(joints):
+        if type(each) in (Joint, AxialJoint):
+            raise ScenarioError(f"joints[{row}]={each!r}: must be a joint, {example}")
         for name, id in (("body", each.body), ("parent", each.parent)):
             if id is not None and id not in rigid:
                 raise ScenarioError(f"joints[{row}].{name}={id!r}: there is no object with this id")
@@ -177,9 +179,9 @@ def check_joints(value: Any, objects: Collection[Object]) -> tuple[Joint, ...]:
                 f"joints[{row}]: neither {each.body!r} nor its parent is a rigid body; give one of them "
                 "dynamic=RigidBody(), or the scenario physics=True"
             )
-    ends = [tuple(id if id is not None and rigid[id] else None for id in (each.body, each.parent)) for each in value]
-    for row in closing_joints(ends, [isinstance(each, DistanceJoint) for each in value]):
-        each = value[row]
+    ends = [tuple(id if id is not None and rigid[id] else None for id in (each.body, each.parent)) for each in joints]
+    for row in closing_joints(ends, [isinstance(each, DistanceJoint) for each in joints]):
+        each = joints[row]
         if isinstance(each, AxialJoint) and (
             isinstance(each, PrismaticJoint) or each.lower_limit is not None or each.upper_limit is not None
         ):
@@ -187,4 +189,4 @@ def check_joints(value: Any, objects: Collection[Object]) -> tuple[Joint, ...]:
                 f"joints[{row}]: its objects are connected already, by other joints or by the world; there, "
                 "prismatic joints and limits are not supported. List this joint before the others"
             )
-    return tuple(value)
+    return joints

@@ -11,7 +11,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from dynamics import Dynamic, argument_checks
+from dynamics import Dynamic
+from dynamics.argument_checks import flag, numbers, set_checked, text, vectors
 from tiscene.errors import ScenarioError, scenario_errors
 
 Color = tuple[float, float, float]
@@ -46,14 +47,10 @@ class LightMotion:
 
     def __post_init__(self) -> None:
         with scenario_errors():
-            argument_checks.text(self.light, "light")
+            text(self.light, "light")
             if not isinstance(self.dynamic, Dynamic | None):
                 raise ScenarioError(f"dynamic={self.dynamic!r}: must be a dynamic, such as Orbit(...), or None")
-            for name in ("times", "intensity"):
-                object.__setattr__(self, name, argument_checks.numbers(getattr(self, name), name))
-            for name in ("color", "radiance"):
-                object.__setattr__(self, name, argument_checks.vectors(getattr(self, name), name))
-            argument_checks.flag(self.repeat, "repeat")
+            set_checked(self, times=numbers, intensity=numbers, color=vectors, radiance=vectors, repeat=flag)
             self._check_values()
 
     def _check_values(self) -> None:

@@ -3,11 +3,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from numbers import Real
 from typing import Any
 
-from dynamics import Dynamic, RigidBody, Still, argument_checks
+from dynamics import Dynamic, RigidBody, Still
+from dynamics.argument_checks import flag, index, number, optional, rotation, set_checked, text, vector
 from tiscene.errors import ScenarioError, scenario_errors
 from tiscene.scene.camera import Vector3
 
@@ -46,21 +48,14 @@ class Object:
 
     def __post_init__(self) -> None:
         with scenario_errors():
-            argument_checks.text(self.id, "id")
-            object.__setattr__(self, "template", argument_checks.text(self.template, "template"))
-            object.__setattr__(self, "position", argument_checks.vector(self.position, "position"))
-            object.__setattr__(self, "rotation", argument_checks.rotation(self.rotation, "rotation"))
+            set_checked(self, id=text, template=text, position=vector, rotation=rotation)
             check_dynamic(self.dynamic, "dynamic")
-            object.__setattr__(self, "first_frame", argument_checks.integer(self.first_frame, "first_frame", 0))
-            if self.last_frame is not None:
-                object.__setattr__(self, "last_frame", argument_checks.integer(self.last_frame, "last_frame", 0))
-                if self.last_frame < self.first_frame:
-                    raise ScenarioError(
-                        f"last_frame={self.last_frame} is before first_frame={self.first_frame}; both are inclusive"
-                    )
-            argument_checks.flag(self.frustum_limited, "frustum_limited")
-            argument_checks.flag(self.collide, "collide")
-            object.__setattr__(self, "scale", _check_scale(self.scale))
+            set_checked(self, first_frame=index, last_frame=optional(index))
+            if self.last_frame is not None and self.last_frame < self.first_frame:
+                raise ScenarioError(
+                    f"last_frame={self.last_frame} is before first_frame={self.first_frame}; both are inclusive"
+                )
+            set_checked(self, frustum_limited=flag, collide=flag, scale=_scale)
 
     def alive(self, frame: int) -> bool:
         """Return whether the object is alive at a frame, without regard to edits."""
@@ -79,10 +74,7 @@ class Frustum:
 
     def __post_init__(self) -> None:
         with scenario_errors():
-            far = argument_checks.number(self.far, "far")
-            if far <= 0.0 and far != -1.0:
-                raise ScenarioError(f"far={self.far!r}: must be greater than 0, or -1 for the camera's own")
-            object.__setattr__(self, "far", far)
+            set_checked(self, far=_far)
 
 
 def path_of(each: Object) -> Dynamic:
@@ -96,9 +88,34 @@ def check_dynamic(value: Any, name: str) -> None:
         raise ScenarioError(f"{name}={value!r}: must be a dynamic{hint}, such as CatmullWaypoints(...), or None")
 
 
-def _check_scale(value: Any) -> Vector3:
+def check_each(value: Any, name: str, kinds: Any, several: str, one: str) -> tuple[Any, ...]:
+    """Return a sequence of instances as a tuple.
+
+    Args:
+        value: the sequence.
+        name: of the argument, for error messages.
+        kinds: the class of each, or classes.
+        several: what the sequence must be of, for error messages.
+        one: what each must be, for error messages.
+    """
+    if isinstance(value, str) or not isinstance(value, Sequence):
+        raise ScenarioError(f"{name}={value!r}: must be a sequence of {several}")
+    for row, each in enumerate(value):
+        if not isinstance(each, kinds):
+            raise ScenarioError(f"{name}[{row}]={each!r}: must be {one}")
+    return tuple(value)
+
+
+def _far(value: Any, name: str) -> float:
+    far = number(value, name)
+    if far <= 0.0 and far != -1.0:
+        raise ScenarioError(f"{name}={value!r}: must be greater than 0, or -1 for the camera's own")
+    return far
+
+
+def _scale(value: Any, name: str) -> Vector3:
     one = isinstance(value, Real) and not isinstance(value, bool)
-    scale = argument_checks.vector((value,) * 3 if one else value, "scale")
+    scale = vector((value,) * 3 if one else value, name)
     if min(scale) <= 0.0:
-        raise ScenarioError(f"scale={value!r}: must be greater than 0")
+        raise ScenarioError(f"{name}={value!r}: must be greater than 0")
     return scale

@@ -8,8 +8,9 @@ rendered, and is no event. Edits (`tiscene.scenario.edits`) change a stream whil
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
-from dynamics import argument_checks
+from dynamics.argument_checks import flag, not_negative, number, optional, positive, rotation, set_checked, text, vector
 from tiscene.errors import ScenarioError, scenario_errors
 from tiscene.scene.camera import Quaternion, Vector3
 
@@ -39,11 +40,7 @@ class LightOverride:
 
     def __post_init__(self) -> None:
         with scenario_errors():
-            argument_checks.text(self.prim, "prim")
-            object.__setattr__(self, "intensity", argument_checks.not_negative(self.intensity, "intensity"))
-            object.__setattr__(self, "color", _factors(self.color, "color"))
-            for name in ("pitch", "yaw"):
-                object.__setattr__(self, name, argument_checks.number(getattr(self, name), name))
+            set_checked(self, prim=text, intensity=not_negative, color=_factors, pitch=number, yaw=number)
 
 
 @dataclass(frozen=True)
@@ -71,16 +68,8 @@ class MaterialOverride:
 
     def __post_init__(self) -> None:
         with scenario_errors():
-            argument_checks.text(self.prim, "prim")
-            if self.like is not None:
-                argument_checks.text(self.like, "like")
-            if self.color is not None:
-                object.__setattr__(self, "color", _factors(self.color, "color", most=1.0))
-            object.__setattr__(self, "tint", _factors(self.tint, "tint"))
-            for name in ("roughness", "metallic"):
-                value = getattr(self, name)
-                if value is not None:
-                    object.__setattr__(self, name, _factors((value,) * 3, name, most=1.0)[0])
+            set_checked(self, prim=text, like=optional(text), color=optional(_fractions), tint=_factors)
+            set_checked(self, roughness=optional(_fraction), metallic=optional(_fraction))
 
 
 @dataclass(frozen=True)
@@ -104,9 +93,7 @@ class ObjectOverride:
 
     def __post_init__(self) -> None:
         with scenario_errors():
-            argument_checks.text(self.prim, "prim")
-            _set_pose(self)
-            argument_checks.flag(self.visible, "visible")
+            set_checked(self, prim=text, position=optional(vector), rotation=optional(rotation), visible=flag)
 
 
 @dataclass(frozen=True)
@@ -136,12 +123,9 @@ class CameraOverride:
         with scenario_errors():
             if not isinstance(self.prim, str):
                 raise ScenarioError(f"prim={self.prim!r}: must be the name of a camera")
-            _set_pose(self)
-            for name, least in (("vertical_fov", 0.0), ("lens_radius", None), ("focus_distance", 0.0)):
-                value = getattr(self, name)
-                if value is not None:
-                    check = argument_checks.not_negative if least is None else argument_checks.positive
-                    object.__setattr__(self, name, check(value, name))
+            set_checked(self, position=optional(vector), rotation=optional(rotation))
+            set_checked(self, vertical_fov=optional(positive))
+            set_checked(self, lens_radius=optional(not_negative), focus_distance=optional(positive))
             if self.vertical_fov is not None and self.vertical_fov >= 3.14159:
                 raise ScenarioError(f"vertical_fov={self.vertical_fov!r}: must lie between 0 and pi radians")
 
@@ -149,17 +133,22 @@ class CameraOverride:
 Override = LightOverride | MaterialOverride | ObjectOverride | CameraOverride
 
 
-def _factors(value: Color, name: str, most: float | None = None) -> Color:
-    red, green, blue = argument_checks.vector(value, name)
-    low, high = min(red, green, blue), max(red, green, blue)
-    if low < 0.0 or (most is not None and high > most):
-        limits = "must be 0 or more" if most is None else f"must lie within 0..{most:g}"
-        raise ScenarioError(f"{name}={value!r}: {limits}")
-    return (red, green, blue)
+def _factors(value: Any, name: str) -> Color:
+    color = vector(value, name)
+    if min(color) < 0.0:
+        raise ScenarioError(f"{name}={value!r}: must be 0 or more")
+    return color
 
 
-def _set_pose(override: ObjectOverride | CameraOverride) -> None:
-    if override.position is not None:
-        object.__setattr__(override, "position", argument_checks.vector(override.position, "position"))
-    if override.rotation is not None:
-        object.__setattr__(override, "rotation", argument_checks.rotation(override.rotation, "rotation"))
+def _fractions(value: Any, name: str) -> Color:
+    color = vector(value, name)
+    if min(color) < 0.0 or max(color) > 1.0:
+        raise ScenarioError(f"{name}={value!r}: must lie within 0..1")
+    return color
+
+
+def _fraction(value: Any, name: str) -> float:
+    fraction = number(value, name)
+    if not 0.0 <= fraction <= 1.0:
+        raise ScenarioError(f"{name}={value!r}: must lie within 0..1")
+    return fraction

@@ -22,11 +22,12 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
-from dynamics import AllTogether, RigidBody, Timing, argument_checks
+from dynamics import AllTogether, RigidBody, Timing
+from dynamics.argument_checks import flag, number, set_checked, text
 from tiscene import catalog
 from tiscene.errors import ArgumentError, ScenarioError, scenario_errors
 from tiscene.scenario import serialization
-from tiscene.scenario.edits import Edit, EditLog, ObjectHistory, Spawn, StageObjectHistory
+from tiscene.scenario.edits import Edit, EditLog, Spawn
 from tiscene.scenario.joints import Joint, check_joints
 from tiscene.scenario.light_motion import LightMotion
 from tiscene.scenario.objects import Frustum, Object, path_of
@@ -94,41 +95,31 @@ class Scenario:
     def __post_init__(self) -> None:
         scene = os.fspath(self.scene) if isinstance(self.scene, os.PathLike) else self.scene
         with scenario_errors():
-            object.__setattr__(self, "scene", argument_checks.text(scene, "scene"))
-            objects = check_objects(self.objects)
-            if argument_checks.flag(self.physics, "physics"):
-                objects = tuple(replace(each, dynamic=each.dynamic or RigidBody()) for each in objects)
-            object.__setattr__(self, "objects", objects)
+            object.__setattr__(self, "scene", text(scene, "scene"))
+            set_checked(self, objects=check_objects, physics=flag)
+            if self.physics:
+                rigid = tuple(replace(each, dynamic=each.dynamic or RigidBody()) for each in self.objects)
+                object.__setattr__(self, "objects", rigid)
             if not isinstance(self.timings, Timing):
                 raise ScenarioError(f"timings={self.timings!r}: must be a timing, such as AllTogether(0.75)")
             if not isinstance(self.frustum, Frustum | None):
                 raise ScenarioError(f"frustum={self.frustum!r}: must be a Frustum or None")
-            object.__setattr__(self, "camera", check_cameras(self.camera))
+            set_checked(self, camera=check_cameras)
             try:
                 self.timings.windows([(each.id, path_of(each)) for each in self.objects])
             except ValueError as error:
                 raise ScenarioError(f"timings: {error}") from error
-            object.__setattr__(self, "edits", check_edits(self.edits))
+            set_checked(self, edits=check_edits)
             spawned = [each.object for each in self.edits if isinstance(each, Spawn)]
             object.__setattr__(self, "joints", check_joints(self.joints, [*self.objects, *spawned]))
-            object.__setattr__(self, "lights", check_lights(self.lights))
-            object.__setattr__(self, "variants", check_variants(self.variants))
-            object.__setattr__(self, "overrides", check_overrides(self.overrides))
-            stops = argument_checks.number(self.exposure_compensation, "exposure_compensation")
-            if abs(stops) > MAX_STOPS:
+            set_checked(self, lights=check_lights, variants=check_variants, overrides=check_overrides)
+            set_checked(self, exposure_compensation=number)
+            if abs(self.exposure_compensation) > MAX_STOPS:
                 raise ScenarioError(
-                    f"exposure_compensation={stops!r}: must be from -{MAX_STOPS:g} to {MAX_STOPS:g} stops"
+                    f"exposure_compensation={self.exposure_compensation!r}: must be from -{MAX_STOPS:g} to "
+                    f"{MAX_STOPS:g} stops"
                 )
-            object.__setattr__(self, "exposure_compensation", stops)
             self.log()
-
-    def lives(self) -> list[ObjectHistory]:
-        """Return the histories of all objects, spawned ones last, in the order of their spawns."""
-        return self.log().lives
-
-    def stage_lives(self) -> dict[str, StageObjectHistory]:
-        """Return the histories of edited objects of the stage, by prim path."""
-        return self.log().stage
 
     def log(self) -> EditLog:
         """Return the edit log: the histories of all objects, to which further edits can be added."""
@@ -327,7 +318,7 @@ class Scenario:
             loaded = cls.from_json(content)
             if camera is None:
                 return loaded
-            cameras = check_cameras(camera)
+            cameras = check_cameras(camera, "camera")
             moving = {name: cls.from_json(content | {"camera": each}).camera for name, each in authored.cameras.items()}
             if isinstance(cameras, tuple):
                 return replace(loaded, camera=tuple(_played(each, moving) for each in cameras))

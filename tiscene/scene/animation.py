@@ -33,7 +33,19 @@ class Deformation:
     def at(self, seconds: float) -> tuple[NDArray[np.float32], NDArray[np.float32] | None]:
         """Return positions and normals, [n, 3] each; normals are not unit between samples."""
         row, t = between(self.times, seconds)
-        return _mixed(self.positions, row, t), None if self.normals is None else _mixed(self.normals, row, t)
+        positions, normals = self.sample(row)
+        if t == 0.0:
+            return positions, normals
+        later, later_normals = self.sample(row + 1)
+        moved: NDArray[np.float32] = positions + np.float32(t) * (later - positions)
+        if normals is None or later_normals is None:
+            return moved, None
+        turned: NDArray[np.float32] = normals + np.float32(t) * (later_normals - normals)
+        return moved, turned
+
+    def sample(self, row: int) -> tuple[NDArray[np.float32], NDArray[np.float32] | None]:
+        """Return positions [n, 3], m, and unit normals [n, 3] at a sample."""
+        return self.positions[row], None if self.normals is None else self.normals[row]
 
     def corners(self) -> NDArray[np.float32]:
         """Return points [k, 3] whose convex hull holds the mesh at all times."""
@@ -81,14 +93,6 @@ def between(times: NDArray[np.float64], seconds: float) -> tuple[int, float]:
     if t > 1.0 - _TOLERANCE:
         return row + 1, 0.0
     return row, t if t > _TOLERANCE else 0.0
-
-
-def _mixed(samples: NDArray[np.float32], row: int, t: float) -> NDArray[np.float32]:
-    if t == 0.0:
-        start: NDArray[np.float32] = samples[row]
-        return start
-    result: NDArray[np.float32] = samples[row] + np.float32(t) * (samples[row + 1] - samples[row])
-    return result
 
 
 def interpolated(a: NDArray[np.float64], b: NDArray[np.float64], t: float) -> NDArray[np.float64]:

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from tiscene.scene.affine_maps import with_origin
 from tiscene.scene.animation import polar
 from tiscene.scene.camera import Vector3
-from tiscene.scene.description import Matrix, SceneDescription, SceneObject, mesh_boxes
+from tiscene.scene.description import Matrix, SceneDescription, SceneObject
 
 MIN_EXTENT = 1e-4  # m, of an object's bounding box along each axis, so that the transform into the box is invertible
 
@@ -40,14 +40,8 @@ def joined(parts: Sequence[ObjectParts]) -> ObjectParts:
     """Concatenate tables."""
     none = np.zeros(0, np.int32)
     empty = ObjectParts(none, none, np.zeros((0, 3, 4)), np.zeros((0, 3, 4)), none)
-    tables = [empty, *parts]
-    return ObjectParts(
-        np.concatenate([each.mesh for each in tables]),
-        np.concatenate([each.owner for each in tables]),
-        np.concatenate([each.matrix for each in tables]),
-        np.concatenate([each.box_from_mesh for each in tables]),
-        np.concatenate([each.number for each in tables]),
-    )
+    columns = zip(*(vars(each).values() for each in (empty, *parts)), strict=True)
+    return ObjectParts(*map(np.concatenate, columns))
 
 
 def rigid(matrices: Matrix) -> Matrix:
@@ -69,13 +63,6 @@ def object_matrices(description: SceneDescription) -> Matrix:
         if whole.world_from_object is not None:
             result[row] = whole.world_from_object
     return result
-
-
-def bounding_box(description: SceneDescription, meshes: Sequence[int], matrices: Sequence[Matrix]) -> Matrix:
-    """Return the bounding box of meshes, each transformed by its 4x4 matrix: [2, 3], m; zeros if there are none."""
-    boxes = mesh_boxes(description.meshes, meshes, np.array(matrices).reshape(-1, 4, 4))
-    low, high = boxes[:, 0].min(axis=0, initial=np.inf), boxes[:, 1].max(axis=0, initial=-np.inf)
-    return np.stack([low, high]) if np.isfinite(low).all() else np.zeros((2, 3))
 
 
 def box_matrices(boxes: Matrix, matrices: Matrix) -> Matrix:

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from dynamics.rotation import matrix_from_quaternion
 from tiscene.errors import ArgumentError
+from tiscene.scene.animation import quaternions
 
 Vector3 = tuple[float, float, float]
 Quaternion = tuple[float, float, float, float]
@@ -275,24 +276,5 @@ def _are_numbers(values: Any, count: int) -> bool:
 
 def quaternion_from_matrix(matrix: NDArray[np.float64]) -> Quaternion:
     """Return the unit quaternion (w, x, y, z), w >= 0, of a 3x3 rotation, from its largest component."""
-    m = np.asarray(matrix, dtype=np.float64)
-    squares = np.array(
-        [
-            1 + m[0, 0] + m[1, 1] + m[2, 2],
-            1 + m[0, 0] - m[1, 1] - m[2, 2],
-            1 - m[0, 0] + m[1, 1] - m[2, 2],
-            1 - m[0, 0] - m[1, 1] + m[2, 2],
-        ]
-    )
-    rows = (
-        (squares[0], m[2, 1] - m[1, 2], m[0, 2] - m[2, 0], m[1, 0] - m[0, 1]),
-        (m[2, 1] - m[1, 2], squares[1], m[1, 0] + m[0, 1], m[0, 2] + m[2, 0]),
-        (m[0, 2] - m[2, 0], m[1, 0] + m[0, 1], squares[2], m[2, 1] + m[1, 2]),
-        (m[1, 0] - m[0, 1], m[0, 2] + m[2, 0], m[2, 1] + m[1, 2], squares[3]),
-    )
-    quaternion = np.array(rows[int(np.argmax(squares))])
-    quaternion /= np.linalg.norm(quaternion)
-    if quaternion[0] < 0.0:
-        quaternion = -quaternion
-    w, x, y, z = quaternion.tolist()
+    w, x, y, z = quaternions(np.asarray(matrix, dtype=np.float64)[None])[0].tolist()
     return (w, x, y, z)

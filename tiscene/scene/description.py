@@ -72,6 +72,7 @@ __all__ = [
     "Template",
     "Texture",
     "TextureLookup",
+    "bounding_box",
     "mesh_boxes",
 ]
 
@@ -244,12 +245,8 @@ class SceneDescription:
 
     def bounds(self) -> NDArray[np.float64]:
         """Return the bounding box of all instances, [2, 3]: lowest and highest corner, m; zeros if there are none."""
-        if not self.instances:
-            return np.zeros((2, 3))
-        matrices = np.array([instance.world_from_object for instance in self.instances])
-        every = mesh_boxes(self.meshes, [instance.mesh for instance in self.instances], matrices)
-        low, high = every[:, 0].min(axis=0), every[:, 1].max(axis=0)
-        return np.stack([low, high]) if np.isfinite(low).all() else np.zeros((2, 3))
+        matrices = [each.world_from_object for each in self.instances]
+        return bounding_box(self, [each.mesh for each in self.instances], matrices)
 
 
 def mesh_boxes(meshes: Sequence[Mesh], rows: Sequence[int], matrices: Matrix) -> NDArray[np.float64]:
@@ -277,6 +274,15 @@ def mesh_boxes(meshes: Sequence[Mesh], rows: Sequence[int], matrices: Matrix) ->
             result[batch, 0] = mapped.min(axis=2) + matrices[batch, :3, 3]
             result[batch, 1] = mapped.max(axis=2) + matrices[batch, :3, 3]
     return result
+
+
+def bounding_box(
+    description: SceneDescription, meshes: Sequence[int], matrices: Sequence[Matrix]
+) -> NDArray[np.float64]:
+    """Return the bounding box of meshes, each transformed by its 4x4 matrix: [2, 3], m; zeros if there are none."""
+    boxes = mesh_boxes(description.meshes, meshes, np.array(matrices).reshape(-1, 4, 4))
+    low, high = boxes[:, 0].min(axis=0, initial=np.inf), boxes[:, 1].max(axis=0, initial=-np.inf)
+    return np.stack([low, high]) if np.isfinite(low).all() else np.zeros((2, 3))
 
 
 @dataclass(frozen=True, eq=False)

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from tiscene.scene.animation import Deformation, between
+from tiscene.scene.animation import Deformation
 
 Floats = NDArray[np.float64]
 _KEPT = 3  # shapes kept of each mesh: frames k - 1, k and k + 1 share samples
@@ -259,19 +259,6 @@ class SkinnedDeformation(Deformation):
         while len(shapes) > _KEPT:
             del shapes[next(iter(shapes))]
         return found
-
-    def at(self, seconds: float) -> tuple[NDArray[np.float32], NDArray[np.float32] | None]:
-        """Return positions and normals, [n, 3] each; normals are not unit between samples."""
-        row, t = between(self.times, seconds)
-        positions, normals = self.sample(row)
-        if t == 0.0:
-            return positions, normals
-        later, later_normals = self.sample(row + 1)
-        moved = positions + np.float32(t) * (later - positions)
-        if normals is None or later_normals is None:
-            return moved, None
-        turned: NDArray[np.float32] = normals + np.float32(t) * (later_normals - normals)
-        return moved, turned
 
     def corners(self) -> NDArray[np.float32]:
         """Return the corners [8, 3] of a box that holds the mesh at all times."""

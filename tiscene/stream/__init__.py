@@ -11,7 +11,7 @@
     shutter         sample times while the shutter is open (motion blur)
     fixed_settings  settings that cannot be changed
     stage_cache     stages that were read last
-    warm_trees      trees of those stages
+    bvh_cache       trees of those stages
     render_ahead    render the next frames in a worker process
     loaders         data sets of PyTorch, Grain and Hugging Face
     stream_output   methods for USD programs and notebooks

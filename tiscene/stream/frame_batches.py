@@ -45,12 +45,12 @@ class FrameBatches:
             stream: the stream.
             indices: of the frames that will probably be asked for next.
         """
-        stream._renderer.check_session()
-        size = stream.width, stream.height
         if self.size == 1:
-            return render_all_cameras(stream._renderer, stream.world.state(indices[0]), stream.buffers, *size)
+            return stream[indices[0]]
+        renderer, buffers = stream._renderer, stream.buffers
+        renderer.check_session()
         state, prepared = self._take(stream, indices)
-        return render_all_cameras(stream._renderer, state, stream.buffers, *size, prepared=prepared)
+        return render_all_cameras(renderer, state, buffers, stream.width, stream.height, prepared=prepared)
 
     def _take(self, stream: StreamInterface, indices: Sequence[int]) -> tuple[WorldState, list[Prepared]]:
         """Return the state of the world at the first of some frames, and what is rendered of it for each camera."""

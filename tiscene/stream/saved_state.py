@@ -110,7 +110,7 @@ class SavedState:
             Digests by path relative to the scene's folder; a template's paths begin with its name and a colon.
         """
         scenario, on_stage = self.scenario, {template.name for template in self.world.stage.templates}
-        return scene_digests(scenario.scene, {history.spec.template for history in scenario.lives()} - on_stage)
+        return scene_digests(scenario.scene, {history.spec.template for history in scenario.log().histories} - on_stage)
 
 
 def check_state(state: Mapping[str, Any], settings: Mapping[str, Any]) -> None:
@@ -127,7 +127,12 @@ def check_state(state: Mapping[str, Any], settings: Mapping[str, Any]) -> None:
     if not is_state or state.get("version") != VERSION:
         raise ArgumentError(f"this is not a state_dict of this version of tiscene (version {VERSION})")
     saved = state["settings"]
-    if different := [name for name in {**saved, **settings} if saved.get(name) != settings.get(name)]:
-        listing = ", ".join(f"{name}: {saved.get(name)!r} there, {settings.get(name)!r} here" for name in different)
+    if different := differences(saved, settings):
         cures = " ".join(dict.fromkeys(_CURES.get(name, _OTHER_CURE.format(name)) for name in different))
-        raise ArgumentError(f"the state is of another stream ({listing}). {cures}")
+        raise ArgumentError(f"the state is of another stream ({', '.join(different.values())}). {cures}")
+
+
+def differences(saved: Mapping[str, Any], here: Mapping[str, Any]) -> dict[str, str]:
+    """Return how settings differ, in words, by the names of those that do."""
+    names = [name for name in {**saved, **here} if saved.get(name) != here.get(name)]
+    return {name: f"{name}: {saved.get(name)!r} there, {here.get(name)!r} here" for name in names}

@@ -42,7 +42,7 @@ def shutter_samples(
     world: World,
     state: WorldState,
     view: View,
-    shutter: tuple[float, float] | None = None,
+    shutter: tuple[float, float] | None,
     *,
     spp: int,
     seed: int,
@@ -64,8 +64,7 @@ def shutter_samples(
         an object nor a light changes.
     """
     opens, closes = shutter or (view.current.shutter_open, view.current.shutter_close)
-    is_still = view.previous == view.current == view.next and not state.has_dynamic_lights
-    if opens == closes or (is_still and not state.movers.any()):
+    if opens == closes or (view.is_still and not state.has_dynamic_lights and not state.movers.any()):
         return None
     return _samples(world, state.frame, view, opens, closes, spp, seed, camera_row)
 

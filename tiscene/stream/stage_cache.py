@@ -14,8 +14,8 @@ from tiscene.frame.buffers import rendered_buffers
 from tiscene.render.render_settings import RenderSettings
 from tiscene.scenario.scenario import Scenario
 from tiscene.scene.description import SceneDescription, Template
+from tiscene.stream.bvh_cache import BVHCache
 from tiscene.stream.loading import load
-from tiscene.stream.warm_trees import WarmTrees
 from tiscene.usd.core.layers import layer_state
 from tiscene.usd.core.limits import Limits
 from tiscene.usd.read.kept_templates import kept_template
@@ -53,9 +53,9 @@ class StageCache:
         taxonomy: str | None,
         time_code: float | None,
         root: str | os.PathLike[str] | None,
-        strict: bool = False,
-        subdivision: int | None = None,
-        limits: Limits | None = None,
+        strict: bool,
+        subdivision: int | None,
+        limits: Limits | None,
     ) -> None:
         self.arch = arch
         self._loading: dict[str, Any] = {
@@ -67,7 +67,7 @@ class StageCache:
         self._options: dict[str, Any] = {"taxonomy": taxonomy, "time_code": time_code, "root": root}
         self._options |= {"strict": strict, "subdivision": subdivision}
         self._stages: dict[tuple[Any, ...], SceneDescription] = {}
-        self.trees = WarmTrees()
+        self.trees = BVHCache()
 
     @property
     def subdivision(self) -> int | None:

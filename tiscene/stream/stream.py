@@ -7,6 +7,7 @@ or on the process. So `stream[k]` equals the k-th frame of iterating, byte for b
 
 from __future__ import annotations
 
+import inspect
 import operator
 import os
 import sys
@@ -386,3 +387,6 @@ class Stream(FixedSettings, LoaderMethods, StreamOutput, SavedState, Iterator[Fr
         """
         self._ahead.check_no_worker("set_light")
         self.world.set_light(row, light)
+
+
+STREAM_ARGUMENTS = tuple(inspect.signature(Stream).parameters)[1:]  # without the source

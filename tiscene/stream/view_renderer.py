@@ -303,8 +303,8 @@ class ViewRenderer:
             width: image width, px.
             height: image height, px.
         """
-        roams, walks = self.world.camera_roams(state.frame, row), self.world.camera_walks(state.frame, row)
-        return View(*state.cameras[row], width=width, height=height, roams=roams, walks=walks)
+        is_dynamic, walks = self.world.camera_is_dynamic(state.frame, row), self.world.camera_walks(state.frame, row)
+        return View(*state.cameras[row], width=width, height=height, is_dynamic=is_dynamic, walks=walks)
 
     def _shared_light(
         self, state: WorldState, view: View, camera_row: int | None, incremental: bool | None = None

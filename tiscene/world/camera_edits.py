@@ -49,9 +49,9 @@ class CameraEdits(ABC):
         frame = argument_checks.integer(frame, "frame", 0)
         return self._cameras.at(frame, self._cameras.row(camera), frame)
 
-    def camera_roams(self, frame: int, row: int) -> bool:
-        """Return whether a camera, given by its row, moves at any time, as known at a frame; see `View.roams`."""
-        return self._cameras.roams(frame, row)
+    def camera_is_dynamic(self, frame: int, row: int) -> bool:
+        """Return whether a camera, given by its row, moves at any time, as known at a frame; see `View.is_dynamic`."""
+        return self._cameras.is_dynamic(frame, row)
 
     def camera_walks(self, frame: int, row: int) -> Axes:
         """Return along which axes a camera, given by its row, walks, as known at a frame; see `View.walks`."""

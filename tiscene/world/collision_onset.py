@@ -92,7 +92,7 @@ class CollisionOnset:
 
     def _add(self, row: int, frame: int) -> None:
         """Consider an object from a frame on."""
-        spec = self._log.lives[row].spec
+        spec = self._log.histories[row].spec
         if isinstance(spec.dynamic, UniformMovementRandomBounce):
             self._found(frame)
         elif spec.collide and not isinstance(spec.dynamic, RigidBody):
@@ -113,7 +113,7 @@ class CollisionOnset:
         if len(self._paths) > 2 * len(near) + UNUSED:
             self._paths = {each: self._paths[each] for each in near if each in self._paths}
         for each in near:
-            if each != row and self._log.lives[each].spec.collide and self._movers[each].shape is not None:
+            if each != row and self._log.histories[each].spec.collide and self._movers[each].shape is not None:
                 other = self._path(each)
                 if other is None or path.may_meet(other):
                     return False

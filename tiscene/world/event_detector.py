@@ -18,7 +18,7 @@ def detect_changes(
     stage_histories: Mapping[int, StageObjectHistory],
     histories: Mapping[int, ObjectHistory],
     collisions: Iterable[Collision],
-    overlaps: Iterable[Collision] = (),
+    overlaps: Iterable[Collision],
 ) -> tuple[Event, ...]:
     """Return the events between frames `frame - 1` and `frame` that no camera is needed for.
 

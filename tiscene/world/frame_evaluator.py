@@ -90,7 +90,7 @@ class FrameEvaluator:
             world[:, count:] = np.einsum("tpij,tpjk->tpik", axes, own)
             world[:, count:, :, 3] += poses[..., :3]
             for time, step in enumerate((-1, 0, 1)):
-                alive = [self.log.lives[row].alive(max(frame + step, 0), as_of=frame) for row in rows]
+                alive = [self.log.histories[row].alive(max(frame + step, 0), as_of=frame) for row in rows]
                 present[time, count:] = np.array(alive)[selection.owner] & inner[time][1]
         lights = self._lights_at(frame, shift) if self.has_dynamic_lights(frame) else None
         placement = Placement(
@@ -122,7 +122,7 @@ class FrameEvaluator:
             blocked = self.trajectories.blocked(frame, rows)
             states = zip(rows, selection.objects, now.tolist(), velocities, blocked, strict=True)
             for row, each, (x, y, z, *rotation), velocity, is_blocked in states:
-                if self.log.lives[row].alive(frame, as_of=frame):
+                if self.log.histories[row].alive(frame, as_of=frame):
                     position, turned, moving = (x, y, z), tuple(rotation), tuple(velocity)
                     objects.append(
                         replace(each, position=position, rotation=turned, velocity=moving, blocked=is_blocked)
@@ -151,7 +151,7 @@ class FrameEvaluator:
             rows, trajectories = selection.rows, self.trajectories
             poses = trajectories.arrivals(frame + 1, rows) if following else trajectories.between(frame, shift, rows)
             for row, pose in zip(rows, poses, strict=True):
-                if row in carriers and self.log.lives[row].alive(frame + following, as_of=frame):
+                if row in carriers and self.log.histories[row].alive(frame + following, as_of=frame):
                     objects[row] = matrix(pose)
         moved = self.trajectories.light_poses(frame + shift)
         matrices = np.array([matrix(pose) for pose in moved]).reshape(-1, 4, 4)
@@ -192,14 +192,14 @@ class FrameEvaluator:
         selection = self._selection(frame)
         count = selection.columns.stage
         moving = np.zeros(len(selection.columns.mesh), bool)
-        dynamic = np.array([not self.log.lives[row].is_static(as_of=frame) for row in selection.rows], bool)
+        dynamic = np.array([not self.log.histories[row].is_static(as_of=frame) for row in selection.rows], bool)
         moving[count:] = dynamic[selection.owner]
         moving[:count] = self.stage_objects.edited_parts(frame)
         return moving | selection.changing
 
     def changes(self, frame: int) -> tuple[Event, ...]:
         """Return spawns, despawns, contacts and overlaps since the frame before."""
-        histories = {row: self.log.lives[row] for row in self.log.around(frame)}
+        histories = {row: self.log.histories[row] for row in self.log.around(frame)}
         collisions = self.trajectories.collisions(frame)
-        stage, edited, overlaps = self.registry.stage, self.stage_objects.lives, self.overlaps.find(frame)
+        stage, edited, overlaps = self.registry.stage, self.stage_objects.histories, self.overlaps.find(frame)
         return detect_changes(frame, stage, edited, histories, collisions, overlaps)

@@ -40,6 +40,11 @@ class MaterialAnimation:
             known = self._known[key] = moment, track.applied(description.materials[track.row], moment)
         return known[1]
 
+    @property
+    def varies_stage_emission(self) -> bool:
+        """Whether any of the stage's emissive materials varies."""
+        return bool(emissive_rows(self._descriptions[0]))
+
     def stage_emission_at(self, seconds: float) -> tuple[PlacedMaterial, ...]:
         """Return the stage's materials whose emission varies, at a time (s)."""
         emissive = emissive_rows(self._descriptions[0])

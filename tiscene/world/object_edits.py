@@ -88,7 +88,7 @@ class ObjectEdits(CameraEdits):
             ScenarioError, ArgumentError, TemplateNotFound, MissingExtra: nothing has changed then.
         """
         if id is None:
-            first = len(self._log.lives) - len(self._scenario.objects) + 1
+            first = len(self._log.histories) - len(self._scenario.objects) + 1
             id = next(name for n in itertools.count(first) if self._log.row(name := f"spawned_{n}") is None)
         argument_checks.known_names(others, _SPAWN_ARGUMENTS, "world.spawn")
         if not free and (region is not WHOLE_IMAGE or depth is not TYPICAL_DEPTH):
@@ -104,7 +104,7 @@ class ObjectEdits(CameraEdits):
                 raise ArgumentError("free=True finds a position; leave position out")
             new = self._place_finder.placed(new, self.camera_at(self.next_frame), region, depth)
         self._edit(Spawn(self.next_frame, new))
-        return self._registry.id_of(len(self._log.lives) - 1)
+        return self._registry.id_of(len(self._log.histories) - 1)
 
     @one_at_a_time
     def despawn(self, object: int | str) -> None:
@@ -140,7 +140,7 @@ class ObjectEdits(CameraEdits):
             if row is None:
                 on_stage = self._stage_objects.rows(self.next_frame)
                 rotation = next(each.rotation for each in on_stage if each.prim_path == name)
-            elif (last := self._log.lives[row].move(self.next_frame)) and last.frame == self.next_frame:
+            elif (last := self._log.histories[row].move(self.next_frame)) and last.frame == self.next_frame:
                 rotation = last.rotation
             else:
                 rows = self._log.around(self.next_frame)
@@ -174,10 +174,9 @@ class ObjectEdits(CameraEdits):
             raise ArgumentError(f"object={object!r}: must be an instance id, a name or a prim path")
         frame = self.next_frame
         row = self._log.row(object) if isinstance(object, str) else self._registry.row_of(int(object))
-        if row is not None and not isinstance(object, bool) and self._log.lives[row].alive(frame, as_of=frame):
-            return self._log.lives[row].spec.id
-        rows = [row for row in self._log.around(frame) if self._log.lives[row].alive(frame, as_of=frame)]
-        objects = {self._registry.id_of(row): self._log.lives[row].spec.id for row in rows}
+        if row is not None and not isinstance(object, bool) and self._log.histories[row].alive(frame, as_of=frame):
+            return self._log.histories[row].spec.id
+        objects = {self._registry.id_of(row): self._log.histories[row].spec.id for row in self._log.alive(frame)}
         rows_on_stage = enumerate(self._registry.stage_rows)
         on_stage = {
             row.id: row.prim_path for number, row in rows_on_stage if self._stage_objects.is_alive(number, frame)

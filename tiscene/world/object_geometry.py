@@ -10,9 +10,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tiscene.scene.animation import InstanceTrack
-from tiscene.scene.assembly import ObjectParts, bounding_box, box_matrices, corners
+from tiscene.scene.assembly import ObjectParts, box_matrices, corners
 from tiscene.scene.camera import Vector3
-from tiscene.scene.description import Light, Matrix, SceneDescription
+from tiscene.scene.description import Light, Matrix, SceneDescription, bounding_box
 from tiscene.scene.input_track import InputTrack, by_row
 from tiscene.world.stage_animation import AnimatedInstances, box_over_time, changing, scaled
 

@@ -35,7 +35,7 @@ class _Entry:
 
 
 class ObjectMovers(Sequence[Mover]):
-    """The movers of a scenario's objects, by row in `EditLog.lives`.
+    """The movers of a scenario's objects, by row in `EditLog.histories`.
 
     Args:
         log: the edit log; `amend` takes further edits.
@@ -61,7 +61,7 @@ class ObjectMovers(Sequence[Mover]):
         return len(self._shapes)
 
     def __len__(self) -> int:
-        return len(self._log.lives)
+        return len(self._log.histories)
 
     @overload
     def __getitem__(self, row: int) -> Mover: ...
@@ -89,7 +89,7 @@ class ObjectMovers(Sequence[Mover]):
         entry = None if row is None else self._entries.get(row)
         if row is None or entry is None or entry.mover is None:
             return
-        history, moves = self._log.lives[row], entry.mover.moves
+        history, moves = self._log.histories[row], entry.mover.moves
         if isinstance(edit, Despawn):
             entry.mover = replace(entry.mover, last_frame=history.last_frame)
         elif history.moves[-1] is edit and isinstance(moves, list):
@@ -106,7 +106,7 @@ class ObjectMovers(Sequence[Mover]):
     def _entry(self, row: int) -> _Entry:
         entry = self._entries.get(row)
         if entry is None:
-            history = self._log.lives[row]
+            history = self._log.histories[row]
             spec = history.spec
             path = path_of(spec)
             dynamic = Still() if isinstance(path, UniformMovementRandomBounce) else path
@@ -116,7 +116,7 @@ class ObjectMovers(Sequence[Mover]):
         return entry
 
     def _mover(self, row: int, body: Body) -> Mover:
-        history = self._log.lives[row]
+        history = self._log.histories[row]
         spec = history.spec
         if isinstance(spec.dynamic, UniformMovementRandomBounce):
             body = replace(body, dynamic=spec.dynamic)

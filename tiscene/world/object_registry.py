@@ -55,7 +55,7 @@ class ObjectSelection:
     """Some objects of the scenario beside the stage, with the columns of a placement of both.
 
     Attributes:
-        rows: the objects, as ascending rows of `EditLog.lives`.
+        rows: the objects, as ascending rows of `EditLog.histories`.
         objects: the same at their initial position.
         columns: constant columns of placements.
         owner: int32 [object parts], which of the objects each part belongs to, 0 for the first.
@@ -103,7 +103,7 @@ class ObjectRegistry:
         stage: SceneDescription,
         load_template: Callable[[str], Template],
         category_ids: CategoryIds,
-        histories: Sequence[ObjectHistory] = (),
+        histories: Sequence[ObjectHistory],
     ) -> None:
         self.stage = stage
         self.descriptions = [stage]

@@ -74,28 +74,28 @@ class OverlapDetector:
         boxes = {row: _box_at(self._own_box(row), poses[row]) for row in rows}
         found = []
         for row in placed:
-            surface = shrunk(_at(self._surface(self._log.lives[row].spec), poses[row]), MARGIN, MAX_SHRINK)
+            surface = shrunk(_at(self._surface(self._log.histories[row].spec), poses[row]), MARGIN, MAX_SHRINK)
             if len(surface):
                 found += self._on_stage(row, surface, frame)
                 for other in rows:
                     if other != row and boxes_touch(boxes[row], boxes[other]):
-                        if _overlap(surface, _at(self._surface(self._log.lives[other].spec), poses[other])):
+                        if _overlap(surface, _at(self._surface(self._log.histories[other].spec), poses[other])):
                             found.append(Collision(row, "object", other))
         return found
 
     def _collides(self, row: int, frame: int) -> bool:
-        history = self._log.lives[row]
+        history = self._log.histories[row]
         return history.spec.collide and history.alive(frame, as_of=frame)
 
     def _is_placed(self, row: int, frame: int) -> bool:
         """Return whether an object appears at a frame, or an edit moves it there."""
-        history = self._log.lives[row]
+        history = self._log.histories[row]
         move = history.move(frame)
         is_moved = move is not None and move.frame == frame
         return is_moved or frame == 0 or not history.alive(frame - 1, as_of=frame - 1)
 
     def _own_box(self, row: int) -> Array:
-        spec = self._log.lives[row].spec
+        spec = self._log.histories[row].spec
         return self._boxes.get((spec.template, spec.scale), lambda: _box(self._surface(spec)))
 
     @property

@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import fields, replace
 from typing import Protocol, TypeVar
 
@@ -16,7 +16,7 @@ from tiscene.errors import LightNotFound, MaterialNotFound, ObjectNotFound, Scen
 from tiscene.scenario.overrides import CameraOverride, LightOverride, MaterialOverride, ObjectOverride, Override
 from tiscene.scene.assembly import object_matrices, rigid
 from tiscene.scene.camera import Camera
-from tiscene.scene.description import Collider, Instance, Light, Material, SceneDescription, TextureLookup
+from tiscene.scene.description import Instance, Light, Material, SceneDescription, TextureLookup
 from tiscene.scene.input_track import InputTrack
 from tiscene.scene.lights.light_groups import emission_of, with_emission
 
@@ -31,6 +31,7 @@ class _Prim(Protocol):
 
 
 AnyPrim = TypeVar("AnyPrim", bound=_Prim)
+AnyInstance = TypeVar("AnyInstance", bound=Instance)
 
 
 def overridden(stage: SceneDescription, overrides: Sequence[Override]) -> SceneDescription:
@@ -191,23 +192,23 @@ def _arranged(stage: SceneDescription, override: ObjectOverride) -> SceneDescrip
 
     placed = replace(stage.objects[number], world_from_object=np.einsum("ij,jk->ik", by, authored))
 
-    def moved(each: Instance) -> Instance:
+    def moved(each: AnyInstance) -> AnyInstance:
+        if each.object != number:
+            return each
         return replace(each, world_from_object=np.einsum("ij,jk->ik", by, each.world_from_object))
 
     def carried(light: Light) -> Light:
+        if not light.prim_path.startswith(f"{path}/"):
+            return light
         return replace(light, world_from_light=np.einsum("ij,jk->ik", by, light.world_from_light))
 
     return replace(
         stage,
-        instances=tuple(moved(each) if each.object == number else each for each in stage.instances),
+        instances=tuple(map(moved, stage.instances)),
         objects=(*stage.objects[:number], placed, *stage.objects[number + 1 :]),
-        colliders=_mapped(moved, stage.colliders, number),
-        lights=tuple(carried(each) if each.prim_path.startswith(f"{path}/") else each for each in stage.lights),
+        colliders=tuple(map(moved, stage.colliders)),
+        lights=tuple(map(carried, stage.lights)),
     )
-
-
-def _mapped(moved: Callable[[Instance], Instance], colliders: Sequence[Collider], number: int) -> tuple[Collider, ...]:
-    return tuple(moved(each) if each.object == number else each for each in colliders)  # type: ignore[misc]
 
 
 def _without(stage: SceneDescription, number: int, own: NDArray[np.bool_]) -> SceneDescription:

@@ -49,7 +49,7 @@ class PhysicsTrajectories(Trajectories):
     _physics_world: ScenarioPhysics | None = None
 
     def __init__(self, scenario: Scenario, log: EditLog, setting: TrajectoryContext) -> None:
-        for history in log.lives:
+        for history in log.histories:
             self.check(history.spec)
         super().__init__(scenario, log, setting)
 
@@ -70,15 +70,13 @@ class PhysicsTrajectories(Trajectories):
             if len(self._changes) != changes:
                 self._physics.surroundings_changed()
 
-    def _at(self, frame: int, rows: Sequence[int] | None, kind: str) -> Array:
-        rows = self._rows(frame, rows)
+    def _at(self, frame: int, rows: tuple[int, ...], kind: str) -> Array:
         poses = super()._at(frame, rows, kind)
         if self._rigid_rows(rows):
             replace_rows(poses, rows, self._simulated(frame), kind)
         return poses
 
-    def between(self, frame: int, shift: Fraction, rows: Sequence[int] | None = None) -> Array:
-        rows = self._rows(frame, rows)
+    def between(self, frame: int, shift: Fraction, rows: Sequence[int]) -> Array:
         poses, rigid = super().between(frame, shift, rows), self._rigid_rows(rows)
         if not rigid or shift in (0, 1):
             return poses
@@ -107,8 +105,8 @@ class PhysicsTrajectories(Trajectories):
 
     def _rigid_rows(self, rows: Sequence[int]) -> list[int]:
         """Return the places in `rows` of rigid bodies."""
-        lives = self._log.lives
-        return [place for place, row in enumerate(rows) if isinstance(lives[row].spec.dynamic, RigidBody)]
+        histories = self._log.histories
+        return [place for place, row in enumerate(rows) if isinstance(histories[row].spec.dynamic, RigidBody)]
 
     def _simulated(self, frame: int) -> PhysicsFrame:
         if self._physics is None:
@@ -116,7 +114,7 @@ class PhysicsTrajectories(Trajectories):
             self._physics = RigidBodySimulation(self._physics_world, exact(self._setting.fps))
         return self._physics.frame(max(frame, 0))
 
-    def kinematic_poses(self, frame: int, rows: Sequence[int]) -> tuple[Array, Array]:
+    def kinematic_poses(self, frame: int, rows: tuple[int, ...]) -> tuple[Array, Array]:
         """Return the poses of objects that are no rigid bodies, at a frame and as planned for the next."""
         return Trajectories._at(self, frame, rows, "poses"), Trajectories._at(self, frame + 1, rows, "arrivals")
 
@@ -152,7 +150,7 @@ class ScenarioPhysics:
     def bodies(self, frame: int) -> Sequence[PhysicsBody]:
         found = []
         for row in self._log.around(frame):
-            history = self._log.lives[row]
+            history = self._log.histories[row]
             spec = history.spec
             rigid = spec.dynamic if isinstance(spec.dynamic, RigidBody) else None
             needed = rigid is not None or spec.id in self._joined
@@ -166,7 +164,7 @@ class ScenarioPhysics:
         found = []
         for number, each in enumerate(self._joints):
             rows = [None if id is None else self._log.row(id) for id in (each.body, each.parent)]
-            if all(row is None or self._log.lives[row].alive(frame, as_of=frame) for row in rows):
+            if all(row is None or self._log.histories[row].alive(frame, as_of=frame) for row in rows):
                 body, parent = rows
                 if body is not None and (parent is not None or each.parent is None):
                     key = number, body, parent
@@ -187,7 +185,7 @@ class ScenarioPhysics:
 
     def _begin(self, row: int) -> Array:
         """Return the pose [7] at which an object begins, before any edit: joints are made once."""
-        spec = self._log.lives[row].spec
+        spec = self._log.histories[row].spec
         if isinstance(spec.dynamic, RigidBody):
             return self.start(row)
         return self._trajectories.kinematic_begin(spec.first_frame, row)
@@ -196,13 +194,13 @@ class ScenarioPhysics:
         return self._trajectories.stage_epoch(frame), lambda: self._surroundings(frame)
 
     def start(self, number: int) -> Array:
-        spec = self._log.lives[number].spec
+        spec = self._log.histories[number].spec
         return np.array([*spec.position, *quaternion(spec.rotation)])
 
     def teleports(self, frame: int) -> Mapping[int, Array]:
         found = {}
         for row in self._log.around(frame):
-            move = self._log.lives[row].move(frame)
+            move = self._log.histories[row].move(frame)
             if move is not None and move.frame == frame:
                 found[row] = np.array([*move.position, *quaternion(move.rotation)])
         return found

@@ -101,7 +101,7 @@ class PlaceFinder:
         others = [each for each in self._evaluator.objects(frame) if not each.prim_path]
         request = PlaceRequest(
             spec=spec,
-            row=len(self._evaluator.log.lives),
+            row=len(self._evaluator.log.histories),
             description=self._registry.template(spec).description,
             region=region,
             depth=depth,

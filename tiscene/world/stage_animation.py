@@ -11,8 +11,7 @@ from numpy.typing import NDArray
 
 from tiscene.scene.affine_maps import inverted
 from tiscene.scene.animation import InstanceTrack
-from tiscene.scene.assembly import bounding_box
-from tiscene.scene.description import SceneDescription
+from tiscene.scene.description import SceneDescription, bounding_box
 from tiscene.world.material_animation import emissive_rows, varying_rows
 
 Array = NDArray[np.float64]

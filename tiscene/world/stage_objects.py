@@ -35,7 +35,7 @@ class StageObjects:
         fps: frame k shows time k / fps.
 
     Attributes:
-        lives: histories of the edited objects, by row.
+        histories: histories of the edited objects, by row.
         first_edit_frame: frame of the earliest edit; None: there is none.
     """
 
@@ -57,28 +57,28 @@ class StageObjects:
         self._tracked = np.union1d(owner[tracks.rows], poses.rows)
         self._numbers = {each.prim_path: row for row, each in enumerate(stage.objects)}
         self._starts: dict[tuple[int, int], Array] = {}  # matrix of an animated object at the frame of a move
-        self.lives: dict[int, StageObjectHistory] = {}
+        self.histories: dict[int, StageObjectHistory] = {}
         self.first_edit_frame: int | None = None
 
-    def settle(self, lives: Mapping[str, StageObjectHistory]) -> None:
+    def settle(self, histories: Mapping[str, StageObjectHistory]) -> None:
         """Take the histories of edited objects, by prim path.
 
         Raises:
             ScenarioError: the stage has no such object.
         """
-        for path in lives:
+        for path in histories:
             if path not in self._numbers:
                 hint = did_you_mean(path, self._numbers)
                 raise ScenarioError(f"edits: no object {path!r} in scene {self._stage.name!r}{hint}")
-        numbered = {self._numbers[path]: life for path, life in lives.items()}
-        self.lives = dict(sorted(numbered.items()))
-        moved = [life.moves[0].frame for life in lives.values() if life.moves]
-        removed = [life.despawned for life in lives.values() if life.despawned is not None]
+        numbered = {self._numbers[path]: history for path, history in histories.items()}
+        self.histories = dict(sorted(numbered.items()))
+        moved = [history.moves[0].frame for history in histories.values() if history.moves]
+        removed = [history.despawned for history in histories.values() if history.despawned is not None]
         self.first_edit_frame = min((*moved, *removed), default=None)
 
     def is_alive(self, number: int, frame: int) -> bool:
         """Return whether an object, by its row, is alive at a frame."""
-        return number not in self.lives or self.lives[number].alive(frame, as_of=frame)
+        return number not in self.histories or self.histories[number].alive(frame, as_of=frame)
 
     def moved_by(self, number: int, frame: int, known: int, *, at_rest: bool = False) -> Array | None:
         """Return the 4x4 matrix by which edits moved an object, by its row; None if none did.
@@ -91,7 +91,7 @@ class StageObjects:
             known: the frame up to which edits are known.
             at_rest: take it from its authored pose instead, for users that know no animation.
         """
-        move = self.lives[number].move(frame, known) if number in self.lives else None
+        move = self.histories[number].move(frame, known) if number in self.histories else None
         if move is None:
             return None
         start = _matrix_of(self._rows[number]) if at_rest else self._start(number, move.frame)
@@ -119,11 +119,11 @@ class StageObjects:
         count = len(self._owner)
         for time, second in enumerate(seconds.tolist()):
             world[time, :count], present[time, :count] = self._tracks.at(second)
-        for number, life in self.lives.items():
+        for number, history in self.histories.items():
             parts = np.flatnonzero(self._owner == number)
             for time, step in enumerate((-1, 0, 1)):
                 then = max(frame + step, 0)
-                present[time, parts] &= life.alive(then, as_of=frame)
+                present[time, parts] &= history.alive(then, as_of=frame)
                 by = self.moved_by(number, then, frame)
                 if by is not None:
                     world[time, parts] = np.einsum("ij,pjk->pik", by[:3, :3], world[time, parts])
@@ -131,7 +131,7 @@ class StageObjects:
 
     def edited_parts(self, frame: int) -> NDArray[np.bool_]:
         """Return for every part whether an edit up to a frame has removed it, or moved it after frame 0."""
-        edited = [number for number, life in self.lives.items() if not life.is_static(as_of=frame)]
+        edited = [number for number, history in self.histories.items() if not history.is_static(as_of=frame)]
         return np.isin(self._owner, edited)
 
     def rows(self, frame: int) -> list[ObjectState]:
@@ -140,9 +140,9 @@ class StageObjects:
         if len(self._tracked):
             for number, posed in self._posed(frame).items():
                 rows[number] = posed
-        for number, life in self.lives.items():
-            row, move = rows[number], life.move(frame, as_of=frame)
-            if not life.alive(frame, as_of=frame):
+        for number, history in self.histories.items():
+            row, move = rows[number], history.move(frame, as_of=frame)
+            if not history.alive(frame, as_of=frame):
                 rows[number] = None
             elif row is not None and move is not None:
                 rows[number] = self._moved(number, row, move, frame)
@@ -186,7 +186,7 @@ class StageObjects:
         """Return the 4x4 matrix by which edits moved the object that a prim is part of; None if it was removed."""
         while path:
             number = self._numbers.get(path, -1)
-            if number in self.lives:
+            if number in self.histories:
                 by = self.moved_by(number, frame, frame)
                 return None if not self.is_alive(number, frame) else np.eye(4) if by is None else by
             path = path.rpartition("/")[0]

@@ -91,8 +91,8 @@ class Trajectories:
     """Poses of a scenario's objects, cameras and lights: float64 [n, 7], position (m) and unit quaternion.
 
     Nothing is computed before a frame is requested. Methods that take `rows` return the poses of these objects, given
-    as ascending rows of `EditLog.lives`; None stands for those that `EditLog.around` returns for the frame. The time
-    that a frame takes depends on the number of these objects, not on the number of objects that ever existed.
+    as ascending rows of `EditLog.histories`. A frame takes time by their number, not by that of all objects that ever
+    existed.
 
     Args:
         scenario: the scenario.
@@ -120,9 +120,10 @@ class Trajectories:
         self._closed_form_poses: LRUCache[Fraction, Array] = LRUCache(KEPT_FRAMES)
         self._spawned_poses: LRUCache[tuple[Fraction, tuple[int, ...]], Array] = LRUCache(KEPT_FRAMES)
         # Frames at which edits change the stage as an obstacle.
-        moved = [move.frame for life in log.stage.values() for move in life.moves]
-        gone = [life.despawned for life in log.stage.values() if life.despawned is not None]
-        self._changes = sorted({*moved, *gone})
+        edited = log.stage_histories.values()
+        moved = [move.frame for history in edited for move in history.moves]
+        removed = [history.despawned for history in edited if history.despawned is not None]
+        self._changes = sorted({*moved, *removed})
         # By the number of changes so far.
         self._obstacles: LRUCache[int, Obstacles] = LRUCache(KEPT_OBSTACLES)
         self._obstacle_rows: NDArray[np.int64] = np.zeros(0, np.int64)
@@ -158,24 +159,23 @@ class Trajectories:
         if self.stepped is not None:
             self.stepped.amend(self._movers, edit.frame)
 
-    def poses(self, frame: int, rows: Sequence[int] | None = None) -> Array:
+    def poses(self, frame: int, rows: Sequence[int]) -> Array:
         """Return the poses of objects at a frame. Before frame 0 everything stands at its start."""
-        return self._at(frame, rows, "poses")
+        return self._at(frame, tuple(rows), "poses")
 
-    def arrivals(self, frame: int, rows: Sequence[int] | None = None) -> Array:
+    def arrivals(self, frame: int, rows: Sequence[int]) -> Array:
         """Return the poses of objects at a frame before its edits, as planned when the frame before was made."""
-        return self._at(frame, rows, "arrivals")
+        return self._at(frame, tuple(rows), "arrivals")
 
-    def _at(self, frame: int, rows: Sequence[int] | None, kind: str) -> Array:
+    def _at(self, frame: int, rows: tuple[int, ...], kind: str) -> Array:
         """Return the poses at a frame; kind: "poses" or "arrivals", attributes of a simulated frame."""
-        rows = self._rows(frame, rows)
         poses = self._closed_form(Fraction(frame), rows)
         stepped = self._stepping(frame)
         if stepped is not None:
             replace_rows(poses, rows, stepped.frame(max(frame, 0)), kind)
         return poses
 
-    def between(self, frame: int, shift: Fraction, rows: Sequence[int] | None = None) -> Array:
+    def between(self, frame: int, shift: Fraction, rows: Sequence[int]) -> Array:
         """Return the poses of objects at `frame + shift`, as planned when `frame` was made.
 
         Objects in collision are interpolated between two frames: position linearly, rotation by slerp.
@@ -189,7 +189,7 @@ class Trajectories:
             return self.poses(frame, rows)
         if shift == 1:
             return self.arrivals(frame + 1, rows)
-        rows, time = self._rows(frame, rows), frame + shift
+        rows, time = tuple(rows), frame + shift
         poses = self._closed_form(time, rows)
         stepped = self._stepping(frame)
         start = math.floor(time)
@@ -220,9 +220,8 @@ class Trajectories:
         """Return the poses of all lights with motions at a frame, or at a time between two frames."""
         return self._scenario_poses(Fraction(frame))[self._unspawned + len(self._setting.cameras) :]
 
-    def blocked(self, frame: int, rows: Sequence[int] | None = None) -> list[bool]:
+    def blocked(self, frame: int, rows: Sequence[int]) -> list[bool]:
         """Return for each object whether an obstacle has held it back since the frame before."""
-        rows = self._rows(frame, rows)
         stepped = self._stepping(frame)
         if stepped is None:
             return [False] * len(rows)
@@ -256,7 +255,7 @@ class Trajectories:
         if onset is None:
             return None
         if self.stepped is None:
-            unspawned = [self._log.lives[row].spec for row in range(self._unspawned)]
+            unspawned = [self._log.histories[row].spec for row in range(self._unspawned)]
             timings = AssignedWindows(self._scenario.timings, [(each.id, path_of(each)) for each in unspawned])
             self.stepped = SteppedSimulation(
                 self._movers,
@@ -284,9 +283,6 @@ class Trajectories:
             return Simulation(bodies, self._scenario.timings)
         except TypeError as error:
             raise ScenarioError(str(error)) from error
-
-    def _rows(self, frame: int, rows: Sequence[int] | None) -> tuple[int, ...]:
-        return self._log.around(max(frame, 0)) if rows is None else tuple(rows)
 
     def _scenario_poses(self, frame: Fraction) -> Array:
         """Return the poses of `closed_form` at a time in frames."""

@@ -12,6 +12,7 @@ import weakref
 from collections.abc import Mapping
 from contextlib import AbstractContextManager
 from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -59,19 +60,8 @@ class FrameNovelty:
                     self.history = None
         return self.known
 
-    def __reduce__(self) -> tuple[type[KnownNovelty], tuple[dict[int, float]]]:
-        return KnownNovelty, (dict(self.angles()),)
-
-
-@dataclass(frozen=True)
-class KnownNovelty:
-    """Angles by id, as a pickle holds them."""
-
-    known: dict[int, float]
-
-    def angles(self) -> Mapping[int, float]:
-        """Return the angles."""
-        return self.known
+    def __getstate__(self) -> dict[str, Any]:
+        return {**vars(self), "known": self.angles(), "history": None}
 
 
 class ViewHistory:
@@ -148,7 +138,7 @@ class ViewHistory:
         )
 
     def _directions(self, frame: int, camera: Camera, *, in_view: bool = False) -> dict[int, Array]:
-        rows = [row for row in self._log.around(frame) if self._log.lives[row].alive(frame, as_of=frame)]
+        rows = self._log.alive(frame)
         if not rows:
             return {}
         poses = self._trajectories.poses(frame, rows)

@@ -105,12 +105,12 @@ class World(ObjectEdits):
             template = load_template(name)
             return replace(template, description=with_materials(template.description, scenario.overrides))
 
-        self._registry = registry = ObjectRegistry(stage, load, category_ids or CategoryIds(), self._log.lives)
+        self._registry = registry = ObjectRegistry(stage, load, category_ids or CategoryIds(), self._log.histories)
         check_materials(registry.descriptions, scenario.overrides)
         self._stage_objects = StageObjects(
             stage, registry.stage_rows, registry.stage_owner, registry.stage_tracks, registry.stage_poses, fps
         )
-        self._stage_objects.settle(self._log.stage)
+        self._stage_objects.settle(self._log.stage_histories)
         self._lights = WorldLights(stage, scenario.lights)
         setting = TrajectoryContext(
             stage=stage,
@@ -234,7 +234,8 @@ class World(ObjectEdits):
             objects=objects,
             lights=self.stage.lights if placement.lights is None else tuple(light for _, light in placement.lights),
             movers=self._evaluator.movers(frame),
-            has_dynamic_lights=self._evaluator.has_dynamic_lights(frame),
+            has_dynamic_lights=self._evaluator.has_dynamic_lights(frame)
+            or self._evaluator.materials.varies_stage_emission,
             starting_lights=self._evaluator.are_starting_lights(frame, placement.light_groups),
             changes=self._evaluator.changes(frame),
             volumes=self.stage.rooms,
@@ -278,7 +279,7 @@ class World(ObjectEdits):
         if isinstance(edit, Spawn):
             self._registry.settle()
         elif isinstance(edit, Move | Despawn) and self._log.row(edit.id) is None:
-            self._stage_objects.settle(self._log.stage)
+            self._stage_objects.settle(self._log.stage_histories)
         self._last_state = None
         self.view_history.forget(edit.frame)
         if not isinstance(edit, PlaceCamera):

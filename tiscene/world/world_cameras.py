@@ -68,7 +68,7 @@ class WorldCameras:
         x, y, z, *rotation = self.trajectories.camera_poses(time)[row].tolist()
         return camera.with_pose((x, y, z), tuple(rotation))
 
-    def roams(self, frame: int, row: int) -> bool:
+    def is_dynamic(self, frame: int, row: int) -> bool:
         """Return whether a camera has a trajectory, or was placed by an edit up to a frame and so may be again."""
         camera = self.cameras[row]
         return camera.dynamic is not None or self.log.camera(camera.name, frame) is not None

@@ -114,7 +114,8 @@ class WorldState:
         lights: the lights at frame k, with their poses and radiance.
         movers: bool [instances of `placement`], True for an instance that is known at frame k to move, deform, appear,
             vanish, or vary its material after frame 0.
-        has_dynamic_lights: whether any light is known at frame k to move, appear, vanish or change at some frame.
+        has_dynamic_lights: whether any light is known at frame k to move, appear, vanish or change at some frame, or
+            whether an emissive material of the stage varies.
         starting_lights: whether the lights are those of frames 0 and 1, except for their intensity, and the stage's
             emissive materials too.
         changes: spawns, despawns and contacts since frame k - 1.

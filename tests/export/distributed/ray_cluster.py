@@ -14,6 +14,7 @@ from pathlib import Path
 
 import tiscene as ts
 from tests.export.generation.test_recipe import RECIPE
+from tests.stress.process_resources import resident_memory
 from tiscene.export.generation.recipe import Recipe
 
 FRAMES = 600
@@ -39,11 +40,6 @@ def workers(node) -> list[int]:
     return found
 
 
-def memory(pid: int) -> int:
-    """Return the resident memory of a process, bytes."""
-    return int(Path(f"/proc/{pid}/statm").read_text().split()[1]) * os.sysconf("SC_PAGESIZE")
-
-
 def main() -> None:
     kind, folder, kill = sys.argv[1], Path(sys.argv[2]), sys.argv[4] == "kill"
     from ray.cluster_utils import Cluster
@@ -62,7 +58,7 @@ def main() -> None:
             pids = [pid for node in nodes if node in cluster.worker_nodes for pid in workers(node)]
             for pid in pids:
                 try:
-                    peak = max(peak, memory(pid))
+                    peak = max(peak, resident_memory(pid))
                 except OSError:
                     continue
             if kill and not faults and counts[-1] >= total // 6:

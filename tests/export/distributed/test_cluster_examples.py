@@ -10,7 +10,7 @@ from pathlib import Path
 
 import pytest
 
-from tests.export.test_export import contents
+from tests.export.folders import contents
 from tiscene import catalog
 from tiscene.cli import main as cli
 from tiscene.cli.parser import parser

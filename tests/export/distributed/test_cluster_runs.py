@@ -6,8 +6,8 @@ import copy
 
 import pytest
 
+from tests.export.folders import contents
 from tests.export.generation.test_recipe import RECIPE
-from tests.export.test_export import contents
 from tiscene.errors import ArgumentError, DeviceError, ExportError
 from tiscene.export import distributed, export
 from tiscene.export.distributed import cluster_runs

@@ -12,7 +12,7 @@ from pathlib import Path
 import pytest
 
 from tests.export.distributed.ray_cluster import COUNT, FRAMES, SETTINGS, recipe
-from tests.export.test_export import contents
+from tests.export.folders import contents
 from tiscene.cli import main as cli
 from tiscene.cli.parser import parser
 from tiscene.errors import ExportError, MissingExtra

@@ -12,8 +12,8 @@ from pathlib import Path
 
 import pytest
 
+from tests.export.folders import contents
 from tests.export.generation.test_recipe import RECIPE
-from tests.export.test_export import contents
 from tiscene.cli import main as cli
 from tiscene.errors import DeviceError
 from tiscene.export.distributed import worker_processes

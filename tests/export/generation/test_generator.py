@@ -11,6 +11,7 @@ import pytest
 from PIL import Image
 
 from tests.benchmarks.scenarios import measure
+from tests.export.folders import contents
 from tests.export.generation.test_recipe import RECIPE
 from tiscene import catalog
 from tiscene.cli import main as cli
@@ -23,10 +24,6 @@ from tiscene.export.verification import verify
 from tiscene.scenario.scenario import Scenario
 
 COUNT = 4
-
-
-def contents(folder):
-    return {str(path.relative_to(folder)): path.read_bytes() for path in folder.rglob("*") if path.is_file()}
 
 
 @pytest.fixture(scope="module")

@@ -28,10 +28,9 @@ from tests.render.tracing import (
     soup,
     trace_rays,
 )
-from tiscene.device.memory import device_array, upload
+from tiscene.device.memory import device_array, upload, upload_vectors
 from tiscene.errors import ArgumentError
 from tiscene.render.intersect import bvh2, bvh8, bvh8_any_hit, trace
-from tiscene.render.intersect.ray_queue import upload_rays
 from tiscene.scene.bvh import workspace
 from tiscene.scene.device_scene import DeviceScene
 from tiscene.scene.placement import CURRENT, NEXT, PREVIOUS
@@ -308,7 +307,7 @@ def test_only_queued_rays_are_written(traversal: str) -> None:
     everything = trace_rays(scene, rays)
     queue = upload(np.arange(999, -1, -3, dtype=np.int32))
     hits, ids = sentinel_hits(1000)
-    trace.closest(scene, CURRENT, upload_rays(rays), queue, 200, hits, ids)
+    trace.closest(scene, CURRENT, upload_vectors(rays), queue, 200, hits, ids)
     queued = np.zeros(1000, bool)
     queued[np.arange(999, -1, -3)[:200]] = True
     np.testing.assert_array_equal(hits.to_numpy()[queued, 0], everything.t[queued])
@@ -336,7 +335,7 @@ def test_packets_hit_what_single_rays_hit() -> None:
     answers = []
     for together in (False, True):
         hits, ids = sentinel_hits(len(rays))
-        trace.closest(scene, CURRENT, upload_rays(rays), queue, len(rays), hits, ids, coherent=together)
+        trace.closest(scene, CURRENT, upload_vectors(rays), queue, len(rays), hits, ids, coherent=together)
         answers.append((hits.to_numpy(), ids.to_numpy()))
     assert 0.1 < (answers[0][1][:, 0] >= 0).mean() < 0.9
     for alone, together in zip(*answers, strict=True):
@@ -350,7 +349,7 @@ def test_occluded_by_instance_ignores_other_instances(traversal: str) -> None:
     targets = np.arange(600, dtype=np.int32) % 12 * 5
     result = device_array(ti.i32, 600)
     queue = upload(np.arange(600, dtype=np.int32))
-    trace.occluded_by_instance(scene, CURRENT, upload_rays(rays), queue, upload(targets), 600, result)
+    trace.occluded_by_instance(scene, CURRENT, upload_vectors(rays), queue, upload(targets), 600, result)
     for target in range(0, 60, 5):
         chosen = targets == target
         alone = placed([placement.mesh[target]], placement.world_from_object[CURRENT, target : target + 1])

@@ -283,6 +283,44 @@ def test_file_that_must_not_be_written_is_refused(tmp_path: Path, name: str, mes
     assert {path.name: path.read_bytes() for path in tmp_path.iterdir()} == before
 
 
+def test_wall_in_an_instance_within_another_one_is_cut(tmp_path: Path) -> None:
+    room = tmp_path / "room.usda"
+    room.write_text("""#usda 1.0
+    (
+        defaultPrim = "Room"
+        metersPerUnit = 1
+        upAxis = "Y"
+    )
+    def Xform "Room"
+    {
+        def Xform "Wall"
+        {
+            def Cube "Shape"
+            {
+                float3[] extent = [(-1, -1, -1), (1, 1, 1)]
+            }
+        }
+        def Xform "Pair"
+        {
+            def "Inner" (
+                instanceable = true
+                references = </Room/Wall>
+            )
+            {
+            }
+        }
+        def "Outer" (
+            instanceable = true
+            references = </Room/Pair>
+        )
+        {
+        }
+    }
+    """)
+    path = join([(room, (0.0, 0.0, 0.0))], tmp_path / "flat.usda", openings=[Opening((0.0, 0.0, 0.0))])
+    assert Usd.Stage.Open(str(path)).GetPrimAtPath("/Flat/room/Outer/Inner/Shape").IsA(UsdGeom.Mesh)
+
+
 def test_missing_room_is_named(tmp_path: Path) -> None:
     with pytest.raises(MissingFile, match=r"cellar\.usda does not exist"):
         join([(tmp_path / "cellar.usda", (0.0, 0.0, 0.0))], tmp_path / "flat.usda")

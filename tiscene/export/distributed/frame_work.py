@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -17,10 +18,11 @@ if TYPE_CHECKING:
     from tiscene.stream.stream import Stream
 
 
+@dataclass(eq=False)
 class FrameWork:
     """Renders frames into shards of an export. A worker keeps its stream, so that caches fit the next shard too.
 
-    Args:
+    Attributes:
         source: As of Stream.
         settings: Further arguments of Stream.
         folder: The folder of the export.
@@ -30,22 +32,20 @@ class FrameWork:
         overwrite: As of `export`.
     """
 
-    def __init__(
-        self,
-        source: str | Path | Scenario,
-        settings: Mapping[str, Any],
-        folder: Path,
-        frames: range,
-        *,
-        format: str,
-        objects: str | None,
-        overwrite: bool,
-    ) -> None:
-        self.source, self.settings, self.folder = source, dict(settings), folder
-        self.frames, self.format, self.objects, self.overwrite = frames, format, objects, overwrite
-        self.count = -(-len(frames) // task_size(len(frames)))
-        self._stream: Stream | None = None
-        self._machine: dict[str, str] = {}
+    source: str | Path | Scenario
+    settings: Mapping[str, Any]
+    folder: Path
+    frames: range
+    format: str
+    objects: str | None
+    overwrite: bool
+    _stream: Stream | None = field(default=None, init=False)
+    _machine: dict[str, str] = field(default_factory=dict, init=False)
+
+    @property
+    def count(self) -> int:
+        """Number of tasks."""
+        return -(-len(self.frames) // task_size(len(self.frames)))
 
     def shard(self, task: int) -> Shard:
         """Return the shard that a task renders."""

@@ -11,7 +11,7 @@ from typing import Any, Literal, Protocol
 
 from tiscene.errors import DeviceError, StageWarning
 from tiscene.export.distributed.task_plan import TaskPlan
-from tiscene.export.manifest_difference import differences
+from tiscene.export.manifest_difference import differences, listing
 
 POLL_INTERVAL = 0.5  # s
 PATIENCE = 300.0  # s without any worker
@@ -147,14 +147,14 @@ def _check_alike(first: PoolEvent, other: PoolEvent, unlike: bool) -> None:
     """Raise DeviceError if two workers would write different bytes."""
     if first.opened is None or other.opened is None:
         return
+    workers = f"{first.worker} and {other.worker}"
     found = differences(first.opened.depends, other.opened.depends)
     if found:
-        listing = "".join(f"\n  {each}" for each in found)
-        raise DeviceError(f"{first.worker} and {other.worker} have other versions or files of the scene:{listing}")
+        raise DeviceError(f"{workers} have other versions or files of the scene:{listing(found)}")
     one, two = first.opened.machine, other.opened.machine
     names = [name for name in one if one[name] != two.get(name)]
     if names and not unlike:
         raise DeviceError(
-            f"{first.worker} and {other.worker} are unlike machines ({', '.join(names)}), whose color may differ in "
+            f"{workers} are unlike machines ({', '.join(names)}), whose color may differ in "
             "the last bits: use nodes of one kind, or permit it with unlike=True (--unlike)"
         )

@@ -18,7 +18,7 @@ import numpy as np
 from PIL import Image, ImageDraw, ImageFont
 
 from tiscene.errors import ExportError, export_errors
-from tiscene.export.array_files import png
+from tiscene.export.array_files import json_file, png
 from tiscene.export.generation.recipe import Recipe
 from tiscene.export.generation.scenario_summary import FILE, THUMBNAIL, THUMBNAIL_WIDTH, read_summary
 from tiscene.files import write_atomically
@@ -60,7 +60,7 @@ class DataSet:
     def save(self) -> None:
         """Write `dataset.json`."""
         content = {"count": self.count, "recipe": self.recipe.to_json()}
-        write_atomically(self.folder / DATA_SET, (json.dumps(content, indent=1) + "\n").encode())
+        write_atomically(self.folder / DATA_SET, json_file(content))
 
     def scenario_folder(self, number: int) -> Path:
         """Return the folder of a scenario, in that of its split."""
@@ -146,8 +146,7 @@ def index_files(summaries: Iterable[tuple[int, Summary]]) -> dict[str, bytes]:
         if summary is not None:
             lines.append(json.dumps(summary, separators=(",", ":")))
             statistics.add(summary)
-    text = json.dumps(statistics.result(), indent=1) + "\n"
-    return {INDEX: ("\n".join(lines) + "\n").encode(), STATISTICS: text.encode()}
+    return {INDEX: ("\n".join(lines) + "\n").encode(), STATISTICS: json_file(statistics.result())}
 
 
 class _Statistics:

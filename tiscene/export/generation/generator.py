@@ -3,20 +3,22 @@
 
 from __future__ import annotations
 
-import json
 import shutil
 from collections.abc import Callable, Iterable
 from pathlib import Path
 from typing import Any
 
+from dynamics.argument_checks import integer
 from tiscene.errors import ArgumentError, ExportError, ScenarioError, StageError, export_errors
+from tiscene.export.array_files import json_file
 from tiscene.export.exporter import export, provenance, writing_into
 from tiscene.export.generation.data_set_index import DataSet
 from tiscene.export.generation.recipe import Recipe
 from tiscene.export.generation.scenario_summary import FILE, ScenarioSummary
 from tiscene.export.manifest import NAME as MANIFEST
 from tiscene.export.manifest import Manifest
-from tiscene.export.manifest_difference import Difference, differences
+from tiscene.export.manifest_difference import Difference, differences, listing
+from tiscene.export.shards import Shard
 from tiscene.files import LOCK_NAME, write_atomically
 from tiscene.frame.frame import Frame
 from tiscene.render.view import image_size
@@ -60,19 +62,16 @@ def generate(
         ExportError: The folder has a data set of another recipe, more scenarios, or other files where scenarios go, or
             cannot be written.
     """
-    if count < 1:
-        raise ArgumentError(f"count={count}: must be at least 1")
-    number, of = shard
-    if not 0 <= number < of:
-        raise ArgumentError(f"shard={number}/{of}: must be 0/N to (N-1)/N")
+    integer(count, "count", 1)
+    part = Shard(*shard, (0, count, 1))
     data_set = DataSet(Path(folder), recipe, count)
     claim(data_set)
     with ScenarioRenderer(data_set, arch) as renderer:
-        for each in range(count * number // of, count * (number + 1) // of):
-            renderer.render(each, progress)
+        for number in part.own_frames:
+            renderer.render(number, progress)
             if progress is not None:
-                progress(each, None)
-    if of == 1:
+                progress(number, None)
+    if part.count == 1:
         data_set.write_index()
     return data_set
 
@@ -143,9 +142,8 @@ def claim(data_set: DataSet) -> None:
     else:
         found = _differences_of_first_scenario(data_set)
     if found:
-        listing = "".join(f"\n  {each}" for each in found)
         raise ExportError(
-            f"{str(data_set.folder)!r} has a data set of another recipe:{listing}\nChoose another folder."
+            f"{str(data_set.folder)!r} has a data set of another recipe:{listing(found)}\nChoose another folder."
         )
     if present is None:
         for folder in data_set.present():  # which would be emptied
@@ -223,9 +221,8 @@ class ScenarioRenderer:
             scenario = recipe.scenario(number)
             stream = self._restarted(scenario)
         except (ScenarioError, StageError) as error:
-            content = {**about, "error": str(error)}
             _clear(folder)
-            write_atomically(folder / FILE, (json.dumps(content, indent=1) + "\n").encode())
+            write_atomically(folder / FILE, json_file({**about, "error": str(error)}))
             return
         _clear(folder)
         summary = ScenarioSummary(recipe.frames)

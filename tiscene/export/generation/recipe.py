@@ -26,7 +26,7 @@ from tiscene.frame.buffers import buffer_names
 from tiscene.render.view import image_size
 from tiscene.scenario.providers import provider
 from tiscene.scenario.scenario import DRAWN_FACTORS, Scenario
-from tiscene.stream.stream import Stream
+from tiscene.stream.stream import STREAM_ARGUMENTS
 from tiscene.usd.core.layers import cached_by_layers
 from tiscene.usd.read.stage_render_settings import stage_resolution
 
@@ -35,9 +35,7 @@ RANGES = tuple(  # arguments of `Scenario.sample` that a recipe may give
     name for name in inspect.signature(Scenario.sample).parameters if name not in ("scene", "seed", "camera", "frames")
 )
 SETTINGS = tuple(  # arguments of `Stream` that a recipe may give
-    name
-    for name in inspect.signature(Stream).parameters
-    if name not in ("source", "frames", "arch", "limits", "progress")
+    name for name in STREAM_ARGUMENTS if name not in ("frames", "arch", "limits", "progress")
 )
 OF_SCENARIOS = ("camera", "variants")  # arguments of `Stream` that change its scenario
 

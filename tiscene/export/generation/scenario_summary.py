@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from PIL import Image
 
-from tiscene.export.array_files import png
+from tiscene.export.array_files import json_file, png
 from tiscene.export.manifest import Manifest
 from tiscene.files import write_atomically
 from tiscene.frame.visualize import picture
@@ -72,7 +72,7 @@ class ScenarioSummary:
             "mean_flow": float(np.mean(self._flow)) if self._flow else None,
             "difficulty": self._difficulty,
         }
-        write_atomically(folder / FILE, (json.dumps(content, indent=1) + "\n").encode())
+        write_atomically(folder / FILE, json_file(content))
 
 
 def frames_digest(manifest: Manifest) -> str:

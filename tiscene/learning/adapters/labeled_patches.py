@@ -14,7 +14,7 @@ from tiscene.errors import ArgumentError
 from tiscene.learning.answers import Answer, Pending
 from tiscene.learning.course import Course, check_course
 from tiscene.learning.supervision import Supervision
-from tiscene.learning.teaching_policies import Moment, OnePixelPerMovingObject, Policy, check_pixel_list
+from tiscene.learning.teaching_policies import Moment, OnePixelPerMovingObject, Policy, chosen_pixels
 
 
 @dataclass(frozen=True, eq=False)
@@ -80,11 +80,10 @@ def patches_of_tests(course: Course, size: int = 33, policy: Policy | None = Non
         raise ArgumentError("the course has no tests: Course(phases, tests=...)")
     chosen = policy or OnePixelPerMovingObject()
     for index in range(len(tests)):
-        number, k = tests.phase_at(index)
+        number, _, k, length = tests.rules(index)
         frame = tests[index]
         rng = np.random.default_rng((0x7E57, index))
-        moment = Moment(k, tests.starts[number + 1] - tests.starts[number], rng, frame.moving)
-        for y, x in check_pixel_list(chosen.pixels(frame, moment), f"{type(chosen).__name__}.pixels"):
+        for y, x in chosen_pixels(chosen, frame, Moment(k, length, rng, frame.moving)):
             patch, label = patch_around(frame.rgb, (y, x), size), int(frame.semantic[y, x])
             yield LabeledPatch(patch, label, frame.categories[label], index, (y, x), number, index)
 

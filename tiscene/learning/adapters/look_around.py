@@ -26,7 +26,7 @@ from tiscene.render.view import View
 from tiscene.scenario.scenario import Scenario
 from tiscene.scene.camera import Camera, quaternion_from_matrix
 from tiscene.scene.walking import Axes, walked_axes
-from tiscene.stream.stream import Stream
+from tiscene.stream.stream import STREAM_ARGUMENTS, Stream
 
 with requires_extra("gymnasium"):
     import gymnasium
@@ -39,7 +39,7 @@ UNUSED = {  # arguments of `Stream` that change nothing here, and why
     "prefetch": "frames depend on the actions, and cannot be rendered ahead",
     "batch": "frames depend on the actions, and cannot be rendered ahead",
 }
-SETTINGS = tuple(name for name in inspect.signature(Stream).parameters if name not in ("source", *UNUSED))
+SETTINGS = tuple(name for name in STREAM_ARGUMENTS if name not in UNUSED)
 MAX_PITCH = math.radians(80.0)
 
 
@@ -183,7 +183,7 @@ class LookAround(gymnasium.Env):  # type: ignore[misc]  # gymnasium is not read
     def _render_frame(self, before: Camera) -> None:
         self._walks |= walked_axes(before.position, self._camera.position)
         size = self.stream.width, self.stream.height
-        view = View(before, self._camera, self._camera, *size, roams=True, walks=self._walks)
+        view = View(before, self._camera, self._camera, *size, is_dynamic=True, walks=self._walks)
         self._frame = self.stream.render_view(self._index, view, BUFFERS)
 
     def _observation(self) -> dict[str, Any]:

@@ -21,16 +21,7 @@ SAMPLES = 64  # examples of which the Fisher information is estimated
 
 
 class ElasticWeightConsolidation(ConsolidatingLearner):
-    """EWC.
-
-    Args:
-        categories: names by category id.
-        seed: of all draws.
-        rate: learning rate.
-        strength: weight of the penalty.
-        every: steps between consolidations where boundaries are hidden.
-        decay: factor of the old Fisher information at each consolidation.
-    """
+    """EWC. Arguments are those of ConsolidatingLearner, and the factor of the old Fisher information, `decay`."""
 
     def __init__(
         self,
@@ -70,4 +61,4 @@ class ElasticWeightConsolidation(ConsolidatingLearner):
 
     def stored_bytes(self) -> int:
         tensors: int = sum(each.nbytes for each in (*self.fisher, *self.anchor))
-        return tensors + sum(each.rgb.nbytes + each.labels.nbytes for each in self.last)
+        return tensors + sum(each.nbytes for each in self.last)

@@ -78,10 +78,7 @@ class FlowCoherence(PixelLearner):
         features = normalize(self.network.features(pictures([before, after])), dim=1)
         first = features[0, :, start[:, 0], start[:, 1]].T
         second = features[1, :, end[:, 0], end[:, 1]].T
-        loss = cross_entropy(first @ second.T / self.temperature, torch.arange(len(start)))
-        self.optimizer.zero_grad()
-        loss.backward()
-        self.optimizer.step()
+        self.descend(cross_entropy(first @ second.T / self.temperature, torch.arange(len(start))))
 
     def _drawn(self, flow: NDArray[np.float32]) -> NDArray[np.int64]:
         """Draw pixels (y, x), half of them in proportion to the length of their flow."""
@@ -99,9 +96,7 @@ class FlowCoherence(PixelLearner):
         """Train the last layer alone on labeled pictures."""
         with torch.no_grad():
             features = self.network.features(pictures([each.rgb for each in batch]))
-        self.optimizer.zero_grad()
-        self.loss(self.network.head(features), batch).backward()
-        self.optimizer.step()
+        self.descend(self.loss(self.network.head(features), batch))
 
     def stored_bytes(self) -> int:
         return 0 if self.previous is None else self.previous[1].nbytes + self.previous[2].nbytes

@@ -6,7 +6,6 @@ was at the last consolidation, on the pictures of the present.
 from __future__ import annotations
 
 import copy
-from collections.abc import Mapping
 
 from tiscene.errors import requires_extra
 from tiscene.learning.baselines.consolidation import ConsolidatingLearner
@@ -20,20 +19,10 @@ TEMPERATURE = 2.0
 
 
 class LearningWithoutForgetting(ConsolidatingLearner):
-    """LwF. Every pixel of the pictures of a step is distilled, labeled or not.
+    """LwF. Every pixel of the pictures of a step is distilled, labeled or not; `strength` is the weight of that."""
 
-    Args:
-        categories: names by category id.
-        seed: of all draws.
-        rate: learning rate.
-        strength: weight of distillation.
-        every: steps between consolidations where boundaries are hidden.
-    """
-
-    def __init__(
-        self, categories: Mapping[int, str], seed: int = 0, rate: float = 2e-3, strength: float = 1.0, every: int = 200
-    ) -> None:
-        super().__init__(categories, seed, rate, strength, every)
+    def reset(self) -> None:
+        super().reset()
         self.old: PixelNetwork | None = None
 
     def penalty(self, inputs: torch.Tensor) -> torch.Tensor | float:

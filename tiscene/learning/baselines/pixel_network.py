@@ -78,6 +78,11 @@ class LabeledPicture:
     rgb: NDArray[np.uint8]
     labels: NDArray[np.int64]
 
+    @property
+    def nbytes(self) -> int:
+        """Memory of both arrays, bytes."""
+        return self.rgb.nbytes + self.labels.nbytes
+
 
 class PixelLearner:
     """A network that takes one gradient step for each frame with labels.
@@ -138,19 +143,20 @@ class PixelLearner:
     @one_thread()
     def step(self, batch: list[LabeledPicture]) -> None:
         """Take a gradient step on labeled pictures."""
-        self.optimizer.zero_grad()
         inputs = pictures([each.rgb for each in batch])
-        loss = self.loss(self.network(inputs), batch) + self.penalty(inputs)
+        self.descend(self.loss(self.network(inputs), batch) + self.penalty(inputs))
+
+    def descend(self, loss: torch.Tensor) -> None:
+        """Take a step of the optimizer along the gradient of a loss alone."""
+        self.optimizer.zero_grad()
         loss.backward()
         self.optimizer.step()
 
     def loss(self, scores: torch.Tensor, batch: list[LabeledPicture]) -> torch.Tensor:
         """Return the mean cross-entropy of the labeled pixels."""
         rows = [np.full(len(each.labels), row) for row, each in enumerate(batch)]
-        number, labels = (
-            torch.from_numpy(np.concatenate(rows)),
-            torch.from_numpy(np.concatenate([e.labels for e in batch])),
-        )
+        number = torch.from_numpy(np.concatenate(rows))
+        labels = torch.from_numpy(np.concatenate([each.labels for each in batch]))
         return nn.functional.cross_entropy(scores[number, :, labels[:, 0], labels[:, 1]], labels[:, 2])
 
     def penalty(self, inputs: torch.Tensor) -> torch.Tensor | float:

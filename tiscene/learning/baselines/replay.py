@@ -43,4 +43,4 @@ class Replay(PixelLearner):
                 self.reservoir[row] = each
 
     def stored_bytes(self) -> int:
-        return sum(each.rgb.nbytes + each.labels.nbytes for each in self.reservoir)
+        return sum(each.nbytes for each in self.reservoir)

@@ -49,4 +49,4 @@ class Shuffled(PixelLearner):
             self.step([self.stored[row] for row in rows.tolist()])
 
     def stored_bytes(self) -> int:
-        return sum(each.rgb.nbytes + each.labels.nbytes for each in self.stored)
+        return sum(each.nbytes for each in self.stored)

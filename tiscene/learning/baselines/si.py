@@ -20,15 +20,7 @@ DAMPING = 1e-3  # keeps the importance of weights that hardly moved finite
 
 
 class SynapticIntelligence(ConsolidatingLearner):
-    """SI.
-
-    Args:
-        categories: names by category id.
-        seed: of all draws.
-        rate: learning rate.
-        strength: weight of the penalty.
-        every: steps between consolidations where boundaries are hidden.
-    """
+    """SI. Arguments are those of ConsolidatingLearner."""
 
     def __init__(
         self, categories: Mapping[int, str], seed: int = 0, rate: float = 2e-3, strength: float = 0.3, every: int = 200

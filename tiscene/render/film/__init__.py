@@ -10,7 +10,7 @@
     visible_lights  pixels that show a light in front of the surface of their labels
     light_nearby    light that hidden parts of pixels should have
     smooth_light    light of reduced size: what varies slowly, and what has changed
-    steady_change   changes of light without their noise
+    shrinkage       changes of light, drawn to the mean around as far as they may be noise
     james_stein     noisy colors, drawn to expected ones
     tone_map        exposure, tone curve, sRGB
 """

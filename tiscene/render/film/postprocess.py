@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 
 from tiscene.render.film.denoise import denoise
 from tiscene.render.film.light_nearby import light_nearby
+from tiscene.render.film.shrinkage import shrunk_change
 from tiscene.render.film.smooth_light import apply_reduced_light
-from tiscene.render.film.steady_change import steadied
 from tiscene.render.film.upsample import demodulate, upsample
 from tiscene.render.integrators.incremental.base_image import IncrementalBase
 from tiscene.render.integrators.incremental.changed_regions import MARGIN, NARROW_MARGIN, Region, regions_of
@@ -93,7 +93,7 @@ class Postprocessor:
         change = np.zeros_like(before)
         if image.after is not None:
             change = self._denoised(image.after, image.white, image.reduced_normal, False) - before
-            change = steadied(change, image.after - image.before, image.reduced_normal)
+            change = shrunk_change(change, image.after - image.before, image.reduced_normal)
         if image.emitted is not None:
             change += self._denoised(image.emitted, image.white, image.reduced_normal, False)
         apply_reduced_light(

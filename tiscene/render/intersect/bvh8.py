@@ -12,6 +12,7 @@ import taichi as ti
 
 from tiscene.device.balanced_loops import first_items, iterations, next_item
 from tiscene.device.kernel_types import Float4s1, Float8s1, Floats3, Ints1, Ints2, Template, float4, float8, int8
+from tiscene.render.intersect.bvh2 import reciprocal
 from tiscene.render.intersect.ray_queue import HitIds, Hits, Rays, write_hit
 from tiscene.scene.bvh.rebraid import INFO_PARTS, ROW_BITS, ROW_MASK
 
@@ -47,12 +48,6 @@ def entry_column(entered: ti.i32) -> ti.i32:
     """Return the column of `instances` with the BLAS node at which the reference in a TLAS leaf enters."""
     part = entered >> ROW_BITS
     return ti.select(part > 0, INFO_PARTS - 1 + part, 0)
-
-
-@ti.func
-def reciprocal(d: ti.f32) -> ti.f32:
-    """Return 1 / d, finite for d = 0, so that 0 * infinity does not occur."""
-    return 1.0 / ti.select(ti.abs(d) < 1e-18, ti.select(d < 0.0, -1e-18, 1e-18), d)
 
 
 @ti.func

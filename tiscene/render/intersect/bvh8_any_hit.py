@@ -13,6 +13,7 @@ import taichi as ti
 
 from tiscene.device.balanced_loops import first_items, iterations, next_item
 from tiscene.device.kernel_types import Float4s1, Float8s1, Floats3, Ints1, Ints2, Template, float8
+from tiscene.render.intersect.bvh2 import reciprocal
 from tiscene.render.intersect.bvh8 import (
     LARGEST,
     MIN_TASKS,
@@ -24,7 +25,6 @@ from tiscene.render.intersect.bvh8 import (
     intersect_leaf_block,
     into_instance,
     mask_bits,
-    reciprocal,
     shear,
 )
 from tiscene.render.intersect.ray_queue import Rays

@@ -63,13 +63,6 @@ def write_hit(
     hit_ids[row] = hit_id(instance, triangle)
 
 
-def upload_rays(rays: NDArray[np.float32]) -> Any:
-    """Return rays, float32 [n, 8], as a device array."""
-    array = device_array(ray, len(rays))
-    array.from_numpy(np.ascontiguousarray(rays, np.float32))
-    return array
-
-
 def upload_pixels(rows: NDArray[np.int32], width: int, height: int, frames: int = 1) -> Any:
     """Return pixels, int32 [n], y * width + x, as a device array with ROW and PLACE.
 

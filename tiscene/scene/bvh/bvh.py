@@ -190,7 +190,7 @@ class Bvh:
         ends = np.cumsum(counts[meshes])
         starts = ends - counts[meshes]
         kind = self.layout.leaf_kind
-        found = self._build(boxes, solid, starts, LEAF_SIZE, self.layout.block, kind)
+        found = self._build(boxes, solid, starts, kind)
         if found is None:  # one of them is too deep for the stack
             if len(sizes) == 1:
                 raise self._too_many(len(solid), "triangles in one mesh")
@@ -332,13 +332,7 @@ class Bvh:
         return first * self.layout.unit
 
     def _build(
-        self,
-        boxes: Boxes,
-        order: NDArray[np.int32],
-        starts: NDArray[np.int64],
-        leaf_size: int,
-        block: int,
-        leaf_kind: int,
+        self, boxes: Boxes, order: NDArray[np.int32], starts: NDArray[np.int64], leaf_kind: int
     ) -> NDArray[np.int32] | None:
         """Build trees in the workspace, each over the boxes from one of `starts` to the next.
 
@@ -346,7 +340,9 @@ class Bvh:
             For each tree: the totals of nodes and leaf blocks up to it, and the stack that it needs. None: a tree needs
             more stack than there is.
         """
-        budget = self.layout.tlas_stack if leaf_kind == layout_kernels.INSTANCE_LEAF else self.layout.blas_stack
+        leaf_size, block, budget = LEAF_SIZE, self.layout.block, self.layout.blas_stack
+        if leaf_kind == layout_kernels.INSTANCE_LEAF:
+            leaf_size, block, budget = 1, 1, self.layout.tlas_stack
         ends = np.append(starts[1:], len(order))
         tasks = np.stack([2 * starts, starts, ends, np.zeros_like(starts)], axis=1).astype(np.int32)
         for sah_depth in SAH_DEPTHS if len(starts) == 1 else SAH_DEPTHS[:1]:
@@ -358,7 +354,7 @@ class Bvh:
 
     def _build_instances(self, boxes: NDArray[np.float64], rows: NDArray[np.int32]) -> int:
         """Build a tree over instances in the workspace; return its number of nodes."""
-        found = self._build(widened(boxes), rows, np.zeros(1, np.int64), 1, 1, layout_kernels.INSTANCE_LEAF)
+        found = self._build(widened(boxes), rows, np.zeros(1, np.int64), layout_kernels.INSTANCE_LEAF)
         if found is None:
             raise self._too_many(len(rows), "instances")
         return int(found[0, 0])

@@ -9,6 +9,8 @@ from tiscene.scene.bvh.build_kernels import FAR, box_of, half_area
 # Kinds of leaves: the name of one instance; one leaf block with all triangles; a row for each triangle.
 INSTANCE_LEAF, BLOCK_LEAF, ROW_LEAF = 0, 1, 2
 
+BLOCK_ROWS = 10  # of a leaf block, see `write_leaf_blocks`
+
 # Of the layout "bvh8": an empty node whose first two references mark the end of an instance and of a ray
 # (`render.intersect.bvh8_any_hit`).
 GUARD_NODE = 1
@@ -168,7 +170,7 @@ def write_leaf_blocks(
         slot = children[node, k]
         if slot >= 0:
             if node_link[slot, 0] < 0:
-                at = 10 * (first_block + node_link[slot, 1])
+                at = BLOCK_ROWS * (first_block + node_link[slot, 1])
                 begin = node_link[slot, 2]
                 size = node_link[slot, 3]
                 sort(order, begin, begin + size)

@@ -9,6 +9,7 @@ import taichi as ti
 
 from tiscene.device.kernel_types import Float4s1, Float8s1, Floats2, Ints1, Ints2
 from tiscene.scene.bvh.build_kernels import FAR
+from tiscene.scene.bvh.layout_kernels import BLOCK_ROWS
 
 _MARGIN = 4e-7  # of a box's largest coordinate, as in `bvh`
 
@@ -46,7 +47,7 @@ def refit_leaf_blocks(
 ):
     """Write the triangles of leaf blocks again. `offset` is added to each row of `triangle_vertices`."""
     for pack in range(count):
-        at = 10 * (first + pack)
+        at = BLOCK_ROWS * (first + pack)
         for lane in ti.static(range(4)):
             triangle = ti.bit_cast(leaf_blocks[at + 9][lane], ti.i32)
             if triangle >= 0:

@@ -40,7 +40,7 @@ class Layout:
     tlas_stack: int
 
 
-BVH8 = Layout("bvh8", 8, 4, 10, layout_kernels.BLOCK_LEAF, 0.5, 56, 56)
+BVH8 = Layout("bvh8", 8, 4, layout_kernels.BLOCK_ROWS, layout_kernels.BLOCK_LEAF, 0.5, 56, 56)
 BVH2 = Layout("bvh2", 1, 1, 1, layout_kernels.ROW_LEAF, 1.0, 48, 24)
 LAYOUTS = {layout.name: layout for layout in (BVH8, BVH2)}
 MAX_KEPT_CAPACITY = 1 << 18  # primitives; a larger workspace is freed after the build

@@ -13,9 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from tiscene.scene.description import DistantLight, Light
-
-Color = tuple[float, float, float]
+from tiscene.scene.description import Color, DistantLight, Light
 
 
 @dataclass(frozen=True, eq=False)

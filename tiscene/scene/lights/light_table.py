@@ -98,6 +98,8 @@ _ROUNDING = 1e-6  # boxes are enlarged by this fraction of their coordinates, ag
 _PORTAL_MARGIN = 0.05  # portals are enlarged by this fraction of their size, for rounding and the width of the sun
 PORTAL_MAP_COLUMNS = 8
 
+Floats = NDArray[np.float32]
+
 
 class LightArrays(NamedTuple):
     """Device arrays of the light table.
@@ -150,19 +152,30 @@ def _box(light: Light, shape: LightShape) -> NDArray[np.float64]:
     return np.array([matrix[:, 3] - reach, matrix[:, 3] + reach])
 
 
-def _link_tables(lights: Sequence[Light], values: NDArray[np.float32]) -> list[NDArray[np.float32]]:
-    """Fill in the columns LIT and SHADOWING, and return the parts of `distribution` that they refer to."""
+class _Distributions:
+    """The parts of `LightArrays.distribution`, while it is put together."""
+
+    def __init__(self) -> None:
+        self.parts: list[Floats] = []
+        self._used = 0
+
+    def add(self, part: NDArray[np.floating]) -> int:
+        """Append a part; return where it begins."""
+        begin, self._used = self._used, self._used + part.size
+        self.parts.append(part.astype(np.float32, copy=False).ravel())
+        return begin
+
+
+def _add_links(lights: Sequence[Light], values: Floats, distributions: _Distributions) -> None:
+    """Fill in the columns LIT and SHADOWING."""
     values[:, [LIT, SHADOWING]] = -1.0
-    tables: dict[tuple[bool, ...], int] = {}
-    used = 0
+    begins: dict[tuple[bool, ...], int] = {}
     for row, light in enumerate(lights):
         for column, link in ((LIT, light.lit), (SHADOWING, light.shadowing)):
             if link is not None:
-                if link not in tables:
-                    tables[link] = used
-                    used += len(link)
-                values[row, column] = tables[link]
-    return [np.array(link, np.float32) for link in tables]
+                if link not in begins:
+                    begins[link] = distributions.add(np.array(link, np.float32))
+                values[row, column] = begins[link]
 
 
 class LightTable:
@@ -176,12 +189,12 @@ class LightTable:
         self._arrays: LightArrays | None = None
         # By row of the atlas: CDF, grid and sun fraction of domes' textures; filtered copies; CDF, grid and image
         # fraction of area lights' textures; mean luminance.
-        self._skies: dict[int, tuple[NDArray[np.float32], tuple[int, int], float]] = {}
-        self._copies: dict[int, NDArray[np.float32] | None] = {}
-        self._panels: dict[int, tuple[NDArray[np.float32], tuple[int, int], float]] = {}
+        self._skies: dict[int, tuple[Floats, tuple[int, int], float]] = {}
+        self._copies: dict[int, Floats | None] = {}
+        self._panels: dict[int, tuple[Floats, tuple[int, int], float]] = {}
         self._means: dict[int, float] = {}
         # LightArrays.distribution and its parts on the host: not uploaded again when a light moves.
-        self._distributions: list[NDArray[np.float32]] = []
+        self._distributions: list[Floats] = []
         self._uploaded: Any = None
 
     def __len__(self) -> int:
@@ -256,15 +269,12 @@ class LightTable:
         leaves = light_tree.empty_rows(len(values))
         leaves[:, ROW] = np.arange(len(leaves))
         values[:, TEXTURE] = values[:, PROFILE] = -1.0
-        distributions = _link_tables(lights, values)  # first: rays hold their places as float32
-        used = sum(map(len, distributions))
+        distributions = _Distributions()
+        _add_links(lights, values, distributions)  # first: rays hold their places as float32
 
-        def add_distribution(row: int, made: tuple[NDArray[np.float32], tuple[int, int], float]) -> float:
+        def add_distribution(row: int, made: tuple[Floats, tuple[int, int], float]) -> float:
             """Append a CDF; returns the fraction that comes with it."""
-            nonlocal used
-            values[row, DISTRIBUTION], values[row, GRID : GRID + 2] = used, made[1]
-            distributions.append(made[0])
-            used += len(made[0])
+            values[row, DISTRIBUTION], values[row, GRID : GRID + 2] = distributions.add(made[0]), made[1]
             return made[2]
 
         boxes: list[NDArray[np.float64]] = []
@@ -311,9 +321,7 @@ class LightTable:
                 values[row, PORTAL_MAPS] = -1.0
                 if portals:
                     maps = _portal_maps(light.world_from_light[:3, 2], [portal for _, portal in portals])
-                    values[row, PORTAL_MAPS] = used
-                    distributions.append(maps.astype(np.float32).ravel())
-                    used += maps.size
+                    values[row, PORTAL_MAPS] = distributions.add(maps)
             elif isinstance(light, DomeLight):
                 fraction = 0.0
                 if texture is not None:
@@ -324,14 +332,9 @@ class LightTable:
                     values[row, SMALL_IMAGE] = -1.0
                     copy = self._copies[image_row]
                     if fraction == 0.0 and copy is not None:
-                        values[row, SMALL_IMAGE] = used
-                        distributions.append(copy.ravel())
-                        used += copy.size
-                leaves[row, [ROUND, STRENGTH, SIZE2]] = (
-                    not light.portals,
-                    max(luminance, 0.0),
-                    fraction / (1.0 - fraction),
-                )
+                        values[row, SMALL_IMAGE] = distributions.add(copy)
+                odds = fraction / (1.0 - fraction)
+                leaves[row, [ROUND, STRENGTH, SIZE2]] = not light.portals, max(luminance, 0.0), odds
                 through_portals[row] = max(luminance, 0.0)
             values[row, RADIANCE : RADIANCE + 3] = color
         for row, (dome, portal) in enumerate(portals, len(lights)):
@@ -341,13 +344,22 @@ class LightTable:
             values[row, SIZE : SIZE + 2] = portal.width, portal.height
             leaves[row, CENTER : CENTER + 3], leaves[row, NORMAL : NORMAL + 3] = matrix[:, 3], matrix[:, 2]
             leaves[row, [STRENGTH, SIZE2]] = area * through_portals[dome], area / (2.0 * math.pi)
+        ends = [0, *np.searchsorted(groups, (AT_INFINITY, SURROUNDING)).tolist(), len(lights), first_mesh]
+        nodes = self._nodes(values, leaves, ends, boxes, distributions)
+        distributions.add(np.zeros(1))
+        known, parts = self._distributions, distributions.parts
+        if len(known) != len(parts) or not all(map(np.array_equal, known, parts)):
+            self._distributions, self._uploaded = parts, upload(np.concatenate(parts))
+        return LightArrays(upload(values), upload_vectors(nodes), self._uploaded)
 
-        ends = [
-            0,
-            *(int(np.searchsorted(groups, group)) for group in (AT_INFINITY, SURROUNDING)),
-            len(lights),
-            first_mesh,
-        ]
+    def _nodes(
+        self, values: Floats, leaves: Floats, ends: Sequence[int], boxes: Sequence[Any], distributions: _Distributions
+    ) -> Floats:
+        """Return the light tree and the BVH of lights; fill in the column SLOT and the rows of emissive instances.
+
+        ends: 0, then where the rows of finite lights, distant lights, domes and portals end.
+        """
+        first_mesh = ends[-1]
         finite_rows, distant_rows, dome_rows, portal_rows = (leaves[a:b] for a, b in itertools.pairwise(ends))
         for row, ((_, mesh, _), place) in enumerate(zip(self._meshes, self._places, strict=True), first_mesh):
             leaves[row] = mesh.placed(place)
@@ -359,33 +371,24 @@ class LightTable:
             nodes[0, H_HAS_CHOICE] = 1.0  # between triangles
         rows, slots = light_tree.light_slots(nodes[1:])
         values[rows, SLOT] = LANES + slots
-        nodes = np.concatenate([nodes, *self._add_meshes(values[first_mesh:], len(nodes), used, distributions)])
+        nodes = np.concatenate([nodes, *self._add_meshes(values[first_mesh:], len(nodes), distributions)])
         nodes[0, [H_AREA_COUNT, H_BVH_ROW]] = len(boxes), ROWS * len(nodes)
         lower, upper = np.reshape(boxes, (-1, 2, 3)).transpose(1, 0, 2)
-        nodes = np.concatenate([nodes.reshape(-1, LANES), light_bvh.build(lower, upper, ROWS * len(nodes))])
-        distributions.append(np.zeros(1, np.float32))
-        known = self._distributions
-        if len(known) != len(distributions) or not all(map(np.array_equal, known, distributions)):
-            self._distributions, self._uploaded = distributions, upload(np.concatenate(distributions))
-        return LightArrays(upload(values), upload_vectors(nodes), self._uploaded)
+        return np.concatenate([nodes.reshape(-1, LANES), light_bvh.build(lower, upper, ROWS * len(nodes))])
 
-    def _add_meshes(
-        self, rows: NDArray[np.float32], used_nodes: int, used: int, distributions: list[NDArray[np.float32]]
-    ) -> list[NDArray[np.float32]]:
+    def _add_meshes(self, rows: Floats, used_nodes: int, distributions: _Distributions) -> list[Floats]:
         """Fill in the rows of emissive instances; returns the trees of their meshes, each once."""
-        trees: list[NDArray[np.float32]] = []
+        trees: list[Floats] = []
         known: dict[int, tuple[int, int]] = {}
         for row, (instance, mesh, first_triangle) in zip(rows, self._meshes, strict=True):
             if first_triangle not in known:
-                known[first_triangle] = used_nodes, used
                 nodes = light_tree.rebased(mesh.nodes, used_nodes, first_triangle)
                 triangles, slots = light_tree.light_slots(mesh.nodes)
                 slot_of = np.zeros(mesh.triangles, np.float32)
                 slot_of[triangles] = LANES * used_nodes + slots
                 trees.append(nodes)
-                distributions.append(slot_of)
+                known[first_triangle] = used_nodes, distributions.add(slot_of)
                 used_nodes += len(nodes)
-                used += len(slot_of)
             row[[KIND, INSTANCE, FIRST_TRIANGLE]] = MESH, instance, first_triangle
             row[[TREE, DISTRIBUTION]] = known[first_triangle]
             row[[TEXTURE, PROFILE]] = -1.0

@@ -18,6 +18,7 @@ from torch.utils.data import IterableDataset, default_collate, get_worker_info
 from dynamics import argument_checks
 from tiscene.errors import ArgumentError
 from tiscene.stream.loaders.frame_samples import FrameSamples, frame_range, is_endless
+from tiscene.stream.saved_state import differences
 from tiscene.stream.stream_interface import StreamInterface
 
 STATE_VERSION = 1
@@ -42,10 +43,10 @@ class TorchStream(IterableDataset):  # type: ignore[misc]  # mypy does not read 
         frames: range | None,
         samples: FrameSamples,
         *,
-        chunk: int = 1,
-        drop_last: bool = False,
-        rank: int | None = None,
-        world_size: int | None = None,
+        chunk: int,
+        drop_last: bool,
+        rank: int | None,
+        world_size: int | None,
     ) -> None:
         super().__init__()
         self.stream = stream
@@ -133,11 +134,9 @@ class TorchStreamIterator(Iterator[Any]):
         """
         if not isinstance(state, Mapping) or state.get("version") != STATE_VERSION:
             raise ArgumentError(f"this is not a state of stream.torch() (version {STATE_VERSION})")
-        saved, here = state["of"], self._identity()
-        if different := [name for name in here if saved.get(name) != here[name]]:
-            listing = ", ".join(f"{name}: {saved.get(name)!r} there, {here[name]!r} here" for name in different)
+        if different := ", ".join(differences(state["of"], self._identity()).values()):
             raise ArgumentError(
-                f"the state is of another data set ({listing}). Make the stream and loader as they were."
+                f"the state is of another data set ({different}). Make the stream and loader as they were."
             )
         self._delivered = state["delivered"]
 

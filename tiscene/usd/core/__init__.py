@@ -7,12 +7,14 @@
     report          collect problems and omissions
     broken_prims    prims whose bounds cannot be computed
     limits          limits of size, time, memory and location
+    prims           traversal, ancestors and instances of prims
     layers          files of a stage and their digests
     package         paths into .usdz packages
     transform       matrices
     units           stage units and meters
     pose            positions and rotations as transform operations
     semantics       semantic labels and object identity
+    content         keys of equal arrays and values
     value_times     time samples, value blocks and splines of attributes
     time_samples    animation within objects as instance tracks
     keyframes       animation of whole objects as keyframes and lifespans

@@ -10,10 +10,10 @@ from collections.abc import Iterable, Iterator
 
 from pxr import Sdf, Usd, UsdGeom
 
+from tiscene.usd.core.prims import ALSO_ABSTRACT, outermost_instance
 from tiscene.usd.core.report import StageReport
 
 ENDLESS = "one of its prototypes contains the instancer itself"
-_ALSO_ABSTRACT = Usd.TraverseInstanceProxies(Usd.PrimIsActive & Usd.PrimIsLoaded)
 
 
 def has_bounds(prim: Usd.Prim) -> bool:
@@ -32,13 +32,13 @@ def deactivate_broken(root: Usd.Prim, report: StageReport) -> None:
     with Usd.EditContext(stage, stage.GetSessionLayer()):
         while broken := [prim.GetPath() for prim in _broken(root, report)]:
             for path in broken:
-                prims = [stage.GetPrimAtPath(each) for each in path.GetPrefixes()]
-                if not prims[-1]:  # a prim above it was deactivated before
+                prim = stage.GetPrimAtPath(path)
+                if not prim:  # a prim above it was deactivated before
                     continue
-                if prims[-1].IsInstanceProxy():
-                    next(prim for prim in prims if prim.IsInstance()).SetInstanceable(False)
+                if prim.IsInstanceProxy():
+                    outermost_instance(prim).SetInstanceable(False)
                 else:
-                    prims[-1].SetActive(False)
+                    prim.SetActive(False)
 
 
 def _broken(root: Usd.Prim, report: StageReport) -> Iterator[Usd.Prim]:
@@ -47,7 +47,7 @@ def _broken(root: Usd.Prim, report: StageReport) -> Iterator[Usd.Prim]:
         if _is_endless(prim):
             report.problem(prim.GetPath(), "instancer", ENDLESS)
             yield prim
-    for prim in Usd.PrimRange(root, _ALSO_ABSTRACT):
+    for prim in Usd.PrimRange(root, ALSO_ABSTRACT):
         local = None
         with report.guard(prim):
             local = UsdGeom.Xformable(prim).GetLocalTransformation() if prim.IsA(UsdGeom.Xformable) else prim
@@ -64,7 +64,7 @@ def _instancers(roots: Iterable[Usd.Prim]) -> dict[Sdf.Path, Usd.Prim]:
     found: dict[Sdf.Path, Usd.Prim] = {}
     pending = list(roots)
     while pending:
-        prims = iter(Usd.PrimRange(pending.pop(), _ALSO_ABSTRACT))
+        prims = iter(Usd.PrimRange(pending.pop(), ALSO_ABSTRACT))
         for prim in prims:
             if prim.IsA(UsdGeom.PointInstancer):
                 prims.PruneChildren()  # only those that are prototypes are drawn

@@ -14,6 +14,7 @@ import numpy as np
 from pxr import Usd, UsdGeom
 
 from tiscene.usd.core.pose import read_pose
+from tiscene.usd.core.prims import with_ancestors
 from tiscene.usd.core.report import StageReport
 from tiscene.usd.core.transform import to_matrix
 from tiscene.usd.core.units import Units
@@ -34,16 +35,13 @@ def sample_times(prim: Usd.Prim) -> list[float]:
     """
     times: set[float] = set()
     turns = False
-    while prim and not prim.IsPseudoRoot():
-        xformable = UsdGeom.Xformable(prim)
-        if xformable:
-            for op in xformable.GetOrderedXformOps():
-                samples = value_times(op.GetAttr())
-                times.update(samples)
-                turns = turns or (len(samples) > 1 and op.GetOpType() in _ROTATIONS)
-            if xformable.GetResetXformStack():
-                break
-        prim = prim.GetParent()
+    for xformable in filter(None, map(UsdGeom.Xformable, with_ancestors(prim))):
+        for op in xformable.GetOrderedXformOps():
+            samples = value_times(op.GetAttr())
+            times.update(samples)
+            turns = turns or (len(samples) > 1 and op.GetOpType() in _ROTATIONS)
+        if xformable.GetResetXformStack():
+            break
     return dense_times(times, MAX_TIMES) if turns else sorted(times)
 
 
@@ -68,13 +66,8 @@ def changes_scale(prim: Usd.Prim, times: list[float]) -> bool:
     """Return whether a prim's world transform changes more than its pose at some time codes."""
     if len(times) < 2:
         return False
-    scaled, above = False, prim
-    while above and not scaled and not above.IsPseudoRoot():
-        xformable = UsdGeom.Xformable(above)
-        operations = xformable.GetOrderedXformOps() if xformable else ()
-        scaled = any(each.GetOpType() not in _RIGID for each in operations)  # what turns below a scale changes too
-        above = above.GetParent()
-    if not scaled:
+    lineage = filter(None, map(UsdGeom.Xformable, with_ancestors(prim)))  # what turns below a scale changes too
+    if all(op.GetOpType() in _RIGID for each in lineage for op in each.GetOrderedXformOps()):
         return False
     xformable = UsdGeom.Xformable(prim)
     worlds = [to_matrix(xformable.ComputeLocalToWorldTransform(Usd.TimeCode(time)), 1.0)[:3, :3] for time in times]

@@ -9,13 +9,13 @@ An object is the nearest enclosing prim of kind `component`, else a native insta
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from pathlib import Path
 
 from pxr import Kind, Sdf, Usd, UsdSemantics
 
 from tiscene.errors import UnknownName
 from tiscene.usd.core.package import split_package
+from tiscene.usd.core.prims import ancestors, with_ancestors
 
 PREFERRED_TAXONOMIES = ("class", "category")
 _TYPE, _DATA = ":params:semanticType", ":params:semanticData"  # ends of names of attributes of SemanticsAPI
@@ -66,12 +66,8 @@ def _omniverse_labels(prim: Usd.Prim, time: Usd.TimeCode) -> dict[str, str]:
 
 def inherited_label(prim: Usd.Prim, time: Usd.TimeCode, taxonomy: str | None = None) -> str:
     """Return the `direct_label` of a prim or of its nearest ancestor that has one, "" for none."""
-    while prim and not prim.IsPseudoRoot():
-        label = direct_label(prim, time, taxonomy)
-        if label:
-            return label
-        prim = prim.GetParent()
-    return ""
+    labels = (direct_label(each, time, taxonomy) for each in with_ancestors(prim))
+    return next(filter(None, labels), "")
 
 
 def taxonomies_of(stage: Usd.Stage) -> set[str]:
@@ -85,8 +81,10 @@ def taxonomies_of(stage: Usd.Stage) -> set[str]:
 
 def check_taxonomy(stage: Usd.Stage, taxonomy: str | None) -> None:
     """Raise UnknownName for a taxonomy that no label on the stage has. None is valid."""
-    known = set() if taxonomy is None else taxonomies_of(stage)
-    if taxonomy is not None and (not isinstance(taxonomy, str) or taxonomy not in known):
+    if taxonomy is None:
+        return
+    known = taxonomies_of(stage)
+    if not isinstance(taxonomy, str) or taxonomy not in known:
         hint = "" if known else "Nothing on the stage has a semantic label."
         raise UnknownName("taxonomy", taxonomy, known, where=f" in {stage.GetRootLayer().GetDisplayName()}", hint=hint)
 
@@ -103,12 +101,8 @@ def asset_name(prim: Usd.Prim) -> str:
     It is the name in the assetInfo of the nearest prim at or above it, or derived from the name of the file whose
     default prim that one references.
     """
-    while prim and not prim.IsPseudoRoot():
-        name = Usd.ModelAPI(prim).GetAssetName() or _name_of_reference(prim)
-        if name:
-            return str(name)
-        prim = prim.GetParent()
-    return ""
+    names = (Usd.ModelAPI(each).GetAssetName() or _name_of_reference(each) for each in with_ancestors(prim))
+    return str(next(filter(None, names), ""))
 
 
 def _name_of_reference(prim: Usd.Prim) -> str:
@@ -125,6 +119,11 @@ def _name_of_reference(prim: Usd.Prim) -> str:
 def readable_name(path: Path) -> str:
     """Return a name derived from a file's: "Chair 01" for `chair_01.usda` and for `chair_01/template.usda`."""
     return spaced(path.resolve().parent.name if path.stem == "template" else path.stem)
+
+
+def scene_name(path: Path) -> str:
+    """Return the name of a scene from its file's: that of its folder for `room_02/scene.usda`."""
+    return path.resolve().parent.name if path.stem == "scene" else path.stem
 
 
 def spaced(name: str) -> str:
@@ -145,12 +144,6 @@ def is_object_instance(prim: Usd.Prim) -> bool:
 def is_in_object(prim: Usd.Prim) -> bool:
     """Return whether a prim is below an object."""
     return any(is_component(above) or is_object_instance(above) for above in ancestors(prim))
-
-
-def ancestors(prim: Usd.Prim) -> Iterator[Usd.Prim]:
-    """Yield the ancestors of a prim, from its parent up, without the pseudo-root."""
-    while (prim := prim.GetParent()) and not prim.IsPseudoRoot():
-        yield prim
 
 
 def shared_path(prim: Usd.Prim) -> Sdf.Path:

@@ -16,6 +16,7 @@ from tiscene import catalog
 from tiscene.errors import ArgumentError, MissingFile, StageError, UnknownName
 from tiscene.usd.core import schema
 from tiscene.usd.core.package import split_package
+from tiscene.usd.core.prims import distinct_prims
 from tiscene.usd.core.report import COMPOSITION, StageReport, error_lines, one_line
 from tiscene.usd.core.value_times import has_spline
 from tiscene.usd.materials.materialx_document import is_substituted, substitute_documents
@@ -287,8 +288,7 @@ def changes_over_time(stage: Usd.Stage) -> bool:
     """Return whether anything on a stage has time samples, in its layers or in value clips, or a spline."""
     if _has_time_samples(stage):
         return True
-    prims = (prim for root in (stage.GetPseudoRoot(), *stage.GetPrototypes()) for prim in Usd.PrimRange(root))
-    return any(has_spline(each) for prim in prims for each in prim.GetAuthoredAttributes())
+    return any(has_spline(each) for prim in distinct_prims(stage) for each in prim.GetAuthoredAttributes())
 
 
 def _has_time_samples(stage: Usd.Stage) -> bool:

@@ -45,11 +45,15 @@ class AnimatedAncestors:
             parent_world: world transform of its parent, in stage units.
             hides: whether its visibility is animated.
         """
-        result = replace(self, hiders=(*self.hiders, prim)) if hides else self
+        result = self.hidden_by(prim) if hides else self
         xformable = UsdGeom.Xformable(prim)
         if not xformable or not (self.movers or xformable.TransformMightBeTimeVarying()):
             return result
         return replace(result, movers=(*self.movers, prim), base=self.base if self.movers else parent_world)
+
+    def hidden_by(self, prim: Usd.Prim) -> AnimatedAncestors:
+        """Return these ancestors and another prim with animated visibility."""
+        return replace(self, hiders=(*self.hiders, prim))
 
     def below(self, outer: Gf.Matrix4d, hiders: tuple[Usd.Prim, ...]) -> AnimatedAncestors:
         """Return these ancestors of a prototype's prim, where the prototype is at a transform and below hiders."""

@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import numpy as np
 from numpy.typing import NDArray
-from pxr import Gf
+from pxr import Gf, Usd, UsdGeom
 
 from tiscene.scene.description import Matrix
 
@@ -23,6 +23,14 @@ def from_matrix(matrix: Matrix, meters_per_unit: float) -> Gf.Matrix4d:
     """Return the USD transform that `to_matrix` gives a matrix for."""
     result = Gf.Matrix4d(matrix.T.tolist())
     return result.SetTranslateOnly(result.ExtractTranslation() / meters_per_unit)
+
+
+def point_matrices(instancer: UsdGeom.PointInstancer, time: Usd.TimeCode) -> NDArray[np.float64]:
+    """Return the transforms of an instancer's points, masked ones too, in its space: [n, 4, 4], stage units."""
+    transforms = instancer.ComputeInstanceTransformsAtTime(
+        time, time, UsdGeom.PointInstancer.ExcludeProtoXform, UsdGeom.PointInstancer.IgnoreMask
+    )
+    return np.asarray(transforms, np.float64).reshape(-1, 4, 4).transpose(0, 2, 1)
 
 
 def range_fault(matrices: NDArray[np.float64]) -> str:

@@ -133,6 +133,21 @@ class Cage:
         inner = first[(self.edge_faces == 2) & (self.sharpness <= 0.0)]
         return order[inner], order[inner + 1]
 
+    def level_weights(self) -> Floats | None:
+        """Return the weight [points] of this level's rules for the old points; the rest is that of the next level's.
+
+        It is below 1 where the sharpness of a point or of its edges runs out within this level. None: 1 everywhere.
+        """
+        at, _, edge = self.incident
+        edge_ends = ((self.sharpness > 0.0) & (self.sharpness <= 1.0))[edge]
+        point_ends = (self.point_sharpness > 0.0) & (self.point_sharpness <= 1.0)
+        count = np.bincount(at[edge_ends], minlength=self.points) + point_ends
+        if not count.any():
+            return None
+        total = np.bincount(at[edge_ends], self.sharpness[edge[edge_ends]], minlength=self.points)
+        total = total + np.where(point_ends, self.point_sharpness, 0.0)  # bincount of an empty array is of integers
+        return np.where(count > 0, np.minimum(total / np.maximum(count, 1), 1.0), 1.0)
+
     def with_boundary_corners_sharp(self) -> Cage:
         """Return the cage with points of only one face made sharp: the "edgeAndCorner" boundary rule."""
         uses = np.bincount(self.indices, minlength=self.points)
@@ -181,10 +196,7 @@ def refine(cage: Cage, values: Floats) -> tuple[Cage, Floats]:
 def _refined_points(
     cage: Cage, values: Floats, face_point: Floats, middle: Floats, child_edge: Floats, child_point: Floats
 ) -> Floats:
-    """Return the old points' new values [points, c].
-
-    A point whose sharpness runs out within this level is interpolated between the rules of both levels.
-    """
+    """Return the old points' new values [points, c], interpolated between the rules of two levels (`level_weights`)."""
     at, other, edge = cage.incident
     valence = np.maximum(np.bincount(at, minlength=cage.points), 1)[:, None]
     uses = np.bincount(cage.indices, minlength=cage.points)[:, None]
@@ -201,16 +213,11 @@ def _refined_points(
         return np.where(corner, values, np.where(count == 2, crease, smooth))
 
     now = by_rule(cage.sharpness, cage.point_sharpness)
-    edge_ends = ((cage.sharpness > 0.0) & (child_edge <= 0.0))[edge]
-    point_ends = (cage.point_sharpness > 0.0) & (child_point <= 0.0)
-    count = np.bincount(at[edge_ends], minlength=cage.points) + point_ends
-    if not count.any():
+    weights = cage.level_weights()
+    if weights is None:
         return now
-    total = np.bincount(at[edge_ends], cage.sharpness[edge[edge_ends]], minlength=cage.points)
-    total = total + np.where(point_ends, cage.point_sharpness, 0.0)  # bincount of an empty array is of integers
-    weight = np.where(count > 0, np.minimum(total / np.maximum(count, 1), 1.0), 1.0)[:, None]
-    later = by_rule(child_edge, child_point)
-    return np.asarray(weight * now + (1.0 - weight) * later)
+    weight = weights[:, None]
+    return np.asarray(weight * now + (1.0 - weight) * by_rule(child_edge, child_point))
 
 
 def limit(cage: Cage, values: Floats) -> Floats:

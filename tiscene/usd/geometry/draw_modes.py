@@ -14,14 +14,13 @@ from collections.abc import Iterator
 from pxr import Gf, Kind, Sdf, Usd, UsdGeom, UsdShade, Vt
 
 from tiscene.usd.core.broken_prims import has_bounds
+from tiscene.usd.core.prims import DEFINED, DRAWN_PURPOSES, distinct_prims, outermost_instance
 from tiscene.usd.core.report import StageReport
 
-_TRAVERSAL = Usd.TraverseInstanceProxies(Usd.PrimIsActive & Usd.PrimIsLoaded & Usd.PrimIsDefined & ~Usd.PrimIsAbstract)
 _SIDES = ("Pos", "Neg")
 _OPACITY_THRESHOLD = 0.1
 _COLOR = (0.18, 0.18, 0.18)  # of models without model:drawModeColor
 _GAP = 1e-4  # of the extent, between two crossed cards of one axis
-_PURPOSES = [UsdGeom.Tokens.default_, UsdGeom.Tokens.render]
 _VALUE_TYPES = Sdf.ValueTypeNames
 
 
@@ -33,16 +32,13 @@ def apply_draw_modes(stage: Usd.Stage, time: Usd.TimeCode, report: StageReport) 
         time: When the extents are computed.
         report: Receives the modes that are not applied.
     """
-    if not any(_has_mode(prim) for root in _roots(stage) for prim in Usd.PrimRange(root)):
+    if not any(map(_has_mode, distinct_prims(stage))):
         return
-    while instances := {_outermost_instance(prim) for prim, mode, _ in _drawn_otherwise(stage) if mode == "cards"}:
-        instances.discard(None)
-        if not instances:
-            break
+    while instances := _instances_with_cards(stage):
         with Usd.EditContext(stage, stage.GetSessionLayer()):
             for path in instances:
                 stage.GetPrimAtPath(path).SetInstanceable(False)
-    cache = UsdGeom.BBoxCache(time, _PURPOSES, useExtentsHint=True)
+    cache = UsdGeom.BBoxCache(time, DRAWN_PURPOSES, useExtentsHint=True)
     for prim, mode, shows_up_axis in list(_drawn_otherwise(stage)):
         with report.guard(prim):
             fault = "" if mode == "cards" else f"model:drawMode {mode!r} is lines without width"
@@ -61,15 +57,8 @@ def apply_draw_modes(stage: Usd.Stage, time: Usd.TimeCode, report: StageReport) 
                 _author_cards(prim, box, time, hidden)
 
 
-def _roots(stage: Usd.Stage) -> list[Usd.Prim]:
-    """Return the prims below which each prim is found once, however many instances it has."""
-    return [stage.GetPseudoRoot(), *stage.GetPrototypes()]
-
-
 def _has_mode(prim: Usd.Prim) -> bool:
-    return (
-        bool(prim.GetAttribute("model:drawMode").HasAuthoredValue()) if prim.HasAttribute("model:drawMode") else False
-    )
+    return prim.HasAttribute("model:drawMode") and bool(prim.GetAttribute("model:drawMode").HasAuthoredValue())
 
 
 def _drawn_otherwise(stage: Usd.Stage) -> Iterator[tuple[Usd.Prim, str, bool]]:
@@ -84,7 +73,7 @@ def _drawn_otherwise(stage: Usd.Stage) -> Iterator[tuple[Usd.Prim, str, bool]]:
         if mode != "default" and _is_applied(prim):
             yield prim, mode, shows_up_axis
         else:
-            children = reversed(prim.GetFilteredChildren(_TRAVERSAL))
+            children = reversed(prim.GetFilteredChildren(DEFINED))
             pending += [(child, mode, shows_up_axis) for child in children]
 
 
@@ -95,13 +84,10 @@ def _is_applied(prim: Usd.Prim) -> bool:
     return bool(Kind.Registry.IsA(Usd.ModelAPI(prim).GetKind(), Kind.Tokens.component))
 
 
-def _outermost_instance(prim: Usd.Prim) -> Sdf.Path | None:
-    """Return the path of the instance that is, or holds, a prim; None if there is none."""
-    found = None
-    while prim:
-        found = prim.GetPath() if prim.IsInstance() and not prim.IsInstanceProxy() else found
-        prim = prim.GetParent()
-    return found
+def _instances_with_cards(stage: Usd.Stage) -> set[Sdf.Path]:
+    """Return the paths of the instances that are, or hold, a model drawn as cards."""
+    found = (outermost_instance(prim) for prim, mode, _ in _drawn_otherwise(stage) if mode == "cards")
+    return {instance.GetPath() for instance in found if instance}
 
 
 def _geometry(prim: Usd.Prim) -> str:

@@ -23,11 +23,9 @@ Floats = NDArray[np.float64]
 SEGMENTS = 64  # around an axis: corners of a silhouette turn by less than 6 degrees
 RINGS = 32  # from pole to pole
 _MAX_SIZE = 1e30  # stage units; float32 ends at 3.4e38
-_AXES = {
-    "X": (2, 0, 1),
-    "Y": (1, 2, 0),
-    "Z": (0, 1, 2),
-}  # for each axis: the columns of a shape about z that become x, y, z
+_AXES = {"X": (2, 0, 1), "Y": (1, 2, 0), "Z": (0, 1, 2)}  # the columns of a shape about z that become x, y, z
+_CORNERS = np.array([[-1.0, -1.0], [1.0, -1.0], [1.0, 1.0], [-1.0, 1.0]])  # of a quadrilateral
+_QUAD = np.array([[0, 1, 2], [0, 2, 3]])  # its triangles
 
 
 def read_gprim(prim: Usd.Prim, time: Usd.TimeCode, report: StageReport) -> WeldedMesh | None:
@@ -68,30 +66,26 @@ def _permute_axes(surface: WeldedMesh, order: tuple[int, int, int]) -> WeldedMes
 
 
 def _cube(size: dict[str, float]) -> WeldedMesh:
-    corner = np.array([[-1.0, -1.0], [1.0, -1.0], [1.0, 1.0], [-1.0, 1.0]])
     positions, normals = [], []
     for axis in range(3):
         for side in (-1.0, 1.0):
             face = np.empty((4, 3))
             face[:, axis] = side
-            face[:, (axis + 1) % 3] = corner[:, 0] * side
-            face[:, (axis + 2) % 3] = corner[:, 1]
+            face[:, (axis + 1) % 3] = _CORNERS[:, 0] * side
+            face[:, (axis + 2) % 3] = _CORNERS[:, 1]
             positions.append(face)
             normal = np.zeros((4, 3))
             normal[:, axis] = side
             normals.append(normal)
-    quad = np.array([[0, 1, 2], [0, 2, 3]])
-    triangles = (4 * np.arange(6)[:, None, None] + quad).reshape(-1, 3)
-    uv = np.tile((corner + 1.0) / 2.0, (6, 1))
+    triangles = (4 * np.arange(6)[:, None, None] + _QUAD).reshape(-1, 3)
+    uv = np.tile((_CORNERS + 1.0) / 2.0, (6, 1))
     return _as_float32(np.concatenate(positions) * size["size"] / 2.0, triangles, np.concatenate(normals), uv)
 
 
 def _plane(size: dict[str, float]) -> WeldedMesh:
-    corner = np.array([[-1.0, -1.0], [1.0, -1.0], [1.0, 1.0], [-1.0, 1.0]])
     half = np.array([size["width"], size["length"]]) / 2.0
-    positions = np.concatenate([corner * half, np.zeros((4, 1))], axis=1)
-    normals = np.tile([0.0, 0.0, 1.0], (4, 1))
-    return _as_float32(positions, np.array([[0, 1, 2], [0, 2, 3]]), normals, (corner + 1.0) / 2.0)
+    positions = np.concatenate([_CORNERS * half, np.zeros((4, 1))], axis=1)
+    return _as_float32(positions, _QUAD, np.tile([0.0, 0.0, 1.0], (4, 1)), (_CORNERS + 1.0) / 2.0)
 
 
 def _sphere(size: dict[str, float]) -> WeldedMesh:
@@ -159,10 +153,8 @@ def _revolve(strips: list[tuple[Floats, Floats]]) -> WeldedMesh:
         first = np.stack([lower, lower + 1, upper + 1], axis=-1)
         second = np.stack([lower, upper + 1, upper], axis=-1)
         at_axis = np.repeat(profile[:, 0] <= 1e-9 * profile[:, 0].max(), SEGMENTS)
-        kept = [
-            first[~at_axis[: len(first)]],
-            second[~at_axis[SEGMENTS:]],
-        ]  # at a pole, one triangle of each quad is degenerate
+        # At a pole, one triangle of each quadrilateral is degenerate.
+        kept = [first[~at_axis[: len(first)]], second[~at_axis[SEGMENTS:]]]
         triangles.append(np.concatenate(kept) + start)
         start += rings * (SEGMENTS + 1)
     return _as_float32(*(np.concatenate(part) for part in (positions, triangles, normals, uvs)))

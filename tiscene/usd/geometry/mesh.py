@@ -7,21 +7,20 @@ and reverses left-handed faces. A mesh that contradicts itself is reported as a 
 
 from __future__ import annotations
 
-import hashlib
 from collections.abc import Sequence
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 from pxr import Usd, UsdGeom
 
+from tiscene.usd.core.content import content_digest
 from tiscene.usd.core.report import StageReport
 from tiscene.usd.core.semantics import shared_path
 from tiscene.usd.core.time_samples import in_seconds
 from tiscene.usd.geometry.catmull_clark import Creases
 from tiscene.usd.geometry.deforming import points_at, read_point_samples
-from tiscene.usd.geometry.primvar import PrimvarNames, Topology, array_of, read_normals, read_vertex_values
+from tiscene.usd.geometry.primvar import PrimvarNames, Topology, array_of, outside, read_normals, read_vertex_values
 from tiscene.usd.geometry.skinned_mesh import control_of, posed, with_normals
 from tiscene.usd.geometry.skinning import skin_of
 from tiscene.usd.geometry.subdivision import MAX_LEVELS, subdivide
@@ -72,9 +71,8 @@ def read_mesh(
     uv = _read_values(prim, topology, time, report, primvars, primvars_of_face)
     visible = np.ones(len(topology.counts), dtype=bool)
     holes = array_of(mesh.GetHoleIndicesAttr(), time, np.int64)
-    if len(holes) and (holes.min() < 0 or holes.max() >= len(visible)):
-        worst, last = holes.max() if holes.max() >= len(visible) else holes.min(), len(visible) - 1
-        text = f"holeIndices refer to face {worst}, but there are {len(visible)} (0-{last})"
+    if (worst := outside(holes, len(visible))) is not None:
+        text = f"holeIndices refer to face {worst}, but there are {len(visible)} (0-{len(visible) - 1})"
         report.problem(prim.GetPath(), "mesh", text)
         return None
     visible[holes] = False
@@ -84,7 +82,13 @@ def read_mesh(
         uv_rule = mesh.GetFaceVaryingLinearInterpolationAttr().Get(time) or "cornersPlus1"
         source = shared_path(prim)
         levels = report.budget.levels.get(source, MAX_LEVELS)
-        key = _content(points, topology, creases, visible, uv, boundary, uv_rule, position_samples, levels, bool(skin))
+        key = content_digest(
+            (
+                *(points, topology.counts, topology.indices, visible, *vars(creases).values()),
+                *(() if uv is None else (uv.values, uv.per_corner)),
+                *(boundary, uv_rule, position_samples, levels, skin is not None),
+            )
+        )
         if key not in report.budget.refined:
             report.budget.refined[key] = subdivide(
                 points,
@@ -127,25 +131,6 @@ def read_mesh(
 def _code(time: Usd.TimeCode, prim: Usd.Prim) -> float:
     """Return a time code as a number."""
     return float(prim.GetStage().GetStartTimeCode() if time.IsEarliestTime() else time.GetValue())
-
-
-def _content(
-    points: NDArray[np.float32],
-    topology: Topology,
-    creases: Creases,
-    visible: NDArray[np.bool_],
-    uv: Attribute | None,
-    *others: Any,
-) -> bytes:
-    """Return a digest of everything that decides how a control mesh is refined."""
-    digest = hashlib.blake2b(digest_size=16)
-    arrays = [points, topology.counts, topology.indices, visible, *vars(creases).values()]
-    arrays += [] if uv is None else [uv.values, np.array(uv.per_corner)]
-    for each in (*arrays, *others):
-        value = np.ascontiguousarray(each).data if isinstance(each, np.ndarray) else repr(each).encode()
-        digest.update(value)
-        digest.update(b"|")
-    return digest.digest()
 
 
 def _normals_over_time(
@@ -245,7 +230,7 @@ def _read_creases(mesh: UsdGeom.Mesh, topology: Topology, time: Usd.TimeCode, re
     sharpness = array_of(mesh.GetCreaseSharpnessesAttr(), time, np.float64)
     none = Creases.none()
     for name, values in (("cornerIndices", corners), ("creaseIndices", indices)):
-        if len(values) and (values.min() < 0 or values.max() >= topology.points):
+        if outside(values, topology.points) is not None:
             report.problem(path, "creases", f"{name} refer to points outside 0-{topology.points - 1}")
             return none
     if len(corners) != len(corner_sharpness):

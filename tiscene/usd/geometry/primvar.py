@@ -108,6 +108,13 @@ def array_of(attribute: Usd.Attribute, time: Usd.TimeCode, dtype: Any, width: in
     return result
 
 
+def outside(indices: NDArray[np.integer], count: int) -> int | None:
+    """Return an index that is not within 0..count - 1, the largest if that is one; None if there is none."""
+    if len(indices) and indices.max() >= count:
+        return int(indices.max())
+    return int(indices.min()) if len(indices) and indices.min() < 0 else None
+
+
 def read_normals(prim: Usd.Prim, topology: Topology, time: Usd.TimeCode, report: StageReport) -> Attribute | None:
     """Read the authored normals of a mesh; `primvars:normals` takes precedence over `normals`. None: flat shading."""
     primvar = UsdGeom.PrimvarsAPI(prim).GetPrimvar("normals")
@@ -263,8 +270,7 @@ def _fault(
     if count != expected and not (interpolation == "constant" and count > 0):
         kind = "values" if indices is None else "indices"
         return f"{count} {kind}, but {interpolation} interpolation needs {expected}"
-    if indices is not None and (indices.min() < 0 or indices.max() >= len(values)):
-        worst = indices.max() if indices.max() >= len(values) else indices.min()
+    if indices is not None and (worst := outside(indices, len(values))) is not None:
         return f"an index refers to value {worst}, but there are {len(values)} values"
     if not np.isfinite(values).all():
         return f"{int((~np.isfinite(values).all(axis=1)).sum())} values are not finite numbers"

@@ -3,7 +3,6 @@
 
 from __future__ import annotations
 
-import hashlib
 from dataclasses import replace
 from typing import Any
 
@@ -12,6 +11,7 @@ from numpy.typing import NDArray
 
 from tiscene.scene.animation import between
 from tiscene.scene.skinned_deformation import ControlledSurface, Skin, SkinnedDeformation
+from tiscene.usd.core.content import content_digest
 from tiscene.usd.geometry.primvar import Topology
 from tiscene.usd.geometry.vertex_weld import Attribute, WeldedMesh
 
@@ -50,12 +50,9 @@ def control_of(surface: WeldedMesh, normals: Attribute | None) -> ControlledSurf
 
 def content_of(deformation: SkinnedDeformation) -> bytes:
     """Return a digest that equal skins share. Equal poses are the same object in one process."""
-    skin, digest = deformation.skin, hashlib.blake2b(digest_size=16)
-    digest.update(str(id(skin.poses)).encode())
-    arrays: list[Any] = [skin.points, skin.normals, skin.joints, skin.weights, skin.bind, skin.mesh_from_skeleton]
+    skin = deformation.skin
+    values: list[Any] = [id(skin.poses), skin.points, skin.normals, skin.joints, skin.weights, skin.bind]
+    values.append(skin.mesh_from_skeleton)
     if skin.shapes is not None:
-        arrays += [skin.shapes.shape, skin.shapes.point, skin.shapes.offset, skin.shapes.weights]
-    for array in arrays:
-        digest.update(b"none" if array is None else np.ascontiguousarray(array).data)
-        digest.update(b"|")
-    return digest.digest()
+        values += [skin.shapes.shape, skin.shapes.point, skin.shapes.offset, skin.shapes.weights]
+    return content_digest(values)

@@ -8,7 +8,6 @@ authored in the session layer.
 
 from __future__ import annotations
 
-import hashlib
 from collections.abc import Iterator, Sequence
 from typing import Any
 
@@ -17,12 +16,14 @@ from numpy.typing import NDArray
 from pxr import Sdf, Usd, UsdGeom, UsdSkel, Vt
 
 from tiscene.scene.skinned_deformation import BlendShapes, SkeletonPoses, Skin
+from tiscene.usd.core.content import content_digest
+from tiscene.usd.core.prims import DEFINED, ancestors, outermost_instance, with_ancestors
 from tiscene.usd.core.report import StageReport
-from tiscene.usd.core.semantics import ancestors, shared_path
+from tiscene.usd.core.semantics import shared_path
 from tiscene.usd.core.time_samples import in_seconds
 from tiscene.usd.core.value_times import dense_times, transform_times
+from tiscene.usd.geometry.primvar import outside
 
-_TRAVERSAL = Usd.TraverseInstanceProxies(Usd.PrimIsActive & Usd.PrimIsLoaded & Usd.PrimIsDefined & ~Usd.PrimIsAbstract)
 _AFFINE = np.eye(4)[:3]
 
 
@@ -38,10 +39,10 @@ def prepare_skinning(stage: Usd.Stage, time: Usd.TimeCode, report: StageReport) 
     """
     if not _skel_roots(stage):
         return
-    while instances := dict(_instances_to_bake(stage)):
+    while instances := _instances_to_bake(stage):
         with Usd.EditContext(stage, stage.GetSessionLayer()):
-            for prim in instances.values():
-                prim.SetInstanceable(False)
+            for path in instances:
+                stage.GetPrimAtPath(path).SetInstanceable(False)
     reader = _SkinReader(stage, time, report)
     for root in _skel_roots(stage):
         with report.guard(root.GetPath()):
@@ -62,7 +63,7 @@ def why_unskinned(prim: Usd.Prim, report: StageReport) -> str | None:
         return None
     if not any(each.IsA(UsdSkel.Root) for each in ancestors(prim)):
         return "it is not below a SkelRoot"
-    relationships = (UsdSkel.BindingAPI(each).GetSkeletonRel() for each in (prim, *ancestors(prim)))
+    relationships = (UsdSkel.BindingAPI(each).GetSkeletonRel() for each in with_ancestors(prim))
     bound = next((each for each in relationships if each and each.HasAuthoredTargets()), None)
     targets = [] if bound is None else bound.GetForwardedTargets()
     if not targets:
@@ -74,14 +75,14 @@ def why_unskinned(prim: Usd.Prim, report: StageReport) -> str | None:
 
 
 def _skel_roots(stage: Usd.Stage) -> list[Usd.Prim]:
-    return [prim for prim in Usd.PrimRange(stage.GetPseudoRoot(), _TRAVERSAL) if prim.IsA(UsdSkel.Root)]
+    return [prim for prim in Usd.PrimRange(stage.GetPseudoRoot(), DEFINED) if prim.IsA(UsdSkel.Root)]
 
 
 def _bindings(root: UsdSkel.Root) -> Iterator[tuple[UsdSkel.SkeletonQuery, UsdSkel.SkinningQuery]]:
     """Yield the skinned prims below a SkelRoot with their skeletons."""
     cache = UsdSkel.Cache()
-    cache.Populate(root, _TRAVERSAL)
-    for binding in cache.ComputeSkelBindings(root, _TRAVERSAL):
+    cache.Populate(root, DEFINED)
+    for binding in cache.ComputeSkelBindings(root, DEFINED):
         skeleton = cache.GetSkelQuery(binding.GetSkeleton())
         if skeleton:
             for query in binding.GetSkinningTargets():
@@ -97,15 +98,11 @@ def _is_on_demand(query: UsdSkel.SkinningQuery) -> bool:
     return not query.IsRigidlyDeformed() and query.GetSkinningMethod() != UsdSkel.Tokens.dualQuaternion
 
 
-def _instances_to_bake(stage: Usd.Stage) -> Iterator[tuple[Sdf.Path, Usd.Prim]]:
-    """Yield the outermost instances that contain a prim to bake."""
-    for root in _skel_roots(stage):
-        for _, query in _bindings(UsdSkel.Root(root)):
-            prim = query.GetPrim()
-            if not _is_on_demand(query) and prim.IsInstanceProxy():
-                while not prim.IsInstance() or prim.IsInstanceProxy():
-                    prim = prim.GetParent()
-                yield prim.GetPath(), prim
+def _instances_to_bake(stage: Usd.Stage) -> set[Sdf.Path]:
+    """Return the paths of the outermost instances that contain a prim to bake."""
+    queries = (query for root in _skel_roots(stage) for _, query in _bindings(UsdSkel.Root(root)))
+    prims = (query.GetPrim() for query in queries if not _is_on_demand(query))
+    return {outermost_instance(prim).GetPath() for prim in prims if prim.IsInstanceProxy()}
 
 
 class _SkinReader:
@@ -171,7 +168,7 @@ class _SkinReader:
             transforms = np.concatenate([np.array(rows).reshape(-1, count, 3, 4), still], axis=1)
             if not np.isfinite(transforms).all():
                 return None
-            content = hashlib.blake2b(seconds.tobytes() + transforms.tobytes(), digest_size=16).digest()
+            content = content_digest((seconds, transforms))
             self._poses[key] = self._poses.setdefault(content, SkeletonPoses(seconds, transforms))
         return self._poses[key]
 
@@ -234,7 +231,7 @@ class _SkinReader:
             values = np.asarray(each, np.float32).reshape(-1, 3)
             chosen = moved[blend.GetBlendShapeIndex(number)]
             at = np.asarray(chosen, np.int64) if len(chosen) else np.arange(len(values))
-            if len(values) and (len(at) != len(values) or at.min() < 0 or at.max() >= points):
+            if len(values) and (len(at) != len(values) or outside(at, points) is not None):
                 text = f"blend shape {number} moves points that do not exist, or has another number of offsets"
                 self._report.problem(query.GetPrim().GetPath(), "skinning", text)
                 continue

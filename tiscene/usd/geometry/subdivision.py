@@ -65,9 +65,8 @@ def subdivide(
     cage, source = _control_cage(topology, creases)
     visible = visible[source]
     if boundary == "none":
-        on_boundary = np.zeros(cage.points, dtype=bool)
-        on_boundary[cage.edge_points[cage.edge_faces == 1]] = True
-        touches = np.logical_or.reduceat(on_boundary[cage.indices], cage.starts) if len(cage.starts) else visible
+        at_boundary = _on_boundary(cage)[cage.indices]
+        touches = np.logical_or.reduceat(at_boundary, cage.starts) if len(cage.starts) else visible
         visible = visible & ~touches
     elif boundary == "edgeAndCorner":
         cage = cage.with_boundary_corners_sharp()

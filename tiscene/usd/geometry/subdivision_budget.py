@@ -8,7 +8,6 @@ nearest camera of the stage; without cameras, one that shows the whole stage.
 
 from __future__ import annotations
 
-import hashlib
 import math
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
@@ -17,9 +16,12 @@ import numpy as np
 from numpy.typing import NDArray
 from pxr import Gf, Sdf, Usd, UsdGeom
 
+from tiscene.usd.core.content import content_digest
+from tiscene.usd.core.prims import DRAWN_PURPOSES, distinct_prims
 from tiscene.usd.core.report import StageReport
 from tiscene.usd.core.semantics import shared_path
-from tiscene.usd.geometry.primvar import Topology, array_of
+from tiscene.usd.core.transform import point_matrices
+from tiscene.usd.geometry.primvar import Topology, array_of, outside
 from tiscene.usd.geometry.subdivision import MAX_LEVELS, smooth_levels
 
 # Constant, and not by the memory of the machine: a frame must have the same bytes everywhere. Refining and placing as
@@ -29,7 +31,6 @@ _PICTURE_HEIGHT = 1080.0  # px, of the picture that levels are chosen for
 _NEAREST = 0.05  # distance of a camera from a surface, in units of the surface's radius; nearer ones count as this far
 _SMALLEST, _LARGEST = 1.0 / 64.0, 65536.0  # px, of the triangles that the budget is tried for
 _SAMPLES = 512  # edges that the size of a mesh's faces is measured by
-_DRAWN = (UsdGeom.Tokens.default_, UsdGeom.Tokens.render)
 
 
 @dataclass
@@ -112,10 +113,9 @@ def limit_subdivision(stage: Usd.Stage, time: Usd.TimeCode, budget: int, report:
 
 def _surfaces(stage: Usd.Stage, time: Usd.TimeCode) -> Iterable[UsdGeom.Mesh]:
     """Yield the subdivision surfaces of a stage and of its prototypes, each once."""
-    for root in (stage.GetPseudoRoot(), *stage.GetPrototypes()):
-        for prim in Usd.PrimRange(root):
-            if prim.IsA(UsdGeom.Mesh) and _is_smooth(UsdGeom.Mesh(prim), time):
-                yield UsdGeom.Mesh(prim)
+    for prim in distinct_prims(stage):
+        if prim.IsA(UsdGeom.Mesh) and _is_smooth(UsdGeom.Mesh(prim), time):
+            yield UsdGeom.Mesh(prim)
 
 
 def _is_smooth(mesh: UsdGeom.Mesh, time: Usd.TimeCode) -> bool:
@@ -154,7 +154,7 @@ def _cages(
 
 def _is_hidden(imageable: UsdGeom.Imageable, time: Usd.TimeCode) -> bool:
     purpose, visibility = imageable.GetPurposeAttr(), imageable.GetVisibilityAttr()
-    if purpose.HasAuthoredValue() and purpose.Get() not in _DRAWN:
+    if purpose.HasAuthoredValue() and purpose.Get() not in DRAWN_PURPOSES:
         return True
     return not visibility.ValueMightBeTimeVarying() and visibility.Get(time) == UsdGeom.Tokens.invisible
 
@@ -172,10 +172,7 @@ def _instancer_points(
     instancer: UsdGeom.PointInstancer, time: Usd.TimeCode, worlds: UsdGeom.XformCache
 ) -> dict[Sdf.Path, NDArray[np.float64]]:
     """Return the world matrices [n, 4, 4] of an instancer's points, for each of its prototypes."""
-    transforms = instancer.ComputeInstanceTransformsAtTime(
-        time, time, UsdGeom.PointInstancer.ExcludeProtoXform, UsdGeom.PointInstancer.IgnoreMask
-    )
-    matrices = np.asarray(transforms, np.float64).reshape(-1, 4, 4).transpose(0, 2, 1)
+    matrices = point_matrices(instancer, time)
     chosen = array_of(instancer.GetProtoIndicesAttr(), time, np.int64)
     if len(matrices) != len(chosen):
         return {}
@@ -197,14 +194,11 @@ def _measure(mesh: UsdGeom.Mesh, time: Usd.TimeCode, different: dict[bytes, _Cag
     indices = array_of(mesh.GetFaceVertexIndicesAttr(), time, np.int32)
     if not len(counts) or not len(points) or counts.min() < 3 or counts.sum(dtype=np.int64) != len(indices):
         return None
-    if indices.min() < 0 or indices.max() >= len(points) or not np.isfinite(points).all():
+    if outside(indices, len(points)) is not None or not np.isfinite(points).all():
         return None
-    digest = hashlib.blake2b(digest_size=16)
-    for array in (points, counts, indices):
-        digest.update(np.ascontiguousarray(array).data)
-    known = different.get(digest.digest())
-    if known is not None:
-        return known
+    content = content_digest((points, counts, indices))
+    if content in different:
+        return different[content]
     inner = np.flatnonzero(np.diff(np.repeat(np.arange(len(counts)), counts)) == 0)  # corners not the last of a face
     chosen = inner[:: max(1, len(inner) // _SAMPLES)]
     low, high = points.min(axis=0).astype(np.float64), points.max(axis=0).astype(np.float64)
@@ -217,7 +211,7 @@ def _measure(mesh: UsdGeom.Mesh, time: Usd.TimeCode, different: dict[bytes, _Cag
         Gf.Vec3d(*(0.5 * (low + high)).tolist()),
         0.5 * float(np.linalg.norm(high - low)),
     )
-    different[digest.digest()] = cage
+    different[content] = cage
     return cage
 
 

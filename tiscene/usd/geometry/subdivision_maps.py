@@ -81,17 +81,11 @@ def refine_map(cage: Cage) -> LinearMap:
             ]
         )
 
-    child_edge = np.maximum(cage.sharpness - 1.0, 0.0)
-    child_point = np.maximum(cage.point_sharpness - 1.0, 0.0)
     point = by_rule(cage.sharpness, cage.point_sharpness)
-    edge_ends = ((cage.sharpness > 0.0) & (child_edge <= 0.0))[edge]
-    point_ends = (cage.point_sharpness > 0.0) & (child_point <= 0.0)
-    count = np.bincount(at[edge_ends], minlength=points) + point_ends
-    if count.any():
-        total = np.bincount(at[edge_ends], cage.sharpness[edge[edge_ends]], minlength=points)
-        total = total + np.where(point_ends, cage.point_sharpness, 0.0)
-        weight = np.where(count > 0, np.minimum(total / np.maximum(count, 1), 1.0), 1.0)
-        point = _sum([point.scaled(weight), by_rule(child_edge, child_point).scaled(1.0 - weight)])
+    weight = cage.level_weights()
+    if weight is not None:
+        later = by_rule(np.maximum(cage.sharpness - 1.0, 0.0), np.maximum(cage.point_sharpness - 1.0, 0.0))
+        point = _sum([point.scaled(weight), later.scaled(1.0 - weight)])
     return _map([point, edge_point, face_point], [points, edges, faces], points)
 
 

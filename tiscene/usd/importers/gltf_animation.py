@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from dynamics.rotation import matrix_from_quaternion
 from tiscene.usd.importers.gltf import GltfDocument
 
 Floats = NDArray[np.float64]
@@ -102,22 +103,11 @@ class AnimationSampler:
             np.asarray(parts.get((node, path), entry.get(path, default)), np.float64)
             for path, default in _PATHS.items()
         )
+        x, y, z, w = rotation / max(float(np.linalg.norm(rotation)), 1e-12)
         matrix = np.eye(4)
-        matrix[:3, :3] = _rotation(rotation) * scale
+        matrix[:3, :3] = matrix_from_quaternion((w, x, y, z)) * scale
         matrix[:3, 3] = translation
         return matrix
-
-
-def _rotation(quaternion: Floats) -> Floats:
-    """Return the 3x3 rotation of a quaternion (x, y, z, w)."""
-    x, y, z, w = quaternion / max(float(np.linalg.norm(quaternion)), 1e-12)
-    return np.array(
-        [
-            [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
-            [2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)],
-            [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)],
-        ]
-    )
 
 
 def _interpolated(time: float, times: Floats, values: Floats, mode: str, is_rotation: bool) -> Floats:

@@ -11,9 +11,9 @@ from collections.abc import Callable, Mapping
 from dataclasses import replace
 from typing import Any, Literal
 
+from tiscene.scene.description import Color
 from tiscene.usd.importers.materials import TextureMap
 
-Color = tuple[float, float, float]
 Channel = Literal["rgb", "r", "g", "b", "a"]
 MapReader = Callable[..., TextureMap | None]
 _WHITE, _BLACK = (1.0, 1.0, 1.0), (0.0, 0.0, 0.0)

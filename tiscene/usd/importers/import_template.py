@@ -24,6 +24,7 @@ from pxr import Gf, Sdf, Tf, Usd, UsdGeom, UsdPhysics, UsdSemantics, UsdShade, U
 from tiscene.errors import ArgumentError, ExportError, MissingFile, StageError
 from tiscene.usd.core.broken_prims import deactivate_broken
 from tiscene.usd.core.package import split_package
+from tiscene.usd.core.prims import DRAWN_PURPOSES, unused_path
 from tiscene.usd.core.report import StageReport, error_lines
 from tiscene.usd.core.stage import open_stage, quiet, readable, reading_time
 from tiscene.usd.importers.imported_mesh import ImportedMesh
@@ -158,20 +159,19 @@ def write_template(
         ExportError: it cannot be written.
     """
     points = [mesh.points @ matrix.T for mesh in meshes]
-    low, high = np.min([p.min(axis=0) for p in points], axis=0), np.max([p.max(axis=0) for p in points], axis=0)
+    low, high = _bounds(points)
     stretch = np.ones(3) if size is None else size / np.where(high - low > 1e-9, high - low, size)
     center = 0.5 * (low + high) if centered else np.zeros(3)
     points = [(p - center) * stretch for p in points]
     normal_matrix = np.linalg.inv(stretch[:, None] * matrix)  # for normals as rows
-    identifier = Tf.MakeValidIdentifier(re.sub(r"\W+", "", name.title()) or "Model")
-    stage = _new_stage(identifier, name, label, credit, movable=movable)
-    root = Sdf.Path(f"/{identifier}")
+    stage = _new_stage(name, label, credit, movable=movable)
+    root = stage.GetDefaultPrim().GetPath()
     with _writing(folder):
         folder.mkdir(parents=True, exist_ok=True)
         UsdGeom.Scope.Define(stage, root.AppendChild("Looks"))
         UsdGeom.Xform.Define(stage, root.AppendChild("Geometry"))
         for imported, placed in zip(meshes, points, strict=True):
-            child = _unused_path(stage, root.AppendPath("Geometry"), imported.name)
+            child = unused_path(stage, root.AppendChild("Geometry"), _identifier(imported.name))
             is_mirrored = bool(np.linalg.det(matrix) < 0.0)
             mesh = define_mesh(stage, child, imported, placed, imported.normals @ normal_matrix, is_mirrored)
             if imported.samples is not None:
@@ -180,15 +180,17 @@ def write_template(
             UsdPhysics.CollisionAPI.Apply(mesh.GetPrim())
             UsdPhysics.MeshCollisionAPI.Apply(mesh.GetPrim()).CreateApproximationAttr(UsdPhysics.Tokens.convexHull)
             if imported.colors is None or imported.material.vertex_inputs:
-                path = _unused_path(stage, root.AppendPath("Looks"), imported.material.name)
+                path = unused_path(stage, root.AppendChild("Looks"), _identifier(imported.material.name))
                 material = define_material(stage, path, imported.material, folder)
                 UsdShade.MaterialBindingAPI.Apply(mesh.GetPrim()).Bind(material)
-        box = np.stack(
-            [np.min([p.min(axis=0) for p in points], axis=0), np.max([p.max(axis=0) for p in points], axis=0)]
-        )
-        extents = [Gf.Vec3f(*corner) for corner in box.tolist()]
+        extents = [Gf.Vec3f(*corner.tolist()) for corner in _bounds(points)]
         UsdGeom.ModelAPI.Apply(stage.GetPrimAtPath(root)).SetExtentsHint(Vt.Vec3fArray(extents))
         return _save(stage, folder, root)
+
+
+def _bounds(parts: list[NDArray[np.float64]]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Return the lowest and highest corner [3] of the box around points, each part [n, 3]."""
+    return np.min([each.min(axis=0) for each in parts], axis=0), np.max([each.max(axis=0) for each in parts], axis=0)
 
 
 @contextlib.contextmanager
@@ -238,8 +240,9 @@ def _save(stage: Usd.Stage, folder: Path, root: Sdf.Path) -> Path:
     return file
 
 
-def _new_stage(identifier: str, name: str, label: str, credit: Credit, *, movable: bool = True) -> Usd.Stage:
+def _new_stage(name: str, label: str, credit: Credit, *, movable: bool = True) -> Usd.Stage:
     """Create a template's stage in memory, with its root prim."""
+    identifier = Tf.MakeValidIdentifier(re.sub(r"\W+", "", name.title()) or "Model")
     stage = Usd.Stage.CreateInMemory()
     UsdGeom.SetStageMetersPerUnit(stage, 1.0)
     UsdGeom.SetStageUpAxis(stage, UsdGeom.Tokens.y)
@@ -256,14 +259,9 @@ def _new_stage(identifier: str, name: str, label: str, credit: Credit, *, movabl
     return stage
 
 
-def _unused_path(stage: Usd.Stage, parent: Sdf.Path, name: str) -> Sdf.Path:
-    """Return the path of a new child prim, numbered if the name is taken."""
-    identifier = Tf.MakeValidIdentifier(re.sub(r"\W+", "_", name) or "Part")
-    path, number = parent.AppendChild(identifier), 1
-    while stage.GetPrimAtPath(path):
-        number += 1
-        path = parent.AppendChild(f"{identifier}_{number}")
-    return path
+def _identifier(name: str) -> str:
+    """Return the name of the prim for a mesh or a material."""
+    return str(Tf.MakeValidIdentifier(re.sub(r"\W+", "_", name) or "Part"))
 
 
 def _import_usd(
@@ -283,20 +281,19 @@ def _import_usd(
         report.raise_problems(anything_left=prim.IsActive())
         meters = float(UsdGeom.GetStageMetersPerUnit(source))
         matrix = meters * (_Z_TO_Y if UsdGeom.GetStageUpAxis(source) == UsdGeom.Tokens.z else np.eye(3))
-        cache = UsdGeom.BBoxCache(reading_time(source, None), [UsdGeom.Tokens.default_, UsdGeom.Tokens.render])
+        cache = UsdGeom.BBoxCache(reading_time(source, None), DRAWN_PURPOSES)
         box = cache.ComputeWorldBound(prim).ComputeAlignedRange()
         center = np.array(box.GetMidpoint()) if centered and not box.IsEmpty() else np.zeros(3)
         with _writing(folder):
             _copy_with_dependencies(path, folder / "source", report)
-        identifier = Tf.MakeValidIdentifier(re.sub(r"\W+", "", name.title()) or "Model")
-        stage = _new_stage(identifier, name, label, credit)
-        child = UsdGeom.Xform.Define(stage, f"/{identifier}/Source")
+        stage = _new_stage(name, label, credit)
+        child = UsdGeom.Xform.Define(stage, stage.GetDefaultPrim().GetPath().AppendChild("Source"))
         transform = np.eye(4)
         transform[:3, :3] = matrix.T  # USD multiplies row vectors
         transform[3, :3] = -matrix @ center
         child.AddTransformOp().Set(Gf.Matrix4d(*transform.reshape(-1).tolist()))
         child.GetPrim().CreateAttribute("xformOpOrder", Sdf.ValueTypeNames.TokenArray, False)
-        inner = stage.DefinePrim(f"/{identifier}/Source/Asset")
+        inner = stage.DefinePrim(child.GetPath().AppendChild("Asset"))
         inner.GetReferences().AddReference(f"./source/{path.name}", prim.GetPath())
         _forward_variants(prim, stage.GetDefaultPrim(), inner)
         file = folder / "template.usda"

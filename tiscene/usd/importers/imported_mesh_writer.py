@@ -24,25 +24,17 @@ def define_mesh(
 ) -> UsdGeom.Mesh:
     """Author a mesh with transformed points and normals; a mirroring transform reverses its winding."""
     triangles = imported.triangles[:, ::-1] if is_mirrored else imported.triangles
-    normals = normals[:, ::-1] if is_mirrored else normals
     mesh = UsdGeom.Mesh.Define(stage, path)
     mesh.CreateSubdivisionSchemeAttr(UsdGeom.Tokens.none)
-    mesh.CreatePointsAttr(vectors(points))
-    mesh.CreateExtentAttr(vectors(np.stack([points.min(axis=0), points.max(axis=0)])))
     mesh.CreateFaceVertexCountsAttr(Vt.IntArray.FromNumpy(np.full(len(triangles), 3, np.int32)))
     mesh.CreateFaceVertexIndicesAttr(Vt.IntArray.FromNumpy(np.ascontiguousarray(triangles, np.int32).reshape(-1)))
-    flat = normals.reshape(-1, 3)
-    mesh.CreateNormalsAttr(vectors(flat / np.maximum(np.linalg.norm(flat, axis=1, keepdims=True), 1e-30)))
+    _author_shape(mesh, points, normals, is_mirrored, Usd.TimeCode.Default())
     mesh.SetNormalsInterpolation(UsdGeom.Tokens.faceVarying)
     api = UsdGeom.PrimvarsAPI(mesh)
-    if imported.uv is not None:
-        kind = Sdf.ValueTypeNames.TexCoord2fArray
-        uv = Vt.Vec2fArray.FromNumpy(np.ascontiguousarray(imported.uv, np.float32))
-        api.CreatePrimvar("st", kind, UsdGeom.Tokens.vertex).Set(uv)
-    if imported.second_uv is not None:
-        kind = Sdf.ValueTypeNames.TexCoord2fArray
-        uv = Vt.Vec2fArray.FromNumpy(np.ascontiguousarray(imported.second_uv, np.float32))
-        api.CreatePrimvar("st1", kind, UsdGeom.Tokens.vertex).Set(uv)
+    for name, uv in (("st", imported.uv), ("st1", imported.second_uv)):
+        if uv is not None:
+            primvar = api.CreatePrimvar(name, Sdf.ValueTypeNames.TexCoord2fArray, UsdGeom.Tokens.vertex)
+            primvar.Set(Vt.Vec2fArray.FromNumpy(np.ascontiguousarray(uv, np.float32)))
     if imported.colors is not None:
         color = api.CreatePrimvar(VERTEX_COLOR, Sdf.ValueTypeNames.Color3fArray, UsdGeom.Tokens.vertex)
         color.Set(vectors(imported.colors[:, :3]))
@@ -58,15 +50,21 @@ def author_samples(
     """Author a mesh's points [s, n, 3] and corner normals [s, m, 3, 3] over time; frame k is time code k."""
     assert imported.samples is not None
     for time, moved, turned in zip(imported.samples.times.tolist(), points, normals, strict=True):
-        code = Usd.TimeCode(round(time * FRAME_RATE))
-        flat = (turned[:, ::-1] if is_mirrored else turned).reshape(-1, 3)
-        mesh.GetPointsAttr().Set(vectors(moved), code)
-        mesh.GetNormalsAttr().Set(vectors(flat / np.maximum(np.linalg.norm(flat, axis=1, keepdims=True), 1e-30)), code)
-        mesh.GetExtentAttr().Set(vectors(np.stack([moved.min(axis=0), moved.max(axis=0)])), code)
+        _author_shape(mesh, moved, turned, is_mirrored, Usd.TimeCode(round(time * FRAME_RATE)))
     stage = mesh.GetPrim().GetStage()
     stage.SetTimeCodesPerSecond(FRAME_RATE)
     stage.SetStartTimeCode(0)
     stage.SetEndTimeCode(max(stage.GetEndTimeCode(), round(float(imported.samples.times[-1]) * FRAME_RATE)))
+
+
+def _author_shape(
+    mesh: UsdGeom.Mesh, points: NDArray[Any], normals: NDArray[Any], is_mirrored: bool, code: Usd.TimeCode
+) -> None:
+    """Author a mesh's points [n, 3], extent and corner normals [m, 3, 3] at a time code."""
+    flat = (normals[:, ::-1] if is_mirrored else normals).reshape(-1, 3)
+    mesh.CreatePointsAttr().Set(vectors(points), code)
+    mesh.CreateExtentAttr().Set(vectors(np.stack([points.min(axis=0), points.max(axis=0)])), code)
+    mesh.CreateNormalsAttr().Set(vectors(flat / np.maximum(np.linalg.norm(flat, axis=1, keepdims=True), 1e-30)), code)
 
 
 def vectors(values: NDArray[Any]) -> Vt.Vec3fArray:

@@ -20,8 +20,8 @@ from PIL import Image
 from pxr import Gf, Sdf, Usd, UsdShade
 
 from tiscene.scene.color import decode_srgb
+from tiscene.scene.description import Color
 
-Color = tuple[float, float, float]
 Wrap = Literal["repeat", "clamp", "mirror"]
 VERTEX_COLOR, VERTEX_OPACITY = "displayColor", "displayOpacity"  # primvars of the vertices' own colors
 

@@ -120,14 +120,20 @@ def find_file(name: str, files: Mapping[str, bytes]) -> str | None:
     return None
 
 
+def material_libraries(obj: bytes, files: Mapping[str, bytes]) -> list[str]:
+    """Return the MTL files that an OBJ file names and that exist."""
+    names = re.findall(rb"^\s*mtllib\s+(.+?)\s*$", obj, re.MULTILINE)
+    found = (find_file(name.decode("utf-8", "replace"), files) for name in names)
+    return [each for each in found if each is not None]
+
+
 def _missing_maps(name: str, files: Mapping[str, bytes]) -> set[str]:
     """Return the images that an OBJ's MTL files name and that are missing; trimesh ignores them silently."""
     if Path(name).suffix.lower() != ".obj":
         return set()
     named = set()
-    for library in re.findall(rb"^\s*mtllib\s+(.+?)\s*$", files[name], re.MULTILINE):
-        found = find_file(library.decode("utf-8", "replace"), files)
-        text = files[found].decode("utf-8", "replace") if found else ""
+    for library in material_libraries(files[name], files):
+        text = files[library].decode("utf-8", "replace")
         named |= set(re.findall(r"^\s*map_Kd\s+(?:-\S+\s+[\d.\s-]+)*(.+?)\s*$", text, re.MULTILINE | re.IGNORECASE))
     return {image for image in named if find_file(image, files) is None}
 

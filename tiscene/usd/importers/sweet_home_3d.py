@@ -7,6 +7,7 @@ to do with `tiscene.catalog`, which finds scenes and templates by name.
 
 from __future__ import annotations
 
+import itertools
 import re
 import warnings
 import zipfile
@@ -84,8 +85,7 @@ class FurnitureCatalog:
             *(self._zip.read(name).decode("utf-8", "replace") for name in licenses),
         ]
         license = "\n\n".join(text for text in texts if text)
-        number = 0
-        while f"name#{(number := number + 1)}" in self.properties:
+        for number in itertools.takewhile(lambda each: f"name#{each}" in self.properties, itertools.count(1)):
             row = {key: self.properties.get(f"{key}#{number}", "") for key in _KEYS}
             try:
                 width, height, depth = (float(row[key]) / 100.0 for key in ("width", "height", "depth"))

@@ -36,7 +36,7 @@ from tiscene.errors import StageError, StageWarning
 from tiscene.scene.color import decode_srgb
 from tiscene.usd.importers.import_template import Credit, license_beside, write_template
 from tiscene.usd.importers.materials import ImportedMaterial, TextureMap, has_holes
-from tiscene.usd.importers.mesh_file import find_file, load_model
+from tiscene.usd.importers.mesh_file import find_file, load_model, material_libraries
 from tiscene.usd.materials.image import open_picture
 
 _FROM_UNITY = np.diag([1.0, 1.0, -1.0])
@@ -190,9 +190,7 @@ def _with_all_materials(name: str, files: Mapping[str, bytes]) -> dict[str, byte
     used = {
         each.decode("utf-8", "replace") for each in re.findall(rb"^\s*usemtl\s+(.+?)\s*$", files[name], re.MULTILINE)
     }
-    libraries = re.findall(rb"^\s*mtllib\s+(.+?)\s*$", files[name], re.MULTILINE)
-    found = [find_file(each.decode("utf-8", "replace"), files) for each in libraries]
-    text = b"\n".join(files[each] for each in found if each is not None)
+    text = b"\n".join(files[each] for each in material_libraries(files[name], files))
     known = {each.decode("utf-8", "replace") for each in re.findall(rb"^\s*newmtl\s+(.+?)\s*$", text, re.MULTILINE)}
     missing = "".join(f"newmtl {each}\nKd 0.8 0.8 0.8\n" for each in sorted(used - known))
     if not missing:

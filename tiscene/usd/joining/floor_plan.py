@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from tiscene.errors import ArgumentError
 from tiscene.scene.camera import Vector3
+from tiscene.usd.core.semantics import scene_name
 
 
 class RoomPlacement(NamedTuple):
@@ -34,8 +35,7 @@ class RoomPlacement(NamedTuple):
     @property
     def label(self) -> str:
         """The room's name."""
-        path = Path(self.file)
-        return self.name or (path.resolve().parent.name if path.stem == "scene" else path.stem)
+        return self.name or scene_name(Path(self.file))
 
 
 @dataclass(frozen=True)
@@ -63,10 +63,9 @@ class Opening:
     lined: bool = True
 
     def __post_init__(self) -> None:
-        sizes = {name: getattr(self, name) for name in ("width", "height", "depth")}
-        for name, value in sizes.items():
-            if not 0.0 < value < math.inf:
-                raise ArgumentError(f"Opening({name}={value!r}): must be a positive number of meters")
+        for name in ("width", "height", "depth"):
+            if not 0.0 < getattr(self, name) < math.inf:
+                raise ArgumentError(f"Opening({name}={getattr(self, name)!r}): must be a positive number of meters")
         if not 0.0 <= self.clearance < math.inf:
             raise ArgumentError(f"Opening(clearance={self.clearance!r}): must be 0 or a positive number of meters")
         if not all(map(math.isfinite, (*self.position, self.yaw))):

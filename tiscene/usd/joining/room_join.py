@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import os
 import warnings
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -18,6 +18,7 @@ from tiscene.files import write_atomically
 from tiscene.usd.core.broken_prims import deactivate_broken
 from tiscene.usd.core.layers import has_file
 from tiscene.usd.core.report import StageReport
+from tiscene.usd.core.semantics import scene_name
 from tiscene.usd.core.stage import open_stage, quiet, readable
 from tiscene.usd.joining.floor_plan import Opening, RoomPlacement
 from tiscene.usd.joining.stage_cut import GprimCut, cuts, release_instances
@@ -76,11 +77,8 @@ def join(
         up_axis, meters = str(UsdGeom.GetStageUpAxis(first)), float(UsdGeom.GetStageMetersPerUnit(first))
         UsdGeom.SetStageUpAxis(stage, up_axis)
         UsdGeom.SetStageMetersPerUnit(stage, meters)
-        folder = target.resolve().parent
-        stem = folder.name if target.stem == "scene" else target.stem
-        root = UsdGeom.Xform.Define(
-            stage, f"/{name or Tf.MakeValidIdentifier(stem.title().replace('_', ''))}"
-        ).GetPrim()
+        name = name or Tf.MakeValidIdentifier(scene_name(target).title().replace("_", ""))
+        root = UsdGeom.Xform.Define(stage, f"/{name}").GetPrim()
         Usd.ModelAPI(root).SetKind(Kind.Tokens.assembly)
         stage.SetDefaultPrim(root)
         _copy_render_settings(first, stage)
@@ -216,11 +214,8 @@ def _keep_one_sky(rooms: Sequence[Usd.Prim], labels: Sequence[str], chosen: str 
         for label, room in zip(labels, rooms, strict=True)
     }
     keeper = chosen if chosen is not None else next((label for label, prims in found.items() if prims), None)
-    portals: list[Sdf.Path] = []
-    for prims in found.values():
-        for prim in prims:
-            if prim.IsA(UsdLux.DomeLight):
-                portals += UsdLux.DomeLight(prim).GetPortalsRel().GetForwardedTargets()
+    domes = [UsdLux.DomeLight(prim) for prims in found.values() for prim in prims if prim.IsA(UsdLux.DomeLight)]
+    portals = [path for dome in domes for path in dome.GetPortalsRel().GetForwardedTargets()]
     for label, prims in found.items():
         for prim in prims:
             if label != keeper:
@@ -243,14 +238,10 @@ def _cut(
     plain = cuts(stage, boxes)
     shaping: dict[str, dict[str, dict[Sdf.Path, GprimCut]]] = {}
     for name, variants in choices.items():
-        variant_set = root.GetVariantSet(name)
-        selected = variant_set.GetVariantSelection()
         found = {}
-        for variant in variants:
-            variant_set.SetVariantSelection(variant)
+        for variant in _each_selected(root.GetVariantSet(name), variants):
             deactivate_broken(root, StageReport(""))  # those of the variants that are not shown are named by streams
             found[variant] = cuts(stage, boxes)
-        variant_set.SetVariantSelection(selected)
         if any(not _same(each, plain) for each in found.values()):
             shaping[name] = found
     if len(shaping) > 1:
@@ -263,15 +254,21 @@ def _cut(
             each.author(stage)
     for name, found in shaping.items():
         variant_set = root.GetVariantSet(name)
-        selected = variant_set.GetVariantSelection()
-        for variant, changed in found.items():
-            variant_set.SetVariantSelection(variant)
+        for variant in _each_selected(variant_set, found):
             with variant_set.GetVariantEditContext():
-                for each in changed.values():
+                for each in found[variant].values():
                     each.author(stage)
-        variant_set.SetVariantSelection(selected)
     made = [plain, *(changed for found in shaping.values() for changed in found.values())]
     return {row for changed in made for each in changed.values() for row in each.boxes}
+
+
+def _each_selected(variant_set: Usd.VariantSet, variants: Iterable[str]) -> Iterator[str]:
+    """Yield variants, each while it is selected; then the selection is as before."""
+    selected = variant_set.GetVariantSelection()
+    for variant in variants:
+        variant_set.SetVariantSelection(variant)
+        yield variant
+    variant_set.SetVariantSelection(selected)
 
 
 def _same(first: Mapping[Sdf.Path, GprimCut], second: Mapping[Sdf.Path, GprimCut]) -> bool:

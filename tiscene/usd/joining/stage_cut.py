@@ -9,9 +9,10 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from pxr import Gf, Sdf, Usd, UsdGeom, UsdLux, UsdSemantics, Vt
+from pxr import Sdf, Usd, UsdGeom, UsdLux, UsdSemantics, Vt
 
 from tiscene.errors import StageError
+from tiscene.usd.core.prims import outermost_instance
 from tiscene.usd.core.report import StageReport
 from tiscene.usd.core.semantics import ROOM
 from tiscene.usd.geometry.gprim import TYPES, read_gprim
@@ -81,14 +82,9 @@ def release_instances(stage: Usd.Stage, boxes: Sequence[Floats]) -> None:
     """Make instances that are cut by a box editable, in the stage's edit target."""
     while True:
         met = [prim for prim in _gprims(stage) if prim.IsInstanceProxy() and _is_cut(prim, boxes)]
-        roots = set()
-        for prim in met:
-            while not prim.IsInstance():
-                prim = prim.GetParent()
-            roots.add(prim.GetPath())
-        if not roots:
+        if not met:
             return
-        for path in sorted(roots):
+        for path in sorted({outermost_instance(prim).GetPath() for prim in met}):
             stage.GetPrimAtPath(path).SetInstanceable(False)
 
 
@@ -147,9 +143,7 @@ def _boxes_met(prim: Usd.Prim, boxes: Sequence[Floats]) -> dict[int, Floats]:
 
 def _meets(prim: Usd.Prim, box: Floats) -> bool:
     """Return whether the bounds of a gprim meet a box, tested along the box's axes."""
-    extent = UsdGeom.Boundable(prim).GetExtentAttr().Get(_NOW) or UsdGeom.Boundable.ComputeExtentFromPlugins(
-        UsdGeom.Boundable(prim), _NOW
-    )
+    extent = UsdGeom.Boundable(prim).ComputeExtent(_NOW)
     if not extent:
         return False
     low, high = np.array(extent[0], float), np.array(extent[1], float)
@@ -286,11 +280,9 @@ class _MeshData:
 
 def _to_vt(array: NDArray[Any]) -> Any:
     """Return an array as USD takes it."""
-    kinds = {(2,): (Vt.Vec2fArray, Gf.Vec2f), (3,): (Vt.Vec3fArray, Gf.Vec3f), (4,): (Vt.Vec4fArray, Gf.Vec4f)}
-    if array.ndim == 2 and array.dtype.kind == "f" and array.shape[1:] in kinds:
-        return kinds[array.shape[1:]][0].FromNumpy(np.ascontiguousarray(array, np.float32))
+    if array.dtype.kind == "f":
+        kinds = {(2,): Vt.Vec2fArray, (3,): Vt.Vec3fArray, (4,): Vt.Vec4fArray}
+        return kinds.get(array.shape[1:], Vt.FloatArray).FromNumpy(np.ascontiguousarray(array, np.float32))
     if array.dtype.kind in "iu":
         return Vt.IntArray.FromNumpy(np.ascontiguousarray(array, np.int32))
-    if array.dtype.kind == "f":
-        return Vt.FloatArray.FromNumpy(np.ascontiguousarray(array, np.float32))
     return Vt.StringArray(array.tolist()) if array.dtype.kind in "US" else array.tolist()

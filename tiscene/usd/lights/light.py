@@ -212,8 +212,7 @@ class LightReader:
             return None
         meters = radius * self._meters
         if as_point and meters > _POINT_RADIUS:
-            gain = (meters / _POINT_RADIUS) ** 2
-            radiance = (radiance[0] * gain, radiance[1] * gain, radiance[2] * gain)
+            radiance = _times(radiance, (meters / _POINT_RADIUS) ** 2)
             meters = _POINT_RADIUS
         return SphereLight(prim.GetName(), str(prim.GetPath()), pose, radiance, meters)
 
@@ -228,8 +227,7 @@ class LightReader:
             return None
         meters = radius * self._meters
         if as_line and meters > _POINT_RADIUS:
-            gain = meters / _POINT_RADIUS
-            radiance = (radiance[0] * gain, radiance[1] * gain, radiance[2] * gain)
+            radiance = _times(radiance, meters / _POINT_RADIUS)
             meters = _POINT_RADIUS
         return CylinderLight(prim.GetName(), str(prim.GetPath()), pose, radiance, meters, length * self._meters)
 
@@ -245,8 +243,8 @@ class LightReader:
         projected = math.pi * sine_squared if half > 0.0 else 1.0
         if self._input(prim, "normalize", False) and half > 0.0:
             projected /= math.pi * (sine_squared if half <= math.pi / 2.0 else 2.0 - math.sin(half) ** 2)
-        irradiance = (emission[0] * projected, emission[1] * projected, emission[2] * projected)
-        return DistantLight(prim.GetName(), str(prim.GetPath()), pose, irradiance, 2.0 * min(half, math.pi / 2.0))
+        angle = 2.0 * min(half, math.pi / 2.0)
+        return DistantLight(prim.GetName(), str(prim.GetPath()), pose, _times(emission, projected), angle)
 
     def _dome(self, prim: Usd.Prim, pose: NDArray[np.float64], emission: Color, scale: list[float]) -> Light:
         layout = self._input(prim, "texture:format", "automatic")
@@ -350,3 +348,12 @@ def color_of_temperature(kelvin: float) -> NDArray[np.float64]:
 def is_light(prim: Usd.Prim) -> bool:
     """Return whether a prim is a UsdLux light or has LightAPI applied; portals are not lights."""
     return bool(prim.HasAPI(UsdLux.LightAPI)) and not prim.IsA(UsdLux.PortalLight)
+
+
+def is_light_only(prim: Usd.Prim) -> bool:
+    """Return whether a prim is a light and not a gprim: a mesh light is an object."""
+    return is_light(prim) and not prim.IsA(UsdGeom.Gprim)
+
+
+def _times(color: Color, factor: float) -> Color:
+    return (color[0] * factor, color[1] * factor, color[2] * factor)

@@ -11,12 +11,12 @@ from typing import Any
 
 from pxr import Sdf, Usd, UsdGeom, UsdLux
 
+from tiscene.usd.core.prims import ALSO_ABSTRACT
 from tiscene.usd.core.report import StageReport
 
 LINKS = {"lightLink": "lit", "shadowLink": "shadowing"}  # fields of `Light` by collection
 MAX_CLASSES = 32  # a path's state has five bits for the class
 _SPAWNED = Sdf.Path("/__spawned")  # stands for prims that are not on the stage
-_PRIMS = Usd.TraverseInstanceProxies(Usd.PrimIsActive & Usd.PrimIsLoaded)  # also those of templates
 
 
 class LightLinks:
@@ -33,7 +33,7 @@ class LightLinks:
         self._class_of: dict[Sdf.Path, int] = {}
         self._classes: dict[tuple[bool, ...], int] = {}
         self._number(_SPAWNED, queries)
-        for prim in Usd.PrimRange(stage.GetPseudoRoot(), _PRIMS):
+        for prim in Usd.PrimRange(stage.GetPseudoRoot(), ALSO_ABSTRACT):
             if prim.IsA(UsdGeom.Gprim):
                 number = self._number(prim.GetPath(), queries)
                 if number is None:
@@ -65,7 +65,7 @@ class LightLinks:
 def prepare_links(stage: Usd.Stage, report: StageReport) -> None:
     """Find the restricting collections of a stage, for `links_of`. A stage without any costs one traversal."""
     queries = {}
-    for prim in Usd.PrimRange(stage.GetPseudoRoot(), _PRIMS):
+    for prim in Usd.PrimRange(stage.GetPseudoRoot(), ALSO_ABSTRACT):
         if prim.HasAPI(UsdLux.LightAPI) and not prim.IsA(UsdGeom.Gprim):
             for name in LINKS:
                 if is_restricted(prim, name):

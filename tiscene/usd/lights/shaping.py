@@ -96,7 +96,8 @@ def _profile(prim: Usd.Prim, time: Usd.TimeCode, textures: TextureTable, report:
         report.omission(prim.GetPath(), text)
         return None
     key = f"{asset.resolvedPath} {scale} {normalize}"
-    return textures.add_pixels(key, Path(asset.path).name, profile.image(scale, normalize))
+    image = profile.image(scale, normalize)
+    return textures.add_image(key, Path(asset.path).name, image, "raw", ("repeat", "clamp"))
 
 
 def is_seen_by_camera(prim: Usd.Prim, time: Usd.TimeCode) -> bool:

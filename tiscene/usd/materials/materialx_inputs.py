@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from typing import Any, Literal
 
 import numpy as np
+from numpy.typing import NDArray
 from pxr import Sdf
 
 from tiscene.scene.description import ColorInput, FloatInput, TextureLookup
@@ -41,20 +42,22 @@ class SurfaceInputs:
             return None
         return self.network.value(self.authored.get(named[0]), named[1])
 
-    def required(self, named: tuple[str, Any]) -> Signal:
+    def required(self, named: tuple[str, Any] | None) -> Signal:
         """Return the value of an input that the model has."""
         found = self.signal(named)
         assert found is not None
         return found
 
-    def mean(self, named: tuple[str, Any] | None, default: float) -> float:
-        """Return an input that must be a number; a texture is reported and replaced by its mean."""
-        signal = self.signal(named)
-        if signal is None or named is None:
-            return default
+    def constant(self, named: tuple[str, Any]) -> NDArray[np.float64]:
+        """Return an input that must be constant; a texture is reported and replaced by its mean."""
+        signal = self.required(named)
         if signal.constant is None:
             self.report.omission(self.path, f"{named[0]} cannot come from a texture; its mean is used")
-        return float(self.network.baker.mean(signal).mean())
+        return self.network.baker.mean(signal)
+
+    def mean(self, named: tuple[str, Any] | None, default: float) -> float:
+        """Return an input that must be a number, see `constant`; the default if the model has no such input."""
+        return default if named is None else float(self.constant(named).mean())
 
     def product(self, factor: Signal | None, signal: Signal) -> Signal:
         """Return a signal times a factor; None: 1."""

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from tiscene.scene.description import Color, ExtendedLobes
 from tiscene.usd.materials.materialx_inputs import SurfaceInputs
-from tiscene.usd.materials.materialx_models import MODELS, ExtendedModel, Named
+from tiscene.usd.materials.materialx_models import ExtendedModel, Named
 from tiscene.usd.materials.materialx_signal import Signal, number
 
 Array = NDArray[Any]
@@ -29,15 +29,14 @@ class ExtendedSurface:
     """Maps the further inputs of one surface shader.
 
     Args:
-        model: name of its model, in `MODELS`.
+        model: name of its model.
+        names: names and defaults of the model's inputs.
         values: its inputs.
         meters_per_unit: of the stage.
     """
 
-    def __init__(self, model: str, values: SurfaceInputs, meters_per_unit: float) -> None:
-        names = MODELS[model]
-        self._model, self._names = model, names if isinstance(names, ExtendedModel) else None
-        self._values = values
+    def __init__(self, model: str, names: ExtendedModel, values: SurfaceInputs, meters_per_unit: float) -> None:
+        self._model, self._names, self._values = model, names, values
         self._apply = values.network.baker.apply
         self._meters = meters_per_unit
 
@@ -49,8 +48,6 @@ class ExtendedSurface:
             roughness: of the specular lobe, as authored.
         """
         names, values = self._names, self._values
-        if names is None:
-            return None, roughness
         for name, instead in names.unapplied.items():
             if name in values.authored and values.authored[name].source is not None:
                 values.report.omission(values.path, f"{name} is not applied; {instead}")
@@ -71,10 +68,8 @@ class ExtendedSurface:
         standard_surface transmits the fraction `subsurface`. OpenPBR scatters it, half to each side.
         """
         names, values = self._names, self._values
-        if names is None or self._model != "ND_open_pbr_surface_surfaceshader":
+        if self._model != "ND_open_pbr_surface_surfaceshader":
             return base
-        assert names.subsurface is not None
-        assert names.subsurface_color is not None
         weight, below = values.required(names.subsurface), values.required(names.subsurface_color).of_width(3)
         return self._apply(
             lambda color, inner, part: (color * (1.0 - part) + 0.5 * part * inner) / (1.0 - 0.5 * part),
@@ -87,16 +82,14 @@ class ExtendedSurface:
         Args:
             ior: of the base, above 0.
         """
-        names = self._names
-        is_coated = names is not None and self._differs(names.coat, 0.0)
-        if names is None or not is_coated or self._model != "ND_open_pbr_surface_surfaceshader":
+        coat = self._names.coat
+        if not self._differs(coat, 0.0) or self._model != "ND_open_pbr_surface_surfaceshader":
             return ior
-        weight = float(self._values.network.baker.mean(self._values.required(names.coat))[0])
+        weight = float(self._values.network.baker.mean(self._values.required(coat))[0])
         ratio = ior / self._coat_ior()
         return ior + (max(ratio, 1.0 / ratio) - ior) * weight
 
     def _coat_ior(self) -> float:
-        assert self._names is not None
         return max(self._values.mean(self._names.coat_ior, 1.5), 1.0)
 
     def _differs(self, named: Named, neutral: Any) -> bool:
@@ -106,20 +99,12 @@ class ExtendedSurface:
         signal = self._values.required(named)
         return signal.constant is None or not bool(np.allclose(signal.constant, neutral))
 
-    def _constant(self, named: Named) -> Array:
-        """Return an input that must be constant; of a texture its mean, which is reported."""
-        signal = self._values.required(named)
-        if signal.constant is None:
-            self._values.report.omission(self._values.path, f"{named[0]} cannot come from a texture; its mean is used")
-        return np.asarray(self._values.network.baker.mean(signal))
-
     def _color(self, named: Named) -> Color:
-        r, g, b = np.resize(self._constant(named), 3).tolist()
+        r, g, b = np.resize(self._values.constant(named), 3).tolist()
         return (r, g, b)
 
     def _add_specular(self, found: dict[str, Any]) -> None:
         names, values = self._names, self._values
-        assert names is not None
         if values.required(names.specular).constant is None:
             found["specular"] = values.float_input(values.required(names.specular), "specular")
         if not self._differs(names.specular_color, _WHITE):
@@ -133,8 +118,7 @@ class ExtendedSurface:
 
     def _add_transmission(self, found: dict[str, Any], base: Signal) -> None:
         names, values = self._names, self._values
-        assert names is not None
-        is_thin = names.thin is not None and bool(self._constant(names.thin)[0] > 0.5)
+        is_thin = names.thin is not None and bool(values.constant(names.thin)[0] > 0.5)
         transmits = self._differs(names.transmission, 0.0)
         if names.thickness is not None and transmits:
             is_thin = not self._differs(names.thickness, 0.0)
@@ -145,10 +129,10 @@ class ExtendedSurface:
         found["thin_walled"] = is_thin
         tint = base if names.tint[0] == "base_color" else values.required(names.tint)
         named, depth = names.attenuation, names.distance
-        if names.depth is not None and not is_thin and self._constant(names.depth)[0] > 0.0:
+        if names.depth is not None and not is_thin and values.constant(names.depth)[0] > 0.0:
             named, depth, tint = names.tint, names.depth, number(*_WHITE)
         if named is not None and depth is not None and not is_thin:
-            found["absorption"] = self._absorption(self._color(named), float(self._constant(depth)[0]))
+            found["absorption"] = self._absorption(self._color(named), float(values.constant(depth)[0]))
         if tint.constant is None or not np.allclose(tint.constant, 1.0):
             found["transmission_color"] = values.color_input(tint, "transmission_color")
 
@@ -162,19 +146,15 @@ class ExtendedSurface:
     def _add_translucency(self, found: dict[str, Any]) -> None:
         """Add the subsurface scattering of a sheet: diffuse light that passes it (half of it, in OpenPBR)."""
         names, values = self._names, self._values
-        assert names is not None
-        assert names.subsurface is not None
-        assert names.subsurface_color is not None
         weight = values.required(names.subsurface)
         if self._model == "ND_open_pbr_surface_surfaceshader":
-            weight = weight.affine(np.full(1, 0.5), np.zeros(1)) or self._apply(lambda value: 0.5 * value, weight)
+            weight = values.network.baker.affine(weight, 0.5)
         found["translucency"] = values.float_input(weight, "subsurface")
         found["translucent_color"] = values.color_input(values.required(names.subsurface_color), "subsurface_color")
 
     def _add_coat(self, found: dict[str, Any], base: Signal) -> None:
         """Add the coat's color, which holds what the base loses as well, and index of refraction."""
         names, values = self._names, self._values
-        assert names is not None
         if names.coat_color is None or not self._differs(names.coat, 0.0):
             return
         color = values.required(names.coat_color)
@@ -193,8 +173,6 @@ class ExtendedSurface:
         coat's color are factors by the coat's weight, each; `ExtendedLobes` has one for both.
         """
         names = self._names
-        assert names is not None
-        assert names.coat_darkening is not None
         passing = (1.0 - ((ior - 1.0) / (ior + 1.0)) ** 2) / ior**2
 
         def one_factor(color: Array, reflectance: Array, weight: Array, strength: Array) -> Array:
@@ -207,9 +185,6 @@ class ExtendedSurface:
     def _base_reflectance(self, base: Signal) -> Signal:
         """Return the estimate of the base's reflectance that OpenPBR's darkening takes."""
         names, values = self._names, self._values
-        assert names is not None
-        assert names.subsurface is not None
-        assert names.subsurface_color is not None
 
         def mixed(base: Array, inner: Array, below: Array, metallic: Array, specular: Array) -> Array:
             dielectric = base + (inner - base) * below
@@ -221,7 +196,6 @@ class ExtendedSurface:
 
     def _add_sheen(self, found: dict[str, Any]) -> None:
         names, values = self._names, self._values
-        assert names is not None
         if names.sheen is not None and not self._differs(names.sheen, 0.0):
             return
         factor = None if names.sheen is None else values.required(names.sheen)
@@ -237,14 +211,11 @@ class ExtendedSurface:
     def _add_anisotropy(self, found: dict[str, Any], strength: Signal, roughness: Signal) -> Signal:
         """Add the ratio of the alphas and their direction; return the roughness of the mean of their squares."""
         names, values = self._names, self._values
-        assert names is not None
         ratio, mean = _ALPHAS[self._model]
         operands = (strength.of_width(1), roughness.of_width(1))
         found["anisotropy"] = values.float_input(self._apply(ratio, *operands), "anisotropy")
         if names.rotation is not None and self._differs(names.rotation, 0.0):
-            turns = np.full(1, names.turns)
-            rotation = values.required(names.rotation)
-            turned = rotation.affine(turns, np.zeros(1)) or self._apply(lambda value: value * turns, rotation)
+            turned = values.network.baker.affine(values.required(names.rotation), names.turns)
             found["rotation"] = values.float_input(turned, "rotation")
         return roughness if mean is None else self._apply(mean, *operands)
 

@@ -226,10 +226,8 @@ class MaterialXNetwork:
         width = 4 if category == "UsdUVTexture" else _output_width(source, category) or 3
         default = inputs.get("fallback" if category == "UsdUVTexture" else "default")
         fallback = self._required(default, 0.0).of_width(width)
-        file, at = (
-            inputs.get("file"),
-            self._required(inputs.get("st" if category == "UsdUVTexture" else "texcoord"), None),
-        )
+        file = inputs.get("file")
+        at = self._required(inputs.get("st" if category == "UsdUVTexture" else "texcoord"), None)
         if file is None or not isinstance(file.value, Sdf.AssetPath) or not file.value.path:
             self._report.omission(source.shader.GetPath(), "an image node without a file; its default is used")
             return fallback

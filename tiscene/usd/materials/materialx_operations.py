@@ -111,22 +111,22 @@ def _single(function: Callable[[Array], Array]) -> Operation:
     return (("in", 0.0),), function
 
 
-def _ramp(axis: int) -> Operation:
-    names = (("valuel", 0.0), ("valuer", 0.0)) if axis == 0 else (("valueb", 0.0), ("valuet", 0.0))
+# Of ramps and splits along u and along v.
+_ENDS = ((("valuel", 0.0), ("valuer", 0.0)), (("valueb", 0.0), ("valuet", 0.0)))
 
+
+def _ramp(axis: int) -> Operation:
     def ramp(low: Array, high: Array, at: Array) -> Array:
         return np.asarray(low + (high - low) * np.clip(at[..., axis : axis + 1], 0.0, 1.0))
 
-    return (*names, ("texcoord", None)), ramp
+    return (*_ENDS[axis], ("texcoord", None)), ramp
 
 
 def _split(axis: int) -> Operation:
-    names = (("valuel", 0.0), ("valuer", 0.0)) if axis == 0 else (("valueb", 0.0), ("valuet", 0.0))
-
     def split(low: Array, high: Array, center: Array, at: Array) -> Array:
         return np.where(at[..., axis : axis + 1] >= center, high, low)
 
-    return (*names, ("center", 0.5), ("texcoord", None)), split
+    return (*_ENDS[axis], ("center", 0.5), ("texcoord", None)), split
 
 
 def _checkerboard(first: Array, second: Array, tiling: Array, offset: Array, at: Array) -> Array:

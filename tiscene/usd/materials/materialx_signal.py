@@ -13,16 +13,15 @@ from dataclasses import dataclass, replace
 from typing import Any, cast
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from tiscene.scene.color import decode_srgb, encode_srgb
 from tiscene.scene.description import VERTEX_COLORS, Texture, TextureLookup
-from tiscene.usd.materials.texture import Affine, TextureTable, Wrap
+from tiscene.usd.materials.texture import IDENTITY, Affine, Encoding, TextureTable, Wrap
 
 Floats = NDArray[np.float64]
 Image = NDArray[np.float32]
 
-IDENTITY: Affine = (1.0, 0.0, 0.0, 0.0, 1.0, 0.0)
 _MAX_SIZE = 2048  # px, of a side of a computed image
 _DEFAULT_SIZE = 512  # px, of images computed from texture coordinates alone
 _CHANNELS = ("r", "g", "b", "a")
@@ -166,6 +165,11 @@ class Baker:
             image = np.nan_to_num(function(*values)).astype(np.float32)
         return Signal(image=image, coordinates=space, wraps=cast(Any, wraps))
 
+    def affine(self, signal: Signal, factor: ArrayLike, summand: ArrayLike = 0.0) -> Signal:
+        """Return `factor * signal + summand`: a lookup if the signal is one, else computed per texel."""
+        a, b = (np.atleast_1d(np.asarray(each, np.float64)) for each in (factor, summand))
+        return signal.affine(a, b) or self.apply(lambda values: a * values + b, signal)
+
     def _common_space(self, signals: Sequence[Signal]) -> tuple[Coordinates, tuple[int, int]]:
         """Return the coordinates and the size [h, w] in which signals are computed together."""
         textured = [each for each in signals if each.uv is None]
@@ -264,7 +268,7 @@ def _linear(texture: Texture) -> Image:
     return values
 
 
-def _stored(image: Image) -> tuple[Any, str]:
+def _stored(image: Image) -> tuple[Any, Encoding]:
     """Return computed values [h, w, 1 or 3] as pixels to store, and their encoding.
 
     Colors within 0..1 become 8-bit sRGB, numbers within 0..1 raw 8 bits, everything else stays float.
@@ -274,7 +278,7 @@ def _stored(image: Image) -> tuple[Any, str]:
     pixels[..., :3] = image
     if low < 0.0 or high > 1.0:
         return pixels, "raw"
-    encoding = "srgb" if image.shape[2] == 3 else "raw"
+    encoding: Encoding = "srgb" if image.shape[2] == 3 else "raw"
     if encoding == "srgb":
         pixels[..., :3] = encode_srgb(pixels[..., :3])
     return np.rint(pixels * 255.0).astype(np.uint8), encoding

@@ -14,7 +14,7 @@ from pxr import UsdShade
 from tiscene.scene.description import FloatInput, Material, TextureLookup
 from tiscene.usd.materials.materialx_inputs import SurfaceInputs
 from tiscene.usd.materials.materialx_lobes import ExtendedSurface
-from tiscene.usd.materials.materialx_models import MODELS
+from tiscene.usd.materials.materialx_models import MODELS, ExtendedModel
 from tiscene.usd.materials.materialx_network import category_of
 from tiscene.usd.materials.materialx_signal import Signal
 
@@ -37,16 +37,22 @@ class MaterialXSurface:
         self._baker = values.network.baker
         self._report = values.report
         self._uv_set = values.uv_set
-        self._extended = ExtendedSurface(name, values, meters_per_unit)
+        self._extended: ExtendedSurface | None = None
+        if isinstance(self._model, ExtendedModel):
+            self._extended = ExtendedSurface(name, self._model, values, meters_per_unit)
 
     def material(self, name: str, prim_path: str) -> Material:
         """Return the material with a name and path."""
         model = self._model
         normal = self._normal()  # first: tangents are those of the first uv set, which must be the normal map's
         color = self._values.product(self._values.signal(model.base), self._values.required(model.color))
-        lobes, roughness = self._extended.lobes(color, self._values.required(model.roughness))
-        is_sheet = lobes is not None and lobes.translucency != 0.0
-        color = self._extended.sheet_color(color) if is_sheet else self._with_subsurface(color)
+        lobes, roughness = None, self._values.required(model.roughness)
+        if self._extended is not None:
+            lobes, roughness = self._extended.lobes(color, roughness)
+        if self._extended is not None and lobes is not None and lobes.translucency != 0.0:
+            color = self._extended.sheet_color(color)
+        else:
+            color = self._with_subsurface(color)
         emissive = self._values.product(self._values.signal(model.emission), self._values.required(model.emissive))
         opacity, mode = self._opacity()
         self._report_unsupported()
@@ -90,8 +96,7 @@ class MaterialXSurface:
         if textured is not None and textured.constant is None and presence.constant is not None:
             if presence.constant[0] < 1.0:
                 self._report.omission(self._path, "the surface is transmissive, not partly absent as well")
-            solid = textured.of_width(1).affine(np.full(1, -1.0), np.ones(1))
-            solid = solid or self._baker.apply(lambda values: 1.0 - values, textured.of_width(1))
+            solid = self._baker.affine(textured.of_width(1), -1.0, 1.0)
             return self._values.float_input(solid, "transmission"), "transmission"
         transmission = self._values.mean(self._model.transmission, 0.0)
         if presence.constant is not None and presence.constant[0] >= 1.0:
@@ -126,7 +131,7 @@ class MaterialXSurface:
         )
         if ior <= 0.0 or transmits:
             return ior
-        ior = self._extended.ior_below_coat(ior)
+        ior = ior if self._extended is None else self._extended.ior_below_coat(ior)
         if weight == 1.0:
             return ior
         root = min(abs((ior - 1.0) / (ior + 1.0)) * max(weight, 0.0) ** 0.5, 0.999)
@@ -149,12 +154,9 @@ class MaterialXSurface:
         if signal.constant is not None:
             return None
         is_unit = signal.bias is not None and bool((signal.bias < 0.0).any())  # already within -1..1
-        mapped = signal if is_unit else signal.affine(np.full(1, 2.0), np.full(1, -1.0))
-        if mapped is None:
-            mapped = self._baker.apply(lambda values: 2.0 * values - 1.0, signal)
+        mapped = signal if is_unit else self._baker.affine(signal, 2.0, -1.0)
         if strength != 1.0:
-            bent = np.array([strength, strength, 1.0])
-            mapped = mapped.affine(bent, np.zeros(1)) or self._baker.apply(lambda values: values * bent, mapped)
+            mapped = self._baker.affine(mapped, (strength, strength, 1.0))
         found = self._baker.lookup(mapped, 3, "normal", self._uv_set)
         return found if isinstance(found, TextureLookup) else None
 

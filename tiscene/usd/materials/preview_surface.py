@@ -24,11 +24,10 @@ from tiscene.usd.materials.materialx_models import MODELS
 from tiscene.usd.materials.materialx_network import MaterialXNetwork, vertex_colors
 from tiscene.usd.materials.materialx_signal import Signal, number
 from tiscene.usd.materials.materialx_surface import MaterialXSurface
-from tiscene.usd.materials.texture import Affine, TextureTable
+from tiscene.usd.materials.texture import IDENTITY, Affine, TextureTable
 from tiscene.usd.materials.texture_borders import UnwrappedTexture
 
 _DEFAULT = Material("default")
-_IDENTITY: Affine = (1.0, 0.0, 0.0, 0.0, 1.0, 0.0)
 
 
 class NetworkReader:
@@ -254,7 +253,7 @@ class NetworkReader:
         fallback = self._four(inputs, "fallback", (0.0, 0.0, 0.0, 1.0))
         scale, bias = self._four(inputs, "scale", (1.0,) * 4), self._four(inputs, "bias", (0.0,) * 4)
         file = inputs.get("file")
-        row, window, unwrapped = None, _IDENTITY, (False, False)
+        row, window, unwrapped = None, IDENTITY, (False, False)
         if file is None or not isinstance(file.value, Sdf.AssetPath) or not file.value.path:
             self._report.omission(source.shader.GetPath(), "a UsdUVTexture without a file; its fallback is used")
         else:
@@ -262,7 +261,7 @@ class NetworkReader:
             wrap_s, wrap_t = (self._token(inputs, wrap, "useMetadata") for wrap in ("wrapS", "wrapT"))
             if "<UDIM>" in file.value.path:
                 found = self._textures.add_udim(file.attribute, file.value, space, fallback)
-                row, window = found or (None, _IDENTITY)
+                row, window = found or (None, IDENTITY)
                 unwrapped = (True, True)
             else:
                 row = self._textures.add(file.attribute, file.value, space, wrap_s, wrap_t)

@@ -26,6 +26,7 @@ from tiscene.usd.materials.materialx_document import DOCUMENT
 Wrap = Literal["repeat", "clamp", "mirror", "black"]
 Encoding = Literal["srgb", "raw"]
 Affine = tuple[float, float, float, float, float, float]
+IDENTITY: Affine = (1.0, 0.0, 0.0, 0.0, 1.0, 0.0)
 _HALF_MAX = 65504.0  # largest finite float16
 _MAX_SHEET = 1 << 28  # texels of an image of UDIM tiles that are far apart; 1 GiB of 8-bit ones
 _FALLBACK = "its fallback is used"
@@ -136,13 +137,9 @@ class TextureTable:
         row = self._row(key, merged, encoding, ("clamp", "clamp"), name)
         return row, (1.0 / columns, 0.0, -float(low[0]) / columns, 0.0, 1.0 / rows, -float(low[1]) / rows)
 
-    def add_pixels(self, key: str, name: str, pixels: FloatArray) -> int:
-        """Add a generated image [h, w, 4], once for each key; return its row."""
-        return self._row(key, ImageData(pixels, srgb=False), "raw", ("repeat", "clamp"), name)
-
-    def add_image(self, key: str, name: str, pixels: NDArray[Any], encoding: str, wraps: tuple[Wrap, Wrap]) -> int:
-        """Add a computed image [h, w, 4] with an encoding, "srgb" or "raw", once for each key; return its row."""
-        return self._row(key, ImageData(pixels, srgb=False), cast(Encoding, encoding), wraps, name)
+    def add_image(self, key: str, name: str, pixels: NDArray[Any], encoding: Encoding, wraps: tuple[Wrap, Wrap]) -> int:
+        """Add a computed image [h, w, 4], once for each key; return its row."""
+        return self._row(key, ImageData(pixels, srgb=False), encoding, wraps, name)
 
     def _encoding(self, color_space: str, picture: ImageData, prim_path: Any) -> Encoding:
         """Return how pixels are encoded, from sourceColorSpace and, for "auto", from the file."""

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from pxr import Usd, UsdGeom, UsdShade
 
 from tiscene.usd.core.report import StageReport
-from tiscene.usd.geometry.primvar import Topology, array_of, primvar_topology, read_uv
+from tiscene.usd.geometry.primvar import Topology, array_of, outside, primvar_topology, read_uv
 
 _MARGIN = 1e-3  # coordinates may leave 0..1 by this much, a pixel of a texture of 1000
 
@@ -72,7 +72,7 @@ def _is_valid(topology: Topology) -> bool:
     counts, indices = topology.counts, topology.indices
     if len(counts) == 0 or counts.min() < 0 or counts.sum(dtype=np.int64) != len(indices):
         return False
-    return len(indices) == 0 or bool(indices.min() >= 0 and indices.max() < topology.points)
+    return outside(indices, topology.points) is None
 
 
 def _faces(prim: Usd.Prim, gprim: Usd.Prim, count: int, time: Usd.TimeCode) -> NDArray[np.bool_]:

@@ -10,13 +10,14 @@ import numpy as np
 from pxr import Sdf, Usd, UsdGeom
 
 from tiscene.errors import TemplateNotFound
-from tiscene.scene.assembly import as_one
 from tiscene.scene.description import Matrix, SceneDescription, Template
 from tiscene.usd.core.pose import pose_matrix, read_pose
+from tiscene.usd.core.prims import ancestors
 from tiscene.usd.core.report import StageReport
-from tiscene.usd.core.semantics import ancestors, asset_name, inherited_label, name_label
+from tiscene.usd.core.semantics import asset_name, inherited_label, name_label
 from tiscene.usd.core.time_samples import NOT_ANIMATED, transformed
 from tiscene.usd.core.units import Units
+from tiscene.usd.read.template import as_template
 from tiscene.usd.read.traversal import StageReader
 from tiscene.usd.read.traversal_context import TraversalContext
 
@@ -88,8 +89,8 @@ def _template(stage: Usd.Stage, path: str, time: Usd.TimeCode, report: StageRepo
     animated = NOT_ANIMATED
     groups = [each for each in ancestors(prim) if each.IsA(UsdGeom.Imageable)]
     for group in reversed(groups):  # a group may appear and vanish with all objects in it
-        hides = report.reads_animation and UsdGeom.Imageable(group).GetVisibilityAttr().ValueMightBeTimeVarying()
-        animated = replace(animated, hiders=(*animated.hiders, group)) if hides else animated
+        if report.reads_animation and UsdGeom.Imageable(group).GetVisibilityAttr().ValueMightBeTimeVarying():
+            animated = animated.hidden_by(group)
     reader.walk(prim, TraversalContext(parent_world, label=label, animated=animated))
     description = reader.description(path)
     if isinstance(pose, str):
@@ -97,11 +98,7 @@ def _template(stage: Usd.Stage, path: str, time: Usd.TimeCode, report: StageRepo
     else:
         inverse = np.linalg.inv(pose_matrix(pose.position, pose.rotation))
         description = _transformed(description, np.asarray(inverse, np.float64))
-    if not description.instances:
-        report.problem(path, "template", "it holds no geometry that would be drawn")
-    category = next((each.category for each in description.objects if each.category), "")
-    category = name_label(prim) if reader.by_name else label or category
-    return Template(path, category, as_one(description, prim.GetName(), path, category, asset_name(prim)))
+    return as_template(description, prim, name_label(prim) if reader.by_name else label, asset_name(prim), report)
 
 
 def _transformed(description: SceneDescription, by: Matrix) -> SceneDescription:

@@ -15,6 +15,7 @@ from pxr import Sdf, Usd, UsdGeom
 from tiscene.scene.description import Matrix
 from tiscene.scene.input_track import InputTrack
 from tiscene.usd.core.broken_prims import ENDLESS
+from tiscene.usd.core.prims import ALSO_ABSTRACT
 from tiscene.usd.core.report import StageReport
 from tiscene.usd.core.semantics import asset_name, direct_label, inherited_label, name_label
 from tiscene.usd.core.time_samples import NOT_ANIMATED, AnimatedAncestors, TransformSamples
@@ -30,7 +31,7 @@ from tiscene.usd.read.point_instancer import (
     instancer_times,
     point_instances,
 )
-from tiscene.usd.read.traversal_context import ALSO_ABSTRACT, TraversalContext
+from tiscene.usd.read.traversal_context import TraversalContext
 
 
 class PrototypeLight(NamedTuple):

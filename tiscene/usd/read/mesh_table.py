@@ -3,7 +3,6 @@
 
 from __future__ import annotations
 
-import hashlib
 from collections.abc import Sequence
 from functools import partial
 from typing import Any
@@ -16,6 +15,8 @@ from tiscene.scene.affine_maps import with_origin
 from tiscene.scene.camera import Vector3
 from tiscene.scene.description import Matrix, Mesh
 from tiscene.scene.skinned_deformation import SkinnedDeformation
+from tiscene.usd.core.content import content_digest
+from tiscene.usd.core.prims import ALSO_ABSTRACT
 from tiscene.usd.core.report import StageReport
 from tiscene.usd.core.semantics import shared_path
 from tiscene.usd.core.transform import MAX_COORDINATE
@@ -24,7 +25,7 @@ from tiscene.usd.geometry.curves import read_curves, read_points
 from tiscene.usd.geometry.deforming import deformation_of, shape_times, with_shape_samples
 from tiscene.usd.geometry.gprim import read_gprim
 from tiscene.usd.geometry.mesh import face_count, read_mesh
-from tiscene.usd.geometry.primvar import SECOND_UV, UV, array_of
+from tiscene.usd.geometry.primvar import SECOND_UV, UV, array_of, outside
 from tiscene.usd.geometry.recentering import far_center, recentered
 from tiscene.usd.geometry.skinned_mesh import content_of
 from tiscene.usd.geometry.skinning import skin_of
@@ -37,7 +38,6 @@ from tiscene.usd.materials.material import Binding, MaterialTableBuilder
 Partition = tuple[tuple[str, ...], NDArray[np.int32] | None]  # names of parts, and the part of each face
 Subsets = Sequence[tuple[Binding, NDArray[np.int64]]]  # a material, and the faces that have it
 
-_CHILDREN = Usd.TraverseInstanceProxies(Usd.PrimIsActive & Usd.PrimIsLoaded)
 _READERS = dict.fromkeys(gprim.TYPES, read_gprim) | {"BasisCurves": read_curves, "Points": read_points}
 
 
@@ -81,7 +81,6 @@ class MeshTable:
             prim: the gprim.
             emitter: material of a mesh light, instead of the bound one.
         """
-        source = shared_path(prim)
         whole = emitter or self._materials.binding(prim, prim)
         subsets = [] if emitter else self._subsets(prim, whole)
         if not is_seen_by_camera(prim, self._time):
@@ -90,12 +89,10 @@ class MeshTable:
         bindings = (whole, *(binding for binding, _ in subsets))
         links = links_of(self._report)
         link_class = 0 if links is None else links.class_of(prim)
-        key = (source, bindings, id(skin_of(prim, self._report)), link_class)
+        key = (shared_path(prim), bindings, id(skin_of(prim, self._report)), link_class)
         if key not in self._rows:
-            surface = self._surface(prim, source, bindings, subsets)
-            parts = self._parts(prim, source)
-            row = None if surface is None else self._add(prim, surface, whole, subsets, parts, link_class)
-            self._rows[key] = row
+            surface = self._surface(prim, bindings, subsets)
+            self._rows[key] = None if surface is None else self._add(prim, surface, whole, subsets, link_class)
         return self._rows[key]
 
     def placed(self, row: int, matrices: Matrix) -> Matrix:
@@ -104,41 +101,38 @@ class MeshTable:
 
     def subset_names(self, prim: Usd.Prim) -> tuple[str, ...]:
         """Return the names of a gprim's parts: its subsets, then "" for the faces in none of them."""
-        source = shared_path(prim)
-        return self._parts(prim, source)[0]
+        return self._parts(prim)[0]
 
-    def _parts(self, prim: Usd.Prim, source: Any) -> Partition:
+    def _parts(self, prim: Usd.Prim) -> Partition:
         """Return the names of a gprim's parts, and the part of each face (None: there is one part).
 
         Subsets of other families are preferred to those that bind materials. Of overlapping subsets the last counts.
         Those that refer to missing faces are left out.
         """
+        source = shared_path(prim)
         if source not in self._partitions:
             self._partitions[source] = self._read_parts(prim)
         return self._partitions[source]
 
     def _read_parts(self, prim: Usd.Prim) -> Partition:
-        if not prim.IsA(UsdGeom.Mesh) or not prim.GetFilteredChildren(_CHILDREN):
-            return ("",), None
-        subsets = [UsdGeom.Subset(child) for child in prim.GetFilteredChildren(_CHILDREN) if child.IsA(UsdGeom.Subset)]
+        children = prim.GetFilteredChildren(ALSO_ABSTRACT) if prim.IsA(UsdGeom.Mesh) else ()
+        subsets = [UsdGeom.Subset(child) for child in children if child.IsA(UsdGeom.Subset)]
         subsets = [each for each in subsets if each.GetElementTypeAttr().Get() == UsdGeom.Tokens.face]
         material = UsdShade.Tokens.materialBind
         subsets = [each for each in subsets if each.GetFamilyNameAttr().Get() != material] or subsets
-        faces = face_count(prim, self._time)
+        faces = face_count(prim, self._time) if subsets else 0
         found = [(each, indices) for each in subsets if (indices := self._subset_faces(each, faces)) is not None]
-        subsets = [subset for subset, _ in found]
-        part_of_face = np.full(faces, len(subsets), dtype=np.int32)
+        if not found:
+            return ("",), None
+        part_of_face = np.full(faces, len(found), dtype=np.int32)
         for number, (_, indices) in enumerate(found):
             part_of_face[indices] = number
-        if not subsets:
-            return ("",), None
-        names = tuple(each.GetPrim().GetName() for each in subsets)
-        return (*names, "") if (part_of_face == len(subsets)).any() else names, part_of_face
+        names = tuple(subset.GetPrim().GetName() for subset, _ in found)
+        return (*names, "") if (part_of_face == len(found)).any() else names, part_of_face
 
     def area(self, prim: Usd.Prim, matrix: Matrix) -> float:
         """Return the total area of a gprim's triangles, transformed by a 3x3 matrix, in squared stage units."""
-        source = shared_path(prim)
-        surface = self._surface(prim, source, (Binding(-1),), [])
+        surface = self._surface(prim, (Binding(-1),), [])
         if surface is None:
             return 0.0
         a, b, c = (surface.positions[surface.triangles[:, corner]].astype(np.float64) @ matrix.T for corner in range(3))
@@ -149,7 +143,7 @@ class MeshTable:
         found: list[tuple[Binding, NDArray[np.int64]]] = []
         if whole.is_display_color and not whole.primvars.has_more_than_uv:
             found += self._materials.by_element(prim)
-        if not prim.IsA(UsdGeom.Mesh) or not prim.GetFilteredChildren(_CHILDREN):
+        if not prim.IsA(UsdGeom.Mesh) or not prim.GetFilteredChildren(ALSO_ABSTRACT):
             return found
         faces = face_count(prim, self._time)
         for subset in UsdShade.MaterialBindingAPI(prim).GetMaterialBindSubsets():
@@ -164,20 +158,18 @@ class MeshTable:
     def _subset_faces(self, subset: UsdGeom.Subset, faces: int) -> NDArray[np.int64] | None:
         """Return the faces of a subset of a mesh of `faces`; None, with the problem reported, if it has not all."""
         indices = array_of(subset.GetIndicesAttr(), self._time, np.int64)
-        if len(indices) == 0 or (indices.min() >= 0 and indices.max() < faces):
+        worst = outside(indices, faces)
+        if worst is None:
             return indices
-        worst = indices.max() if indices.max() >= faces else indices.min()
         text = f"refers to face {worst}, but there are {faces} faces (0-{faces - 1})"
         self._report.problem(subset.GetPath(), "subset", text)
         return None
 
-    def _surface(
-        self, prim: Usd.Prim, source: Any, bindings: tuple[Binding, ...], subsets: Subsets
-    ) -> WeldedMesh | None:
+    def _surface(self, prim: Usd.Prim, bindings: tuple[Binding, ...], subsets: Subsets) -> WeldedMesh | None:
         """Return a gprim's triangles, read once per prototype and selection of texture coordinates."""
         wanted = tuple(dict.fromkeys(binding.primvars for binding in bindings))
         of_face = None
-        skin = skin_of(prim, self._report)
+        source, skin = shared_path(prim), skin_of(prim, self._report)
         key: Any = (source, wanted, id(skin))
         if len(wanted) > 1:
             key = (source, bindings, id(skin))
@@ -199,13 +191,7 @@ class MeshTable:
         return self._surfaces[key]
 
     def _add(
-        self,
-        prim: Usd.Prim,
-        surface: WeldedMesh,
-        whole: Binding,
-        subsets: Subsets,
-        partition: Partition,
-        link_class: int,
+        self, prim: Usd.Prim, surface: WeldedMesh, whole: Binding, subsets: Subsets, link_class: int
     ) -> int | None:
         self._report.budget.add_mesh(len(surface.triangles))
         materials = np.full(len(surface.triangles), whole.row, dtype=np.int32)
@@ -226,22 +212,19 @@ class MeshTable:
             positions = surface.positions * np.float32(self._meters)
             x, y, z = (-self._meters * center).tolist()
             origin = (x, y, z)
-        parts = None if partition[1] is None else partition[1][surface.face]
+        part_of_face = self._parts(prim)[1]
+        parts = None if part_of_face is None else part_of_face[surface.face]
         deformation = deformation_of(surface, prim.GetStage(), self._meters)
-        digest = hashlib.blake2b(digest_size=16)
         uv, second_uv, colors = surface.uv, None, None
         if uv is not None and uv.shape[1] > 2:
             uv, second_uv, colors = (np.ascontiguousarray(uv[:, each]) for each in (UV, SECOND_UV, slice(4, 8)))
-        arrays = [positions, surface.triangles, materials, surface.normals, surface.uv, parts]
+        values: list[Any] = [positions, surface.triangles, materials, surface.normals, surface.uv, parts]
+        values += [link_class, origin]
         if isinstance(deformation, SkinnedDeformation):
-            digest.update(content_of(deformation))
+            values.append(content_of(deformation))
         elif deformation is not None:
-            arrays += [deformation.times, deformation.positions, deformation.normals]
-        for array in arrays:
-            digest.update(b"none" if array is None else np.ascontiguousarray(array).data)
-            digest.update(b"|")
-        digest.update(bytes([link_class]) + np.array(origin).tobytes())
-        content = digest.digest()
+            values += [deformation.times, deformation.positions, deformation.normals]
+        content = content_digest(values)
         if content not in self._rows_by_content:
             self._rows_by_content[content] = len(self.meshes)
             faces = surface.triangles, materials, surface.normals, uv, parts

@@ -17,9 +17,9 @@ from pxr import Gf, Usd, UsdGeom
 from tiscene.scene.description import Matrix
 from tiscene.usd.core.report import StageReport
 from tiscene.usd.core.time_samples import NOT_ANIMATED, AnimatedAncestors
-from tiscene.usd.core.transform import to_matrix
+from tiscene.usd.core.transform import point_matrices, to_matrix
 from tiscene.usd.core.value_times import dense_times, value_times
-from tiscene.usd.geometry.primvar import array_of
+from tiscene.usd.geometry.primvar import array_of, outside
 
 _VELOCITIES = ("velocities", "accelerations", "angularVelocities")
 _ARRAYS = (
@@ -96,10 +96,7 @@ def point_instances(
     if fault:
         report.problem(prim.GetPath(), "instancer", fault)
         return None
-    transforms = instancer.ComputeInstanceTransformsAtTime(
-        time, time, UsdGeom.PointInstancer.ExcludeProtoXform, UsdGeom.PointInstancer.IgnoreMask
-    )
-    matrices = np.asarray(transforms, dtype=np.float64).reshape(-1, 4, 4).transpose(0, 2, 1).copy()
+    matrices = point_matrices(instancer, time).copy()
     if len(matrices) != len(chosen):
         report.problem(prim.GetPath(), "instancer", "USD cannot compute the transforms of its points")
         return None
@@ -190,8 +187,7 @@ def _array_fault(
         return f"its prototype <{missing[0]}> does not exist"
     if len(chosen) and not prototypes:
         return "it has no prototypes"
-    if len(chosen) and (chosen.min() < 0 or chosen.max() >= len(prototypes)):
-        worst = chosen.max() if chosen.max() >= len(prototypes) else chosen.min()
+    if (worst := outside(chosen, len(prototypes))) is not None:
         return f"protoIndices refer to prototype {worst}, but there are {len(prototypes)} (0-{len(prototypes) - 1})"
     lengths = {
         "positions": len(array_of(instancer.GetPositionsAttr(), time, None, width=3)),

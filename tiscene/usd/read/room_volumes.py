@@ -11,6 +11,7 @@ from pxr import Gf, Sdf, Usd, UsdGeom, UsdSemantics
 
 from tiscene.scene.room_volume import RoomVolume
 from tiscene.usd.core.broken_prims import has_bounds
+from tiscene.usd.core.prims import DRAWN_PURPOSES, with_ancestors
 from tiscene.usd.core.report import StageReport
 from tiscene.usd.core.semantics import ROOM, direct_label
 from tiscene.usd.core.stage import open_stage, quiet, readable
@@ -60,11 +61,9 @@ def read_room_files(path: str | Path) -> dict[str, frozenset[Path]]:
         stage = open_stage(path)
         for prim in stage.Traverse(Usd.TraverseInstanceProxies()):
             name = _room_of(prim, Usd.TimeCode.EarliestTime())
-            above = prim if name else stage.GetPseudoRoot()
-            while not above.IsPseudoRoot():
-                layers = [Path(spec.layer.realPath) for spec in above.GetPrimStack() if spec.layer.realPath]
+            for each in with_ancestors(prim) if name else ():
+                layers = [Path(spec.layer.realPath) for spec in each.GetPrimStack() if spec.layer.realPath]
                 found[name] = found.get(name, frozenset()).union(layers)
-                above = above.GetParent()
     return found
 
 
@@ -86,8 +85,7 @@ def interior(room: Usd.Prim) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     It is the box over all prims labeled "floor", up to the lowest prim labeled "ceiling"; without them, around
     everything.
     """
-    purposes = [UsdGeom.Tokens.default_, UsdGeom.Tokens.render]
-    cache = UsdGeom.BBoxCache(Usd.TimeCode.EarliestTime(), purposes, useExtentsHint=False)
+    cache = UsdGeom.BBoxCache(Usd.TimeCode.EarliestTime(), DRAWN_PURPOSES, useExtentsHint=False)
     up = 1 if UsdGeom.GetStageUpAxis(room.GetStage()) == UsdGeom.Tokens.y else 2
     inverse = UsdGeom.Xformable(room).GetLocalTransformation().GetInverse()
     boxes: dict[str, list[NDArray[np.float64]]] = {_FLOOR: [], _CEILING: []}

@@ -16,7 +16,7 @@ from tiscene.errors import ArgumentError
 from tiscene.scene.description import SceneDescription
 from tiscene.usd.core.limits import Limits, ReadingBudget, RootFolder
 from tiscene.usd.core.report import StageReport
-from tiscene.usd.core.semantics import check_taxonomy
+from tiscene.usd.core.semantics import check_taxonomy, scene_name
 from tiscene.usd.core.stage import Variants, changes_over_time, open_stage, quiet, readable, reading_time
 from tiscene.usd.geometry.draw_modes import apply_draw_modes
 from tiscene.usd.geometry.skinning import prepare_skinning
@@ -92,8 +92,10 @@ def read_stage(
             "taxonomy": taxonomy,
             "strict": strict,
             "subdivision": subdivision,
+            "root": None if root is None else Path(root),
+            "limits": limits,
+            "isolate": False,
         }
-        options |= {"root": None if root is None else Path(root), "limits": limits, "isolate": False}
         return read_in_subprocess(read_stage, path, options, limits)
     root_folder = RootFolder(root)
     with quiet(), readable(path):
@@ -114,9 +116,8 @@ def read_stage(
             *stage_templates(stage, report, taxonomy),
             *extracted_templates(stage, extract, time, report, taxonomy),
         )
-        file = Path(path)
-        name = file.resolve().parent.name if file.stem == "scene" else file.stem
-        description = replace(reader.description(name, templates), rooms=read_room_volumes(stage, time, report))
+        description = reader.description(scene_name(Path(path)), templates)
+        description = replace(description, rooms=read_room_volumes(stage, time, report))
         report.raise_problems(anything_left=bool(description.instances or templates))
         _report_distance(description, stage, report)
     report.warn()

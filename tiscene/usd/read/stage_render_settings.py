@@ -61,6 +61,7 @@ def read_render_settings(stage: Usd.Stage, report: StageReport | None = None) ->
         stage: the stage.
         report: receives settings that are not applied; None: nothing is reported.
     """
+    report = report or StageReport("")
     settings = UsdRender.Settings.GetStageRenderSettings(stage)
     if not settings:
         found = [prim for prim in stage.Traverse() if prim.IsA(UsdRender.Settings)]
@@ -78,19 +79,18 @@ def read_render_settings(stage: Usd.Stage, report: StageReport | None = None) ->
     camera = next((stage.GetPrimAtPath(each[0]) for each in targets if each), None)
     path = settings.GetPath()
     if camera is not None and not (camera and camera.IsA(UsdGeom.Camera)):
-        if report:
-            report.omission(path, "the camera of the RenderSettings does not exist; the stage's first one is used")
+        report.omission(path, "the camera of the RenderSettings does not exist; the stage's first one is used")
         camera = None
     policy = str(authored("aspectRatioConformPolicy") or DEFAULT_POLICY)
-    if report and policy not in POLICIES:
+    if policy not in POLICIES:
         report.omission(path, f"aspectRatioConformPolicy {policy!r} is not applied; {DEFAULT_POLICY} is used")
-    if report and authored("pixelAspectRatio") not in (None, 1.0):
+    if authored("pixelAspectRatio") not in (None, 1.0):
         report.omission(path, "pixelAspectRatio is not applied: pixels are square")
-    if report and authored("dataWindowNDC") not in (None, Gf.Vec4f(0, 0, 1, 1)):
+    if authored("dataWindowNDC") not in (None, Gf.Vec4f(0, 0, 1, 1)):
         report.omission(path, "dataWindowNDC is not applied: the whole image is rendered")
     size = authored("resolution")
     valid = isinstance(size, Gf.Vec2i) and min(size) >= 1
-    if report and size is not None and not valid:
+    if size is not None and not valid:
         text = f"the resolution {size} of the RenderSettings is not used: it must be two positive integers"
         report.omission(path, text)
     return StageRenderSettings(

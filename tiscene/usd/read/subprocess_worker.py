@@ -25,6 +25,7 @@ from tiscene.files import write_atomically
 from tiscene.scene.description import SceneDescription
 from tiscene.scene.textures.mipmaps import coarser_copies
 from tiscene.usd.core.limits import Limits
+from tiscene.usd.core.prims import distinct_prims
 from tiscene.usd.core.stage import open_stage, quiet
 from tiscene.usd.read.subprocess_reader import ALIGNMENT, EMISSION_FILE
 
@@ -109,8 +110,7 @@ def _probe_emission(path: str, variants: Any, file: Path) -> Usd.Stage | None:
     try:
         with quiet():
             stage = open_stage(path, variants)
-            prims = (prim for root in (stage.GetPseudoRoot(), *stage.GetPrototypes()) for prim in Usd.PrimRange(root))
-            colors = (prim.GetAttribute("inputs:emissiveColor") for prim in prims)
+            colors = (prim.GetAttribute("inputs:emissiveColor") for prim in distinct_prims(stage))
             emits = any(
                 each and (each.HasAuthoredConnections() or each.GetNumTimeSamples() or any(each.Get() or ()))
                 for each in colors

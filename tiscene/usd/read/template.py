@@ -12,8 +12,9 @@ from pxr import Gf, Usd, UsdGeom
 
 from tiscene.errors import StageError
 from tiscene.scene.assembly import as_one
-from tiscene.scene.description import Template
+from tiscene.scene.description import SceneDescription, Template
 from tiscene.usd.core.limits import Limits
+from tiscene.usd.core.prims import ALSO_ABSTRACT
 from tiscene.usd.core.report import StageReport
 from tiscene.usd.core.semantics import asset_name, inherited_label, name_label, readable_name, spaced
 from tiscene.usd.core.stage import open_stage, quiet, readable, reading_time, select_variants
@@ -22,7 +23,7 @@ from tiscene.usd.geometry.skinning import prepare_skinning
 from tiscene.usd.geometry.subdivision_budget import DEFAULT_TRIANGLES, limit_subdivision
 from tiscene.usd.read.subprocess_reader import read_in_subprocess
 from tiscene.usd.read.traversal import StageReader
-from tiscene.usd.read.traversal_context import ALSO_ABSTRACT, TraversalContext
+from tiscene.usd.read.traversal_context import TraversalContext
 
 TEMPLATES_PRIM = "/Templates"
 
@@ -78,9 +79,10 @@ def template_and_report(
             )
         if variants:
             select_variants(stage, {str(prim.GetPath()): variants})
-        apply_draw_modes(stage, reading_time(stage, None), report)
-        prepare_skinning(stage, reading_time(stage, None), report)
-        limit_subdivision(stage, reading_time(stage, None), DEFAULT_TRIANGLES, report)
+        time = reading_time(stage, None)
+        apply_draw_modes(stage, time, report)
+        prepare_skinning(stage, time, report)
+        limit_subdivision(stage, time, DEFAULT_TRIANGLES, report)
         template = template_of(prim, display_name(prim) or readable_name(Path(path)), report, up_axis, taxonomy)
         report.raise_problems(anything_left=bool(template.description.instances))
     return _with_unique_materials(template, str(prim.GetPath())), report
@@ -147,12 +149,24 @@ def template_of(
         reader.up_axis = "Y" if up_axis == "Y" else "Z"
     label = name_label(prim) if reader.by_name else inherited_label(prim, time, taxonomy)
     reader.walk(prim, TraversalContext(world), ALSO_ABSTRACT)
-    description = reader.description(name)
+    return as_template(reader.description(name), prim, label, asset_name(prim) or name, report)
+
+
+def as_template(description: SceneDescription, prim: Usd.Prim, label: str, asset: str, report: StageReport) -> Template:
+    """Return a description as the template of a prim, with its name.
+
+    Args:
+        description: what was read of the prim.
+        prim: the prim.
+        label: the category; "" for that of the first labeled part.
+        asset: name of the asset, "" for none.
+        report: receives a problem if the description has no geometry.
+    """
     if not description.instances:
         report.problem(prim.GetPath(), "template", "it holds no geometry that would be drawn")
     category = label or next((each.category for each in description.objects if each.category), "")
-    whole = as_one(description, prim.GetName(), str(prim.GetPath()), category, asset_name(prim) or name)
-    return Template(name, category, whole)
+    whole = as_one(description, prim.GetName(), str(prim.GetPath()), category, asset)
+    return Template(description.name, category, whole)
 
 
 def display_name(prim: Usd.Prim) -> str:

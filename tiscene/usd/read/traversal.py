@@ -15,13 +15,14 @@ from pxr import Sdf, Tf, Usd, UsdGeom, UsdLux, UsdSkel
 from tiscene.scene.camera import Camera
 from tiscene.scene.description import Matrix, SceneDescription, Template
 from tiscene.usd.core.keyframes import plays_in_parts
+from tiscene.usd.core.prims import DEFINED
 from tiscene.usd.core.report import UNDRAWN, StageReport
 from tiscene.usd.core.semantics import direct_label, is_component, is_object_instance, taxonomies_of
 from tiscene.usd.core.time_samples import TransformSamples
 from tiscene.usd.core.transform import is_singular, range_fault, to_matrix
 from tiscene.usd.geometry.skinning import why_unskinned
 from tiscene.usd.lights.animated_light import mesh_emission_over_time
-from tiscene.usd.lights.light import LightReader, is_light
+from tiscene.usd.lights.light import LightReader, is_light, is_light_only
 from tiscene.usd.materials.material import Binding, MaterialTableBuilder
 from tiscene.usd.materials.texture import TextureTable
 from tiscene.usd.read.instancer_reader import PointInstancerReader, PrototypeLight
@@ -30,7 +31,7 @@ from tiscene.usd.read.object_builder import StageObject, StageObjectTable, colli
 from tiscene.usd.read.point_instancer import PrototypePart
 from tiscene.usd.read.stage_camera import read_camera, unique_names
 from tiscene.usd.read.stage_render_settings import read_render_settings
-from tiscene.usd.read.traversal_context import DEFINED, TraversalContext
+from tiscene.usd.read.traversal_context import TraversalContext
 
 _METADATA_TYPES = ("HoudiniLayerInfo",)  # types of prims in which other programs keep their own data
 
@@ -119,9 +120,9 @@ class StageReader(PointInstancerReader):
             visibility = imageable.GetVisibilityAttr()
             hides = False
             if self._report.reads_animation and self._is_animated_by_scenario(prim, inherited, is_object):
-                hides = is_light(prim) and not prim.IsA(UsdGeom.Gprim) and visibility.ValueMightBeTimeVarying()
+                hides = is_light_only(prim) and visibility.ValueMightBeTimeVarying()
                 animated = replace(animated, movers=(), base=None)
-                animated = replace(animated, hiders=(*animated.hiders, prim)) if hides else animated
+                animated = animated.hidden_by(prim) if hides else animated
             elif self._report.reads_animation:
                 hides = visibility.ValueMightBeTimeVarying()
                 animated = animated.with_child(prim, inherited.world, hides)
@@ -154,10 +155,9 @@ class StageReader(PointInstancerReader):
             return False
         if self._top != Sdf.Path.absoluteRootPath:
             return bool(prim.GetPath() == self._top)
-        is_gprim = bool(prim.IsA(UsdGeom.Gprim))
-        if is_light(prim) and not is_gprim:
+        if is_light_only(prim):
             return True
-        is_outermost = (is_object or is_gprim) and inherited.owner is None and not prim.IsInstanceProxy()
+        is_outermost = (is_object or prim.IsA(UsdGeom.Gprim)) and inherited.owner is None and not prim.IsInstanceProxy()
         return is_outermost and bool(prim.IsA(UsdGeom.Xformable)) and not plays_in_parts(prim)
 
     def _read(self, prim: Usd.Prim, here: TraversalContext) -> bool:
@@ -165,7 +165,6 @@ class StageReader(PointInstancerReader):
         if prim.IsA(UsdGeom.Camera):
             self._read_camera(prim, here)
             return True
-        lights = is_light(prim)
         if prim.IsA(UsdGeom.PointInstancer):
             if here.is_drawn:
                 self._read_instancer(prim, here)
@@ -173,10 +172,7 @@ class StageReader(PointInstancerReader):
         if not here.is_drawn:
             if is_drawable(prim) and collides(prim):
                 self._read_gprim(prim, here)
-            return True
-        if prim.IsPseudoRoot():
-            return True
-        if lights:
+        elif is_light(prim):
             self._read_light(prim, here)
         elif is_drawable(prim):
             self._read_gprim(prim, here)
@@ -236,18 +232,19 @@ class StageReader(PointInstancerReader):
             names = self._part_names(prim, self._prototype_root)
             part = PrototypePart(mesh, matrix, here.label, names, collides(prim), here.is_drawn, here.animated)
             self._parts.append(part)
-        elif not here.is_drawn:
-            owner = here.owner or StageObject.of(prim, here.label, True, matrix, samples)
-            self._objects.add_collider(owner, mesh, self._meshes.placed(mesh, matrix), str(prim.GetPath()))
         else:
             owner = here.owner or StageObject.of(prim, here.label, True, matrix, samples)
+            placed = self._meshes.placed(mesh, matrix)
+            if not here.is_drawn:
+                self._objects.add_collider(owner, mesh, placed, str(prim.GetPath()))
+                return
             owner.movable = owner.movable or (here.owner is None and is_rigid_body(prim))
             if here.label_is_own and not owner.is_labeled:  # the object's category is that of its first labeled part
                 owner.category, owner.is_labeled = here.label, True
             names = self._part_names(prim, Sdf.Path(owner.path))
             if samples is not None:
                 samples = replace(samples, matrices=self._meshes.placed(mesh, samples.matrices))
-            self._objects.add(owner, mesh, self._meshes.placed(mesh, matrix), names, collides(prim), samples)
+            self._objects.add(owner, mesh, placed, names, collides(prim), samples)
 
     def _part_names(self, prim: Usd.Prim, root: Sdf.Path) -> tuple[str, ...]:
         """Return the names of a gprim's parts, relative to the object or prototype at `root`."""

@@ -1,19 +1,15 @@
 # SPDX-License-Identifier: Apache-2.0
-"""TraversalContext: what a prim inherits from its ancestors, and which children of a prim are traversed."""
+"""TraversalContext: what a prim inherits from its ancestors."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass, field
 
-from pxr import Gf, Usd, UsdGeom
+from pxr import Gf, UsdGeom
 
+from tiscene.usd.core.prims import DRAWN_PURPOSES
 from tiscene.usd.core.time_samples import NOT_ANIMATED, AnimatedAncestors
 from tiscene.usd.read.object_builder import StageObject
-
-_DRAWN_PURPOSES = (UsdGeom.Tokens.default_, UsdGeom.Tokens.render)
-_LOADED = Usd.PrimIsActive & Usd.PrimIsLoaded
-DEFINED = Usd.TraverseInstanceProxies(_LOADED & Usd.PrimIsDefined & ~Usd.PrimIsAbstract)
-ALSO_ABSTRACT = Usd.TraverseInstanceProxies(_LOADED)  # prototypes and templates may be below a class or an over
 
 
 @dataclass(frozen=True)
@@ -41,4 +37,4 @@ class TraversalContext:
     @property
     def is_drawn(self) -> bool:
         """Whether gprims with this context are drawn. Colliders collide even if they are not."""
-        return self.visible and self.purpose in _DRAWN_PURPOSES
+        return self.visible and self.purpose in DRAWN_PURPOSES

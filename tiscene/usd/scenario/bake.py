@@ -20,11 +20,12 @@ from pxr import Sdf, Usd, UsdGeom
 from tiscene.errors import ArgumentError
 from tiscene.scene.camera import Camera, Quaternion, Vector3, quaternion_from_matrix
 from tiscene.scene.description import Light, SceneDescription
+from tiscene.scene.lights.light_groups import emission_of
 from tiscene.usd.core import schema
 from tiscene.usd.core.pose import PoseOperations, pose_matrix, pose_operations, read_pose
 from tiscene.usd.core.stage import quiet, readable, reading_time
 from tiscene.usd.scenario.layer import OverLayer
-from tiscene.usd.scenario.light_time_samples import emitted, write_emission
+from tiscene.usd.scenario.light_time_samples import write_emission
 
 Array = NDArray[np.float64]
 Poses = dict[int, Array]  # by frame: position (m) and quaternion [7]
@@ -75,11 +76,8 @@ class BakedScenario(Protocol):
     def lights(self) -> Sequence[Any]:
         """Light motions; `light` is a light's path or name."""
 
-    def lives(self) -> Sequence[Any]:
-        """Return histories of the objects; `spec` has `id`, `template` and `scale`."""
-
-    def stage_lives(self) -> Mapping[str, Any]:
-        """Return histories of the stage's objects that edits have changed, by prim path."""
+    def log(self) -> Any:
+        """Return the edit log: `histories` of the objects, and `stage_histories` by prim path."""
 
 
 class BakedWorld(Protocol):
@@ -146,7 +144,7 @@ class _Recording:
         animated = {motion.light for motion in world.scenario.lights}
         paths = [each.prim_path for each in world.stage.lights if animated & {each.prim_path, each.name}]
         self.objects: dict[str, Poses] = {}
-        self.stage_objects: dict[str, Offsets] = {path: {} for path in world.scenario.stage_lives()}
+        self.stage_objects: dict[str, Offsets] = {path: {} for path in world.scenario.log().stage_histories}
         self.lights: dict[str, dict[int, Light]] = {path: {} for path in paths}
         self.cameras: list[Poses] = [{} for _ in world.cameras]
         stage_count = len(world.stage.objects)
@@ -166,12 +164,13 @@ class _Recording:
 
 
 def _write_objects(over: OverLayer, scenario: BakedScenario, recorded: _Recording, frames: Sequence[int]) -> None:
-    specs = {history.spec.id: history.spec for history in scenario.lives()}
+    specs = {history.spec.id: history.spec for history in scenario.log().histories}
     prims = []
     for spec in specs.values():
         if spec.id not in recorded.objects:
             continue
-        prim, operations = over.define_object(spec.id, spec.template, scale=_three(spec.scale))
+        scale = np.broadcast_to(spec.scale, 3).tolist()
+        prim, operations = over.define_object(spec.id, spec.template, scale=scale)
         prims.append(prim.GetPath())
         if schema.has(prim, schema.MOTION) or schema.has(prim, schema.OBJECT):
             _disable_schema_motion(prim)
@@ -207,8 +206,8 @@ def _write_lights(over: OverLayer, world: BakedWorld, recorded: _Recording) -> N
         prim = over.editable(path)
         if any(not np.array_equal(offset, np.eye(4)) for offset in offsets.values()):
             prim = _write_offsets(over, path, offsets)
-        if any(emitted(light) != emitted(start) for light in lights.values()):
-            write_emission(prim, {frame: emitted(light) for frame, light in lights.items()})
+        if any(emission_of(light) != emission_of(start) for light in lights.values()):
+            write_emission(prim, {frame: emission_of(light) for frame, light in lights.items()})
 
 
 def _write_offsets(over: OverLayer, path: str, offsets: Offsets) -> Usd.Prim:
@@ -294,8 +293,3 @@ def _frame_numbers(frames: int | Iterable[int]) -> list[int]:
     if not numbers or numbers[0] < 0 or any(b <= a for a, b in itertools.pairwise(numbers)):
         raise ArgumentError(f"frames={frames!r}: must be at least one frame, 0 or more, and increasing")
     return numbers
-
-
-def _three(scale: float | Sequence[float]) -> tuple[float, float, float]:
-    x, y, z = np.broadcast_to(scale, 3).tolist()
-    return (x, y, z)

@@ -62,19 +62,22 @@ def write_joints(
         joint = KINDS[each["type"]].Define(over.stage, path)
         prim = joint.GetPrim()
         prim.AddAppliedSchema(schema.JOINT)
-        prim.CreateAttribute(EXACT, Sdf.ValueTypeNames.String, False, Sdf.VariabilityUniform).Set(json.dumps(each))
+        schema.author(prim, EXACT, Sdf.ValueTypeNames.String, json.dumps(each))
         if any(id is not None and id not in rows for id in (each["body"], each["parent"])):
             joint.CreateJointEnabledAttr(False)  # an object that is spawned later has no prim
             continue
-        for number, (id, frame) in enumerate(_frames(each, [objects[rows[id]] for id in rows])):
+        sides = (
+            (joint.CreateBody0Rel, joint.CreateLocalPos0Attr, joint.CreateLocalRot0Attr),
+            (joint.CreateBody1Rel, joint.CreateLocalPos1Attr, joint.CreateLocalRot1Attr),
+        )
+        for (body, local_position, local_rotation), (id, frame) in zip(sides, _frames(each, objects), strict=True):
             target = None if id is None else prims[rows[id]]
             if target is not None:
-                relationship = joint.CreateBody1Rel() if number else joint.CreateBody0Rel()
-                relationship.SetTargets([target.GetPath()])
+                body().SetTargets([target.GetPath()])
                 frame = pose_matrix(objects[rows[id]]["position"], objects[rows[id]]["rotation"]) @ frame
             position, rotation = _local(target, frame, over.units)
-            (joint.CreateLocalPos1Attr() if number else joint.CreateLocalPos0Attr()).Set(Gf.Vec3f(*position))
-            (joint.CreateLocalRot1Attr() if number else joint.CreateLocalRot0Attr()).Set(Gf.Quatf(*rotation))
+            local_position().Set(Gf.Vec3f(*position))
+            local_rotation().Set(Gf.Quatf(*rotation))
         joint.CreateCollisionEnabledAttr(each["collide"])
         _write_limits(joint, each, over.units)
 

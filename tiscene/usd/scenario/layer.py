@@ -17,6 +17,7 @@ from tiscene.scene.camera import Camera
 from tiscene.scene.description import Matrix
 from tiscene.usd.core.layers import catalog_path, has_file
 from tiscene.usd.core.pose import PoseOperations, pose_operations, read_pose
+from tiscene.usd.core.prims import outermost_instance, unused_path
 from tiscene.usd.core.semantics import is_in_object, is_object_instance, spaced
 from tiscene.usd.core.stage import Variants, open_stage, reading_time, select_variants
 from tiscene.usd.core.transform import to_matrix
@@ -84,11 +85,7 @@ class OverLayer:
     def unused_path(self, folder: Sdf.Path, name: str) -> Sdf.Path:
         """Return a path for a new prim below `folder`, named as closely to `name` as USD allows."""
         identifier = name if Sdf.Path.IsValidIdentifier(name) else Tf.MakeValidIdentifier(name)
-        path, number = folder.AppendChild(identifier), 1
-        while self.stage.GetPrimAtPath(path):
-            number += 1
-            path = folder.AppendChild(f"{identifier}_{number}")
-        return path
+        return unused_path(self.stage, folder, identifier)
 
     def folder(self, name: str) -> Sdf.Path:
         """Return the path of a Scope below the root prim, which is created if needed."""
@@ -102,9 +99,7 @@ class OverLayer:
         """
         prim = self.stage.GetPrimAtPath(path) if Sdf.Path.IsValidPathString(path) else None
         while prim and prim.IsInstanceProxy():
-            outer = prim
-            while not outer.IsInstance() or outer.IsInstanceProxy():
-                outer = outer.GetParent()
+            outer = outermost_instance(prim)
             if is_object_instance(outer) and not is_in_object(outer):
                 Usd.ModelAPI(outer).SetKind("component")
             outer.SetInstanceable(False)

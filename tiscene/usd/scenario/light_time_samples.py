@@ -10,11 +10,13 @@ import numpy as np
 from pxr import Gf, Sdf, Usd, UsdGeom
 
 from tiscene.scene.camera import quaternion_from_matrix
-from tiscene.scene.description import Color, DistantLight, Light
+from tiscene.scene.description import Color, Light
+from tiscene.scene.lights.light_groups import emission_of
 from tiscene.usd.core import schema
 from tiscene.usd.core.keyframes import MAX_TIMES, changes_scale, sample_times
 from tiscene.usd.core.report import StageReport
 from tiscene.usd.core.stage import reading_time
+from tiscene.usd.core.time_samples import in_seconds
 from tiscene.usd.core.units import Units
 from tiscene.usd.core.value_times import dense_times, value_times
 from tiscene.usd.lights.light import LightReader
@@ -38,11 +40,9 @@ def read_light_motion(prim: Usd.Prim, units: Units, report: StageReport) -> dict
         units: unit of length of its stage.
         report: receives problems of its motion.
     """
-    pose_times = sample_times(prim)
-    emission_times = _emission_times(prim)
-    has_schema = schema.has(prim, schema.MOTION)
+    stage, pose_times, emission_times = prim.GetStage(), sample_times(prim), _emission_times(prim)
     content: dict[str, Any] = {"light": str(prim.GetPath())}
-    if has_schema:
+    if schema.has(prim, schema.MOTION):
         content["dynamic"] = read_dynamic(prim, units, report)
     elif len(pose_times) > 1:
         lights = _lights(prim, pose_times)
@@ -54,22 +54,16 @@ def read_light_motion(prim: Usd.Prim, units: Units, report: StageReport) -> dict
                 }
                 for light in lights.values()
             ]
-            seconds = _seconds(prim, lights)
+            seconds = in_seconds(stage, list(lights)).tolist()
             content["dynamic"] = {"type": "Keyframes", "times": seconds, "waypoints": waypoints, "repeat": False}
     if len(emission_times) > 1:
         lights = _lights(prim, emission_times)
-        colors = [list(emitted(light)) for light in lights.values()]
+        colors = [list(emission_of(light)) for light in lights.values()]
         if any(color != colors[0] for color in colors):
-            content |= {"times": _seconds(prim, lights), "radiance": colors}
-    if len(content) == 1 or _light(prim, reading_time(prim.GetStage(), None)) is None:  # no light of the stage
+            content |= {"times": in_seconds(stage, list(lights)).tolist(), "radiance": colors}
+    if len(content) == 1 or _light(prim, reading_time(stage, None)) is None:  # no light of the stage
         return None
     return content
-
-
-def emitted(light: Light) -> Color:
-    """Return the radiance of a light, the irradiance of a distant one."""
-    color: Color = light.irradiance if isinstance(light, DistantLight) else light.radiance  # type: ignore[attr-defined]
-    return color
 
 
 def _emission_times(prim: Usd.Prim) -> list[float]:
@@ -102,33 +96,25 @@ def _light(prim: Usd.Prim, time: Usd.TimeCode) -> Light | None:
     return reader.lights[0] if reader.lights else None
 
 
-def _seconds(prim: Usd.Prim, lights: Mapping[float, Light]) -> list[float]:
-    stage = prim.GetStage()
-    return [(time - stage.GetStartTimeCode()) / stage.GetTimeCodesPerSecond() for time in lights]
-
-
 def write_emission(prim: Usd.Prim, radiance: Mapping[int, Color]) -> None:
     """Author a light's emission as time samples of intensity and color, without exposure or color temperature.
 
     Args:
         prim: the light.
-        radiance: `emitted` by time code.
+        radiance: `emission_of` the light by time code.
     """
-    values: dict[str, Any] = {
-        "intensity": 1.0,
-        "exposure": 0.0,
-        "color": Gf.Vec3f(1.0),
-        "enableColorTemperature": False,
-    }
-    types = {"color": Sdf.ValueTypeNames.Color3f, "enableColorTemperature": Sdf.ValueTypeNames.Bool}
     attributes = {}
-    for name, value in values.items():
-        kind = types.get(name, Sdf.ValueTypeNames.Float)
+    for name, kind, value in (
+        ("intensity", Sdf.ValueTypeNames.Float, 1.0),
+        ("exposure", Sdf.ValueTypeNames.Float, 0.0),
+        ("color", Sdf.ValueTypeNames.Color3f, Gf.Vec3f(1.0)),
+        ("enableColorTemperature", Sdf.ValueTypeNames.Bool, False),
+    ):
         attributes[name] = prim.CreateAttribute(f"inputs:{name}", kind, False)
         attributes[name].Clear()
         attributes[name].Set(value)
     one = _light(prim, Usd.TimeCode.Default())
-    per_intensity = max(emitted(one)) if one is not None else 1.0
+    per_intensity = max(emission_of(one)) if one is not None else 1.0
     for time, color in radiance.items():
         emission = np.array(color) / per_intensity
         intensity = float(emission.max())

@@ -70,7 +70,7 @@ KEYS_BY_CLASS = {
     "LookAt": ("target", "motion", "up"),
     "Composite": ("parts",),
 }
-CLASS_BY_TYPE = {name[0].lower() + name[1:]: name for name in KEYS_BY_CLASS}
+CLASS_BY_TYPE = {schema.token(name): name for name in KEYS_BY_CLASS}
 
 
 def read_dynamic(prim: Usd.Prim, units: Units, report: StageReport) -> dict[str, Any] | None:
@@ -184,7 +184,7 @@ def write_dynamic(
         _author(prim, "class", _TYPES.String, name)
         _author(prim, "fields", _TYPES.String, json.dumps(fields))
         return
-    _author(prim, "type", _TYPES.Token, name[0].lower() + name[1:])
+    _author(prim, "type", _TYPES.Token, schema.token(name))
     for key in KEYS_BY_CLASS[name]:
         value = content[key]
         if key == "waypoints":
@@ -220,9 +220,5 @@ def _authored(prim: Usd.Prim, name: str) -> Any:
 
 
 def _author(prim: Usd.Prim, name: str, kind: Sdf.ValueTypeName, value: Any) -> None:
-    """Author a value, unless the attribute has it already, by default or from a reference."""
-    name = f"{_PREFIX}:{name}"
     value = kind.type.pythonClass(value) if isinstance(value, tuple) else value
-    if prim.HasAttribute(name) and prim.GetAttribute(name).Get() == value:
-        return
-    prim.CreateAttribute(name, kind, False, Sdf.VariabilityUniform).Set(value)
+    schema.author(prim, f"{_PREFIX}:{name}", kind, value)

@@ -19,13 +19,14 @@ from tiscene.usd.core import schema
 from tiscene.usd.core.keyframes import plays_in_parts, read_keyframes, read_lifespan
 from tiscene.usd.core.limits import Limits
 from tiscene.usd.core.pose import is_same_pose, read_pose
+from tiscene.usd.core.prims import DRAWN_PURPOSES, ancestors, with_ancestors
 from tiscene.usd.core.report import StageReport
 from tiscene.usd.core.schema import authored, targets
-from tiscene.usd.core.semantics import ancestors, is_component, is_object_instance
+from tiscene.usd.core.semantics import is_component, is_object_instance
 from tiscene.usd.core.stage import Variants, open_stage, quiet, readable, reading_time
 from tiscene.usd.core.transform import to_matrix
 from tiscene.usd.core.units import Units
-from tiscene.usd.lights.light import is_light
+from tiscene.usd.lights.light import is_light_only
 from tiscene.usd.read.stage_camera import read_camera, unique_names
 from tiscene.usd.read.stage_render_settings import read_render_settings
 from tiscene.usd.read.subprocess_reader import read_in_subprocess
@@ -35,11 +36,7 @@ from tiscene.usd.scenario.motion_schema import read_dynamic
 from tiscene.usd.scenario.rigid_body_schema import read_rigid_body
 from tiscene.usd.scenario.stage_cameras import exact_camera, stage_cameras
 
-_TIMINGS = {
-    "allTogether": "AllTogether",
-    "waitUntilComplete": "WaitUntilComplete",
-    "dictTimings": "DictTimings",
-}
+_TIMINGS = {schema.token(name): name for name in ("AllTogether", "WaitUntilComplete", "DictTimings")}
 
 
 @dataclass(frozen=True)
@@ -158,27 +155,25 @@ class _ScenarioReader:
             closed = prim.IsInstance() or _is_stage_object(prim)  # `_walk` does not enter it
             inside = Usd.PrimRange(prim, Usd.TraverseInstanceProxies()) if closed and not is_object else [prim]
             for each in inside:
-                shown = _is_light_only(each) and self._is_shown(each)
+                shown = is_light_only(each) and self._is_shown(each)
                 motion = read_light_motion(each, self._units, self._report) if shown else None
                 if motion is not None:
                     lights.append(motion)
         return lights
 
-    def _is_shown(self, shown: Usd.Prim) -> bool:
+    def _is_shown(self, prim: Usd.Prim) -> bool:
         """Return whether a prim is read as one of the stage: visible at some time, and in no prototype of points."""
-        prim = shown
-        while prim and not prim.IsPseudoRoot():
-            if prim.IsA(UsdGeom.PointInstancer):
+        for each in with_ancestors(prim):
+            if each.IsA(UsdGeom.PointInstancer):
                 return False
-            visibility = UsdGeom.Imageable(prim).GetVisibilityAttr() if prim.IsA(UsdGeom.Imageable) else None
+            visibility = UsdGeom.Imageable(each).GetVisibilityAttr() if each.IsA(UsdGeom.Imageable) else None
             if (
                 visibility
                 and not visibility.ValueMightBeTimeVarying()
                 and visibility.Get(self._time) == UsdGeom.Tokens.invisible
             ):
                 return False
-            prim = prim.GetParent()
-        return UsdGeom.Imageable(shown).ComputePurpose() in (UsdGeom.Tokens.default_, UsdGeom.Tokens.render)
+        return UsdGeom.Imageable(prim).ComputePurpose() in DRAWN_PURPOSES
 
     def _walk(self) -> Iterator[tuple[Usd.Prim, bool]]:
         """Yield each prim and whether it is an object of the scenario. Prims within an object are left out."""
@@ -194,7 +189,7 @@ class _ScenarioReader:
 
     def _is_object(self, prim: Usd.Prim) -> bool:
         """Return whether a prim is an object of a scenario that does not list its objects."""
-        if prim.IsA(UsdGeom.Camera) or not prim.IsA(UsdGeom.Xformable) or _is_light_only(prim):
+        if prim.IsA(UsdGeom.Camera) or not prim.IsA(UsdGeom.Xformable) or is_light_only(prim):
             return False
         if schema.has(prim, schema.OBJECT) or schema.has(prim, schema.MOTION):
             return True
@@ -380,8 +375,3 @@ def _authoring_layers(prim: Usd.Prim, layers: list[Sdf.Layer]) -> list[Sdf.Layer
 def _is_stage_object(prim: Usd.Prim) -> bool:
     """Return whether a prim is an object, given that none of its ancestors is."""
     return is_component(prim) or is_object_instance(prim) or prim.IsA(UsdGeom.Gprim)
-
-
-def _is_light_only(prim: Usd.Prim) -> bool:
-    """Return whether a prim is a light and not a gprim: a mesh light is an object."""
-    return is_light(prim) and not prim.IsA(UsdGeom.Gprim)

@@ -15,6 +15,7 @@ from typing import Any
 from pxr import Gf, Usd, UsdPhysics, UsdShade
 
 from tiscene.usd.core.units import Units
+from tiscene.usd.read.object_builder import is_rigid_body
 
 
 def write_rigid_body(prim: Usd.Prim, content: Mapping[str, Any] | None, units: Units) -> None:
@@ -51,9 +52,7 @@ def read_rigid_body(prim: Usd.Prim, units: Units) -> dict[str, Any] | None:
     A value that is not authored, or that a RigidBody cannot have, is left out. Without a density, a mass is ignored.
     """
     body = UsdPhysics.RigidBodyAPI(prim)
-    if not prim.HasAPI(UsdPhysics.RigidBodyAPI) or body.GetRigidBodyEnabledAttr().Get() is False:
-        return None
-    if body.GetKinematicEnabledAttr().Get():
+    if not is_rigid_body(prim) or body.GetKinematicEnabledAttr().Get():
         return None
     content: dict[str, Any] = {"type": "RigidBody"}
     if body.GetVelocityAttr().HasAuthoredValue():

@@ -12,8 +12,8 @@ from pxr import Usd, UsdGeom
 from tiscene.scene.camera import Camera
 from tiscene.usd.core import schema
 from tiscene.usd.core.pose import PrimPose
+from tiscene.usd.core.prims import DEFINED
 from tiscene.usd.core.schema import authored
-from tiscene.usd.read.traversal_context import DEFINED
 
 # Members of a camera's JSON object, and the attributes of TisceneCameraAPI that hold their exact values.
 CAMERA_VALUES = {

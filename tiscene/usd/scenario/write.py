@@ -48,12 +48,12 @@ def write_scenario(content: Mapping[str, Any], path: str | os.PathLike[str]) -> 
         report = StageReport(os.fspath(path))
         root = over.stage.GetPrimAtPath(over.root)
         root.AddAppliedSchema(schema.SCENARIO)
-        _set(root, "tiscene:scenario:scene", _TYPES.String, content["scene"])
+        schema.author(root, "tiscene:scenario:scene", _TYPES.String, content["scene"])
         _write_timings(root, content["timings"])
         if content["frustum"] is not None:
             far = content["frustum"]["far"]
             far = far if far == -1.0 else over.units.to_stage(far, True)
-            _set(root, "tiscene:scenario:frustumFar", _TYPES.Double, far)
+            schema.author(root, "tiscene:scenario:frustumFar", _TYPES.Double, far)
         prims = [_write_object(over, each, report) for each in content["objects"]]
         root.CreateRelationship("tiscene:scenario:objects", False).SetTargets([prim.GetPath() for prim in prims])
         write_joints(over, content.get("joints", ()), content["objects"], prims)
@@ -67,11 +67,11 @@ def write_scenario(content: Mapping[str, Any], path: str | os.PathLike[str]) -> 
             root.CreateRelationship("tiscene:scenario:camera", False).SetTargets(paths)
         for key in ("edits", "lights", "variants", "overrides"):
             if content.get(key):
-                _set(root, f"tiscene:scenario:{key}", _TYPES.String, json.dumps(content[key]))
+                schema.author(root, f"tiscene:scenario:{key}", _TYPES.String, json.dumps(content[key]))
         if stops := content.get("exposure_compensation"):
-            _set(root, "tiscene:scenario:exposureCompensation", _TYPES.Double, stops)
+            schema.author(root, "tiscene:scenario:exposureCompensation", _TYPES.Double, stops)
         if content.get("physics"):
-            _set(root, "tiscene:scenario:physics", _TYPES.Bool, True)
+            schema.author(root, "tiscene:scenario:physics", _TYPES.Bool, True)
         report.raise_problems()
         over.export(path)
 
@@ -83,17 +83,17 @@ def _write_object(over: OverLayer, content: Mapping[str, Any], report: StageRepo
     )
     operations.set(content["position"], unit_rotation(rotation), over.units)
     prim.AddAppliedSchema(schema.OBJECT)
-    _set(prim, "tiscene:object:id", _TYPES.String, content["id"])
-    _set(prim, "tiscene:object:template", _TYPES.String, content["template"])
-    _set(prim, "tiscene:object:firstFrame", _TYPES.Int64, content["first_frame"])
+    schema.author(prim, "tiscene:object:id", _TYPES.String, content["id"])
+    schema.author(prim, "tiscene:object:template", _TYPES.String, content["template"])
+    schema.author(prim, "tiscene:object:firstFrame", _TYPES.Int64, content["first_frame"])
     last = content["last_frame"]
-    _set(prim, "tiscene:object:lastFrame", _TYPES.Int64, -1 if last is None else last)
-    _set(prim, "tiscene:object:frustumLimited", _TYPES.Bool, content["frustum_limited"])
-    _set(prim, "tiscene:object:collide", _TYPES.Bool, content["collide"])
+    schema.author(prim, "tiscene:object:lastFrame", _TYPES.Int64, -1 if last is None else last)
+    schema.author(prim, "tiscene:object:frustumLimited", _TYPES.Bool, content["frustum_limited"])
+    schema.author(prim, "tiscene:object:collide", _TYPES.Bool, content["collide"])
     back = over.units.to_json(over.units.to_stage(content["position"], True), True)
     if back != list(content["position"]) or unit_rotation(rotation) != tuple(rotation):
         exact = Vt.DoubleArray([*content["position"], *rotation])
-        _set(prim, "tiscene:object:exactPose", _TYPES.DoubleArray, exact)
+        schema.author(prim, "tiscene:object:exactPose", _TYPES.DoubleArray, exact)
     write_dynamic(prim, content["dynamic"], over.units, lambda: _part_path(over, prim), report)
     write_rigid_body(prim, content["dynamic"], over.units)
     return prim
@@ -105,20 +105,19 @@ def _part_path(over: OverLayer, prim: Usd.Prim) -> Sdf.Path:
 
 
 def _write_timings(root: Usd.Prim, content: Mapping[str, Any]) -> None:
-    name = str(content["type"])
-    _set(root, "tiscene:scenario:timing", _TYPES.Token, name[0].lower() + name[1:])
+    schema.author(root, "tiscene:scenario:timing", _TYPES.Token, schema.token(content["type"]))
     if "wait_time" in content:
-        _set(root, "tiscene:scenario:waitTime", _TYPES.Double, content["wait_time"])
+        schema.author(root, "tiscene:scenario:waitTime", _TYPES.Double, content["wait_time"])
     if "repeat" in content:
-        _set(root, "tiscene:scenario:repeat", _TYPES.Bool, content["repeat"])
+        schema.author(root, "tiscene:scenario:repeat", _TYPES.Bool, content["repeat"])
     if "times" in content:
         keys, times = zip(*content["times"], strict=True)
         ids = Vt.StringArray([key if isinstance(key, str) else "" for key in keys])
-        _set(root, "tiscene:scenario:turns", _TYPES.StringArray, ids)
+        schema.author(root, "tiscene:scenario:turns", _TYPES.StringArray, ids)
         if not all(ids):
             numbers = Vt.IntArray([0 if isinstance(key, str) else key for key in keys])
-            _set(root, "tiscene:scenario:turnIndices", _TYPES.IntArray, numbers)
-        _set(root, "tiscene:scenario:turnTimes", _TYPES.DoubleArray, Vt.DoubleArray(times))
+            schema.author(root, "tiscene:scenario:turnIndices", _TYPES.IntArray, numbers)
+        schema.author(root, "tiscene:scenario:turnTimes", _TYPES.DoubleArray, Vt.DoubleArray(times))
 
 
 def _write_camera(over: OverLayer, content: Mapping[str, Any], report: StageReport) -> Usd.Prim:
@@ -126,16 +125,16 @@ def _write_camera(over: OverLayer, content: Mapping[str, Any], report: StageRepo
     prim, operations = over.define_camera(Camera(**values))
     operations.set(content["position"], content["rotation"], over.units)
     prim.AddAppliedSchema(schema.CAMERA)
-    _set(prim, "tiscene:camera:name", _TYPES.String, content["name"])
+    schema.author(prim, "tiscene:camera:name", _TYPES.String, content["name"])
     for key, name in CAMERA_VALUES.items():
         if content[key] is not None:
             attribute = prim.CreateAttribute(f"tiscene:camera:{name}", _TYPES.Double, False, Sdf.VariabilityUniform)
             attribute.Set(content[key])
     aspect = prim.CreateAttribute("tiscene:camera:aspect", _TYPES.Double, False, Sdf.VariabilityUniform)
     aspect.Set(content["aspect"] or 0.0)
-    _set(prim, "tiscene:camera:conform", _TYPES.Token, content["conform"])
+    schema.author(prim, "tiscene:camera:conform", _TYPES.Token, content["conform"])
     if any(content["aperture_offset"]):
-        _set(prim, "tiscene:camera:apertureOffset", _TYPES.Double2, Gf.Vec2d(*content["aperture_offset"]))
+        schema.author(prim, "tiscene:camera:apertureOffset", _TYPES.Double2, Gf.Vec2d(*content["aperture_offset"]))
     if content["dynamic"] is not None:
         write_dynamic(prim, content["dynamic"], over.units, lambda: _part_path(over, prim), report)
     return prim
@@ -150,10 +149,3 @@ def _camera_named(over: OverLayer, name: str) -> Usd.Prim:
         if name in (each, str(path)):
             return over.stage.GetPrimAtPath(path)
     raise CameraNotFound("camera", name, names.values(), " on the stage")
-
-
-def _set(prim: Usd.Prim, name: str, kind: Sdf.ValueTypeName, value: Any) -> None:
-    """Author a value, unless the attribute has it already, by default or from a reference."""
-    if prim.HasAttribute(name) and prim.GetAttribute(name).Get() == value:
-        return
-    prim.CreateAttribute(name, kind, False, Sdf.VariabilityUniform).Set(value)

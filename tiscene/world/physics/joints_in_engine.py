@@ -171,7 +171,10 @@ class JointsInEngine:
         return np.concatenate([both[3:], rotate(conjugate(self._data.xquat[self._bodies[row]]), both[:3])])
 
     def place(self, row: int, pose: Array, motion: Array) -> None:
-        """Set pose [7] and motion [6] of a body; of one that hangs on another, what its joint leaves free of them."""
+        """Set pose [7] and motion [6] of a body; of one that hangs on another, what its joint leaves free of them.
+
+        What hangs on it comes along.
+        """
         link, start, speeds = self._links.get(row), self._positions[row], self._velocities[row]
         if link is None:
             self._data.qpos[start : start + 7] = pose

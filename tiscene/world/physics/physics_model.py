@@ -79,7 +79,7 @@ class PhysicsModel:
     Attributes:
         bodies: The bodies in the order of their rows.
         walled: Whether there are walls.
-        joints: How bodies hang on others.
+        joints: Poses and motions of the bodies, and how they hang on others.
         lag: How much earlier than poses velocities are, s. Free bodies are integrated by steps of velocity and position
             in turn (leapfrog), which is exact for free fall; joints by the Runge-Kutta method, which keeps energy.
     """
@@ -90,7 +90,7 @@ class PhysicsModel:
         around: Surroundings,
         walled: bool,
         step: float,
-        joints: Sequence[PhysicsJoint] = (),
+        joints: Sequence[PhysicsJoint],
     ) -> None:
         """Compile a model.
 
@@ -233,18 +233,6 @@ class PhysicsModel:
     def reset(self) -> None:
         """Forget the state before, of which contacts would keep a trace."""
         self._engine.mj_resetData(self._model, self._data)
-
-    def pose(self, row: int) -> Array:
-        """Return the pose [7] of a body."""
-        return self.joints.pose(row)
-
-    def motion(self, row: int) -> Array:
-        """Return linear (world) and angular velocity (own axes) of a body, [6], as the engine keeps them."""
-        return self.joints.motion(row)
-
-    def place(self, row: int, pose: Array, motion: Array) -> None:
-        """Set pose [7] and motion [6] of a body; what hangs on it comes along, and it stays on its own joint."""
-        self.joints.place(row, pose, motion)
 
     def accelerate(self, row: int, change: Array) -> None:
         """Change the motion of a mover by `change` [6] in the next step, which those that hang on it feel."""

@@ -16,8 +16,9 @@ from typing import NamedTuple, Protocol
 
 import numpy as np
 
+from dynamics.checkpoints import Checkpoints
 from dynamics.lru_cache import LRUCache
-from dynamics.rotation import matrix_from_quaternion, multiply
+from dynamics.rotation import conjugate, matrix_from_quaternion, multiply
 from tiscene.errors import requires_extra
 from tiscene.world.physics.joint_tree import PhysicsJoint
 from tiscene.world.physics.physics_model import STEP, Array, PhysicsBody, PhysicsModel, Surroundings, start_motion
@@ -88,6 +89,9 @@ class _Saved(NamedTuple):
     lag: float = 0.0  # s: how much earlier than poses velocities are
 
 
+_NOTHING = _Saved(None, {}, np.zeros(0), ())
+
+
 class _Prepared(NamedTuple):
     """The bodies at the start of a frame, before they are simulated to the next.
 
@@ -133,9 +137,8 @@ class RigidBodySimulation:
         self._steps = max(1, math.ceil(1 / (fps * Fraction(str(STEP)))))
         self._step = float(1 / (fps * self._steps))
         self.simulated_frames = 0
-        self._current = (-1, _Saved(None, {}, np.zeros(0), ()))
-        self._checkpoints: dict[int, _Saved] = {}
-        self._interval = CHECKPOINT
+        self._current = (-1, _NOTHING)
+        self._checkpoints: Checkpoints[_Saved] = Checkpoints(CHECKPOINT, MAX_CHECKPOINTS)
         self._results: LRUCache[int, PhysicsFrame] = LRUCache(CACHED_FRAMES)
         self._models: LRUCache[Hashable, PhysicsModel] = LRUCache(CACHED_MODELS)
         self._loaded: tuple[Hashable, Surroundings] | None = None
@@ -148,7 +151,8 @@ class RigidBodySimulation:
     def amend(self, frame: int) -> None:
         """Forget what edits at a frame change; states with which bodies arrive at it stay valid."""
         self._results.drop(lambda number: number >= frame)
-        self._checkpoints = {number: saved for number, saved in self._checkpoints.items() if number <= frame}
+        for number in [each for each in self._checkpoints if each > frame]:
+            del self._checkpoints[number]
         if self._current[0] > frame:
             self._current = (-1, self._current[1])
 
@@ -166,23 +170,14 @@ class RigidBodySimulation:
         reached, saved = self._current
         if not 0 <= reached <= number:
             reached = max((each for each in self._checkpoints if each <= number), default=-1)
-            saved = self._checkpoints[reached] if reached >= 0 else _Saved(None, {}, np.zeros(0), ())
+            saved = self._checkpoints.get(reached, _NOTHING)
             reached = max(reached, 0)
         while reached < number:
             saved = self._advance(reached, saved)
             reached += 1
-            self._save(reached, saved)
+            self._checkpoints.add(reached, saved)
         self._current = (reached, saved)
         return self._result(number, saved)
-
-    def _save(self, frame: int, saved: _Saved) -> None:
-        """Keep a checkpoint at intervals, which grow so that memory stays bounded."""
-        if frame % self._interval or frame in self._checkpoints:
-            return
-        self._checkpoints[frame] = saved
-        if len(self._checkpoints) > MAX_CHECKPOINTS:
-            self._interval *= 2
-            self._checkpoints = {k: state for k, state in self._checkpoints.items() if k % self._interval == 0}
 
     def _result(self, frame: int, saved: _Saved) -> PhysicsFrame:
         there = {body.number: body for body in self._world.bodies(frame) if body.rigid is not None}
@@ -204,7 +199,7 @@ class RigidBodySimulation:
         start = self._prepared(frame, saved)
         start.model.joints.update()
         joined = {
-            body.number: start.model.pose(row)
+            body.number: start.model.joints.pose(row)
             for row, body in enumerate(start.bodies)
             if body.rigid is not None and start.model.joints.joined(row)
         }
@@ -220,7 +215,7 @@ class RigidBodySimulation:
         """Simulate from a frame to the next."""
         self.simulated_frames += 1
         if not any(body.rigid is not None for body in self._world.bodies(frame)):
-            return _Saved(None, {}, np.zeros(0), ())
+            return _NOTHING
         key, model, bodies, paths, walls, begun = self._prepared(frame, saved)
         if model.walled and walls[0] is not None:
             model.place_walls(walls[0])
@@ -232,7 +227,7 @@ class RigidBodySimulation:
                 if path.before is not None:
                     model.accelerate(row, motion - path.before)
                     path.before, motion = motion, path.before
-                model.place(row, pose, motion)
+                model.joints.place(row, pose, motion)
             planes = walls[part + 1]
             if model.walled and planes is not None:
                 model.place_walls(planes)
@@ -241,7 +236,7 @@ class RigidBodySimulation:
                 touched[bodies[row].number, kind, number] = None
         model.joints.update()
         rigid = {
-            body.number: (model.pose(row), model.motion(row))
+            body.number: (model.joints.pose(row), model.joints.motion(row))
             for row, body in enumerate(bodies)
             if body.rigid is not None
         }
@@ -268,7 +263,7 @@ class RigidBodySimulation:
             model.reset()
         paths = self._mover_paths(frame, bodies, model)
         for row, path in paths.items():
-            model.place(row, *path.at(0, self._steps, self._step))
+            model.joints.place(row, *path.at(0, self._steps, self._step))
         begun, gravity = [], self._gravity()
         for row in model.joints.order(len(bodies)):
             body = bodies[row]
@@ -277,7 +272,7 @@ class RigidBodySimulation:
             joined = model.joints.joined(row)
             if body.number in teleports:
                 pose = teleports[body.number]
-                model.place(row, pose, start_motion(body.rigid, pose, gravity, model.lag, still=True))
+                model.joints.place(row, pose, start_motion(body.rigid, pose, gravity, model.lag, still=True))
                 begun.append(row)
             elif saved.key != key:
                 if body.number in saved.rigid:
@@ -289,7 +284,7 @@ class RigidBodySimulation:
                     motion = start_motion(body.rigid, pose, gravity, model.lag)
                     pose = _inside(pose, body, walls[0]) if body.limited and not joined else pose
                     begun.append(row)
-                model.place(row, pose, motion)
+                model.joints.place(row, pose, motion)
             elif body.number not in saved.rigid:
                 begun.append(row)
         return _Prepared(key, model, bodies, paths, walls, begun)
@@ -348,7 +343,7 @@ class _MoverPath:
 
     def at(self, part: int, parts: int, step: float) -> tuple[Array, Array]:
         """Return pose [7] and motion [6] at the start of a step."""
-        turn = multiply(self.end[3:], self.start[3:] * np.array([1.0, -1.0, -1.0, -1.0]))
+        turn = multiply(self.end[3:], conjugate(self.start[3:]))
         turn = -turn if turn[0] < 0.0 else turn
         angle = 2.0 * math.atan2(float(np.linalg.norm(turn[1:])), float(turn[0]))
         axis = turn[1:] / max(float(np.linalg.norm(turn[1:])), 1e-300)

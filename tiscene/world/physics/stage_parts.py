@@ -27,7 +27,7 @@ class StageParts:
         progress: called with what is being prepared and how much of it is done, 0..1; None: nothing is called.
     """
 
-    def __init__(self, meshes: Sequence[Mesh], progress: Callable[[str, float], None] | None = None) -> None:
+    def __init__(self, meshes: Sequence[Mesh], progress: Callable[[str, float], None] | None) -> None:
         self._meshes = meshes
         self._progress = progress or (lambda task, done: None)
         self._known: dict[tuple[int, bytes], list[PartShape]] = {}

@@ -5,12 +5,11 @@ import numpy as np
 import pytest
 
 from tiscene.device.kernel_types import float8
-from tiscene.device.memory import device_array, upload
+from tiscene.device.memory import device_array, upload, upload_vectors
 from tiscene.render.integrators.incremental import retrace_kernels as kernels
 from tiscene.render.integrators.incremental.mover_culling import cull_rays
 from tiscene.render.integrators.incremental.path_recording import RESTART_COLUMNS, SEGMENT
 from tiscene.render.integrators.path.path_state import PathState, chunks_for
-from tiscene.render.intersect.ray_queue import upload_rays
 
 COUNTS = (1, 7, 1000, 40_000, 300_000)
 both_scans = pytest.mark.parametrize("in_blocks", [False, True])
@@ -31,7 +30,7 @@ def test_rays_near_movers_are_listed_in_order(in_blocks: bool) -> None:
         values[:, 0], values[:, 2], values[:, 6], values[:, 7] = random.uniform(-3.0, 3.0, count), -5.0, 1.0, np.inf
         near, candidates = zeros(count), zeros(count)
         chunks = upload(np.full(chunks_for(count), 7, np.int32))
-        found = cull_rays(upload_rays(values), count, boxes, near, candidates, chunks, in_blocks)
+        found = cull_rays(upload_vectors(values), count, boxes, near, candidates, chunks, in_blocks)
         expected = np.flatnonzero(np.abs(values[:, 0]) <= 1.0)
         assert found == len(expected)
         np.testing.assert_array_equal(candidates.to_numpy()[:found], expected)
@@ -48,7 +47,7 @@ def test_blocked_shadow_rays_are_listed_in_order(in_blocks: bool) -> None:
         rows = zeros(count)
         chunks = upload(np.full(chunks_for(count), 7, np.int32))
         found = kernels.select_blocked_shadow_rays(
-            upload(candidates), count, upload_rays(values), upload(blocked), rows, chunks, in_blocks
+            upload(candidates), count, upload_vectors(values), upload(blocked), rows, chunks, in_blocks
         )
         expected = candidates[(blocked[candidates] > 0) & (values[candidates, SEGMENT] < 0.0)]
         assert found == len(expected)
@@ -69,7 +68,7 @@ def test_invalidated_paths_are_queued_by_step_and_strided_chunks(in_blocks: bool
         chunks = upload(np.full(chunks_for(count) * steps, 7, np.int32))
         invalidated = zeros(count, 2)
         kernels.find_invalidated(
-            count, steps, upload(np.arange(count + 1) * steps), upload_rays(values),
+            count, steps, upload(np.arange(count + 1) * steps), upload_vectors(values),
             upload(np.zeros((count * steps, 3), np.float32)), np.ones((1, 3), np.float32),
             upload(np.zeros((count * steps, RESTART_COLUMNS), np.float32)), upload(blocked.ravel()),
             state.rays, state.state, state.features, state.status, upload(np.zeros((count, 3), np.float32)),

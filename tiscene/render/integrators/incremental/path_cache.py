@@ -16,7 +16,7 @@ import numpy as np
 import taichi as ti
 from numpy.typing import NDArray
 
-from tiscene.device.memory import device_array, upload
+from tiscene.device.memory import device_array, nbytes, upload
 from tiscene.render.integrators.incremental import path_recording as record
 from tiscene.render.integrators.incremental.mover_culling import drop_far
 from tiscene.render.integrators.path.path_pass import PathPass
@@ -65,8 +65,7 @@ class PathBlock:
     @property
     def bytes(self) -> int:
         """Memory of the arrays."""
-        arrays = (self.offsets, self.rays, self.light, self.restart, self.features)
-        return sum(4 * int(np.prod(array.shape + array.element_shape)) for array in arrays)
+        return nbytes(self.offsets, self.rays, self.light, self.restart, self.features)
 
 
 def block_size(spp: int) -> int:

@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -54,20 +55,11 @@ class PathSelection:
                 block.features, self._rays, self._light, self._features,
             )  # fmt: skip
             pixels = upload_pixels(cache.order[selected], *cache.size)
-            yield (
-                PathBlock(
-                    block.number,
-                    0,
-                    len(paths),
-                    rows,
-                    offsets,
-                    self._rays,
-                    self._light,
-                    block.restart,
-                    self._features,
-                ),
-                pixels,
-            )
+            selection = replace(
+                block, first=0, count=len(paths), rows=rows, offsets=offsets,
+                rays=self._rays, light=self._light, features=self._features,
+            )  # fmt: skip
+            yield selection, pixels
 
     def _reserve(self, rows: int, paths: int) -> None:
         """Allocate arrays for at least this many records and paths."""

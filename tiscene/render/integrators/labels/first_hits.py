@@ -17,10 +17,12 @@ from tiscene.device.kernel_types import Ints1
 from tiscene.device.memory import device_array
 from tiscene.device.restart import cached_on_device
 from tiscene.render.bsdfs.material_inputs import Footprint, Materials, material_at
+from tiscene.render.integrators.labels.label_kernels import primary_rays
 from tiscene.render.intersect.ray_queue import HitIds, Hits, RayArrays, Rays, RayWave, ray_direction
 from tiscene.render.intersect.surface_interaction import Geometry, geometry_of, offset_origin, surface_at
 from tiscene.render.intersect.trace import closest
 from tiscene.render.texture_lookup import Textures
+from tiscene.render.view import CubeView, View
 from tiscene.scene.device_scene import DeviceScene
 from tiscene.scene.material_table import COVERAGE, FLAGS, OPACITY, UNSEEN
 from tiscene.scene.placement import CURRENT, MOVERS
@@ -58,22 +60,22 @@ def first_hits(
     for layer in range(MAX_LAYERS):
         next_queue = rays.next_queues[layer % 2]
         count = reject_transparent_hits(
-            queue,
-            count,
-            rays.rays,
-            rays.hits,
-            rays.hit_ids,
-            *geometry_of(scene),
-            *scene.materials.arrays(),
-            *scene.textures.arrays(),
-            CURRENT if time == MOVERS else time,
-            next_queue,
-            counter(),
-        )
+            queue, count, rays.rays, rays.hits, rays.hit_ids,
+            *geometry_of(scene), *scene.materials.arrays(), *scene.textures.arrays(),
+            CURRENT if time == MOVERS else time, next_queue, counter(),
+        )  # fmt: skip
         queue = next_queue
         if count == 0:
             return
         closest(scene, time, rays.rays, queue, count, rays.hits, rays.hit_ids, rays_per_frame=rays_per_frame)
+
+
+def center_hits(scene: DeviceScene, view: View | CubeView, rays: RayArrays, *, coherent: bool = False) -> RayArrays:
+    """Trace the rays through the centers of all pixels of a view at CURRENT, see `first_hits`, and return them."""
+    rays = rays.resized(view.width, view.height)
+    primary_rays(rays.queue, rays.count, view.array(), view.width, view.height, rays.rays, False)
+    first_hits(scene, CURRENT, rays, rays.queue, rays.count, coherent=coherent)
+    return rays
 
 
 @dataclass(frozen=True, eq=False)

@@ -239,61 +239,27 @@ class LabelPass:
         if not any(wanted):
             return 0
         mirrors = surface_labels(
-            queue,
-            count,
-            rays.rays,
-            rays.hits,
-            rays.hit_ids,
-            *geometry_of(self.scene),
-            *self.scene.materials.arrays(),
-            *self.scene.textures.arrays(),
-            self.scene.box_from_instance,
-            self.scene.triangle_part,
-            frames.instance_motion,
-            frames.camera_motion,
-            frames.cameras,
-            frames.width,
-            frames.height,
-            int(followed < MAX_MIRRORS),
-            rays.mirrored[followed % 2],
-            counter(),
-            _uploaded_flags(wanted),
-            *(self._images.argument(arrays, name) for name in SURFACE_BUFFERS),
-            frames.stacked,
-        )
+            queue, count, rays.rays, rays.hits, rays.hit_ids,
+            *geometry_of(self.scene), *self.scene.materials.arrays(), *self.scene.textures.arrays(),
+            self.scene.box_from_instance, self.scene.triangle_part,
+            frames.instance_motion, frames.camera_motion, frames.cameras, frames.width, frames.height,
+            int(followed < MAX_MIRRORS), rays.mirrored[followed % 2], counter(), _uploaded_flags(wanted),
+            *(self._images.argument(arrays, name) for name in SURFACE_BUFFERS), frames.stacked,
+        )  # fmt: skip
         return int(mirrors)
 
     def _draw_occlusion(
-        self,
-        frames: LabelFrames,
-        rays: RayArrays,
-        queue: Any,
-        count: int,
-        time: int,
-        occluded: Any,
+        self, frames: LabelFrames, rays: RayArrays, queue: Any, count: int, time: int, occluded: Any
     ) -> None:
         """Write whether the queued pixels' surface points are occluded from the camera at another time."""
-        other = self._occlusion_rays.resized(frames.width, frames.height * len(frames.views))
+        scene, other = self.scene, self._occlusion_rays.resized(frames.width, frames.height * len(frames.views))
         kernels.occlusion_rays(
-            queue,
-            count,
-            time,
-            rays.hits,
-            rays.hit_ids,
-            self.scene.vertex_position,
-            self.scene.triangle_vertices,
-            self.scene.instance_info,
-            self.scene.world_from_instance,
-            frames.instance_motion,
-            frames.camera_motion,
-            frames.cameras,
-            frames.width,
-            frames.height,
-            other.rays,
-            other.distance,
-            frames.stacked,
-        )
-        first_hits(self.scene, time, other, queue, count, rays_per_frame=frames.pixels)
+            queue, count, time, rays.hits, rays.hit_ids,
+            scene.vertex_position, scene.triangle_vertices, scene.instance_info, scene.world_from_instance,
+            frames.instance_motion, frames.camera_motion, frames.cameras, frames.width, frames.height,
+            other.rays, other.distance, frames.stacked,
+        )  # fmt: skip
+        first_hits(scene, time, other, queue, count, rays_per_frame=frames.pixels)
         hits = rays.hit_ids, other.distance, other.hits, other.hit_ids
         kernels.occlusion_labels(queue, count, *hits, frames.width, occluded)
 

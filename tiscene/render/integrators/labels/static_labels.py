@@ -103,8 +103,7 @@ class StaticLabelCache:
 
         Instances that have moved are static no more.
         """
-        fixed = view.previous == view.current == view.next
-        if not fixed or view.orthographic or view.width * view.height > MAX_PIXELS:
+        if not view.is_still or view.orthographic or view.width * view.height > MAX_PIXELS:
             return None
         key = view.current, view.width, view.height
         is_new = key not in self._records

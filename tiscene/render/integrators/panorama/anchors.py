@@ -14,8 +14,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from tiscene.render.integrators.labels import label_kernels
-from tiscene.render.integrators.labels.first_hits import first_hits
+from tiscene.render.integrators.labels.first_hits import center_hits, first_hits
 from tiscene.render.intersect.ray_queue import RayArrays, RayWave
 from tiscene.render.view import View
 from tiscene.scene.camera import Vector3
@@ -93,10 +92,7 @@ class Anchors:
     def _spacing(self, view: View, least: float) -> float:
         """Return the spacing of the lattice, m: a power of two, and at least so much."""
         width, height = _GRID
-        rays = self._grid.resized(width, height)
-        coarse = replace(view, width=width, height=height)
-        label_kernels.primary_rays(rays.queue, rays.count, coarse.array(), width, height, rays.rays, False)
-        first_hits(self._scene, CURRENT, rays, rays.queue, rays.count)
+        rays = center_hits(self._scene, replace(view, width=width, height=height), self._grid)
         distance = float(np.median(rays.hits.to_numpy()[:, 0]))
         largest = min(max(distance, 1e-3) / DISTANCE_PER_SPACING, MAX_SPACING)
         return 2.0 ** max(math.floor(math.log2(largest)), math.ceil(math.log2(max(least, 1e-6))))

@@ -31,9 +31,7 @@ class CellStore:
         columns: Columns of a cell.
     """
 
-    def __init__(
-        self, shape: tuple[int, int, int], size: int, columns: int, files: CellFiles | None = None, key: str = ""
-    ) -> None:
+    def __init__(self, shape: tuple[int, int, int], size: int, columns: int, files: CellFiles | None, key: str) -> None:
         self.slots = np.full(shape, -1, np.int32)
         self.columns = columns
         self._size, self._used, self._words = size, 0, words(columns)

@@ -88,7 +88,7 @@ class LightChanges:
         ]
         key, mover_key = keys
         # Where the view rests, the paths serve for other frames, in which movers are elsewhere.
-        boxes = None if view.rests else upload_vectors(self._boxes(placement, moving))
+        boxes = None if view.is_still else upload_vectors(self._boxes(placement, moving))
         samples = PathSamples(spp, index_bits(spp), key)
         self._cache = PathCache(
             self._paths, scenes, reduced, self._state,

@@ -20,8 +20,7 @@ from tiscene.device.kernel_types import float8
 from tiscene.device.memory import device_array, upload_vectors
 from tiscene.render.integrators.incremental.base_image import scene_under_group
 from tiscene.render.integrators.incremental.path_recording import AUXILIARY
-from tiscene.render.integrators.labels.first_hits import first_hits
-from tiscene.render.integrators.labels.label_kernels import primary_rays
+from tiscene.render.integrators.labels.first_hits import center_hits
 from tiscene.render.integrators.panorama.light_probe_kernels import look_from_random_directions
 from tiscene.render.integrators.panorama.reprojection_kernels import FAR, find_surfaces
 from tiscene.render.integrators.path.path_pass import PathPass
@@ -34,7 +33,7 @@ from tiscene.render.sampling.sobol import frame_key, index_bits
 from tiscene.render.view import CubeView
 from tiscene.scene.camera import Vector3
 from tiscene.scene.device_scene import DeviceScene
-from tiscene.scene.placement import CURRENT, Placement
+from tiscene.scene.placement import Placement
 
 FloatImage = NDArray[np.float32]
 
@@ -140,10 +139,8 @@ def trace_probe(paths: PathPass, statics: Sequence[Placement], center: Vector3, 
 
 def _surfaces(scene: DeviceScene, view: CubeView) -> Any:
     """Return what the centers of pixels show, see `find_surfaces`, on the device."""
-    rays = RayArrays().resized(view.width, view.height)
+    rays = center_hits(scene, view, RayArrays())
     surfaces = device_array(float8, rays.count)
-    primary_rays(rays.queue, rays.count, view.array(), view.width, view.height, rays.rays, False)
-    first_hits(scene, CURRENT, rays, rays.queue, rays.count)
     info = scene.materials.arrays().info
     find_surfaces(rays.count, rays.rays, rays.hits, rays.hit_ids, *geometry_of(scene), info, surfaces)
     return surfaces

@@ -165,8 +165,8 @@ class Panorama:
         groups: int,
         settings: PanoramaSettings,
         probe: LightProbe,
-        files: CellFiles | None = None,
-        key: str = "",
+        files: CellFiles | None,
+        key: str,
     ) -> None:
         self.settings, self.probe = settings, probe
         self._paths, self.groups = paths, groups

@@ -193,13 +193,13 @@ class PanoramaPass:
             if self._anchored:
                 self._points.trace(view, anchor)
             self._shown, self._known = self._static_images(view, static, settings, contents)
-            self._shown_for = shown if view.rests else None
+            self._shown_for = shown if view.is_still else None
         self.static_hits = None
         if self._anchored:
             # Labels change the hits, and where the view rests they serve again.
-            hits = self._label_hits.copy_of(self._points.centers) if view.rests else self._points.centers
+            hits = self._label_hits.copy_of(self._points.centers) if view.is_still else self._points.centers
             self.static_hits = StaticHits(hits, moving)
-        if view.rests:
+        if view.is_still:
             frame_index = 0  # noise stands still where the camera does, as in incremental rendering
         self._view, self._max_depth, self._panorama_spp = view, max_depth, panorama_spp
         self._movers_key = frame_key(frame_key(seed, MOVERS_FRAME), frame_index)
@@ -223,7 +223,7 @@ class PanoramaPass:
         """
         groups = self.scene.placement.light_groups
         factors = np.ones((1, 3), np.float32) if groups is None else groups.factors
-        images = self._shown.copy() if self._view.rests else self._shown  # what follows changes them
+        images = self._shown.copy() if self._view.is_still else self._shown  # what follows changes them
         radiance, *others = (images[light_column(group) // 3] for group in range(len(factors)))
         denoised, *others_denoised = images[-len(factors) :]
         for light, clean, factor in zip(others, others_denoised, factors[1:], strict=True):

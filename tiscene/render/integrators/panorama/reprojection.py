@@ -18,8 +18,7 @@ from numpy.typing import NDArray
 
 from tiscene.device.kernel_types import float4, float8
 from tiscene.device.memory import device_array
-from tiscene.render.integrators.labels import label_kernels
-from tiscene.render.integrators.labels.first_hits import first_hits
+from tiscene.render.integrators.labels.first_hits import center_hits, first_hits
 from tiscene.render.integrators.panorama import reprojection_kernels as kernels
 from tiscene.render.integrators.panorama.reprojection_kernels import NOT_FOUND, SUBPIXELS
 from tiscene.render.intersect.ray_queue import RayArrays, RayWave, tiled_order
@@ -52,12 +51,11 @@ class Reprojection:
 
     def trace(self, view: View, anchor: Vector3) -> None:
         """Find the points that a view shows of what is placed, as seen from an anchor."""
-        rays, scene = self.centers.resized(view.width, view.height), self._scene
+        scene = self._scene
+        rays = center_hits(scene, view, self.centers, coherent=True)
         if self._surfaces is None or self._surfaces.shape[0] != rays.count:
             self._surfaces = device_array(float8, rays.count)
             self._points = device_array(float4, rays.count * SUBPIXELS)
-        label_kernels.primary_rays(rays.queue, rays.count, view.array(), view.width, view.height, rays.rays, False)
-        first_hits(scene, CURRENT, rays, rays.queue, rays.count, coherent=True)
         info = scene.materials.arrays().info
         kernels.find_surfaces(rays.count, rays.rays, rays.hits, rays.hit_ids, *geometry_of(scene), info, self._surfaces)
         offset = np.subtract(view.current.position, anchor).tolist()

@@ -60,22 +60,9 @@ def finish_at_lights(
         light, distance = nearest_light(lights, depth, origin, direction, ti.math.inf)
         reach = distance * (1.0 - LIGHT_FRONT) if light >= 0 else FAR
         emitted = weighted_emission(
-            lights,
-            textures,
-            light,
-            -1,
-            -1,
-            vec3(0.0),
-            origin,
-            direction,
-            distance,
-            last_vertex,
-            pdf,
-            diffuse_fraction,
-            depth,
-            mis,
-            link_class,
-        )
+            lights, textures, light, -1, -1, vec3(0.0),
+            origin, direction, distance, last_vertex, pdf, diffuse_fraction, depth, mis, link_class,
+        )  # fmt: skip
         if emitted.max() > 0.0:
             set3(state, i, DIRECT, get3(state, i, THROUGHPUT) * emitted)
             write_ray(shadow_rays, i, origin, direction, reach)

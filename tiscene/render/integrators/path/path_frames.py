@@ -7,9 +7,8 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from tiscene.render.integrators.path import wavefront_kernels as kernels
 from tiscene.render.integrators.path.frame_stack import FrameStack
-from tiscene.render.integrators.path.path_image import PathImage
+from tiscene.render.integrators.path.path_image import PathImage, developed
 from tiscene.render.integrators.path.path_pass import PathPass
 from tiscene.render.integrators.path.path_state import PathSamples
 from tiscene.render.intersect.ray_queue import tiled_order, upload_pixels
@@ -92,13 +91,10 @@ class PathFrames(PathPass):
             self._trace(views[0], count * pixels, PathSamples(spp, index_bits(spp), 0), max_depth)
         finally:
             self._stack = single
-        shape = count * self.height, self.width
-        hdr, albedo, normal = (np.empty((*shape, 3), np.float32) for _ in range(3))
-        dropped = np.empty(shape, np.int32)
-        kernels.develop(self.film, self.pixels, spp, hdr, albedo, normal, dropped)
-        self.nonfinite = int(dropped.sum())
-        rows = [slice(row, row + self.height) for row in range(0, shape[0], self.height)]
-        return [PathImage(*(each[part].copy() for each in (hdr, albedo, normal))) for part in rows]
+        image, self.nonfinite = developed(self.film, self.pixels, (count * self.height, self.width), spp)
+        images = image.hdr, image.albedo, image.normal
+        rows = [slice(row, row + self.height) for row in range(0, count * self.height, self.height)]
+        return [PathImage(*(each[part].copy() for each in images)) for part in rows]
 
     def _reserve(self, frames: int) -> None:
         """Make the pixels of this many frames below each other."""

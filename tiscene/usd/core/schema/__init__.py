@@ -48,6 +48,18 @@ def authored(prim: Usd.Prim, name: str) -> Any:
     return attribute.Get() if attribute and attribute.HasAuthoredValue() else None
 
 
+def author(prim: Usd.Prim, name: str, kind: Sdf.ValueTypeName, value: Any) -> None:
+    """Author a value, unless the attribute has it already, by default or from a reference."""
+    if prim.HasAttribute(name) and prim.GetAttribute(name).Get() == value:
+        return
+    prim.CreateAttribute(name, kind, False, Sdf.VariabilityUniform).Set(value)
+
+
+def token(class_name: str) -> str:
+    """Return the token that stands for a class: "lookAt" for "LookAt"."""
+    return class_name[0].lower() + class_name[1:]
+
+
 def targets(prim: Usd.Prim, name: str) -> list[Sdf.Path]:
     """Return the targets of a relationship, none if it does not exist."""
     relationship = prim.GetRelationship(name)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""WarmTrees: trees of the stages that a stream was in last, so that coming back to one of them builds nothing.
+"""BVHCache: trees of the stages that a stream was in last, so that coming back to one of them builds nothing.
 
 With them are kept the arrays of the last scene of each stage, so that meshes and images are not copied again.
 """
@@ -16,18 +16,18 @@ from tiscene.stream.view_renderer import ViewRenderer
 TREE_BYTES = 1 << 29  # 512 MB
 
 
-class WarmTrees:
+class BVHCache:
     """Trees on the device, by the meshes of a stage.
 
     Where all together take more than `limit`, arrays that are with them are dropped, then trees: those used least
     recently first.
 
-    Args:
+    Attributes:
         limit: memory limit, bytes.
     """
 
-    def __init__(self, limit: int = TREE_BYTES) -> None:
-        self.limit = limit
+    def __init__(self) -> None:
+        self.limit = TREE_BYTES
         # By the id of a stage's tuple of meshes, which overrides share: that tuple, its trees, and Taichi's session.
         self._kept: dict[int, tuple[Any, MeshTrees, object]] = {}
 

@@ -10,7 +10,7 @@ from taichi.lang import _ndarray, impl, matrix
 
 import tiscene as ts
 from tests.device.programs import run_python
-from tiscene.device import freed_arrays, runtime
+from tiscene.device import array_pool, runtime
 from tiscene.device.memory import device_array
 
 VECTOR = ti.types.vector(3, ti.f32)
@@ -28,8 +28,8 @@ def started():
 def made(monkeypatch):
     """The kind of each array for which Taichi allocates memory, a list."""
     allocated = []
-    take = freed_arrays.FREED.take
-    monkeypatch.setattr(freed_arrays.FREED, "take", lambda key: take(key) or allocated.append(key))
+    take = array_pool.POOL.take
+    monkeypatch.setattr(array_pool.POOL, "take", lambda key: take(key) or allocated.append(key))
     return allocated
 
 
@@ -67,10 +67,10 @@ def test_ctrl_c_while_an_array_is_made_leaves_nothing_to_complain_of(dtype, step
 @pytest.mark.filterwarnings("error::pytest.PytestUnraisableExceptionWarning")
 def test_ctrl_c_while_an_array_is_deleted_is_not_lost(monkeypatch):
     arrays = [device_array(ti.f32, (5, 3))]
-    give = freed_arrays.FREED.give
+    give = array_pool.POOL.give
 
     def interrupted(*given):
-        monkeypatch.setattr(freed_arrays.FREED, "give", give)
+        monkeypatch.setattr(array_pool.POOL, "give", give)
         raise KeyboardInterrupt
 
     def delete():
@@ -78,7 +78,7 @@ def test_ctrl_c_while_an_array_is_deleted_is_not_lost(monkeypatch):
         for _ in range(500):
             time.sleep(0.01)
 
-    monkeypatch.setattr(freed_arrays.FREED, "give", interrupted)
+    monkeypatch.setattr(array_pool.POOL, "give", interrupted)
     with pytest.raises(KeyboardInterrupt):
         delete()
 
@@ -95,31 +95,31 @@ def test_memory_is_not_shared_by_living_arrays_nor_used_for_other_types():
 
 
 def test_what_is_kept_is_bounded_and_large_arrays_are_freed():
-    kept = freed_arrays.FREED.nbytes
-    device_array(ti.f32, freed_arrays.MAX_ARRAY // 4 + 1)
-    assert freed_arrays.FREED.nbytes == kept
-    arrays = [device_array(ti.f32, (2, 8000 + i)) for i in range(freed_arrays.MAX_KEPT // 64000 + 10)]
+    kept = array_pool.POOL.nbytes
+    device_array(ti.f32, array_pool.MAX_ARRAY // 4 + 1)
+    assert array_pool.POOL.nbytes == kept
+    arrays = [device_array(ti.f32, (2, 8000 + i)) for i in range(array_pool.MAX_KEPT // 64000 + 10)]
     arrays.clear()
-    assert 0.9 * freed_arrays.MAX_KEPT < freed_arrays.FREED.nbytes <= freed_arrays.MAX_KEPT
+    assert 0.9 * array_pool.MAX_KEPT < array_pool.POOL.nbytes <= array_pool.MAX_KEPT
 
 
 def test_restart_of_taichi_forgets_the_memory():
     code = """
 import taichi as ti
 from tiscene.device import runtime
-from tiscene.device.freed_arrays import FREED
+from tiscene.device.array_pool import POOL
 from tiscene.device.memory import device_array
 runtime.start("cpu")
 alive = device_array(ti.f32, 11)
 device_array(ti.f32, 11), device_array(ti.types.vector(2, ti.f32), 5)
-kept = FREED.nbytes
+kept = POOL.nbytes
 ti.init(ti.cpu, fast_math=False, log_level=ti.ERROR)
 runtime.start("cpu")
 arrays = [device_array(ti.f32, 11) for _ in range(3)]
 del alive
 for each in arrays:
     each.fill(1.0)
-print(kept, FREED.nbytes, sum(each.to_numpy().sum() for each in arrays))
+print(kept, POOL.nbytes, sum(each.to_numpy().sum() for each in arrays))
 """
     assert run_python(code).splitlines()[-1].split() == ["84", "0", "33.0"]
 

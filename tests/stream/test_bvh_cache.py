@@ -8,7 +8,7 @@ import weakref
 import pytest
 
 from tiscene import LinearWaypoints, MaterialOverride, Object, Scenario, Stream, UniformMovementRandomBounce, Waypoint
-from tiscene.device import freed_arrays, part_arrays
+from tiscene.device import array_pool, part_arrays
 from tiscene.errors import MaterialNotFound
 from tiscene.scene.bvh.bvh import Bvh
 
@@ -137,7 +137,7 @@ def test_meshes_and_images_of_a_scene_that_is_come_back_to_are_not_copied_again(
 
 def test_arrays_of_a_stream_that_is_dropped_unclosed_serve_the_next_one(monkeypatch):
     # The stream's world is a cycle of references, which the collector deletes at once, arrays included.
-    monkeypatch.setattr(freed_arrays, "MAX_ARRAY", 0)  # as if they were too large to be kept once deleted
+    monkeypatch.setattr(array_pool, "MAX_ARRAY", 0)  # as if they were too large to be kept once deleted
     visited = scenario("solid_benchmark", "Cube")
     stream = Stream(visited, **SETTINGS)
     expected, stages = rendered(stream), stream.stages

@@ -26,7 +26,7 @@ MAX_KEPT = 1 << 25  # bytes of all arrays that are kept
 _LATER = 0.001  # s, until a Ctrl-C is passed on that came while an array was deleted
 
 
-class FreedArrays:
+class ArrayPool:
     """The memory of deleted arrays, kept for arrays of the same type and shape, on CPUs only.
 
     Python may delete arrays at any time and in any thread: `give` only puts them into a queue.
@@ -98,14 +98,14 @@ class FreedArrays:
             present.delete_ndarray(memory)
 
 
-FREED = FreedArrays()
+POOL = ArrayPool()
 
 
-class _Returned:
-    """Gives the memory of an array to FREED when Python deletes the array.
+class _Pooled:
+    """Gives the memory of an array to POOL when Python deletes the array.
 
     Attributes:
-        key: See `FreedArrays.give`.
+        key: See `ArrayPool.give`.
         made_in: Taichi's program in which it was made.
     """
 
@@ -117,17 +117,17 @@ class _Returned:
         # Names of modules may be None as Python ends; Ctrl-C inside of __init__ leaves an array without memory.
         try:
             if not python_ends() and self.__dict__.get("arr") is not None:
-                FREED.give(self.key, self.__dict__, self.made_in)
+                POOL.give(self.key, self.__dict__, self.made_in)
         except KeyboardInterrupt:
             # Python would print it here and go on. The memory may be lost: to free it twice would be worse.
             threading.Timer(_LATER, _thread.interrupt_main).start()
 
 
-class ReturnedScalars(_Returned, ScalarNdarray):  # type: ignore[misc]
+class PooledScalars(_Pooled, ScalarNdarray):  # type: ignore[misc]
     """An array of scalars."""
 
 
-class ReturnedVectors(_Returned, VectorNdarray):  # type: ignore[misc]
+class PooledVectors(_Pooled, VectorNdarray):  # type: ignore[misc]
     """An array of vectors, which Taichi 1.7.4 itself would keep until the process ends."""
 
 
@@ -145,10 +145,10 @@ def new_array(dtype: Any, shape: tuple[int, ...]) -> Any:
     """
     length = dtype.n if isinstance(dtype, MatrixType) else 0
     key = cook_dtype(dtype.dtype if length else dtype).to_string(), length, shape
-    state = FREED.take(key)
+    state = POOL.take(key)
     if state is None:
-        return ReturnedVectors(key, length, dtype.dtype, shape) if length else ReturnedScalars(key, dtype, shape)
-    kind = ReturnedVectors if length else ReturnedScalars
+        return PooledVectors(key, length, dtype.dtype, shape) if length else PooledScalars(key, dtype, shape)
+    kind = PooledVectors if length else PooledScalars
     array = kind.__new__(kind)
     array.__dict__.update(state)
     return array

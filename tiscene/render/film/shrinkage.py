@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Changes of light whose noise is taken out where it could explain them.
+"""Shrinkage of noisy changes of light towards the mean around, as far as noise could explain the difference.
 
 A few paths find how movers change the light of a frame. The denoiser takes single ones that a mover stops for shadows:
 dark spots, elsewhere in each frame. Here a denoised change is drawn to the mean around, unless the paths nearby agree.
@@ -19,8 +19,8 @@ NEAR, AROUND = 2, 4  # px to each side: of the window whose mean the denoised ch
 DOUBT = 6.0  # variances that a change is drawn by: it takes some six paths that agree to show
 
 
-def steadied(change: FloatImage, samples: FloatImage, normal: FloatImage) -> FloatImage:
-    """Return a denoised change of light, drawn to the mean around as far as that may be noise, see `james_stein`.
+def shrunk_change(change: FloatImage, samples: FloatImage, normal: FloatImage) -> FloatImage:
+    """Return a denoised change of light, shrunk towards the mean around as far as it may be noise, see `james_stein`.
 
     Args:
         change: Change of irradiance, denoised, float32 [h, w, 3].

@@ -1,0 +1,24 @@
+# SPDX-License-Identifier: Apache-2.0
+"""`tiscene merge` of shards of an export."""
+
+import contextlib
+
+from tiscene.cli import main as cli
+from tiscene.cli import merge
+
+
+def test_merge_shows_progress_towards_the_number_of_frames(tmp_path, fake, monkeypatch, capsys):
+    size = ("--width", "12", "--height", "8")
+    for shard in ("0/2", "1/2"):
+        assert cli.main(["render", "somewhere", *size, "-o", str(tmp_path), "--frames", "0:5", "--shard", shard]) == 0
+    totals, steps = [], []
+
+    @contextlib.contextmanager
+    def progress(task, total):
+        totals.append(total)
+        yield lambda **_: steps.append(1)
+
+    monkeypatch.setattr(merge, "progress", progress)
+    assert cli.main(["merge", str(tmp_path)]) == 0
+    assert (totals, len(steps)) == ([5], 5)
+    assert capsys.readouterr().out.splitlines()[-1] == str(tmp_path)

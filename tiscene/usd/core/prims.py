@@ -1,0 +1,46 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Prims of a stage: which are traversed and drawn, their ancestors, and the instances that they are in."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+from pxr import Sdf, Usd, UsdGeom
+
+_LOADED = Usd.PrimIsActive & Usd.PrimIsLoaded
+DEFINED = Usd.TraverseInstanceProxies(_LOADED & Usd.PrimIsDefined & ~Usd.PrimIsAbstract)
+ALSO_ABSTRACT = Usd.TraverseInstanceProxies(_LOADED)  # prototypes and templates may be below a class or an over
+DRAWN_PURPOSES = [UsdGeom.Tokens.default_, UsdGeom.Tokens.render]
+
+
+def distinct_prims(stage: Usd.Stage) -> Iterator[Usd.Prim]:
+    """Yield the prims of a stage; those of a prototype once, however many instances it has."""
+    for root in (stage.GetPseudoRoot(), *stage.GetPrototypes()):
+        yield from Usd.PrimRange(root)
+
+
+def ancestors(prim: Usd.Prim) -> Iterator[Usd.Prim]:
+    """Yield the ancestors of a prim, from its parent up, without the pseudo-root."""
+    return with_ancestors(prim.GetParent())
+
+
+def with_ancestors(prim: Usd.Prim) -> Iterator[Usd.Prim]:
+    """Yield a prim, then its `ancestors`."""
+    while prim and not prim.IsPseudoRoot():
+        yield prim
+        prim = prim.GetParent()
+
+
+def unused_path(stage: Usd.Stage, folder: Sdf.Path, identifier: str) -> Sdf.Path:
+    """Return a path for a new prim below a folder, numbered if the identifier is taken."""
+    path, number = folder.AppendChild(identifier), 1
+    while stage.GetPrimAtPath(path):
+        number += 1
+        path = folder.AppendChild(f"{identifier}_{number}")
+    return path
+
+
+def outermost_instance(prim: Usd.Prim) -> Usd.Prim:
+    """Return the instance that is, or holds, a prim and is in no other one; an invalid prim if there is none."""
+    instances = (each for each in with_ancestors(prim) if each.IsInstance() and not each.IsInstanceProxy())
+    return next(instances, Usd.Prim())
