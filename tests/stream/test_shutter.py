@@ -151,6 +151,8 @@ def test_moments_are_spread_over_the_time_and_a_function_of_the_frame():
     seen = [list(taken(made, index, spp)) for index, spp in ((5, 8), (5, 8), (6, 8), (5, 200))]
     x = [[moment.placement.world_from_object[1, 0, 0, 3] for moment in each] for each in seen]
     assert x[0] == x[1] != x[2]
+    others = [moment.placement.world_from_object[1, 0, 0, 3] for moment in taken(made, 5, 8, seed=4)]
+    assert others != x[0]
     assert [moment.spp for moment in seen[0]] == [1] * 8
     assert len(seen[3]) == MAX_TIMES
     assert sum(moment.spp for moment in seen[3]) == 200
@@ -160,9 +162,21 @@ def test_moments_are_spread_over_the_time_and_a_function_of_the_frame():
     assert (parts.astype(int) == np.arange(8)).all()
 
 
-def taken(made, index, spp):
+def taken(made, index, spp, seed=3):
     state = made.state(index)
-    return shutter_samples(made, state, View(*state.cameras[0], 8, 6), (0.0, 0.5), spp=spp, seed=3)
+    return shutter_samples(made, state, View(*state.cameras[0], 8, 6), (0.0, 0.5), spp=spp, seed=seed)
+
+
+def test_camera_turns_the_shorter_way_whatever_the_sign_of_its_quaternion():
+    """By 40 degrees, to a quaternion that is the negative of the near one."""
+    made, half = world(stage=EMPTY), np.radians(20.0)
+    start, end = ts.Camera(), ts.Camera(rotation=(-np.cos(half), 0, -np.sin(half), 0))
+    view = View(start, start, end, 8, 6)
+    samples = list(shutter_samples(made, made.state(5), view, (0.0, 1.0), spp=8, seed=3))
+    turned = [2.0 * np.degrees(np.arctan2(q[2], q[0])) for q in (sample.view.current.rotation for sample in samples)]
+    assert turned == sorted(turned)
+    assert 0.0 < turned[0] < 10.0
+    assert 30.0 < turned[-1] < 40.0
 
 
 def test_formulas_are_exact_and_collisions_go_straight():

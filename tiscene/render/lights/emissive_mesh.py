@@ -9,7 +9,7 @@ import taichi as ti
 
 from tiscene.device.kernel_types import Template, vec2, vec3
 from tiscene.render.bsdfs.material_inputs import Footprint, material_at
-from tiscene.render.intersect.surface_interaction import load_vec3, offset_origin, surface_at, transform_vector, vertex_offset
+from tiscene.render.intersect.surface_interaction import load_vec3, surface_at, transform_vector, vertex_offset
 from tiscene.render.lights.light_sample import header, integer, light_row, no_sample
 from tiscene.render.lights.light_sampler import conditional_probability, to_mesh_space
 from tiscene.scene.lights.light_table import DISTRIBUTION, FIRST_TRIANGLE, INSTANCE
@@ -61,8 +61,7 @@ def sample(lights: Template, textures: Template, row: ti.i32, slot: ti.i32, orig
     surface = surface_at(
         lights.geometry, instance, triangle, root * (1.0 - u.y), root * u.y, CURRENT, vec3(0.0, 0.0, 1.0)
     )
-    surface.magnitude = ti.max(surface.magnitude, ti.max(origin, -1.0 * origin).max())
-    offset = offset_origin(surface, origin - surface.position) - origin
+    offset = surface.position - origin
     distance2 = offset.dot(offset)
     facing = ti.abs(doubled_area(lights, instance, triangle).dot(offset))
     if facing > 0.0 and distance2 > 0.0:

@@ -316,15 +316,14 @@ def shade(
                                 elif direct.max() > 0.0:
                                     towards, reach = light_sample.direction, light_sample.distance
                                     start = offset_origin(surface, towards)
-                                    clear = reach * (1.0 - LIGHT_FRONT)
                                     if ti.static(any_emission):
                                         if light_values[light_row, KIND] == MESH:
                                             # Triangles of mesh lights are in the BVH: aim from the offset origin, so
                                             # that the ray ends just in front of the sampled point.
                                             aim = surface.position + towards * reach - start
-                                            clear = aim.norm()
-                                            towards = aim / ti.max(clear, 1e-20)
-                                    reach = clear
+                                            reach = aim.norm()
+                                            towards = aim / ti.max(reach, 1e-20)
+                                    reach *= 1.0 - LIGHT_FRONT
                                     nearer = reach * (1.0 - LIGHT_FRONT)
                                     if is_blocked_by_light(lights, light_row, start, towards, nearer) == 0:
                                         sampled = LIGHT_PENDING
