@@ -207,6 +207,53 @@ def Mesh "Panel" (
         np.testing.assert_allclose(frames[k].hdr[6, 8], (radiance,) * 3, rtol=1e-5)
 
 
+GROWS = """float3 xformOp:scale.timeSamples = { 0: (1, 1, 1), 10: (3, 1, 1) }
+    uniform token[] xformOpOrder = ["xformOp:scale"]"""
+POINTS = "points = [(-9, -9, 0), (9, -9, 0), (9, 9, 0), (-9, 9, 0)]"
+WIDENS = f"points.timeSamples = {{ 0: {POINTS[9:]}, 10: [(-27, -9, 0), (27, -9, 0), (27, 9, 0), (-27, 9, 0)] }}"
+
+
+@pytest.mark.parametrize("where", ["mesh", "parent", "points"])
+def test_normalized_mesh_light_keeps_its_power_while_it_grows(tmp_path, where):
+    body = f"""
+def Xform "Group"
+{{
+    {GROWS if where == "parent" else ""}
+    def Mesh "Panel" (
+        prepend apiSchemas = ["MeshLightAPI"]
+    )
+    {{
+        {SQUARE.replace(POINTS, WIDENS) if where == "points" else SQUARE}
+        {GROWS if where == "mesh" else ""}
+        float inputs:intensity = 648
+        bool inputs:normalize = 1
+    }}
+}}
+"""
+    description = read(tmp_path, body, more=RANGE)
+    (track,), (material,) = description.material_tracks, description.materials
+    for seconds, width in ((0.0, 1.0), (0.5, 2.0), (1.0, 3.0)):
+        lit = track.applied(material, track.moment(seconds))
+        assert lit.emissive_color == pytest.approx((2.0 / width,) * 3, rel=1e-5)
+
+
+def test_normalized_mesh_light_that_only_moves_has_a_constant_radiance(tmp_path):
+    moves = """float xformOp:rotateX.timeSamples = { 0: 0, 10: 300 }
+    uniform token[] xformOpOrder = ["xformOp:rotateX"]"""
+    body = f"""
+def Xform "Group" (kind = "component")
+{{
+    def Mesh "Panel" (prepend apiSchemas = ["MeshLightAPI"])
+    {{
+        {SQUARE}
+        {moves}
+        bool inputs:normalize = 1
+    }}
+}}
+"""
+    assert not read(tmp_path, body, more=RANGE).material_tracks
+
+
 LANTERN = """
 %s
 {

@@ -185,6 +185,21 @@ def test_extensions_beyond_preview_surface_become_lobes(builder, tmp_path):
     assert material.emissive_color == (4.0, 2.0, 0.0)
 
 
+@pytest.mark.parametrize(
+    ("mode", "opacity", "threshold"), [("OPAQUE", 1.0, 0.0), ("MASK", 0.25, 0.5), ("BLEND", 0.25, 0.0)]
+)
+def test_alpha_mode_of_a_material_with_lobes_is_written(builder, tmp_path, mode, opacity, threshold):
+    entry = {"alphaMode": mode, "pbrMetallicRoughness": {"baseColorFactor": [1, 1, 1, 0.25]}}
+    entry["extensions"] = {"KHR_materials_sheen": {"sheenColorFactor": [1, 1, 1]}}
+    builder.parts |= {"materials": [entry], "extensionsUsed": [*entry["extensions"]]}
+    (material,) = builder.read(tmp_path).materials
+    assert (material.opacity, material.opacity_threshold, material.lobes.sheen_color) == (
+        opacity,
+        threshold,
+        (1.0,) * 3,
+    )
+
+
 def test_textures_of_lobes_are_left_out_where_the_mesh_lacks_coordinates(builder, tmp_path):
     sheen = {"sheenColorFactor": [1, 0.5, 0], "sheenColorTexture": builder.picture() | {"texCoord": 1}}
     builder.parts |= {"materials": [{"extensions": {"KHR_materials_sheen": sheen}}]}

@@ -35,6 +35,11 @@ def test_cosine_profile_has_power_of_pi():
     assert profile.intensity(np.array([60.0, 120.0]), np.array([0.0]))[:, 0] == pytest.approx([0.5, 0.0], abs=1e-9)
 
 
+def test_profile_is_dark_beyond_its_vertical_angles():
+    profile = read_ies(ies([30, 60], [0], [[5, 5]]))
+    assert profile.intensity(np.array([29.0, 30.0, 60.0, 61.0]), np.array([0.0]))[:, 0].tolist() == [0.0, 5.0, 5.0, 0.0]
+
+
 @pytest.mark.parametrize(
     ("horizontal", "expected"),
     [
@@ -56,23 +61,34 @@ def test_included_tilt_data_is_skipped():
     np.testing.assert_array_equal(read_ies(ies([0, 90], [0], [[3, 4]], tilt=tilt)).candela, [[3.0, 4.0]])
 
 
-@pytest.mark.parametrize(("scale", "at_30", "at_150"), [(0.0, 30.0, 150.0), (2.0, 15.0, 75.0), (-2.0, 105.0, 165.0)])
+@pytest.mark.parametrize(
+    ("scale", "at_30", "at_150"),
+    [(0.0, 30.0, 150.0), (2.0, 15.0, 75.0), (-2.0, 105.0, 165.0), (0.5, 60.0, 180.0), (-0.5, 0.0, 120.0)],
+)
 def test_angle_scale_stretches_profile(scale, at_30, at_150):
-    """The intensity equals the angle, so the image shows where it was sampled."""
-    image = read_ies(ies([0, 180], [0], [[0, 180]])).image(scale, normalize=False)
+    """The intensity is the angle plus 1, so the image shows where it was sampled."""
+    image = read_ies(ies([0, 180], [0], [[1, 181]])).image(scale, normalize=False)
     assert image.shape == (360, 1, 4)
-    down = (np.arange(360) + 0.5) / 2.0
-    assert np.interp(30.0, down, image[:, 0, 0]) == pytest.approx(at_30, abs=1e-4)
-    assert np.interp(150.0, down, image[:, 0, 0]) == pytest.approx(at_150, abs=1e-4)
+    sampled, down = image[:, 0, 0] - 1.0, (np.arange(360) + 0.5) / 2.0
+    assert np.interp(30.0, down, sampled) == pytest.approx(at_30, abs=1e-4)
+    assert np.interp(150.0, down, sampled) == pytest.approx(at_150, abs=1e-4)
 
 
-def test_normalized_profile_has_unit_power():
-    """Factors divided by the profile's power integrate to 1."""
-    image = read_ies(ies([0, 40, 90], [0, 90], [[9, 4, 0], [7, 1, 1]])).image(0.0, normalize=True)
+@pytest.mark.parametrize(("vertical", "solid_angle"), [([0, 40, 90], 2.0), ([90, 140, 180], 2.0), ([0, 40, 180], 4.0)])
+def test_normalized_profile_keeps_the_power_of_an_even_one(vertical, solid_angle):
+    """The factors' mean is 1 over the hemisphere or the sphere that the profile spans."""
+    image = read_ies(ies(vertical, [0, 90], [[9, 4, 0], [7, 1, 1]])).image(0.0, normalize=True)
     assert image.shape == (360, 360, 4)
     sine = np.sin((np.arange(360) + 0.5) * math.pi / 360.0)
     total = (image[..., 0].mean(axis=1) * sine).sum() * math.pi / 360.0 * 2.0 * math.pi
-    assert total == pytest.approx(1.0, rel=1e-3)
+    assert total == pytest.approx(solid_angle * math.pi, rel=1e-3)
+
+
+def test_mirrored_profile_has_the_x_axis_flipped():
+    profile = read_ies(ies([0, 180], [0, 90, 180, 270, 360], [[each, each] for each in (1, 5, 3, 2, 1)]))
+    plain, mirrored = (profile.image(0.0, False, mirrored=flip)[100, :, 0] for flip in (False, True))
+    azimuths = np.arange(360)
+    np.testing.assert_allclose(mirrored[azimuths], plain[(179 - azimuths) % 360], rtol=1e-6)
 
 
 @pytest.mark.parametrize(

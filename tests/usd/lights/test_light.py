@@ -10,6 +10,7 @@ import OpenEXR
 import pytest
 
 from tests.usd.helpers import problems_of, read, read_with_warning
+from tests.usd.lights.test_ies import ies
 from tiscene.scene.description import CylinderLight, DiskLight, DistantLight, DomeLight, RectLight, SphereLight
 from tiscene.usd.lights.light import color_of_temperature
 
@@ -151,6 +152,15 @@ def test_distant_light_irradiance(tmp_path, angle, normalize, irradiance):
     assert sun.angle == pytest.approx(math.radians(angle), rel=1e-6)
 
 
+@pytest.mark.parametrize(("normalize", "irradiance"), [(False, 10.0 * math.pi), (True, 10.0 / 1.5)])
+def test_distant_light_wider_than_a_hemisphere_is_a_hemisphere(tmp_path, normalize, irradiance):
+    """`normalize` divides by pi (2 - sin² 135°), as for the whole cone."""
+    lines = f"float inputs:angle = 270\nbool inputs:normalize = {int(normalize)}\nfloat inputs:intensity = 10"
+    sun = only_light(read_with_warning(tmp_path, light("DistantLight", lines), "wider than a hemisphere"))
+    assert sun.irradiance[0] == pytest.approx(irradiance)
+    assert sun.angle == pytest.approx(math.pi)
+
+
 def test_distant_light_defaults(tmp_path):
     sun = only_light(read(tmp_path, light("DistantLight")))
     assert sun.irradiance[0] == pytest.approx(50000.0 * math.pi * math.sin(math.radians(0.265)) ** 2, rel=1e-5)
@@ -176,10 +186,15 @@ def test_mirrored_light_points_along_its_minus_z(tmp_path):
 
 
 def test_dome_light_orientation(tmp_path):
-    lines = 'float xformOp:rotateY = 90\nuniform token[] xformOpOrder = ["xformOp:rotateY"]'
+    lines = """
+    double3 xformOp:translate = (1, 2, 3)
+    float xformOp:rotateY = 90
+    uniform token[] xformOpOrder = ["xformOp:translate", "xformOp:rotateY"]
+    """
     dome = only_light(read(tmp_path, light("DomeLight", lines)))
     assert isinstance(dome, DomeLight)
     np.testing.assert_allclose(dome.world_from_light @ (0, 0, 1, 0), (1, 0, 0, 0), atol=1e-9)
+    np.testing.assert_array_equal(dome.world_from_light[:, 3], (0, 0, 0, 1))  # it is infinitely far away
     upright = only_light(read(tmp_path, light("DomeLight"), up="Z")).world_from_light
     np.testing.assert_array_equal(upright, np.eye(4))  # DomeLight's pole is +Y for every upAxis
 
@@ -212,6 +227,36 @@ def test_light_textures_are_read(tmp_path):
     assert only_light(read_with_warning(tmp_path, body, expected)).texture is None
 
 
+@pytest.mark.parametrize("scale", [(-1, 1, 1), (1, -1, 1), (1, 1, -1), (-2, -1, -1), (-1, -1, 1), (1, 2, 3)])
+@pytest.mark.parametrize("kind", ["RectLight", "DomeLight", "DomeLight_1"])
+def test_scales_that_mirror_a_light_mirror_its_texture(tmp_path, kind, scale):
+    """The image's columns run along the light's x axis, or against it where mirrored; its rows along y."""
+    pixels = np.random.default_rng(0).random((2, 4, 3)).astype(np.float32)
+    with OpenEXR.File({"type": OpenEXR.scanlineimage}, {"RGB": pixels}) as file:
+        file.write(str(tmp_path / "sky.exr"))
+    description = read(tmp_path, light(kind, SCALE % (scale,) + "asset inputs:texture:file = @sky.exr@"))
+    lamp, mirrored = only_light(description), np.prod(scale) < 0
+    shown = description.textures[lamp.texture].pixels[..., :3]
+    np.testing.assert_array_equal(shown, pixels[:, ::-1] if mirrored else pixels)
+    flipped = np.diag([-1.0 if mirrored else 1.0, 1.0, 1.0])
+    np.testing.assert_allclose(lamp.world_from_light[:3, :3] @ flipped, np.diag(np.sign(scale)), atol=1e-12)
+
+
+def test_mirrored_light_without_an_image_keeps_its_pose(tmp_path):
+    lamp = only_light(read(tmp_path, light("RectLight", SCALE % "(-1, 1, 1)")))
+    np.testing.assert_allclose(lamp.world_from_light, np.diag([-1.0, -1.0, 1.0, 1.0]), atol=1e-12)
+
+
+def test_mirrored_light_mirrors_its_profile(tmp_path):
+    (tmp_path / "lamp.ies").write_bytes(ies([0, 180], [0, 90, 180, 270, 360], [[each] * 2 for each in (1, 5, 3, 2, 1)]))
+    lines = "asset inputs:shaping:ies:file = @lamp.ies@"
+    body = light("SphereLight", lines, '"ShapingAPI"').replace('"L"', '"Plain"')
+    description = read(tmp_path, body + light("SphereLight", SCALE % "(1, -1, 1)" + lines, '"ShapingAPI"'))
+    plain, mirrored = (description.textures[each.shaping.profile].pixels for each in description.lights)
+    np.testing.assert_allclose(mirrored, np.roll(plain[:, ::-1], 180, axis=1), rtol=1e-6)
+    np.testing.assert_allclose(description.lights[1].world_from_light, np.diag([-1.0, -1.0, 1.0, 1.0]), atol=1e-12)
+
+
 def test_infinite_pixels_of_dome_texture_are_clamped(tmp_path):
     """An infinite pixel would take all light samples."""
     pixels = np.ones((2, 4, 3), np.float16)
@@ -235,6 +280,7 @@ def test_input_names_before_usd_21_02_are_read(tmp_path):
 def test_lights_without_emission_are_dropped(tmp_path):
     assert not read(tmp_path, light("RectLight", "float inputs:intensity = 0")).lights
     assert not read_with_warning(tmp_path, light("RectLight", "float inputs:width = 0"), "zero area").lights
+    assert not read_with_warning(tmp_path, light("SphereLight", "float inputs:radius = 0"), "zero area").lights
     assert not read_with_warning(
         tmp_path, light("RectLight", "float inputs:intensity = -1"), "negative emission"
     ).lights

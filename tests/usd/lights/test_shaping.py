@@ -64,7 +64,7 @@ def SphereLight "M" (prepend apiSchemas = ["ShapingAPI"])
     plain, normalized = (description.textures[each.profile].pixels for each in (rect, sphere))
     assert (plain[:179] == 3.0).all()
     assert not plain[181:].any()
-    np.testing.assert_allclose(normalized, plain / (2.0 * math.pi * 3.0), rtol=1e-2)  # half a sphere of 3 cd
+    np.testing.assert_allclose(normalized, plain / 3.0, rtol=1e-2)  # half a sphere of 3 cd
 
 
 def test_unreadable_profile_is_reported(tmp_path):

@@ -112,7 +112,7 @@ def test_numbers_of_standard_surface_are_those_of_a_preview_surface(tmp_path):
     expected = Material(
         "Mat",
         diffuse_color=(0.4, 0.2, 0.1),
-        emissive_color=(2.0, 1.0, 0.0),
+        emissive_color=(1.94, 0.97, 0.0),  # the coat reflects 0.04 back where it is
         metallic=0.25,
         roughness=0.3,
         clearcoat=0.75,
@@ -147,7 +147,8 @@ def rounded(material: Material) -> Material:
             given("base_weight", "0.5") + given("base_color", "1, 0, 0", "color3") + given("base_metalness", "1")
             + given("coat_weight", "0.5") + given("emission_luminance", "100") + given("geometry_opacity", "0.5"),
             {"diffuse_color": (0.5, 0.0, 0.0), "metallic": 1.0, "roughness": 0.3, "clearcoat": 0.5,
-             "clearcoat_roughness": 0.0, "emissive_color": (100.0,) * 3, "opacity": 0.5, "opacity_mode": "presence"},
+             "clearcoat_roughness": 0.0, "emissive_color": (97.337278,) * 3, "opacity": 0.5,
+             "opacity_mode": "presence"},
         ),
         (
             "gltf_pbr",
@@ -164,6 +165,39 @@ def rounded(material: Material) -> Material:
 def test_models_have_their_own_names_and_defaults(tmp_path, model, surface, expected):
     material = rounded(material_of(tmp_path, document(surface, model)))
     assert {name: getattr(material, name) for name in expected} == expected
+
+
+@pytest.mark.parametrize(
+    ("mode", "expected"), [("", (1.0, "transparent", 0.0)), ("0", (1.0, "transparent", 0.0)),
+                           ("1", (0.25, "presence", 0.5)), ("2", (0.25, "presence", 0.0))],
+)  # fmt: skip
+def test_alpha_of_gltf_pbr_counts_where_its_mode_says_so(tmp_path, mode, expected):
+    """The default of alpha_mode is 0, opaque."""
+    surface = given("alpha", "0.25") + (given("alpha_mode", mode, "integer") if mode else "")
+    material = material_of(tmp_path, document(surface, "gltf_pbr"))
+    assert (material.opacity, material.opacity_mode, material.opacity_threshold) == expected
+
+
+@pytest.mark.parametrize(
+    ("color", "expected"), [("1, 0, 0", 0.2126), ("0.2, 0.5, 0.9", 0.4651), ("0.25, 0.25, 0.25", 0.25)]
+)
+def test_colored_opacity_counts_by_its_luminance(tmp_path, color, expected):
+    material = material_of(tmp_path, document(given("opacity", color, "color3")))
+    assert material.opacity == pytest.approx(expected)
+
+
+def test_colored_picture_of_opacity_counts_by_its_luminance(tmp_path):
+    description = stage_of(tmp_path, document(linked("opacity", "picture"), nodes=picture()))
+    lookup = description.materials[0].opacity
+    pixels = description.textures[lookup.texture].pixels[..., 0] / 255.0
+    np.testing.assert_allclose(pixels, linear() @ (0.2126, 0.7152, 0.0722), atol=0.5 / 255.0 + 1e-6)
+
+
+def test_gray_picture_of_opacity_stays_the_texture(tmp_path):
+    Image.fromarray(np.repeat(PIXELS[..., :1], 3, axis=2)).save(tmp_path / "gray.png")
+    description = stage_of(tmp_path, document(linked("opacity", "picture"), nodes=picture(file="gray.png")))
+    lookup = description.materials[0].opacity
+    assert (lookup.channel, description.textures[lookup.texture].name) == ("r", "gray.png")
 
 
 def test_weight_of_the_specular_lobe_scales_the_reflectance(tmp_path):

@@ -75,6 +75,21 @@ def test_coats_reflect_by_their_index_of_refraction(tmp_path):
 
 
 @pytest.mark.parametrize(
+    ("model", "coat", "emission", "f0"),
+    [
+        ("standard_surface", "coat", "emission", 0.04),
+        ("open_pbr_surface", "coat_weight", "emission_luminance", 0.053254),
+    ],
+)
+@pytest.mark.parametrize("weight", [1.0, 0.5])
+def test_coats_tint_and_reflect_back_what_is_emitted_below(tmp_path, model, coat, emission, f0, weight):
+    surface = given(emission, "2") + given(coat, str(weight)) + given("coat_color", COLOR, "color3")
+    material = material_of(tmp_path, document(surface, model))
+    expected = [2.0 * (1.0 + weight * ((1.0 - f0) * each - 1.0)) for each in (0.5, 0.25, 1.0)]
+    assert material.emissive_color == pytest.approx(expected, rel=1e-4)
+
+
+@pytest.mark.parametrize(
     ("surface", "reflectance"),
     [
         (given("base_color", "0.8, 0.5, 0", "color3"), (0.8, 0.5, 0.0)),

@@ -53,6 +53,14 @@ class WeldedMesh:
     control: ControlledSurface | None = None
     skin: Skin | None = None
 
+    def positions_at(self, time: float) -> FloatArray:
+        """Return the positions [n, 3] at a time code, between samples as they are played. A skin is not applied."""
+        if self.position_samples is None:
+            return self.positions
+        at = float(np.interp(time, self.times, np.arange(len(self.times))))
+        before, after = self.position_samples[int(at)], self.position_samples[math.ceil(at)]
+        return np.asarray(before + (after - before) * np.float32(at % 1.0))
+
 
 @dataclass(frozen=True, eq=False)
 class Attribute:

@@ -7,6 +7,8 @@ The pose and the emission of a stage's own lights become a LightMotion of the sc
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+
 import numpy as np
 from numpy.typing import NDArray
 from pxr import Gf, Usd, UsdGeom
@@ -87,19 +89,25 @@ def light_track(
 
 
 def mesh_emission_over_time(
-    reader: LightReader, prim: Usd.Prim, area: float, report: StageReport
+    reader: LightReader, prim: Usd.Prim, area: float, areas: Mapping[float, float], report: StageReport
 ) -> list[tuple[float, Color]]:
-    """Return the radiance of a mesh light at the time codes at which its inputs are authored; empty if it is constant.
+    """Return the radiance of a mesh light at the time codes at which it is authored; empty if it is constant.
 
     Args:
         reader: reads lights.
         prim: a gprim with MeshLightAPI.
         area: of its triangles, stage units squared.
+        areas: the same by time code, ascending, if the radiance depends on it and it varies.
         report: says whether the stage plays.
     """
     if not report.reads_animation:
         return []
     authored = [each for each in prim.GetAuthoredAttributes() if each.GetName().startswith("inputs:")]
     times = {time for each in authored if is_time_varying(each) for time in value_times(each)}
-    read = [(time, reader.at(Usd.TimeCode(time)).mesh_emission(prim, area)) for time in dense_times(times)]
-    return [(time, color) for time, color in read if color is not None]
+    result = []
+    for time in dense_times({*times, *areas}):
+        now = float(np.interp(time, list(areas), list(areas.values()))) if areas else area
+        color = reader.at(Usd.TimeCode(time)).mesh_emission(prim, now) if now > 0.0 else None
+        if color is not None:
+            result.append((time, color))
+    return result

@@ -72,7 +72,7 @@ class Profile:
         mean = self.intensity(np.degrees(down), np.arange(COLUMNS) * (360.0 / COLUMNS)).mean(axis=1)
         return float((mean * np.sin(down)).sum() * step * 2.0 * math.pi)
 
-    def image(self, angle_scale: float, normalize: bool) -> FloatArray:
+    def image(self, angle_scale: float, normalize: bool, *, mirrored: bool = False) -> FloatArray:
         """Return the profile as an image [h, w, 4] of factors of radiance.
 
         Rows are angles from the axis, 0 to 180 degrees; columns angles about it, 0 to 360 degrees.
@@ -80,7 +80,9 @@ class Profile:
         Args:
             angle_scale: UsdLux's shaping:ies:angleScale. Positive values stretch the profile from its axis by that
                 factor, negative ones from the opposite direction; 0 leaves it.
-            normalize: whether to divide by the profile's power (shaping:ies:normalize).
+            normalize: whether to divide by the profile's mean (shaping:ies:normalize): over all directions, or over a
+                hemisphere for profiles that span no more.
+            mirrored: whether the x axis, from which angles about the axis are measured, is flipped.
         """
         down = (np.arange(ROWS) + 0.5) * (180.0 / ROWS)
         if angle_scale > 0.0:
@@ -88,10 +90,11 @@ class Profile:
         elif angle_scale < 0.0:
             down = np.clip((down - 180.0) / -angle_scale + 180.0, 0.0, 180.0)
         columns = 1 if len(self.horizontal) == 1 else COLUMNS
-        values = self.intensity(down, (np.arange(columns) + 0.5) * (360.0 / columns))
-        power = self.power()
-        if normalize and power > 0.0:
-            values = values / power
+        around = (np.arange(columns) + 0.5) * (360.0 / columns)
+        values = self.intensity(down, 180.0 - around if mirrored else around)
+        mean = self.power() / ((4.0 if np.ptp(self.vertical) > 90.0 else 2.0) * math.pi)
+        if normalize and mean > 0.0:
+            values = values / mean
         return np.repeat(values[:, :, None], 4, axis=2).astype(np.float32)
 
 

@@ -31,12 +31,13 @@ from tiscene.scene.description import (
 )
 from tiscene.scene.lights.light_kinds import UsdLightInputs, usd_reader
 from tiscene.usd.core.report import StageReport
-from tiscene.usd.core.transform import is_sheared, scale_along, to_matrix, unscaled
+from tiscene.usd.core.transform import is_sheared, scale_along, to_matrix, unmirrored, unscaled
 from tiscene.usd.lights.light_linking import links_of
 from tiscene.usd.lights.shaping import is_seen_by_camera, light_input, read_shaping, report_unsupported
 from tiscene.usd.materials.texture import TextureTable
 
 EMISSION = ("intensity", "exposure", "color", "colorTemperature")  # inputs that may be animated
+_WRAPS = {"RectLight": ("clamp", "clamp"), "DomeLight": ("repeat", "clamp"), "DomeLight_1": ("repeat", "clamp")}
 _POINT_RADIUS = 0.001  # m; radius of spheres and cylinders treated as points and lines
 _Y_TO_Z = np.array([[1.0, 0, 0, 0], [0, 0, -1, 0], [0, 1, 0, 0], [0, 0, 0, 1]])  # +y to +z, +z to -y
 
@@ -89,7 +90,8 @@ class LightReader:
         if emission is None or not (any(emission) or self._is_animated(prim)):
             return
         report_unsupported(prim, self._time, self._report)
-        pose = unscaled(world_from_prim)
+        mirrored = self._is_mirrored(prim, world_from_prim)
+        pose = unscaled(unmirrored(world_from_prim) if mirrored else world_from_prim)
         if pose is None:
             self._report.problem(path, "light", "its transform is singular or not finite")
             return
@@ -109,12 +111,18 @@ class LightReader:
         if reader is None:
             self._report.omission(path, f"lights of type {kind or 'LightAPI'} are not supported")
             return
-        light, controls = reader(prim, pose, emission, scale), self._controls(prim)
+        light = reader(prim, pose, emission, scale)
+        controls = None if light is None else self._controls(prim, mirrored)
         if light is not None and controls is not None:
             self.lights.append(dataclasses.replace(light, **controls))
 
-    def _controls(self, prim: Usd.Prim) -> dict[str, Any] | None:
-        """Read the controls common to all types: diffuse and specular multipliers, shaping, shadows.
+    def _is_mirrored(self, prim: Usd.Prim, matrix: Matrix) -> bool:
+        """Return whether a transform mirrors a light's texture or IES profile; other lights look the same mirrored."""
+        files = (self._input(prim, name, None) for name in ("texture:file", "shaping:ies:file"))
+        return any(getattr(each, "path", "") for each in files) and bool(np.linalg.det(matrix[:3, :3]) < 0.0)
+
+    def _controls(self, prim: Usd.Prim, mirrored: bool) -> dict[str, Any] | None:
+        """Read the controls common to all types: diffuse and specular multipliers, texture, shaping, shadows.
 
         None, with a problem reported, for multipliers that are negative or not finite.
         """
@@ -124,9 +132,10 @@ class LightReader:
             self._report.problem(prim.GetPath(), "light", text)
             return None
         shadows = not prim.HasAPI(UsdLux.ShadowAPI) or bool(self._input(prim, "shadow:enable", True))
-        shaping = read_shaping(prim, self._time, self._textures, self._report)
+        texture = {"texture": self._texture(prim, mirrored)} if prim.GetTypeName() in _WRAPS else {}
+        shaping = read_shaping(prim, self._time, self._textures, self._report, mirrored=mirrored)
         links = links_of(self._report)
-        controls: dict[str, Any] = {} if links is None else dict(links.of_light(prim))
+        controls: dict[str, Any] = texture if links is None else texture | links.of_light(prim)
         controls |= {"diffuse": diffuse, "specular": specular, "shaping": shaping, "casts_shadows": shadows}
         return controls | {"seen_by_camera": is_seen_by_camera(prim, self._time)}
 
@@ -190,9 +199,8 @@ class LightReader:
         radiance = self._normalized(prim, emission, width * height)
         if radiance is None:
             return None
-        texture = self._texture(prim, "clamp", "clamp")
         size = (width * self._meters, height * self._meters)
-        return RectLight(prim.GetName(), str(prim.GetPath()), pose, radiance, *size, texture)
+        return RectLight(prim.GetName(), str(prim.GetPath()), pose, radiance, *size)
 
     def _disk(self, prim: Usd.Prim, pose: NDArray[np.float64], emission: Color, scale: list[float]) -> Light | None:
         radius = self._size(prim, "radius", 0.5) * self._mean_scale(prim, scale[:2])
@@ -258,8 +266,7 @@ class LightReader:
             pole = prim.GetAttribute("poleAxis").Get(self._time) or "scene"
             if pole == "Z" or (pole == "scene" and self._up_axis == "Z"):
                 pose = pose @ _Y_TO_Z
-        texture = self._texture(prim, "repeat", "clamp")
-        return DomeLight(prim.GetName(), str(prim.GetPath()), pose, emission, texture, self._portals(prim))
+        return DomeLight(prim.GetName(), str(prim.GetPath()), pose, emission, portals=self._portals(prim))
 
     def _portals(self, dome: Usd.Prim) -> tuple[Portal, ...]:
         """Read the PortalLights that a dome's `portals` relationship targets."""
@@ -311,7 +318,7 @@ class LightReader:
             self._report.omission(prim.GetPath(), "a round light's uneven scale is averaged")
         return sum(scale) / len(scale)
 
-    def _texture(self, prim: Usd.Prim, wrap_s: str, wrap_t: str) -> int | None:
+    def _texture(self, prim: Usd.Prim, mirrored: bool) -> int | None:
         """Return the row of a light's texture; None if it has none or, with a report, none that can be read."""
         attribute = prim.GetAttribute("inputs:texture:file")
         if not attribute.HasAuthoredValue():
@@ -319,7 +326,8 @@ class LightReader:
         asset = attribute.Get(self._time) if attribute else None
         if asset is None or not asset.path:
             return None
-        return self._textures.add(attribute, asset, "auto", wrap_s, wrap_t, "the light is rendered without it")
+        wraps, instead = _WRAPS[str(prim.GetTypeName())], "the light is rendered without it"
+        return self._textures.add(attribute, asset, "auto", *wraps, instead, mirrored=mirrored)
 
     def _input(self, prim: Usd.Prim, name: str, default: Any) -> Any:
         return light_input(prim, name, self._time, default)
@@ -332,13 +340,13 @@ class LightReader:
 
 
 def color_of_temperature(kelvin: float) -> NDArray[np.float64]:
-    """Return the linear Rec. 709 color of a black body, as UsdLux's colorTemperature defines it.
+    """Return the linear Rec. 709 color of a black body: UsdLux's, relative to that of 6500 K, which is white here.
 
     Args:
         kelvin: temperature; clamped to 1000..10000.
 
     Returns:
-        float64 [3] of luminance 1; white at 6500 K.
+        float64 [3] of luminance 1.
     """
     clamped = min(max(kelvin, 1000.0), 10000.0)
     color = np.array(UsdLux.BlackbodyTemperatureAsRgb(clamped)) / np.array(UsdLux.BlackbodyTemperatureAsRgb(6500.0))

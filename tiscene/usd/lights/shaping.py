@@ -50,8 +50,18 @@ def light_input(prim: Usd.Prim, name: str, time: Usd.TimeCode, default: Any) -> 
     return default if value is None else value
 
 
-def read_shaping(prim: Usd.Prim, time: Usd.TimeCode, textures: TextureTable, report: StageReport) -> Shaping | None:
-    """Read the shaping of a light; None if it has no effect. An IES profile becomes a row of `textures`."""
+def read_shaping(
+    prim: Usd.Prim, time: Usd.TimeCode, textures: TextureTable, report: StageReport, *, mirrored: bool = False
+) -> Shaping | None:
+    """Read the shaping of a light; None if it has no effect.
+
+    Args:
+        prim: the light.
+        time: when to evaluate attributes.
+        textures: an IES profile becomes one of its rows.
+        report: collects problems and omissions.
+        mirrored: whether the light's x axis is flipped.
+    """
     if not prim.HasAPI(UsdLux.ShapingAPI):
         return None
     angle, softness, focus = (
@@ -62,7 +72,7 @@ def read_shaping(prim: Usd.Prim, time: Usd.TimeCode, textures: TextureTable, rep
     if not all(math.isfinite(number) for number in (angle, softness, focus, *tint)) or len(tint) != 3:
         report.problem(prim.GetPath(), "shaping", "it has values that are not finite numbers")
         return None
-    profile = _profile(prim, time, textures, report)
+    profile = _profile(prim, time, textures, report, mirrored)
     full_angle = 90.0 if prim.GetTypeName() in _ONE_SIDED_TYPES else 180.0
     if prim.GetTypeName() in _UNSHAPED_TYPES or (
         profile is None and focus <= 0.0 and angle >= full_angle and (softness <= 0.0 or angle > 180.0)
@@ -77,7 +87,9 @@ def read_shaping(prim: Usd.Prim, time: Usd.TimeCode, textures: TextureTable, rep
     )
 
 
-def _profile(prim: Usd.Prim, time: Usd.TimeCode, textures: TextureTable, report: StageReport) -> int | None:
+def _profile(
+    prim: Usd.Prim, time: Usd.TimeCode, textures: TextureTable, report: StageReport, mirrored: bool
+) -> int | None:
     """Return the texture row of a light's IES profile; None if it has none or it cannot be read (reported)."""
     asset = light_input(prim, "shaping:ies:file", time, None)
     if not isinstance(asset, Sdf.AssetPath) or not asset.path:
@@ -95,8 +107,8 @@ def _profile(prim: Usd.Prim, time: Usd.TimeCode, textures: TextureTable, report:
         text = f"IES profile @{asset.path}@ cannot be read ({error}); the light is rendered without it"
         report.omission(prim.GetPath(), text)
         return None
-    key = f"{asset.resolvedPath} {scale} {normalize}"
-    image = profile.image(scale, normalize)
+    key = f"{asset.resolvedPath} {scale} {normalize} {mirrored}"
+    image = profile.image(scale, normalize, mirrored=mirrored)
     return textures.add_image(key, Path(asset.path).name, image, "raw", ("repeat", "clamp"))
 
 

@@ -76,6 +76,17 @@ class ExtendedSurface:
             *(base.of_width(3), below, weight),
         )
 
+    def emission_above_coat(self, emission: Signal) -> Signal:
+        """Return the light that a coat of standard_surface or OpenPBR lets out, as at normal incidence."""
+        names, values = self._names, self._values
+        dark = emission.constant is not None and not emission.constant.any()
+        if dark or names.coat_color is None or names.coat_ior is None or not self._differs(names.coat, 0.0):
+            return emission
+        ior = self._coat_ior()
+        passing = 1.0 - ((ior - 1.0) / (ior + 1.0)) ** 2
+        color, weight = values.required(names.coat_color).of_width(3), values.required(names.coat).of_width(1)
+        return values.product(self._apply(lambda a, b: 1.0 + b * (passing * a - 1.0), color, weight), emission)
+
     def ior_below_coat(self, ior: float) -> float:
         """Return the index of refraction of the base: below OpenPBR's coat, relative to the coat's, and 1 or more.
 

@@ -25,6 +25,7 @@ Image = NDArray[np.float32]
 _MAX_SIZE = 2048  # px, of a side of a computed image
 _DEFAULT_SIZE = 512  # px, of images computed from texture coordinates alone
 _CHANNELS = ("r", "g", "b", "a")
+_GRAY = 0.02  # largest difference between the components of what counts as gray
 
 
 @dataclass(frozen=True)
@@ -207,6 +208,11 @@ class Baker:
             return np.full((1, 1, signal.width), 0.5, np.float32)  # vertex colors vary over no texture
         values = _linear(self._textures.textures[signal.row])[..., list(signal.channels)]
         return np.asarray(values * signal.scale.astype(np.float32) + signal.bias.astype(np.float32))
+
+    def is_gray(self, signal: Signal) -> bool:
+        """Return whether the components of a signal are equal everywhere, but for the errors of compressed images."""
+        values = signal.constant if signal.constant is not None else self._pixels(signal)
+        return float(np.abs(values - values[..., :1]).max(initial=0.0)) <= _GRAY
 
     def mean(self, signal: Signal) -> Floats:
         """Return the mean of a signal over its texels, [c]."""

@@ -11,12 +11,13 @@ from typing import Literal
 import numpy as np
 from pxr import UsdShade
 
+from tiscene.scene.color import LUMINANCE
 from tiscene.scene.description import FloatInput, Material, TextureLookup
 from tiscene.usd.materials.materialx_inputs import SurfaceInputs
 from tiscene.usd.materials.materialx_lobes import ExtendedSurface
 from tiscene.usd.materials.materialx_models import MODELS, ExtendedModel
 from tiscene.usd.materials.materialx_network import category_of
-from tiscene.usd.materials.materialx_signal import Signal
+from tiscene.usd.materials.materialx_signal import Signal, number
 
 
 class MaterialXSurface:
@@ -54,6 +55,8 @@ class MaterialXSurface:
         else:
             color = self._with_subsurface(color)
         emissive = self._values.product(self._values.signal(model.emission), self._values.required(model.emissive))
+        if self._extended is not None:
+            emissive = self._extended.emission_above_coat(emissive)
         opacity, mode = self._opacity()
         self._report_unsupported()
         return Material(
@@ -87,11 +90,11 @@ class MaterialXSurface:
     def _opacity(self) -> tuple[FloatInput, Literal["transparent", "presence", "transmission"]]:
         """Return the opacity: presence of the surface, else what is not transmitted."""
         presence = self._values.required(self._model.opacity)
-        if presence.width > 1:  # a color: the renderer has one opacity for all of them
-            equal = presence.channels in ((0, 1, 2), (0, 0, 0)) or presence.constant is not None
-            presence = (
-                presence.select([0]) if equal else self._baker.apply(lambda a: a.mean(-1, keepdims=True), presence)
-            )
+        if self._model.opacity[0] == "alpha" and self._values.number("alpha_mode", 0.0) == 0.0:  # of gltf_pbr: opaque
+            presence = number(1.0)
+        if presence.width > 1:  # a color; its luminance, as in MaterialX's graphs
+            is_gray, color = self._baker.is_gray(presence), presence.of_width(3)
+            presence = color.select([0]) if is_gray else self._baker.apply(lambda a: a @ LUMINANCE[:, None], color)
         textured = self._values.signal(self._model.transmission)
         if textured is not None and textured.constant is None and presence.constant is not None:
             if presence.constant[0] < 1.0:
@@ -106,8 +109,6 @@ class MaterialXSurface:
         mode: Literal["transparent", "presence"] = "presence"
         if self._model.transmission is None:  # UsdPreviewSurface: opacity is transmission unless it says otherwise
             mode = "presence" if self._token("opacityMode") == "presence" else "transparent"
-        if self._values.number("alpha_mode", 2.0) == 0.0:  # of gltf_pbr: opaque
-            return 1.0, "transparent"
         return self._values.float_input(presence, "opacity"), mode
 
     def _threshold(self) -> float:

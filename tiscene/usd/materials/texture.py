@@ -57,6 +57,8 @@ class TextureTable:
         wrap_s: str,
         wrap_t: str,
         instead: str = _FALLBACK,
+        *,
+        mirrored: bool = False,
     ) -> int | None:
         """Read the texture that an attribute names.
 
@@ -68,6 +70,7 @@ class TextureTable:
                 wrap metadata, which is not read.
             wrap_t: the same for wrapT.
             instead: what is used if the file cannot be read, for the message.
+            mirrored: whether left and right of the image are exchanged.
 
         Returns:
             The row of the texture; None, which is reported, if the file is missing or cannot be read.
@@ -82,8 +85,10 @@ class TextureTable:
         picture = self._read(path, prim_path, instead)
         if picture is None:
             return None
-        encoding = self._encoding(color_space, picture, prim_path)
-        return self._row(path, picture, encoding, (self._wrap(wrap_s, prim_path), self._wrap(wrap_t, prim_path)))
+        encoding, name = self._encoding(color_space, picture, prim_path), Path(split_package(path)[-1]).name
+        if mirrored:
+            path, picture = f"{path} mirrored", ImageData(picture.pixels[:, ::-1], picture.srgb)
+        return self._row(path, picture, encoding, (self._wrap(wrap_s, prim_path), self._wrap(wrap_t, prim_path)), name)
 
     def add_udim(
         self, attribute: Usd.Attribute, asset: Sdf.AssetPath, color_space: str, fallback: tuple[float, ...]
@@ -148,15 +153,15 @@ class TextureTable:
             color_space = "auto"
         return "srgb" if (picture.srgb if color_space == "auto" else color_space == "sRGB") else "raw"
 
-    def _row(self, path: str, picture: ImageData, encoding: Encoding, wraps: tuple[Wrap, Wrap], name: str = "") -> int:
+    def _row(self, path: str, picture: ImageData, encoding: Encoding, wraps: tuple[Wrap, Wrap], name: str) -> int:
         """Return the row of an image with this encoding and these wrap modes; append it if it is new."""
         key = (path, encoding, *wraps)
         if key not in self._rows:
             self._rows[key] = len(self.textures)
-            pixels = picture.pixels
+            pixels: Any = np.ascontiguousarray(picture.pixels)
             if encoding == "srgb" and pixels.dtype != np.uint8:  # the renderer decodes sRGB of 8-bit textures only
                 pixels, encoding = _decode_srgb(np.asarray(pixels, np.float32)), "raw"
-            self.textures.append(Texture(name or Path(split_package(path)[-1]).name, pixels, encoding, *wraps))
+            self.textures.append(Texture(name, pixels, encoding, *wraps))
         return self._rows[key]
 
     def _read(self, path: str, prim_path: Any, instead: str = _FALLBACK) -> ImageData | None:

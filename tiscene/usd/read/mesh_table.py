@@ -130,12 +130,19 @@ class MeshTable:
         names = tuple(subset.GetPrim().GetName() for subset, _ in found)
         return (*names, "") if (part_of_face == len(found)).any() else names, part_of_face
 
-    def area(self, prim: Usd.Prim, matrix: Matrix) -> float:
-        """Return the total area of a gprim's triangles, transformed by a 3x3 matrix, in squared stage units."""
+    def area(self, prim: Usd.Prim, matrix: Matrix, time: float | None = None) -> float:
+        """Return the total area of a gprim's triangles, in squared stage units.
+
+        Args:
+            prim: the gprim.
+            matrix: 3x3 by which they are transformed.
+            time: time code of their positions; None: as they are read.
+        """
         surface = self._surface(prim, (Binding(-1),), [])
         if surface is None:
             return 0.0
-        a, b, c = (surface.positions[surface.triangles[:, corner]].astype(np.float64) @ matrix.T for corner in range(3))
+        positions = surface.positions if time is None else surface.positions_at(time)
+        a, b, c = (positions[surface.triangles[:, corner]].astype(np.float64) @ matrix.T for corner in range(3))
         return float(np.linalg.norm(cross(b - a, c - a), axis=1).sum() / 2.0)
 
     def _subsets(self, prim: Usd.Prim, whole: Binding) -> Subsets:
@@ -183,7 +190,7 @@ class MeshTable:
             else:
                 read = _READERS[str(prim.GetTypeName())]
                 if prim.IsA(UsdGeom.BasisCurves):
-                    read = partial(read_curves, names=wanted[0])
+                    read = partial(read_curves, names=wanted[0], before={})
                 surface = read(prim, self._time, self._report)
                 if times and surface is not None:
                     surface = with_shape_samples(prim, surface, times, self._report, read)

@@ -20,6 +20,8 @@ from tiscene.usd.core.report import UNDRAWN, StageReport
 from tiscene.usd.core.semantics import direct_label, is_component, is_object_instance, taxonomies_of
 from tiscene.usd.core.time_samples import TransformSamples
 from tiscene.usd.core.transform import is_singular, range_fault, to_matrix
+from tiscene.usd.core.value_times import dense_times, is_time_varying
+from tiscene.usd.geometry.deforming import shape_times
 from tiscene.usd.geometry.skinning import why_unskinned
 from tiscene.usd.lights.animated_light import mesh_emission_over_time
 from tiscene.usd.lights.light import LightReader, is_light, is_light_only
@@ -211,8 +213,20 @@ class StageReader(PointInstancerReader):
         area = self._meshes.area(prim, matrix[:3, :3])
         emission = self._lights.mesh_emission(prim, area) if area > 0.0 else None
         if emission is not None:
-            over_time = mesh_emission_over_time(self._lights, prim, area, self._report)
+            over_time = mesh_emission_over_time(self._lights, prim, area, self._areas(prim, here), self._report)
             self._read_gprim(prim, here, self._materials.emitter(prim, emission, over_time))
+
+    def _areas(self, prim: Usd.Prim, here: TraversalContext) -> dict[float, float]:
+        """Return the area of a mesh light by time code, ascending; empty if it is constant or does not matter."""
+        normalize = UsdLux.LightAPI(prim).GetNormalizeAttr()
+        if not (normalize.Get(self._time) or is_time_varying(normalize)):
+            return {}
+        areas = {}
+        for time in dense_times((*here.animated.times(), *shape_times(prim, self._report))):
+            world = to_matrix(here.animated.world(Usd.TimeCode(time), here.world), self._meters)
+            areas[time] = self._meshes.area(prim, world[:3, :3], time)
+        largest = max(areas.values(), default=0.0)
+        return areas if largest - min(areas.values(), default=0.0) > 1e-5 * largest else {}
 
     def _read_gprim(self, prim: Usd.Prim, here: TraversalContext, emitter: Binding | None = None) -> None:
         mesh = self._meshes.row(prim, emitter)
