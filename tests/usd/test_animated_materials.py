@@ -11,6 +11,7 @@ import pytest
 import tiscene as ts
 from tests.usd.animated_stages import RANGE, SQUARE, stream
 from tests.usd.helpers import preview_material, read, write
+from tiscene.render.view import View
 
 PAINTED = """
 def Mesh "Wall" (
@@ -135,6 +136,42 @@ def test_amodal_pixels_follow_animated_opacity(tmp_path):
     rows = [frame.objects.by_name("Wall") for frame in stream(path, buffers=("instance",), frames=4)]
     assert [row.amodal_mask.sum() for row in rows] == [row.visible_pixels for row in rows]
     assert [row.visible_pixels > 0 for row in rows] == [True, True, True, False]
+
+
+APPEARS = "timeSamples = { 0: 0, 3: 0, 4: 1, 6: 1, 7: 0 }"
+BACK = f'def Mesh "Back"\n{{\n{SQUARE}\ndouble3 xformOp:translate = (0, 0, -2)\n'
+BACK += 'uniform token[] xformOpOrder = ["xformOp:translate"]\n}\n'
+CARDS = {
+    "threshold": PAINTED % (SQUARE, f"float inputs:opacityThreshold = 0.5\n float inputs:opacity.{APPEARS}"),
+    "color": f'def Mesh "Wall"\n{{\n{SQUARE}\nfloat[] primvars:displayOpacity.{APPEARS}\n}}\n'.replace(
+        APPEARS, APPEARS.replace(": 0", ": [0]").replace(": 1", ": [1]")
+    ),
+}
+
+
+@pytest.mark.parametrize("behind", ["", BACK])
+@pytest.mark.parametrize("card", CARDS)
+def test_occlusion_follows_animated_opacity(tmp_path, card, behind):
+    """A card is there at frames 4 to 6. It hides what is behind it, and is itself not visible before and after."""
+    path = write(tmp_path, CARDS[card] + behind, more=RANGE)
+    with stream(path, buffers=("instance", "forward_occlusion", "backward_occlusion"), frames=9) as frames:
+        for frame in frames:
+            k, seen = frame.index, frame.instance > 0
+            assert seen.all() == (bool(behind) or 4 <= k <= 6)
+            assert (frame.forward_occlusion == (not seen.any() or k in (3, 6))).all(), k
+            assert (frame.backward_occlusion == (not seen.any() or k in (4, 7))).all(), k
+
+
+@pytest.mark.parametrize("card", CARDS)
+def test_points_are_occluded_while_their_surface_is_transparent(tmp_path, card):
+    path = write(tmp_path, CARDS[card] + BACK, more=RANGE)
+    with stream(path, buffers=("instance",)) as frames:
+        states = {k: frames.world.state(k) for k in (4, 5, 8)}
+        views = {k: View(*state.cameras[0], width=16, height=12) for k, state in states.items()}
+        points = frames.surface_points(states[4].placement, views[4], np.arange(4, 8), np.full(4, 6))
+        hidden = {k: frames.follow(points, states[k].placement, views[k])[1] for k in (5, 8)}
+    assert not hidden[5].any()
+    assert hidden[8].all()
 
 
 FLOOR = """

@@ -179,6 +179,7 @@ class MaterialTable:
         self._label_of_row: list[int] = []
         self._label_array: Any = None
         self._first_texture: list[int] = []
+        self._opacity_tracks: dict[int, InputTrack] = {}  # by row
         self._arrays: MaterialArrays | None = None
 
     def __len__(self) -> int:
@@ -198,6 +199,8 @@ class MaterialTable:
             if (track := track_of.get(place)) is not None:
                 for sample in range(len(track.times)):
                     possible |= flags_of(track.applied(material, (sample, 0.0)))
+                if possible & COVERAGE and (track.values("opacity") or track.values("opacity_threshold")):
+                    self._opacity_tracks[len(self.materials)] = track
             self.materials.append(material)
             self.flags.append(flags)
             self.possible_flags |= possible
@@ -229,6 +232,11 @@ class MaterialTable:
         return any(self.may_pass)
 
     @property
+    def varies_coverage(self) -> bool:
+        """Whether coverage of some material varies over time, so that rays of labels pass it at some times only."""
+        return bool(self._opacity_tracks)
+
+    @property
     def any_extended(self) -> bool:
         """Whether some material ever has extended lobes."""
         return self.possible_flags & EXTENDED != 0
@@ -243,6 +251,21 @@ class MaterialTable:
         if self._arrays is None:
             self._arrays = self._upload()
         return self._arrays
+
+    def arrays_at(self, seconds: float) -> MaterialArrays:
+        """Return the device arrays with the materials whose coverage varies as they are at a time (s)."""
+        here = [(row, self.materials[row]) for row in self._opacity_tracks]
+        tracks = self._opacity_tracks.values()
+        then = [(row, each.applied(a, each.moment(seconds))) for (row, a), each in zip(here, tracks, strict=True)]
+        arrays = self.arrays()
+        if then == here:
+            return arrays
+        try:
+            self.place(then)
+            return self._upload()
+        finally:
+            self.place(here)
+            self._arrays = arrays
 
     def label_of_row(self) -> Any:
         """Return the number in `labels` of each row, i32 [n], on the device."""

@@ -9,6 +9,7 @@ import math
 import numpy as np
 import pytest
 
+from tests.usd.animated_stages import RANGE
 from tests.usd.helpers import area, facing, problems_of, read, read_with_warning, volume
 
 STRAIGHT = """
@@ -274,6 +275,40 @@ def test_bent_lines_have_their_width_along_all_of_each_segment(tmp_path, name, w
             on_it = (np.abs(np.linalg.norm(off, axis=-1) - 0.05) < 1e-6).all(axis=1)
             whole = 0.1 if normals else 0.8 * math.sin(math.pi / 8.0)  # an octagon's circumference
             assert areas[on_it].sum() > 0.95 * whole * length
+
+
+def swinging(ends, more=""):
+    """A line from the origin, or from elsewhere, to an end at each of some time codes."""
+    samples = ", ".join(f"{code}: [{tuple(start)}, {tuple(end)}]" for code, (start, end) in ends.items())
+    return (LINES % ("nonperiodic", 2, "[]", more)).replace("points = []", f"points.timeSamples = {{ {samples} }}")
+
+
+@pytest.mark.parametrize("is_ribbon", [False, True])
+def test_curves_keep_their_width_where_they_turn_between_samples(tmp_path, is_ribbon):
+    upward = "[(0, 1, 0), (0, 1, 0)]"
+    normals = f"normal3f[] normals.timeSamples = {{ 0: {upward}, 10: {upward.replace('1', '2')} }}" if is_ribbon else ""
+    body = swinging({0: ((0, 0, 0), (1, 0.2, 0)), 10: ((0, 0, 0), (0, 0.2, 1))}, normals)
+    (mesh,) = read(tmp_path, body, more=RANGE).meshes
+    for t in (0.0, 0.3, 0.45, 1.0):
+        axis = np.array((1.0 - t, 0.2, t)) / np.linalg.norm((1.0 - t, 0.2, t))
+        points = mesh.deformation.at(t)[0]
+        radii = np.linalg.norm(points - np.outer(points @ axis, axis), axis=1)
+        np.testing.assert_allclose(radii, 0.05, rtol=1e-2)
+
+
+@pytest.mark.parametrize(("end", "samples"), [((2, 3, 0), 2), ((1, 3.2, 0), 5)])
+def test_curves_have_only_as_many_samples_as_they_turn(tmp_path, end, samples):
+    """Not one at each of many time codes: 11° in 8000 of them are four steps."""
+    body = swinging({0: ((0, 0, 0), (1, 0, 0)), 8000: ((0, 3, 0), end)})
+    assert len(read(tmp_path, body, more=RANGE).meshes[0].deformation.times) == samples
+
+
+def test_sides_of_tubes_do_not_jump_from_sample_to_sample(tmp_path):
+    """The first side is across the axis that the curve follows least, which is another one after a turn of 45°."""
+    ends = {k: ((0, 0, 0), (math.cos(0.1 * k), 0.9, math.sin(0.1 * k))) for k in range(11)}
+    (mesh,) = read(tmp_path, swinging(ends), more=RANGE).meshes
+    steps = np.linalg.norm(np.diff(mesh.deformation.positions, axis=0), axis=2)
+    assert steps.max() < 0.1 + 0.05 * 0.1
 
 
 def test_spheres_of_points_are_finer_the_fewer_they_are(tmp_path):

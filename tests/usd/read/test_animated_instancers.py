@@ -81,6 +81,15 @@ def test_velocities_extrapolate_points_until_the_next_sample(tmp_path):
     assert placed(track, 0.4)[1] == [True, True]
 
 
+def test_velocities_that_do_not_lead_to_the_next_sample_carry_points_until_it(tmp_path):
+    more = "vector3f[] velocities.timeSamples = { 0: [(0, 10, 0)], 4: [(0, 10, 0)], 8: [(0, 10, 0)] }"
+    positions = ".timeSamples = { 0: [(0, 0, 0)], 4: [(0, 0, 0)], 8: [(0, 4, 0)] }"
+    (track,) = read_stage(write(tmp_path, SCATTER % (" = [0]", positions, more), more=RANGE)).tracks
+    assert placed(track, 0.39)[0][0] == pytest.approx([0, 3.9, 0])
+    assert placed(track, 0.4)[0][0] == pytest.approx([0, 0, 0])
+    assert len(track.times) == 11 + 1  # none before the sample at 8, which they lead to
+
+
 @pytest.mark.parametrize(
     ("samples", "more"),
     [

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Animated objects of a stage as scenario data: transforms as keyframes, visibility as a lifespan.
+"""Animated objects of a stage as scenario data: transforms as keyframes, visibility of listed ones as a lifespan.
 
-Time samples of whole objects and of cameras play through the scenario, as if a user had given them a `Keyframes`
-trajectory. Animation of parts within an object is read by `time_samples` instead.
+Transforms of whole objects and of cameras play through the scenario, as if a user had given them a `Keyframes`
+trajectory. All other animation of objects is read by `time_samples` instead.
 """
 
 from __future__ import annotations
@@ -46,12 +46,12 @@ def sample_times(prim: Usd.Prim) -> list[float]:
 
 
 def plays_in_parts(prim: Usd.Prim) -> bool:
-    """Return whether a prim's time samples are neither a rigid trajectory of the whole prim nor one lifespan.
+    """Return whether a prim's time samples are more than a rigid trajectory of the whole prim.
 
-    Its scale or shear changes, `!resetXformStack!` keeps parts of it in place, or it is hidden and shown again. It is
-    played by the transforms and the presence of its parts.
+    Its scale or shear changes, `!resetXformStack!` keeps parts of it in place, or it is hidden or shown: lifespans
+    count frames, whose rate is not that of the stage. It is played by the transforms and the presence of its parts.
     """
-    if sum(visible for _, visible in _visibility_changes(prim)) > 1:
+    if len(_visibility_changes(prim)) > 1:
         return True
     times = sample_times(prim)
     if len(times) < 2:
@@ -87,7 +87,7 @@ def _visibility_changes(prim: Usd.Prim) -> list[tuple[float, bool]]:
 def read_lifespan(prim: Usd.Prim, report: StageReport) -> tuple[int, int | None] | None:
     """Return the first and last frame at which a prim is visible, from the samples of its own visibility.
 
-    Frames are time codes counted from the start of the stage's range: the stage is played at its own rate.
+    Frames are time codes counted from the start of the stage's range, as `write_motion` writes them.
 
     Args:
         prim: an imageable prim.

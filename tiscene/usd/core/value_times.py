@@ -15,7 +15,7 @@ from typing import Any
 from pxr import Usd, UsdGeom
 
 MAX_TIMES = 10_000  # longest range of time codes that is sampled at every whole time code
-_JUMP = Usd.TimeCode.SafeStep()  # from the last time before a jump to the jump
+JUMP = Usd.TimeCode.SafeStep()  # from the last time before a jump to the jump
 
 
 def value_times(attribute: Usd.Attribute) -> list[float]:
@@ -35,7 +35,7 @@ def value_times(attribute: Usd.Attribute) -> list[float]:
         times = dense_times((*knots, stage.GetStartTimeCode(), stage.GetEndTimeCode()))
     else:
         return list(times)
-    return sorted({*times, *(time - _JUMP for time in jumps)})
+    return sorted({*times, *(time - JUMP for time in jumps)})
 
 
 def value_at(attribute: Usd.Attribute, time: Usd.TimeCode) -> Any:

@@ -20,7 +20,7 @@ from tiscene.usd.core.value_times import value_times
 from tiscene.usd.geometry.curve_evaluation import BASES, evaluate, evaluate_values, unused_points
 from tiscene.usd.geometry.deforming import points_at
 from tiscene.usd.geometry.primvar import COLOR, NO_PRIMVARS, OPACITY, PrimvarNames, array_of, read_colors
-from tiscene.usd.geometry.swept_curves import Strip, ribbons, tubes
+from tiscene.usd.geometry.swept_curves import Start, Strip, ribbons, tubes
 from tiscene.usd.geometry.vertex_weld import WeldedMesh
 
 Floats = NDArray[np.floating]
@@ -30,7 +30,11 @@ _MAX_FINE_TRIANGLES = 250_000  # of spheres as smooth as UsdGeomSphere, or nearl
 
 
 def read_curves(
-    prim: Usd.Prim, time: Usd.TimeCode, report: StageReport, names: PrimvarNames = NO_PRIMVARS
+    prim: Usd.Prim,
+    time: Usd.TimeCode,
+    report: StageReport,
+    names: PrimvarNames = NO_PRIMVARS,
+    before: dict[int, Start] | None = None,
 ) -> WeldedMesh | None:
     """Read curves as tubes of their widths, or as ribbons facing their normals where those are authored.
 
@@ -39,6 +43,7 @@ def read_curves(
         time: when to evaluate them.
         report: collects what is wrong, and what is not drawn.
         names: the color and opacity that their material reads per vertex.
+        before: carries where tubes start to turn from one time to the next, see `tubes`; empty at the first time.
 
     Returns:
         The mesh; None, with the reason reported, if there is nothing to draw.
@@ -104,8 +109,11 @@ def read_curves(
         return None
     sides = 8 if samples <= _MAX_FINE_SAMPLES else 4
     corners, closed = basis == "linear" and samples <= _MAX_FINE_SAMPLES, wrap == "periodic"
+    before = {} if before is None else before
     surfaces = [
-        tubes(strip, sides, corners, closed) if strip.normal is None else ribbons(strip, strip.normal, corners, closed)
+        tubes(strip, sides, corners, closed, before)
+        if strip.normal is None
+        else ribbons(strip, strip.normal, corners, closed)
         for strip in strips
     ]
     shape = curves.GetPointsAttr(), curves.GetWidthsAttr(), curves.GetNormalsAttr()

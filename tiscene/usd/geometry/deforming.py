@@ -7,8 +7,10 @@ all frames (motion vectors and incremental rendering follow it). What cannot be 
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Sequence
 from dataclasses import replace
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -25,6 +27,8 @@ from tiscene.usd.geometry.primvar import array_of
 from tiscene.usd.geometry.vertex_weld import WeldedMesh
 
 MAX_BYTES = 4 << 30  # vertices of one gprim at all times
+_MAX_TURN_BYTES = 1 << 30  # of one prim's curves with the times that turns add
+_STRAIGHT = math.cos(math.radians(5.0))  # of the largest angle between two times that is not a turn
 _SHAPE_ATTRIBUTES = (
     *("points", "normals", "primvars:normals", "widths", "size", "radius", "height", "width", "length"),
     *("radiusTop", "radiusBottom"),
@@ -131,20 +135,55 @@ def with_shape_samples(
     Args:
         prim: the gprim.
         surface: its mesh at the time that is read.
-        times: time codes of the samples.
+        times: time codes of the samples; curves get others between them, see `_with_turns`.
         report: collects why the shape cannot be played; `surface` is then returned as it is.
         read: the reader that made `surface`.
     """
-    found = [read(prim, Usd.TimeCode(time), report) for time in times]
-    samples = [each for each in found if each is not None and np.array_equal(each.triangles, surface.triangles)]
-    if len(samples) < len(times):
-        report.frozen(prim.GetPath(), f"a {prim.GetTypeName()} whose topology changes")
-        return surface
+    if prim.IsA(UsdGeom.BasisCurves):
+        times = _with_turns(UsdGeom.BasisCurves(prim), times, len(surface.positions))
+    samples = []
+    for time in times:
+        found = read(prim, Usd.TimeCode(time), report)
+        if found is None or not np.array_equal(found.triangles, surface.triangles):
+            report.frozen(prim.GetPath(), f"a {prim.GetTypeName()} whose topology changes")
+            return surface
+        samples.append(replace(found, triangles=surface.triangles, face=surface.face))  # shared: one copy of each
     normals: Any = None
     if surface.normals is not None:
         normals = np.stack([surface.normals if each.normals is None else each.normals for each in samples])
     moved = np.stack([each.positions for each in samples])
     return replace(surface, position_samples=moved, normal_samples=normals, times=times)
+
+
+def _with_turns(curves: UsdGeom.BasisCurves, times: Sequence[float], vertices: int) -> Sequence[float]:
+    """Return the time codes of curves, and whole ones between where a direction turns by more than 5° to the next.
+
+    Vertices go straight from sample to sample: where a tube turns, that makes it thinner half way, by the cosine of
+    half the angle. Times whose vertices would take more than _MAX_TURN_BYTES are returned as they are.
+    """
+    result = sorted({*times, *(time for pair in pairwise(times) for time in _times_of_turn(curves, *pair))})
+    return result if vertices * len(result) * 24 <= _MAX_TURN_BYTES else times
+
+
+def _times_of_turn(curves: UsdGeom.BasisCurves, first: float, second: float) -> list[float]:
+    """Return the whole time codes to add between two."""
+    middle = float(round((first + second) / 2.0))
+    if not first < middle < second or not _turns(curves, first, second):
+        return []
+    return [*_times_of_turn(curves, first, middle), middle, *_times_of_turn(curves, middle, second)]
+
+
+def _turns(curves: UsdGeom.BasisCurves, first: float, second: float) -> bool:
+    """Return whether the direction of a segment, or a normal, of curves turns from one time code to a second one."""
+    codes = Usd.TimeCode(first), Usd.TimeCode(second)
+    segments = [np.diff(points_at(curves, code), axis=0) for code in codes]
+    normals = [array_of(curves.GetNormalsAttr(), code, np.float32, width=3) for code in codes]
+    for a, b in (segments, normals):
+        if len(a) == len(b) > 0:
+            lengths = np.linalg.norm(a, axis=1) * np.linalg.norm(b, axis=1)
+            if (np.einsum("nk,nk->n", a, b) < _STRAIGHT * lengths).any():
+                return True
+    return False
 
 
 def deformation_of(surface: WeldedMesh, stage: Usd.Stage, meters: float) -> Deformation | None:

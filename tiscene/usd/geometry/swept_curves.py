@@ -18,6 +18,7 @@ from tiscene.usd.geometry.triangulate import cross
 from tiscene.usd.geometry.vertex_weld import WeldedMesh
 
 Floats = NDArray[np.floating]
+Start = tuple[Floats, Floats]  # unit direction of the first segment of curves, and a perpendicular of it, [c, 3] each
 _MITRE = math.cos(math.radians(45.0))  # of half the angle of the sharpest bend that is a mitred joint
 _SMOOTH = math.cos(math.radians(15.0))  # of half the angle of the sharpest bend of lines that is shaded smoothly
 
@@ -118,11 +119,13 @@ def _sections(strip: Strip, corners: bool, closed: bool) -> _Sections:
     return _Sections(sample, segment, along, plane, is_cut, (cosine >= _SMOOTH) | (not corners))
 
 
-def _frames(direction: Floats) -> tuple[Floats, Floats]:
-    """Return two unit perpendiculars of directions [c, s, 3] that turn as little as possible from each to the next."""
+def _frames(direction: Floats, start: Start | None) -> tuple[Floats, Floats]:
+    """Return two unit perpendiculars of directions [c, s, 3] that turn as little as possible from each to the next.
+
+    The first ones turn as little as possible from `start`.
+    """
     side = np.empty_like(direction)
-    across = np.eye(3)[np.argmin(np.abs(direction[:, 0]), axis=-1)]
-    before = direction[:, 0]
+    before, across = start or (direction[:, 0], np.eye(3)[np.argmin(np.abs(direction[:, 0]), axis=-1)])
     for step in range(direction.shape[1]):
         t = direction[:, step]
         turn = 1.0 + np.einsum("ck,ck->c", before, t)  # 0 if it turns back
@@ -135,10 +138,17 @@ def _frames(direction: Floats) -> tuple[Floats, Floats]:
     return side, cross(direction, side)
 
 
-def tubes(strip: Strip, sides: int, corners: bool, closed: bool) -> WeldedMesh:
-    """Make tubes with flat caps around curves; closed ones have no caps. `corners` as of `_sections`."""
+def tubes(strip: Strip, sides: int, corners: bool, closed: bool, before: dict[int, Start]) -> WeldedMesh:
+    """Make tubes with flat caps around curves; closed ones have no caps. `corners` as of `_sections`.
+
+    before: how the tubes of an earlier time start, by the first of their curves; set to that of these ones. Their sides
+    turn as little as possible from then.
+    """
     sections = _sections(strip, corners, closed)
-    side, other = (each[:, sections.segment] for each in _frames(_directions(strip.line)))
+    direction, first = _directions(strip.line), int(strip.curve_ids[0])
+    frames = _frames(direction, before.get(first))
+    before[first] = direction[:, 0], frames[0][:, 0]
+    side, other = (each[:, sections.segment] for each in frames)
     turn = 2.0 * math.pi * np.arange(sides) / sides
     outward = side[:, :, None] * np.cos(turn)[:, None] + other[:, :, None] * np.sin(turn)[:, None]
     radius = (0.5 * strip.width[:, sections.sample])[:, :, None, None]

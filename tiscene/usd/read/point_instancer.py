@@ -18,7 +18,7 @@ from tiscene.scene.description import Matrix
 from tiscene.usd.core.report import StageReport
 from tiscene.usd.core.time_samples import NOT_ANIMATED, AnimatedAncestors
 from tiscene.usd.core.transform import point_matrices, to_matrix
-from tiscene.usd.core.value_times import dense_times, value_times
+from tiscene.usd.core.value_times import JUMP, dense_times, value_times
 from tiscene.usd.geometry.primvar import array_of, outside
 
 _VELOCITIES = ("velocities", "accelerations", "angularVelocities")
@@ -127,12 +127,23 @@ def instancer_times(prim: Usd.Prim) -> list[float]:
     """Return the time codes of an instancer's samples and the whole ones between them; empty if it never changes.
 
     Where points have velocities, these are those of the stage's range as well: they carry points beyond the samples.
+    Before a sample that they do not lead to, there is a time for where they have led.
     """
     times = {time for name in _ARRAYS for time in value_times(prim.GetAttribute(name))}
-    stage = prim.GetStage()
-    if stage.HasAuthoredTimeCodeRange() and any(prim.GetAttribute(name).GetNumTimeSamples() for name in _VELOCITIES):
+    if not any(prim.GetAttribute(name).GetNumTimeSamples() for name in _VELOCITIES):
+        return dense_times(times) if len(times) > 1 else []
+    stage, jumps = prim.GetStage(), [time - JUMP for time in sorted(times)[1:] if _jumps(prim, time)]
+    if stage.HasAuthoredTimeCodeRange():
         times |= {stage.GetStartTimeCode(), stage.GetEndTimeCode()}
-    return dense_times(times) if len(times) > 1 else []
+    return sorted({*dense_times(times), *jumps}) if len(times) > 1 else []
+
+
+def _jumps(prim: Usd.Prim, sample: float) -> bool:
+    """Return whether points are elsewhere at a sample, at a time code, than velocities have led them, or others."""
+    instancer = UsdGeom.PointInstancer(prim)
+    before, after = (point_matrices(instancer, Usd.TimeCode(time)) for time in (sample - JUMP, sample))
+    close = 1e-5 * np.abs(after).max(initial=0.0)
+    return before.shape != after.shape or not np.allclose(before, after, rtol=0.0, atol=close)
 
 
 @dataclass(frozen=True, eq=False)

@@ -13,7 +13,7 @@ import taichi as ti
 from numpy.typing import NDArray
 
 from tiscene.device.argument_bundles import bundled
-from tiscene.device.kernel_types import Ints1
+from tiscene.device.kernel_types import Bytes2, Ints1
 from tiscene.device.memory import device_array
 from tiscene.device.restart import cached_on_device
 from tiscene.render.bsdfs.material_inputs import Footprint, Materials, material_at
@@ -24,7 +24,7 @@ from tiscene.render.intersect.trace import closest
 from tiscene.render.texture_lookup import Textures
 from tiscene.render.view import CubeView, View
 from tiscene.scene.device_scene import DeviceScene
-from tiscene.scene.material_table import COVERAGE, FLAGS, OPACITY, UNSEEN
+from tiscene.scene.material_table import COVERAGE, FLAGS, OPACITY, UNSEEN, MaterialArrays
 from tiscene.scene.placement import CURRENT, MOVERS
 
 OPACITY_THRESHOLD = 0.5
@@ -41,6 +41,7 @@ def first_hits(
     *,
     coherent: bool = False,
     rays_per_frame: int = 0,
+    materials: MaterialArrays | None = None,
 ) -> None:
     """Trace rays and write their hits and hit_ids, skipping alpha-rejected surfaces.
 
@@ -53,15 +54,17 @@ def first_hits(
         queue: i32 rows on the device; count: their number.
         coherent: See `closest`.
         rays_per_frame: See `closest`.
+        materials: Those of the time. None: those of CURRENT.
     """
     closest(scene, time, rays.rays, queue, count, rays.hits, rays.hit_ids, coherent, rays_per_frame)
     if not scene.materials.any_coverage:
         return
+    materials = materials or scene.materials.arrays()
     for layer in range(MAX_LAYERS):
         next_queue = rays.next_queues[layer % 2]
         count = reject_transparent_hits(
             queue, count, rays.rays, rays.hits, rays.hit_ids,
-            *geometry_of(scene), *scene.materials.arrays(), *scene.textures.arrays(),
+            *geometry_of(scene), *materials, *scene.textures.arrays(),
             CURRENT if time == MOVERS else time, next_queue, counter(),
         )  # fmt: skip
         queue = next_queue
@@ -175,3 +178,59 @@ def reject_transparent_hits(
                 rays[ray][7] -= step
                 next_queue[ti.atomic_add(next_count[0], 1)] = ray
     return next_count[0]
+
+
+def occlude_transparent_points(
+    scene: DeviceScene,
+    time: int,
+    materials: MaterialArrays,
+    points: RayArrays,
+    sight: RayArrays,
+    queue: Any,
+    count: int,
+    width: int,
+    occluded: Any,
+) -> None:
+    """Mark points of surfaces that are alpha-rejected at a time, if the coverage of some material varies.
+
+    Args:
+        scene: The scene.
+        time: PREVIOUS, CURRENT or NEXT.
+        materials: Those of the time.
+        points: The points, as hits.
+        sight: Rays from the camera of that time to the points.
+        queue: i32 rows on the device; count: their number.
+        width: Width of `occluded`.
+        occluded: Output, bool as u8 [rows / width, width].
+    """
+    if scene.materials.varies_coverage:
+        mark_transparent_points(
+            queue, count, sight.rays, points.hits, points.hit_ids,
+            *geometry_of(scene), *materials, *scene.textures.arrays(), time, width, occluded,
+        )  # fmt: skip
+
+
+@ti.kernel
+@bundled
+def mark_transparent_points(
+    queue: Ints1,
+    count: ti.i32,
+    rays: Rays,
+    hits: Hits,
+    hit_ids: HitIds,
+    geometry: Geometry,
+    materials: Materials,
+    textures: Textures,
+    time: ti.i32,
+    width: ti.i32,
+    occluded: Bytes2,
+):
+    """Write 1 for points whose surface has an opacity below OPACITY_THRESHOLD; see `occlude_transparent_points`."""
+    for i in range(count):
+        point = queue[i]
+        row = hit_ids[point][0]
+        if row >= 0 and materials.info[geometry.triangle_material[hit_ids[point][1]], FLAGS] & COVERAGE != 0:
+            direction = ray_direction(rays, point)
+            surface = surface_at(geometry, row, hit_ids[point][1], hits[point][1], hits[point][2], time, direction)
+            if material_at(materials, textures, surface, 1 << OPACITY, Footprint()).opacity < OPACITY_THRESHOLD:
+                occluded[point // width, point % width] = ti.u8(1)

@@ -19,7 +19,13 @@ from tiscene.errors import BufferNotFound
 from tiscene.frame.buffers import LABELS, times_needed
 from tiscene.render.integrators.labels import label_kernels as kernels
 from tiscene.render.integrators.labels.coverage import COVERAGES, CoverageLabels, CoverageSamples
-from tiscene.render.integrators.labels.first_hits import StaticHits, counter, first_hits, keep_nearer
+from tiscene.render.integrators.labels.first_hits import (
+    StaticHits,
+    counter,
+    first_hits,
+    keep_nearer,
+    occlude_transparent_points,
+)
 from tiscene.render.integrators.labels.label_frames import LabelFrames
 from tiscene.render.integrators.labels.label_images import Images, LabelImages
 from tiscene.render.integrators.labels.static_labels import StaticImage, StaticLabelCache, boxes_in_view, corners_of
@@ -259,9 +265,11 @@ class LabelPass:
             frames.instance_motion, frames.camera_motion, frames.cameras, frames.width, frames.height,
             other.rays, other.distance, frames.stacked,
         )  # fmt: skip
-        first_hits(scene, time, other, queue, count, rays_per_frame=frames.pixels)
+        materials = scene.materials.arrays_at(float(scene.placement.seconds[time]))
+        first_hits(scene, time, other, queue, count, rays_per_frame=frames.pixels, materials=materials)
         hits = rays.hit_ids, other.distance, other.hits, other.hit_ids
         kernels.occlusion_labels(queue, count, *hits, frames.width, occluded)
+        occlude_transparent_points(scene, time, materials, rays, other, queue, count, frames.width, occluded)
 
 
 @cached_on_device(maxsize=64)

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tiscene.render.integrators.labels import label_kernels as kernels
-from tiscene.render.integrators.labels.first_hits import first_hits
+from tiscene.render.integrators.labels.first_hits import first_hits, occlude_transparent_points
 from tiscene.render.integrators.labels.label_frames import LabelFrames
 from tiscene.render.intersect.ray_queue import RayArrays
 from tiscene.render.view import View
@@ -103,6 +103,8 @@ class PointPass:
         kernels.occlusion_labels(
             own.queue, capacity, own.hit_ids, other.distance, other.hits, other.hit_ids, capacity, occluded
         )
+        materials = scene.materials.arrays()
+        occlude_transparent_points(scene, CURRENT, materials, own, other, own.queue, capacity, capacity, occluded)
         return points.pixels + moved, occluded[0, :count] != 0
 
     def _load(self, rows: NDArray[Any], triangles: NDArray[np.int32], hits: NDArray[np.float32]) -> int:
