@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from tiscene.scene.animation import Deformation
 
 Floats = NDArray[np.float64]
+_FEW_POINTS = 1 << 18  # control points at all samples; they take about 0.1 s
 _KEPT = 3  # shapes kept of each mesh: frames k - 1, k and k + 1 share samples
 
 
@@ -97,12 +98,26 @@ class Skin:
         frame = self.mesh_from_skeleton[min(row, len(self.mesh_from_skeleton) - 1)]
         matrices = _joined(frame, _joined(self.poses.transforms[row], self.bind))
         blended = np.einsum("nk,nkij->nij", self.weights, matrices[self.joints])
+        # Whatever the weights sum to, they scale the translation of the joints only.
+        blended[:, :, 3] += (1.0 - self.weights.sum(axis=1))[:, None] * frame[:, 3]
         moved = np.einsum("nij,nj->ni", blended[:, :, :3], points) + blended[:, :, 3]
         if self.normals is None or self.normal_points is None:
             return moved, None
         of_joints = _normal_matrices(matrices[:, :, :3])
         rotations = np.einsum("nk,nkij->nij", self.weights, of_joints[self.joints])
         return moved, np.einsum("nij,nj->ni", rotations[self.normal_points], self.normals)
+
+    @property
+    def _is_small(self) -> bool:
+        """Whether computing the points at all samples takes little time."""
+        return len(self.points) * len(self.poses.times) <= _FEW_POINTS
+
+    @property
+    def _is_convex(self) -> bool:
+        """Whether the weights of each point are positive and sum to 1."""
+        if self.weights is None:
+            return True
+        return bool((self.weights >= 0.0).all() and (np.abs(self.weights.sum(axis=1) - 1.0) < 1e-5).all())
 
     def relative_to(self, center: Floats) -> Skin:
         """Return this skin in a space of the mesh whose origin is this point of the present one, in stage units."""
@@ -114,9 +129,14 @@ class Skin:
     def box(self) -> Floats:
         """Return a box [2, 3] that holds the control points at all samples, in the mesh's space, stage units.
 
-        A skinned point is a convex combination of the places to which its joints alone would move it, so that the
-        box around the boxes that each joint moves holds it.
+        It is tight for meshes of few points and samples. A skinned point is a convex combination of the places to which
+        its joints alone would move it, so that otherwise the box around the boxes that each joint moves holds it.
         """
+        if self._is_small or not self._is_convex:
+            bare = replace(self, normals=None)
+            shapes = (bare.at(row)[0] for row in range(len(self.poses.times)))
+            extremes = np.array([(each.min(axis=0), each.max(axis=0)) for each in shapes])
+            return np.stack([extremes[:, 0].min(axis=0), extremes[:, 1].max(axis=0)])
         low, high = self.points.copy(), self.points.copy()
         if self.shapes is not None:
             for weights in (self.shapes.weights.min(axis=0), self.shapes.weights.max(axis=0)):

@@ -84,6 +84,18 @@ def test_invalid_sizes_are_problems(tmp_path):
     assert problem == "</Box> cube: size is nan"
 
 
+@pytest.mark.parametrize(
+    "size", ["Cube:size", "Sphere:radius", "Cylinder:radius", "Cylinder:height", "Cone:radius", "Capsule:radius"]
+)
+def test_gprim_that_grows_from_nothing_deforms(tmp_path, size):
+    kind, name = size.split(":")
+    sized = f'def {kind} "%s"\n{{\n    double {name}%s\n}}\n'
+    body = sized % ("G", ".timeSamples = { 0: 0, 10: 2 }") + sized % ("Full", " = 2")
+    grown, full = read(tmp_path, body, more="timeCodesPerSecond = 10").meshes
+    np.testing.assert_allclose(grown.deformation.at(1.0)[0], full.positions, atol=1e-6)
+    assert volume(*np.float64(grown.deformation.at(0.0)[:1]), grown.triangles) == pytest.approx(0.0, abs=1e-20)
+
+
 def test_capsule_of_two_radii_is_reported(tmp_path):
     body = closed_lines('def Capsule_1 "G" { double radiusTop = 1\n double radiusBottom = 2 }')
     assert len(read_with_warning(tmp_path, body, "two radii.*</G>").meshes) == 1

@@ -40,9 +40,15 @@ def test_quad_becomes_two_triangles(tmp_path):
 
 
 def test_arrays_own_their_memory(tmp_path):
-    quad = only_mesh(read(tmp_path, mesh(QUAD)))
-    assert quad.positions.flags.owndata or quad.positions.base.flags.owndata
-    assert quad.positions.flags.c_contiguous
+    """They are no views of the stage's, which are freed with it."""
+    normals = "normal3f[] normals = [(0, 0, 1), (0, 0, 1), (0, 0, 1), (0, 0, 1)]"
+    quad = only_mesh(read(tmp_path, mesh(QUAD, normals)))
+    for array in (quad.positions, quad.triangles, quad.materials, quad.normals):
+        assert array.flags.c_contiguous
+        while array.base is not None:
+            array = array.base
+        assert isinstance(array, np.ndarray)
+        assert array.flags.owndata
 
 
 def test_left_handed_mesh_gets_reversed_winding(tmp_path):

@@ -7,11 +7,14 @@ import pickle
 
 import numpy as np
 import pytest
-from pxr import Gf, Usd, UsdGeom, UsdSkel
+from pxr import Gf, Usd, UsdGeom, UsdSkel, Vt
 
+import tiscene as ts
 from tests.usd.characters import author_character
 from tests.usd.helpers import write
+from tiscene.scene import skinned_deformation
 from tiscene.scene.skinned_deformation import SkinnedDeformation
+from tiscene.usd.core.transform import to_matrix
 from tiscene.usd.geometry.catmull_clark import Cage, limit, refine
 from tiscene.usd.geometry.subdivision_maps import limit_map, refine_map
 from tiscene.usd.read.stage_reader import read_stage
@@ -66,6 +69,41 @@ def test_vertices_equal_those_that_usd_bakes(tmp_path, options):
             assert normals is None
 
 
+@pytest.mark.parametrize("case", ["uneven", "rigid", "dual quaternions"])
+def test_places_of_vertices_equal_those_that_usd_bakes(tmp_path, case, monkeypatch):
+    """Weights that do not sum to 1, and blend shapes of meshes that are not skinned point by point."""
+    monkeypatch.setattr(skinned_deformation, "_FEW_POINTS", 0)
+    path = author_character(tmp_path / "character.usda", samples=4, spacing=1, blend_shapes=True)
+    stage = Usd.Stage.Open(str(path))
+    binding = UsdSkel.BindingAPI(stage.GetPrimAtPath("/Root/Mesh_0"))
+    if case == "uneven":
+        weights = np.asarray(binding.GetJointWeightsPrimvar().Get())
+        scaled = weights * np.linspace(0.8, 1.2, len(weights), dtype=np.float32)
+        binding.GetJointWeightsPrimvar().Set(Vt.FloatArray.FromNumpy(scaled))
+    elif case == "rigid":
+        binding.CreateJointIndicesPrimvar(True, 2).Set([3, 7])
+        binding.CreateJointWeightsPrimvar(True, 2).Set([0.6, 0.4])
+    else:
+        binding.CreateSkinningMethodAttr("dualQuaternion")
+    stage.Save()
+    described = read_stage(path)
+    (mesh,), (instance,) = described.meshes, described.instances
+    UsdSkel.BakeSkinning(UsdSkel.Root.Get(stage, "/Root"), Gf.Interval.GetFullInterval())
+    baked = UsdGeom.Mesh.Get(stage, "/Root/Mesh_0")
+    low, high = mesh.corners().min(axis=0), mesh.corners().max(axis=0)
+    for row in range(4):
+        matrix = to_matrix(UsdGeom.XformCache(row).GetLocalToWorldTransform(baked.GetPrim()), 0.01)
+        points = np.asarray(baked.GetPointsAttr().Get(row)) * 0.01
+        positions, _ = mesh.deformation.at(row / 24.0)
+        np.testing.assert_allclose(placed(instance.world_from_object, positions), placed(matrix, points), atol=2e-6)
+        assert (positions >= low - 1e-6).all()
+        assert (positions <= high + 1e-6).all()
+
+
+def placed(matrix: np.ndarray, points: np.ndarray) -> np.ndarray:
+    return points @ matrix[:3, :3].T + matrix[:3, 3]
+
+
 def test_subdivided_skin_equals_the_stage_read_at_that_time(tmp_path):
     """Reading at one time code subdivides the posed cage; playing maps the cage's points by sparse matrices."""
     path = author_character(tmp_path / "character.usda", samples=8, scheme="catmullClark", blend_shapes=True)
@@ -79,8 +117,10 @@ def test_subdivided_skin_equals_the_stage_read_at_that_time(tmp_path):
         np.testing.assert_allclose(normals, still.normals, atol=1e-5)
 
 
+@pytest.mark.parametrize("few", [0, 1 << 18])
 @pytest.mark.parametrize("scheme", ["none", "catmullClark"])
-def test_corners_hold_all_samples(tmp_path, scheme):
+def test_corners_hold_all_samples(tmp_path, scheme, few, monkeypatch):
+    monkeypatch.setattr(skinned_deformation, "_FEW_POINTS", few)
     path = author_character(tmp_path / "character.usda", samples=8, scheme=scheme, blend_shapes=True)
     (mesh,) = read_stage(path).meshes
     low, high = mesh.corners().min(axis=0), mesh.corners().max(axis=0)
@@ -89,6 +129,9 @@ def test_corners_hold_all_samples(tmp_path, scheme):
         assert (positions >= low - 1e-6).all()
         assert (positions <= high + 1e-6).all()
     assert (high - low).max() < 4.0  # a chain of 1.1 m that bends everywhere
+    if few and scheme == "none":
+        samples = [mesh.deformation.sample(row)[0] for row in range(8)]
+        np.testing.assert_allclose(high - low, np.ptp(np.concatenate(samples), axis=0), rtol=1e-6)
 
 
 def test_vertices_between_samples_are_interpolated_linearly(tmp_path):
@@ -159,3 +202,25 @@ def test_dual_quaternions_and_rigid_prims_are_baked(tmp_path):
     cache.Populate(UsdSkel.Root.Get(stage, "/Root"), Usd.PrimDefaultPredicate)
     tip = cache.GetSkelQuery(UsdSkel.Skeleton.Get(stage, "/Root/Skeleton")).ComputeSkinningTransforms(3)[11]
     np.testing.assert_allclose(track.matrices[3, 0, :, 3], 0.01 * np.array(tip.ExtractTranslation()), atol=1e-6)
+
+
+def test_rigid_prim_of_a_moving_root_follows_its_joint(tmp_path):
+    """The scenario has not animated it by the transform that it has without its skeleton."""
+    path = author_character(tmp_path / "character.usda", samples=4)
+    stage = Usd.Stage.Open(str(path))
+    walk = UsdSkel.Root.Get(stage, "/Root").AddTranslateOp()
+    walk.Set((0, 0, 0), 0)
+    walk.Set((300, 0, 0), 3)
+    ball = UsdGeom.Sphere.Define(stage, "/Root/Ball")
+    binding = UsdSkel.BindingAPI.Apply(ball.GetPrim())
+    binding.CreateJointIndicesPrimvar(True, 1).Set([11])
+    binding.CreateJointWeightsPrimvar(True, 1).Set([1.0])
+    binding.CreateGeomBindTransformAttr(Gf.Matrix4d(1).SetTranslate(Gf.Vec3d(0, 110, 0)))
+    stage.Save()
+    stream = ts.Stream(path, fps=24, width=8, height=6, buffers=("instance",), camera=ts.Camera((0, 0, 9)))
+    assert [each.id for each in stream.scenario.objects] == ["Mesh_0"]
+    UsdSkel.BakeSkinning(UsdSkel.Root.Get(stage, "/Root"), Gf.Interval.GetFullInterval())
+    for frame in (0, 3):
+        world = UsdGeom.XformCache(frame).GetLocalToWorldTransform(ball.GetPrim())
+        (position,) = (each.position for each in stream.world.state(frame).objects if each.name == "Ball")
+        np.testing.assert_allclose(position, 0.01 * np.array(world.ExtractTranslation()), atol=1e-6)

@@ -121,6 +121,19 @@ def test_object_that_is_hidden_and_shown_again_is_absent_between(tmp_path, motio
     assert shown == [[number]] * 2 + [[]] * 2 + [[number]] * 3 + [[]] * 2
 
 
+@pytest.mark.parametrize("fps", [10.0, 25.0])
+@pytest.mark.parametrize("motion", ["", MOVED])
+def test_object_appears_and_vanishes_at_its_time_at_any_frame_rate(tmp_path, motion, fps):
+    visibility = 'token visibility.timeSamples = { 0: "invisible", 4: "inherited", 8: "invisible" }\n'
+    path = write(tmp_path, COMPONENT % ("Thing", visibility + motion) + FLOOR, more=RANGE)
+    source = ts.Stream(path, width=16, height=12, fps=fps, buffers=("instance",), camera=ts.Camera((0, 0, 10)))
+    for frame in range(round(fps) + 1):
+        rows = [row for row in source.world.state(frame).objects if row.name == "Thing"]
+        assert len(rows) == (0.4 <= frame / fps < 0.8)
+        if rows and motion:
+            assert rows[0].position[0] == pytest.approx(2.0 * frame / fps - 1.0)
+
+
 def test_prototype_of_points_moves_with_all_its_points(tmp_path):
     points = """
 def PointInstancer "Points"

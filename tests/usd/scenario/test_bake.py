@@ -118,6 +118,20 @@ def test_baked_layer_streams_like_the_original(stream, tmp_path):
         assert np.mean(np.abs(ours - theirs) < 1e-4) > 0.99
 
 
+def test_baked_layer_has_the_motion_of_the_last_frame_of_a_lifespan(tmp_path):
+    room = str(write(tmp_path, SCENE, name="room.usda", more='defaultPrim = "Room"'))
+    block = str(write(tmp_path, BLOCK, name="block.usda", more='defaultPrim = "Block"'))
+    way = [ts.Waypoint((0, 0, 0)), ts.Waypoint((9, 0, 0), (0, 170, 0))]
+    thing = ts.Object("thing", block, dynamic=ts.LinearWaypoints(way, total_time=2), last_frame=4, collide=False)
+    options = {"fps": 10, "width": 8, "height": 6, "frames": 8, "buffers": ("instance",)}
+    stream = ts.Stream(ts.Scenario(room, [thing]), **options)
+    stream.to_usd(tmp_path / "motion.usda")
+    again = ts.Stream(tmp_path / "motion.usda", **options)
+    have, want = (each.world.state(4).placement for each in (again, stream))
+    np.testing.assert_array_equal(have.present, want.present)
+    np.testing.assert_allclose(have.world_from_object, want.world_from_object, atol=1e-9)
+
+
 def test_baked_layer_is_valid_usd_with_few_samples(stream, tmp_path):
     stream.to_usd(tmp_path / "motion.usdc", range(2, 9))
     stage = Usd.Stage.Open(str(tmp_path / "motion.usdc"))

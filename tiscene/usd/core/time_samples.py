@@ -17,7 +17,7 @@ from pxr import Gf, Usd, UsdGeom
 from tiscene.scene.animation import InstanceTrack
 from tiscene.scene.description import Matrix
 from tiscene.usd.core.transform import is_singular, to_matrix
-from tiscene.usd.core.value_times import dense_times, transform_times
+from tiscene.usd.core.value_times import JUMP, dense_times, transform_times
 
 
 @dataclass(frozen=True)
@@ -61,13 +61,20 @@ class AnimatedAncestors:
         return replace(self, base=base, hiders=(*hiders, *self.hiders))
 
     def times(self) -> list[float]:
-        """Return the time codes of all samples, and the whole ones between them; empty if nothing changes."""
+        """Return the time codes of all samples, and the whole ones between them; empty if nothing changes.
+
+        What moves has one just before it vanishes too, since it would stand still after the last sample it is shown at.
+        """
         times: set[float] = set()
         for prim in self.movers:
             times.update(transform_times(UsdGeom.Xformable(prim)))
         times = set(dense_times(times))
         for prim in self.hiders:
-            times.update(UsdGeom.Imageable(prim).GetVisibilityAttr().GetTimeSamples())
+            visibility = UsdGeom.Imageable(prim).GetVisibilityAttr()
+            times.update(samples := visibility.GetTimeSamples())
+            hidden = [visibility.Get(time) == UsdGeom.Tokens.invisible for time in samples]
+            vanishing = [samples[row] for row in range(1, len(samples)) if hidden[row] and not hidden[row - 1]]
+            times.update(time - JUMP for time in vanishing if self.movers)
         return sorted(times) if len(times) > 1 else []
 
     def world(self, time: Usd.TimeCode, static: Gf.Matrix4d) -> Gf.Matrix4d:

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from pxr import Usd
 
 from tiscene.usd.core.report import StageReport
-from tiscene.usd.core.value_times import value_at
+from tiscene.usd.core.value_times import is_time_varying, value_at
 from tiscene.usd.geometry.vertex_weld import WeldedMesh
 
 Floats = NDArray[np.float64]
@@ -23,6 +23,7 @@ Floats = NDArray[np.float64]
 SEGMENTS = 64  # around an axis: corners of a silhouette turn by less than 6 degrees
 RINGS = 32  # from pole to pole
 _MAX_SIZE = 1e30  # stage units; float32 ends at 3.4e38
+_VANISHING = 1e-30  # stage units; in place of an animated 0, which would have other triangles
 _AXES = {"X": (2, 0, 1), "Y": (1, 2, 0), "Z": (0, 1, 2)}  # the columns of a shape about z that become x, y, z
 _CORNERS = np.array([[-1.0, -1.0], [1.0, -1.0], [1.0, 1.0], [-1.0, 1.0]])  # of a quadrilateral
 _QUAD = np.array([[0, 1, 2], [0, 2, 3]])  # its triangles
@@ -32,7 +33,8 @@ def read_gprim(prim: Usd.Prim, time: Usd.TimeCode, report: StageReport) -> Welde
     """Read a parametric gprim as triangles with smooth normals and uv.
 
     Returns:
-        The mesh; None, with a problem reported, if a size is negative, not finite, or zero where it must not be.
+        The mesh; None, with a problem reported, if a size is negative, not finite, or always zero where it must not
+        be.
     """
     kind = str(prim.GetTypeName())
     sizes = {}
@@ -41,6 +43,8 @@ def read_gprim(prim: Usd.Prim, time: Usd.TimeCode, report: StageReport) -> Welde
         if attribute:
             value = value_at(attribute, time)
             sizes[name] = math.nan if value is None else float(value)
+            if not sizes[name] and is_time_varying(attribute):
+                sizes[name] = _VANISHING
             if not 0.0 <= sizes[name] <= _MAX_SIZE or (name in ("size", "radius") and not sizes[name]):
                 report.problem(prim.GetPath(), kind.lower(), f"{name} is {sizes[name]}")
                 return None

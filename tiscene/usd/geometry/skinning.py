@@ -2,8 +2,8 @@
 """UsdSkel: what moves the points of skinned meshes, and baked samples of everything else that is skinned.
 
 Meshes with linear blend skinning or blend shapes get a `Skin`, from which their vertices are computed when a frame is
-asked for. Of rigidly bound prims, dual quaternion skinning and other gprims, USD computes the samples, which are
-authored in the session layer.
+asked for. Of rigidly bound prims without blend shapes, dual quaternion skinning and other gprims, USD computes the
+samples, which are authored in the session layer.
 """
 
 from __future__ import annotations
@@ -47,6 +47,12 @@ def prepare_skinning(stage: Usd.Stage, time: Usd.TimeCode, report: StageReport) 
     for root in _skel_roots(stage):
         with report.guard(root.GetPath()):
             reader.read(UsdSkel.Root(root))
+
+
+def baked_paths(stage: Usd.Stage) -> set[Sdf.Path]:
+    """Return the paths of the prims that `prepare_skinning` bakes."""
+    queries = (query for root in _skel_roots(stage) for _, query in _bindings(UsdSkel.Root(root)))
+    return {query.GetPrim().GetPath() for query in queries if not _is_on_demand(query)}
 
 
 def skin_of(prim: Usd.Prim, report: StageReport) -> Skin | None:
@@ -95,13 +101,15 @@ def _is_on_demand(query: UsdSkel.SkinningQuery) -> bool:
         return False
     if not query.HasJointInfluences():
         return bool(query.HasBlendShapes())
-    return not query.IsRigidlyDeformed() and query.GetSkinningMethod() != UsdSkel.Tokens.dualQuaternion
+    if query.IsRigidlyDeformed():
+        mapper = query.GetBlendShapeMapper()
+        return mapper is not None and not mapper.IsNull()  # else its transform alone moves it
+    return bool(query.GetSkinningMethod() != UsdSkel.Tokens.dualQuaternion)
 
 
 def _instances_to_bake(stage: Usd.Stage) -> set[Sdf.Path]:
     """Return the paths of the outermost instances that contain a prim to bake."""
-    queries = (query for root in _skel_roots(stage) for _, query in _bindings(UsdSkel.Root(root)))
-    prims = (query.GetPrim() for query in queries if not _is_on_demand(query))
+    prims = map(stage.GetPrimAtPath, baked_paths(stage))
     return {outermost_instance(prim).GetPath() for prim in prims if prim.IsInstanceProxy()}
 
 
@@ -258,13 +266,20 @@ class _SkinReader:
         session = self._stage.GetSessionLayer()
         session.timeCodesPerSecond = self._stage.GetRootLayer().timeCodesPerSecond
         authored = {}
-        for code in self._codes(times):
+        shapes = None
+        if query.HasBlendShapes():
+            points = UsdGeom.PointBased(prim).GetPointsAttr().Get(self._time) or ()
+            shapes = self._shapes(skeleton, query, times, len(points))
+        for row, code in enumerate(self._codes(times)):
             pose = skeleton.ComputeSkinningTransforms(code)
             if query.IsRigidlyDeformed():
                 local = query.ComputeSkinnedTransform(pose, code) * _skeleton_to_prim(skeleton, prim.GetParent(), code)
                 authored[code] = local
             else:
                 points = UsdGeom.PointBased(prim).GetPointsAttr().Get(code)
+                if points and shapes is not None:
+                    points = shapes.applied(np.asarray(points, np.float64), row)
+                    points = Vt.Vec3fArray.FromNumpy(points.astype(np.float32))
                 if points is None or not query.ComputeSkinnedPoints(pose, points, code):
                     self._report.omission(prim.GetPath(), "a prim whose skinning USD cannot compute is drawn unposed")
                     return

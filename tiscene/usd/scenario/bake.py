@@ -80,6 +80,13 @@ class BakedScenario(Protocol):
         """Return the edit log: `histories` of the objects, and `stage_histories` by prim path."""
 
 
+class BakedTrajectories(Protocol):
+    """Poses of a world's objects."""
+
+    def arrivals(self, frame: int, rows: Sequence[int]) -> Array:
+        """Return the poses [n, 7] of histories of the edit log at a frame, as planned at the frame before."""
+
+
 class BakedWorld(Protocol):
     """A world that can be baked."""
 
@@ -92,6 +99,8 @@ class BakedWorld(Protocol):
     @property
     def cameras(self) -> Sequence[Camera]: ...
     @property
+    def trajectories(self) -> BakedTrajectories: ...
+    @property
     def initial_objects(self) -> Sequence[BakedObject]:
         """The stage's objects as authored, before any edit."""
 
@@ -102,8 +111,9 @@ def write_motion(world: BakedWorld, path: str | os.PathLike[str], frames: int | 
     """Write the poses, lifespans and lights of some frames of a world as a layer over its scene.
 
     Objects are references to their templates, with translate and orient in double precision; they are visible while
-    they are alive. Objects of the stage that edits have changed, cameras that move or are not on the stage, and
-    animated lights are written too. `read_stage` at time code k gives the world of frame k.
+    they are alive, and have one pose more, which gives their motion at the last frame. Objects of the stage that edits
+    have changed, cameras that move or are not on the stage, and animated lights are written too. `read_stage` at time
+    code k gives the world of frame k.
 
     Args:
         world: the world.
@@ -133,6 +143,7 @@ class _Recording:
 
     Attributes:
         objects: poses of the scenario's objects, by name.
+        vanished: poses to which objects that vanish were moving, one frame after their last, by name.
         stage_objects: offsets of the stage's objects that edits have changed, by prim path.
         lights: animated lights, by prim path and frame.
         cameras: poses, one row per camera.
@@ -144,6 +155,7 @@ class _Recording:
         animated = {motion.light for motion in world.scenario.lights}
         paths = [each.prim_path for each in world.stage.lights if animated & {each.prim_path, each.name}]
         self.objects: dict[str, Poses] = {}
+        self.vanished: dict[str, Poses] = {}
         self.stage_objects: dict[str, Offsets] = {path: {} for path in world.scenario.log().stage_histories}
         self.lights: dict[str, dict[int, Light]] = {path: {} for path in paths}
         self.cameras: list[Poses] = [{} for _ in world.cameras]
@@ -161,6 +173,12 @@ class _Recording:
                     self.lights[light.prim_path][frame] = light
             for poses, camera in zip(self.cameras, state.cameras, strict=True):
                 poses[frame] = np.array([*camera.current.position, *camera.current.rotation])
+        for row, history in enumerate(world.scenario.log().histories):
+            poses = self.objects.get(history.spec.id, {})
+            for frame, following in itertools.pairwise(frames):
+                if frame in poses and following not in poses and history.alive(frame, as_of=frame):
+                    (pose,) = world.trajectories.arrivals(frame + 1, (row,))
+                    self.vanished.setdefault(history.spec.id, {})[frame + 1] = pose
 
 
 def _write_objects(over: OverLayer, scenario: BakedScenario, recorded: _Recording, frames: Sequence[int]) -> None:
@@ -175,7 +193,8 @@ def _write_objects(over: OverLayer, scenario: BakedScenario, recorded: _Recordin
         if schema.has(prim, schema.MOTION) or schema.has(prim, schema.OBJECT):
             _disable_schema_motion(prim)
         poses = recorded.objects[spec.id]
-        _write_poses(operations, poses, over)
+        moving = sorted((poses | recorded.vanished.get(spec.id, {})).items())
+        _write_poses(operations, dict(moving), over)
         _write_visibility(prim, [frame in poses for frame in frames], frames)
     # Streaming this layer plays these objects instead of those that the scene's author animated.
     root = over.stage.GetPrimAtPath(over.root)

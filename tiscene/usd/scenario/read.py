@@ -26,6 +26,7 @@ from tiscene.usd.core.semantics import is_component, is_object_instance
 from tiscene.usd.core.stage import Variants, open_stage, quiet, readable, reading_time
 from tiscene.usd.core.transform import to_matrix
 from tiscene.usd.core.units import Units
+from tiscene.usd.geometry.skinning import baked_paths
 from tiscene.usd.lights.light import is_light_only
 from tiscene.usd.read.stage_camera import read_camera, unique_names
 from tiscene.usd.read.stage_render_settings import read_render_settings
@@ -60,8 +61,7 @@ def read_scenario(
 ) -> AuthoredScenario:
     """Read the scenario that is authored on a stage; an empty one if nothing on it moves.
 
-    Objects are the prims with TisceneObjectAPI or TisceneMotionAPI, and those whose transform or visibility has time
-    samples.
+    Objects are the prims with TisceneObjectAPI or TisceneMotionAPI, and those whose transform has time samples.
 
     Args:
         path: the file.
@@ -102,6 +102,7 @@ class _ScenarioReader:
         self._units = Units.of(stage)
         self._time = reading_time(stage, None)
         self._settings = read_render_settings(stage)
+        self._baked = baked_paths(stage)
 
     def read(self) -> AuthoredScenario:
         scenarios, prims, lights = [], [], []
@@ -193,9 +194,9 @@ class _ScenarioReader:
             return False
         if schema.has(prim, schema.OBJECT) or schema.has(prim, schema.MOTION):
             return True
-        if not _is_stage_object(prim) or plays_in_parts(prim):
+        if not _is_stage_object(prim) or plays_in_parts(prim) or prim.GetPath() in self._baked:
             return False
-        return bool(read_lifespan(prim, self._report) or read_keyframes(prim, self._units, self._report))
+        return read_keyframes(prim, self._units, self._report) is not None
 
     def _target(self, root: Usd.Prim, path: Sdf.Path) -> Usd.Prim | None:
         """Return a prim that the scenario lists; None, with a problem, if it cannot be an object."""
