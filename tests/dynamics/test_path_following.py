@@ -4,6 +4,7 @@
 from fractions import Fraction
 
 import numpy as np
+import taichi as ti
 
 from dynamics import (
     Body,
@@ -12,7 +13,11 @@ from dynamics import (
     Still,
     Waypoint,
 )
+from dynamics import body_layout as at
 from dynamics.colliding_bodies import Mover
+from dynamics.contact import ARM, MAX_TOUCHES, NORMAL, NOTHING, OBSTACLE, TOUCH_COLUMNS, TOUCH_KIND
+from dynamics.kernel_types import Doubles2, Floats2, Ints1, Ints2
+from dynamics.path_following import advance_following, slide
 from dynamics.stepped_simulation import SteppedSimulation
 from tests.dynamics.room_movers import CUBE, LINE, PILLAR, ROOM, bouncer, gaps, mover_gap, run
 from tests.dynamics.solids import cube, obstacles, spheres_at
@@ -102,3 +107,46 @@ def test_moving_walls_push_movers():
         for k in range(0, 200, 10):
             centers, radii = spheres_at(mover.shape, poses[k, row])
             assert (centers[:, 0] - radii - 0.8 * k / 25 + 1.0).min() > -0.002
+
+
+@ti.kernel
+def run_slide(bodies: Doubles2, integers: Ints2, touches: Floats2, counts: Ints1):
+    for body in range(bodies.shape[0]):
+        slide(bodies, integers, touches, counts, body, 1.0)
+
+
+@ti.kernel
+def run_advance(bodies: Doubles2, integers: Ints2, touches: Floats2, counts: Ints1):
+    for body in range(bodies.shape[0]):
+        advance_following(bodies, integers, touches, counts, body, 1.0, NOTHING, 0)
+
+
+def one_body(move, turn, *, farthest, passed=0.0):
+    """Return the arrays of a body of radius 0.5 m that attempts a motion, and touches nothing."""
+    bodies, integers = np.zeros((1, at.FLOAT_COLUMNS)), np.zeros((1, at.INTEGER_COLUMNS), np.int32)
+    bodies[0, at.ROTATION], integers[0, at.GROUP_COUNT] = 1.0, 1
+    bodies[0, at.MOVE : at.MOVE + 3], bodies[0, at.TURN : at.TURN + 3] = move, turn
+    bodies[0, [at.RADIUS, at.MAX_DISPLACEMENT, at.PATH_LENGTH]] = 0.5, farthest, passed
+    return bodies, integers, np.zeros((MAX_TOUCHES, TOUCH_COLUMNS), np.float32), np.zeros(1, np.int32)
+
+
+def test_turn_into_a_touch_becomes_a_motion_that_keeps_the_touching_point():
+    arrays = bodies, _, touches, counts = one_body((0, 0, 0), (0, 0, -0.01), farthest=1.0)
+    counts[0], touches[0, TOUCH_KIND] = 1, OBSTACLE
+    touches[0, NORMAL : NORMAL + 3], touches[0, ARM : ARM + 3] = (0, 1, 0), (0.5, 0, 0)
+    run_slide(*arrays)
+    move, turn = bodies[0, at.MOVE : at.MOVE + 3], bodies[0, at.TURN : at.TURN + 3]
+    assert move[1] > 0.001
+    np.testing.assert_allclose(move + np.cross(turn, (0.5, 0, 0)), 0.0, atol=1e-9)
+
+
+def test_slide_goes_no_farther_than_what_is_left_of_the_substep():
+    arrays = one_body((0.03, 0, 0), (0, 0, 0.02), farthest=0.05, passed=0.03)
+    run_slide(*arrays)
+    np.testing.assert_allclose(arrays[0][0, at.MOVE : at.TURN + 3], (0.015, 0, 0, 0, 0, 0.01))
+
+
+def test_turn_counts_as_way_at_the_radius_of_the_body():
+    arrays = one_body((0.03, 0, 0), (0, 0, 0.02), farthest=1.0, passed=0.1)
+    run_advance(*arrays)
+    np.testing.assert_allclose(arrays[0][0, at.PATH_LENGTH], 0.1 + 0.03 + 0.5 * 0.02)

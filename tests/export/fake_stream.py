@@ -90,6 +90,7 @@ class FakeStream:
         self.buffers = tuple(buffers)
         self.width, self.height, self.fps, self.frames, self.seed = width, height, 25.0, frames, seed
         self.categories = {0: "", 1: "chair", 2: "table"}
+        self.materials = {0: "", 1: "/Looks/Oak"}
         self.scenario = SimpleNamespace(to_json=lambda: {"scene": "nowhere", "objects": []})
         self.rendered: list[int] = []
         self.interrupt_at: int | None = None
@@ -107,9 +108,7 @@ class FakeStream:
         buffers = {name: fake_buffer(name, index, self.width, self.height) for name in self.buffers}
         camera = FrameCamera(Camera(), self.width, self.height)
         table = ObjectTable([CHAIR], ChairMeasurements())
-        return Frame(
-            index, index / self.fps, camera, buffers, table, self.categories, materials={0: "", 1: "/Looks/Oak"}
-        )
+        return Frame(index, index / self.fps, camera, buffers, table, self.categories, materials=self.materials)
 
 
 # Formats that need no more of a stream than a FakeStream has.

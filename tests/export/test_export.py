@@ -321,3 +321,11 @@ def test_cameras_with_equal_folder_names_are_refused(tmp_path):
     stream.names = ("a/b", "A:B")
     with pytest.raises(ExportError, match="two of the cameras 'a/b', 'A:B' would write into the folder 'A_B/'"):
         export(stream, tmp_path, frames=range(1))
+
+
+def test_progress_is_not_told_of_frames_that_further_ones_need_again(tmp_path):
+    export(fake_stream_for("kitti-flow"), tmp_path, format="kitti-flow", frames=(1, 2))
+    again, seen = fake_stream_for("kitti-flow"), []
+    export(again, tmp_path, format="kitti-flow", frames=[0], progress=lambda index, frame: seen.append(index))
+    assert again.rendered == [1, 0]
+    assert seen == [0]

@@ -58,6 +58,17 @@ def test_missing_shard_and_frames_are_named_until_they_are_there(tmp_path):
     assert list(merge(tmp_path).frames) == list(FRAMES)
 
 
+def test_merged_shards_have_the_categories_and_materials_of_all(tmp_path):
+    """Objects that are spawned late are in the frames of later shards alone."""
+    for number in (0, 1):
+        stream = FakeStream()
+        stream.categories, stream.materials = {1 + number: f"category {number}"}, {1 + number: f"material {number}"}
+        render_shard(tmp_path, number, 2, stream=stream)
+    manifest = merge(tmp_path)
+    assert manifest.categories == {1: "category 0", 2: "category 1"}
+    assert manifest.materials == {1: "material 0", 2: "material 1"}
+
+
 def test_partial_merge_of_shards_is_completed_by_a_later_one(tmp_path):
     export(fake_stream_for("webdataset"), tmp_path / "whole", format="webdataset", frames=FRAMES)
     render_shard(tmp_path / "out", 0, 2, "webdataset")

@@ -14,7 +14,7 @@ from tiscene.cli import terminal
 from tiscene.errors import ExportError
 from tiscene.export import export
 from tiscene.export.manifest_stream import render_arguments
-from tiscene.export.verification import verify
+from tiscene.export.verification import Verification, verify
 from tiscene.files import lock_folder
 from tiscene.render.render_settings import PRESETS
 
@@ -175,3 +175,9 @@ def test_progress_counts_the_files_and_the_frames_that_are_rendered(exported, ca
     assert lines[0] == "files of frame 0: 1 of 6"
     assert lines[-1] == "frame 3: 6 of 6"
     assert len(lines) == 6
+
+
+def test_export_of_which_pictures_alone_differ_is_not_good():
+    found = Verification(frames=4, rendered=4, damaged=(), different={1: ("depth",)})
+    assert not found.is_good
+    assert found.problems() == ["1 of 4 frames render otherwise (depth): 1"]

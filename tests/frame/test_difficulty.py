@@ -21,12 +21,13 @@ from tiscene.scenario.scenario import Scenario
 
 EYE = ts.Camera((0, 0, 4), vertical_fov=math.radians(60), exposure=0.0)
 TURN = ts.Object("turning", "Cube", dynamic=ts.Orbit((0, 0, 0), period=8.0))  # turns in its place
+STILL = ts.Object("still", "Cube", dynamic=ts.Still())
 BUFFERS = ("instance", "forward_flow")
 
 
-def stream(*objects, camera=EYE, buffers=BUFFERS, **others):
+def stream(*objects, camera=EYE, buffers=BUFFERS, fps=10, **others):
     scenario = Scenario("object_view", objects, camera=camera)
-    return ts.Stream(scenario, width=64, height=48, fps=10, buffers=buffers, **others)
+    return ts.Stream(scenario, width=64, height=48, fps=fps, buffers=buffers, **others)
 
 
 @pytest.fixture(scope="module")
@@ -75,7 +76,7 @@ def test_view_out_of_the_image_was_not_shown():
 
 
 def test_edit_of_the_camera_keeps_earlier_views():
-    with stream(ts.Object("still", "Cube", dynamic=ts.Still())) as made:
+    with stream(STILL) as made:
         assert made[30].difficulty.novelty == pytest.approx(0.0, abs=1e-6)
         made.world.next_frame = 31
         made.world.move_camera((4, 0, 0), (0, 90, 0))
@@ -94,6 +95,62 @@ def test_edit_does_not_change_the_novelty_of_a_frame_that_is_kept():
         assert kept.difficulty == read.difficulty == before
         assert made[40].difficulty.novelty != pytest.approx(before.novelty, abs=1.0)
         assert earlier._novelty.history is not None, "it is not evaluated: the edit comes later"
+
+
+def test_edit_at_the_frame_that_is_kept_does_not_change_its_novelty():
+    with stream(STILL) as made:
+        kept = made[40]
+        made.seek(40)
+        made.world.move("still", (0, 0, 0), (0, 90, 0))
+        assert kept.difficulty.novelty == pytest.approx(0.0, abs=1e-6)
+        assert made[40].difficulty.novelty == pytest.approx(90.0, abs=1e-6)
+
+
+def test_edit_at_a_frame_whose_view_is_known_changes_that_view():
+    """Frame 30 is the last one whose view counts at frame 40."""
+    with stream(STILL) as made:
+        assert made[40].difficulty.novelty == pytest.approx(0.0, abs=1e-6)
+        made.seek(30)
+        made.world.move_camera((4, 0, 0), (0, 90, 0))
+        assert made[40].difficulty.novelty == pytest.approx(0.0, abs=1e-6)
+
+
+def test_views_of_the_last_64_seconds_count():
+    """At 2 frames per second these are 128; only that of frame 0 is from the front."""
+    with stream(STILL, fps=2) as made:
+        for frame, pose in ((1, ((4, 0, 0), (0, 90, 0))), (129, ((0, 0, 4), (0, 0, 0)))):
+            made.seek(frame)
+            made.world.move_camera(*pose)
+        assert made[129].difficulty.novelty == pytest.approx(0.0, abs=1e-6)
+        assert made[130].difficulty.novelty == pytest.approx(90.0, abs=1e-6)
+
+
+PARALLEL = replace(EYE, orthographic_height=3.0)
+
+
+def test_orthographic_camera_that_moves_sideways_has_the_same_view():
+    with stream(STILL, camera=PARALLEL) as made:
+        made.seek(30)
+        made.world.move_camera((0.5, 0.2, 4))
+        assert made[30].difficulty.novelty == pytest.approx(0.0, abs=1e-6)
+
+
+def test_object_straight_behind_the_camera_was_not_in_view():
+    with stream(STILL, camera=replace(EYE, rotation=(0, 0, 1, 0))) as made:
+        made.seek(20)
+        made.world.move_camera((0, 0, 4), (0, 0, 0))
+        assert made[25].difficulty.novelty == NEVER_SHOWN
+
+
+@pytest.mark.parametrize("axis", [0, 1])
+def test_lens_shift_decides_which_objects_were_in_view(axis):
+    """The aperture is shifted by more than half its size: the object on the axis is out, one aside is in."""
+    shift, place = [0.0, 0.0], [0.0, 0.0, 0.0]
+    shift[axis], place[axis] = 1.0, 4.0
+    with stream(STILL, replace(STILL, id="aside", position=place), camera=replace(EYE, aperture_offset=shift)) as made:
+        camera = made.world.cameras[0]
+        angles = made.world.view_history.angles(20, 0, camera)
+    assert list(angles.values()) == [NEVER_SHOWN, pytest.approx(0.0, abs=1e-6)]
 
 
 LOOPS = ts.Orbit((0.0, 1.0, -2.3), period=8.0)
@@ -163,24 +220,49 @@ def test_missing_buffers_give_none():
     assert measured.instances == 1
 
 
-def test_contrast_is_between_an_object_and_the_band_around_it():
-    """A made frame: an object of value 188 (luminance 0.5) before one of 137 (0.25), 0 beyond the band."""
+class Row:
+    id, template, category, visible_pixels, _row = 1, "Cube", "cube", 16, 0
 
-    class Row:
-        id, template, category, visible_pixels, _row = 1, "Cube", "cube", 16, 0
+    def __init__(self, **fields):
+        vars(self).update(fields)
+
+
+def made_frame(buffers, *rows):
+    """Return a frame of 30 x 20 px with rows of objects that are wholly visible."""
 
     class Measures:
         def amodal_counts(self, rows):
             return np.array([[16, 16] for _ in rows])
 
+    objects = ObjectTable(measures=Measures())
+    objects.__dict__["_rows"] = rows
+    return Frame(0, 0.0, FrameCamera(EYE, 30, 20), buffers, objects)
+
+
+def test_contrast_is_between_an_object_and_the_band_around_it():
+    """A made frame: an object of value 188 (luminance 0.5) before one of 137 (0.25), 0 beyond the band."""
     instance, rgb = np.zeros((20, 30), np.int32), np.zeros((20, 30, 3), np.uint8)
     rgb[8 - BAND : 12 + BAND, 8 - BAND : 12 + BAND] = 137
     instance[8:12, 8:12], rgb[8:12, 8:12] = 1, 188
-    objects = ObjectTable(measures=Measures())
-    objects.__dict__["_rows"] = (Row(),)
-    frame = Frame(0, 0.0, FrameCamera(EYE, 30, 20), {"rgb": rgb, "instance": instance}, objects)
     a, b = (((value / 255 + 0.055) / 1.055) ** 2.4 for value in (188, 137))
-    assert frame.difficulty.contrast == pytest.approx((a - b) / (a + b), rel=1e-6)
+    contrast = made_frame({"rgb": rgb, "instance": instance}, Row()).difficulty.contrast
+    assert contrast == pytest.approx((a - b) / (a + b), rel=1e-6)
+
+
+@pytest.mark.parametrize("axis", [0, 1])
+@pytest.mark.parametrize(("place", "share"), [(4, 0), (5, 1), (7, 1), (12, 1), (14, 1), (15, 0)])
+def test_band_of_the_contrast_is_3_px_wide_on_each_side(axis, place, share):
+    """A black object before a black picture with one white line, in the band or just beyond it."""
+    instance, rgb = np.zeros((20, 30), np.int32), np.zeros((20, 30, 3), np.uint8)
+    instance[8:12, 8:12] = 1
+    rgb[(place, slice(None)) if axis == 0 else (slice(None), place)] = 255
+    rgb[8:12, 8:12] = 0
+    assert made_frame({"rgb": rgb, "instance": instance}, Row()).difficulty.contrast == share
+
+
+def test_objects_without_a_category_are_not_counted_among_the_categories():
+    measured = made_frame({}, Row(), Row(category=""), Row(category="ball"), Row(category="ball")).difficulty
+    assert (measured.instances, measured.categories) == (4, 2)
 
 
 def measured(**values) -> Difficulty:

@@ -301,9 +301,10 @@ def test_tiny_pictures_can_step_forward():
     from tiscene.learning.adapters.look_around import LookAround
 
     env = LookAround(scenario("Ball 01"), width=3, height=3, spp=1)
-    env.reset()
-    env.step(1)
+    _, before = env.reset()
+    _, _, _, _, after = env.step(1)
     env.close()
+    assert np.linalg.norm(np.subtract(after["position"], before["position"])) == pytest.approx(env.stride)
 
 
 @pytest.mark.filterwarnings("ignore")

@@ -7,6 +7,7 @@ import pickle
 
 import pytest
 
+from dynamics import AllTogether, LinearWaypoints, Waypoint
 from tiscene.errors import ArgumentError, ArgumentTypeError
 from tiscene.learning.answers import Answer
 from tiscene.learning.course import Course
@@ -18,10 +19,12 @@ from tiscene.learning.supervision_rules import SupervisionRules
 from tiscene.learning.teaching_policies import (
     Everything,
     FocusOfAttention,
+    OnePixelPerMovingObject,
     Policy,
     RandomPixels,
     Recorded,
 )
+from tiscene.scenario.objects import Object
 from tiscene.scenario.scenario import Scenario
 from tiscene.stream.stream import Stream
 
@@ -224,3 +227,74 @@ def test_everything_labels_the_middle_where_the_step_is_larger_than_the_image(st
 def test_files_of_policies_name_no_private_class():
     assert "LastFrames" in FIELDS["policy"]
     assert not [name for name in FIELDS["policy"] if name.startswith("_")]
+
+
+def test_pixels_of_a_policy_are_drawn_by_the_seed_of_the_rules(stream):
+    frame = stream[0]
+    first, again, other = (
+        [pixel for pixel, _ in Supervision(stream, policy=RandomPixels(5), seed=seed).offers(frame)]
+        for seed in (1, 1, 2)
+    )
+    assert first == again
+    assert first != other
+
+
+def test_noise_in_a_course_is_never_background():
+    scenario = Scenario("object_view", [Object("a", "Cube", (0, 1, -2)), Object("b", "Ball 01", (0.5, 1, -2))])
+    course = Course([Phase("a", scenario, frames=1)], **SIZE, observed=("depth",))
+    answers = [answer for _, answer in Supervision(course, policy=Everything(), noise=1.0).offers(course[0])]
+    assert {answer.category for answer in answers if answer.instance} >= {"ball", "cube"}
+    assert all(answer.category_id for answer in answers)
+
+
+def test_motion_of_an_object_is_that_at_the_frame_of_the_question():
+    way = LinearWaypoints([Waypoint((0, 1, -2)), Waypoint((0.5, 1, -2))], total_time=4.0)
+    scenario = Scenario("object_view", [Object("a", "Cube", dynamic=way, scale=2.0)], timings=AllTogether(0.1))
+    stream = edited_stream(scenario)
+    teacher = Supervision(stream)
+    answers = [teacher.ask(6, 8, stream[index]) for index in (0, 5, 0)]
+    assert [(answer.object, answer.moving) for answer in answers] == [("a", False), ("a", True), ("a", False)]
+
+
+def test_loaded_state_forgets_the_frame_that_was_held(stream):
+    teacher = Supervision(stream.seek(3))
+    teacher.hold(stream[5])
+    assert teacher.present == 5
+    teacher.load_state_dict(teacher.state_dict())
+    assert teacher.present == 2
+
+
+def test_question_about_a_frame_that_was_edited_since_is_answered_anew():
+    stream = edited_stream(Scenario("object_view", [Object("a", "Cube", (0, 1, -2), scale=2.0)]))
+    teacher, frame = Supervision(stream), next(stream.seek(3))
+    assert teacher.ask(6, 8, frame).object == "a"
+    stream.seek(3).world.despawn("a")
+    assert teacher.ask(6, 8, 3).object != "a"
+
+
+def test_frame_held_before_an_edit_that_changed_it_answers_no_question():
+    stream = edited_stream(Scenario("object_view", [Object("a", "Cube", (0, 1, -2), scale=2.0)]))
+    teacher = Supervision(stream)
+    teacher.hold(next(stream.seek(3)))
+    assert teacher.ask(6, 8).object == "a"
+    stream.seek(3).world.despawn("a")
+    next(stream)
+    assert teacher.present == 3
+    assert teacher.ask(6, 8).object != "a"
+
+
+def test_held_frame_still_answers_after_an_edit_of_later_ones(monkeypatch):
+    stream = edited_stream(Scenario("object_view", [Object("a", "Cube", (0, 1, -2), scale=2.0)]))
+    teacher = Supervision(stream)
+    teacher.hold(next(stream))
+    stream.world.despawn("a")
+    monkeypatch.setattr(stream, "render_view", None)
+    assert teacher.ask(6, 8).object == "a"
+
+
+def test_moving_objects_of_a_frame_are_those_after_its_last_edit():
+    stream = edited_stream(Scenario("object_view", [Object("a", "Cube", (0, 1, -2), scale=2.0)]))
+    teacher = Supervision(stream, policy=OnePixelPerMovingObject())
+    assert not list(teacher.offers(next(stream.seek(3))))
+    stream.seek(3).world.move("a", (0.2, 1, -2))
+    assert len(list(teacher.offers(next(stream)))) == 1

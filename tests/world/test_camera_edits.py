@@ -110,6 +110,22 @@ def test_cameras_walk_along_the_axes_of_their_small_steps_from_the_first_one_on(
     assert [made.camera_walks(frame, 0) for frame in (1, 2, 5)] == [set(), {2}, {0, 2}]
 
 
+def test_a_camera_walks_along_an_axis_from_the_first_of_several_steps_on():
+    made = world()
+    for frame, x in ((3, 0.0), (4, 0.2), (9, 0.4)):
+        made.next_frame = frame
+        made.move_camera((x, 1, 4))
+    assert [made.camera_walks(frame, 0) for frame in (3, 4, 8, 9)] == [set(), {0}, {0}, {0}]
+
+
+def test_a_placement_between_others_makes_the_next_one_a_step():
+    made = world()
+    for frame, x in ((3, 0.0), (9, 2.0), (6, 1.8)):  # jumps, and after a seek a step
+        made.next_frame = frame
+        made.move_camera((x, 1, 4))
+    assert [made.camera_walks(frame, 0) for frame in (6, 8, 9)] == [set(), set(), {0}]
+
+
 def test_cameras_walk_along_the_axes_along_which_their_trajectory_moves_them():
     pauses = ts.Keyframes((0.0, 1.0, 9.0), [ts.Waypoint((0, 1, 0)), ts.Waypoint((0, 1, 2)), ts.Waypoint((0, 1, 2))])
     pans = ts.Keyframes((0.0, 1.0), [ts.Waypoint((0, 1, 0)), ts.Waypoint((0, 1, 0), (0, 40, 0))])

@@ -174,6 +174,48 @@ def test_only_what_can_meet_something_is_stepped(objects, stage, frustum, steppe
         made.state(10**7)
 
 
+def test_move_before_later_edits_that_are_considered_already_is_shown():
+    made = world(ts.Object("a", "Cube", dynamic=path((-1, 0, 0), (1, 0, 0))), stage=EMPTY)
+    made.next_frame = 8
+    made.spawn("Cube", (0, 9, 0))
+    made.state(10)
+    made.next_frame = 5
+    made.move("a", (3, 3, 3))
+    assert made.state(5).objects[0].position == (3, 3, 3)
+
+
+WALLS = ts.Frustum(6.0), ts.Camera((0, 0, 3), vertical_fov=0.6), 1.0  # they hold an object at the origin below 0.93 m
+RISES = path((0, 0, 0), (0, 9, 0), time=2.0)
+
+
+def test_object_is_held_by_walls_of_an_earlier_edit_though_they_are_known_to_vanish():
+    made = world(stage=EMPTY)
+    made.next_frame = 10
+    made.set_frustum_walls(*WALLS)
+    made.next_frame = 20
+    made.set_frustum_walls(None)
+    made.state(25)
+    made.next_frame = 15
+    made.spawn("Cube", dynamic=RISES)
+    assert poses(made, range(15, 20))[:, 0, 1].max() < 0.93
+
+
+def test_walls_hold_a_limited_object_beside_one_that_is_not():
+    made = world(
+        ts.Object("f", "Cube", dynamic=RISES), ts.Object("s", "Cube", (9, 0, 0), frustum_limited=False), stage=EMPTY
+    )
+    made.set_frustum_walls(*WALLS)
+    assert poses(made, range(25))[:, 0, 1].max() < 0.93
+
+
+def test_object_of_the_stage_that_is_moved_onto_a_path_is_in_the_way():
+    made = world(ts.Object("f", "Cube", dynamic=path((-2, 0, 0), (0, 0, 0))))
+    assert not is_stepped(made)
+    made.next_frame = 5
+    made.move("/Pillar", (-2.5, 0, 0))  # from x = 1.5 to x = -1
+    assert Event("contact", 3, other=1) in [event for k in range(40) for event in made.state(k).events()]
+
+
 def test_the_frustum_holds_objects_and_moves_with_the_camera():
     turning = ts.Camera((0, 0, 0), vertical_fov=1.0, near=0.5, dynamic=ts.Orbit((0, 0, 0), period=20.0))
     objects = [

@@ -315,3 +315,23 @@ def test_walls_set_up_later_but_at_an_earlier_frame_win():
     replay = world(made.scenario, stage)
     for frame in (50, 25, 35):
         assert same(replay.state(frame).placement, made.state(frame).placement)
+
+
+def test_objects_that_appear_vanish_or_are_moved_are_movers_as_soon_as_that_is_known():
+    objects = [
+        ts.Object("stays", "Cube", (-1, 0, 0)),
+        ts.Object("appears", "Cube", (0, 0, 0), first_frame=9),
+        ts.Object("vanishes", "Cube", (1, 0, 0), last_frame=9),
+    ]
+    made = world(ts.Scenario("room", objects), EMPTY)
+    assert made.state(0).movers.tolist() == made.state(20).movers.tolist() == [False, True, True]
+    made.next_frame = 5
+    made.move("stays", (-1, 1, 0))
+    assert [made.state(frame).movers[0] for frame in (4, 5, 20)] == [False, True, True]
+
+
+def test_an_object_of_the_stage_is_a_mover_from_the_frame_on_that_removes_it():
+    made = world(ts.Scenario("room"))
+    made.next_frame = 5
+    made.despawn("/Pillar")
+    assert [made.state(frame).movers.tolist() for frame in (4, 5, 9)] == [[False, False], [True, False], [True, False]]

@@ -2,6 +2,7 @@
 """Lights that move and change, lights that objects carry, and several cameras: in a world made by hand."""
 
 from dataclasses import replace
+from fractions import Fraction
 
 import numpy as np
 import pytest
@@ -100,6 +101,32 @@ def test_lights_move_by_any_dynamic_whatever_the_timings():
     np.testing.assert_allclose(made.state(10).lights[0].world_from_light[:3, 3], (0, 1, -5), atol=1e-12)
     assert made.state(10).lights[1] is STAGE.lights[1]
     assert made.state(10**6).lights[0].world_from_light.tobytes() == made.state(0).lights[0].world_from_light.tobytes()
+
+
+def test_lights_stand_still_before_frame_0():
+    turning, pulsing = ts.Orbit((0, 0, 0), period=4.0), {"times": (0, 4), "intensity": (1, 3), "repeat": True}
+    made = world(lights=[ts.LightMotion("Bulb", turning, **pulsing)])
+    start, before, after = (made.between(0, Fraction(half, 2))[0].lights[0][1] for half in (0, -1, 1))
+    np.testing.assert_array_equal(before.world_from_light, start.world_from_light)
+    assert before.radiance == start.radiance
+    assert (after.world_from_light != start.world_from_light).any()
+    assert after.radiance > start.radiance
+
+
+def test_lamp_that_is_gone_at_frame_1_is_no_starting_light():
+    made = world(ts.Object("a", "Torch", last_frame=0))
+    assert not made.state(0).starting_lights
+    assert not made.state(5).starting_lights
+
+
+def test_lamp_that_is_spawned_at_frame_0_is_a_starting_light():
+    made = world(ts.Object("a", "Torch"))
+    assert made.state(5).starting_lights
+    made.spawn("Torch", (0, 0, 7))
+    assert made.state(5).starting_lights
+    made.next_frame = 1
+    made.spawn("Torch", (0, 0, 9))
+    assert not made.state(5).starting_lights
 
 
 def test_lights_of_a_template_travel_with_its_objects():

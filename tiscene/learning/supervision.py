@@ -67,8 +67,8 @@ class Supervision:
         self._rules = SupervisionRules(**given) if given or not isinstance(stream, Course) else None
         self._silent = tuple(_interval(each, f"silent[{row}]") for row, each in enumerate(silent))
         self._held: Frame | None = None
-        self._held_position = 0
-        self._moving: tuple[int, frozenset[int]] = -1, frozenset()
+        self._held_position = self._held_edits = 0
+        self._moving: tuple[tuple[int, int], frozenset[int]] = (-1, 0), frozenset()
         self._clear()
 
     def _clear(self) -> None:
@@ -100,6 +100,18 @@ class Supervision:
         """The frame that was held last; None: the stream has moved on."""
         return self._held if self._held_position == self._stream.position else None
 
+    def _held_frame(self, index: int) -> Frame | None:
+        """Return the present frame if it is frame `index` and no edit has changed it since it was held."""
+        frame = self._present_frame
+        if frame is None or frame.index != index:
+            return None
+        later = [] if isinstance(self._stream, Course) else self._stream.world.edits(self._held_edits, self._edit_count)
+        return None if any(edit.frame <= index for edit in later) else frame
+
+    @property
+    def _edit_count(self) -> int:
+        return 0 if isinstance(self._stream, Course) else self._stream.world.edit_count
+
     def hold(self, frame: Frame) -> None:
         """Make a frame the present one. `offers` does this as well.
 
@@ -112,7 +124,7 @@ class Supervision:
         is_own = size == own and isinstance(frame, CourseFrame) == isinstance(self._stream, Course)
         if not is_own or not self._has(frame.index):
             raise ArgumentError(f"{frame!r}: is a frame of another stream, not of {self._stream!r}")
-        self._held, self._held_position = frame, self._stream.position
+        self._held, self._held_position, self._held_edits = frame, self._stream.position, self._edit_count
 
     def ask(self, y: int, x: int, frame: Frame | int | None = None) -> Answer | Pending | Refused:
         """Ask for the label of a pixel.
@@ -121,8 +133,8 @@ class Supervision:
             y: row, px.
             x: column, px.
             frame: the frame or its index, past or future; None: the present one. Pass a frame that was taken by index,
-                such as `stream[5]`. One that has the buffers semantic, instance, part and depth is read; else the label
-                costs one ray.
+                such as `stream[5]`. One that has the buffers semantic, instance, part and depth is read, unless an edit
+                has changed it since; else the label costs one ray.
 
         Returns:
             The answer; a Pending if answers are delayed; a Refused if there is none.
@@ -194,12 +206,13 @@ class Supervision:
         return Moment(number, length, rng, self._moving_at(index))
 
     def _moving_at(self, index: int) -> frozenset[int]:
-        held = self._held
-        if isinstance(held, CourseFrame) and held.index == index:
+        held = self._held_frame(index)
+        if isinstance(held, CourseFrame):
             return held.moving
-        if self._moving[0] != index:
+        key = index, self._edit_count
+        if self._moving[0] != key:
             source, k = self._source(index)
-            self._moving = index, frozenset(moving_instances(source.world.state(k)))
+            self._moving = key, frozenset(moving_instances(source.world.state(k)))
         return self._moving[1]
 
     def _is_silent(self, index: int, rules: SupervisionRules, moment: Moment) -> bool:
@@ -251,8 +264,8 @@ class Supervision:
 
     def _true_label(self, y: int, x: int, index: int) -> PixelLabel:
         source, k = self._source(index)
-        held = self._held
-        if held is not None and held.index == index == self.present and has_labels(held):
+        held = self._held_frame(index)
+        if held is not None and has_labels(held):
             return label_in_frame(held, y, x, int(held.instance[y, x]) in self._moving_at(index))
         return render_label(source, k, y, x)
 

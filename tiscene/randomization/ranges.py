@@ -71,7 +71,7 @@ class ScenarioRanges:
         min_size = argument_checks.number(self.min_size, "min_size")
         if not 0.0 <= min_size <= 1.0:
             raise ArgumentError(
-                f"min_size={self.min_size!r}: must be a fraction of the image's height, 0 <= min_size < 1"
+                f"min_size={self.min_size!r}: must be a fraction of the image's height, 0 <= min_size <= 1"
             )
         self._set("min_size", min_size)
         self._set("aspect", argument_checks.positive(self.aspect, "aspect"))

@@ -140,10 +140,10 @@ class FrameEvaluator:
 
         Args:
             frame: the frame.
-            shift: offset in frames, -1..1.
+            shift: offset in frames, -1..1; to frame 0 or later.
             following: return those of `frame + 1`, whatever `shift` is.
         """
-        shift = Fraction(1) if following else max(shift, Fraction(-frame))
+        shift = Fraction(1) if following else shift
         selection = self._selection(frame)
         carriers = {each.object for each in selection.lights}
         objects = {}

@@ -4,8 +4,7 @@
 from __future__ import annotations
 
 import warnings
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, fields, replace
 from typing import Any
 
@@ -92,16 +91,6 @@ class WorldLights:
         self._replaced = dict(sorted((self._replaced | {row: light}).items()))
         for key in ((_NOW, 0, row), (_BRIGHTEST, 0, row)):
             self._known.pop(key, None)
-
-    @contextmanager
-    def as_authored(self) -> Iterator[None]:
-        """Leave out meanwhile what `replace_light` has replaced."""
-        kept = self._replaced, self._known
-        self._replaced, self._known = {}, {}
-        try:
-            yield
-        finally:
-            self._replaced, self._known = kept
 
     def poses(self) -> list[tuple[tuple[float, ...], tuple[float, ...]]]:
         """Return the authored positions and quaternions of the lights with motions."""
