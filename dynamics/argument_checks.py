@@ -11,7 +11,7 @@ from __future__ import annotations
 import math
 import operator
 import sys
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Mapping, Set
 from numbers import Real
 from typing import Any, TypeVar, cast
 
@@ -19,6 +19,7 @@ from dynamics.errors import ArgumentError, ArgumentTypeError
 
 Value = TypeVar("Value")
 Check = Callable[[Any, str], Value]
+LARGEST = float.fromhex("0x1.fffffep127")  # finite number of single precision, in which scenes are rendered
 
 
 def set_checked(instance: Any, **checks: Check[Any]) -> None:
@@ -82,16 +83,21 @@ def not_negative(value: Any, name: str) -> float:
     return result
 
 
+def is_series(value: Any) -> bool:
+    """Return whether `value` can be iterated over and its order has a meaning; text and bytes are no series."""
+    return isinstance(value, Iterable) and not isinstance(value, str | bytes | bytearray | Set | Mapping)
+
+
 def numbers(value: Any, name: str, *counts: int) -> tuple[float, ...]:
     """Return `value` as a tuple of finite floats.
 
     Args:
-        value: An iterable of numbers.
+        value: An iterable of numbers in an order: no set, mapping or bytes.
         name: Name of the argument, for error messages.
         *counts: Allowed lengths; none for any length.
     """
     expected = f"{' or '.join(map(str, counts))} numbers" if counts else "numbers"
-    if isinstance(value, str) or not isinstance(value, Iterable):
+    if not is_series(value):
         raise ArgumentTypeError(f"{name}={value!r}: must be {expected}")
     result = tuple(number(item, f"{name}[{index}]") for index, item in enumerate(value))
     if counts and len(result) not in counts:
@@ -101,13 +107,16 @@ def numbers(value: Any, name: str, *counts: int) -> tuple[float, ...]:
 
 
 def vector(value: Any, name: str) -> tuple[float, float, float]:
-    """Return `value` as three finite floats."""
-    return cast("tuple[float, float, float]", numbers(value, name, 3))
+    """Return `value` as three floats that single precision can hold."""
+    result = numbers(value, name, 3)
+    if max(map(abs, result)) > LARGEST:
+        raise ArgumentError(f"{name}={value!r}: must be at most {LARGEST:.2g} in size")
+    return cast("tuple[float, float, float]", result)
 
 
 def vectors(value: Any, name: str) -> tuple[tuple[float, float, float], ...]:
     """Return `value` as a tuple of vectors, of any length."""
-    if isinstance(value, str) or not isinstance(value, Iterable):
+    if not is_series(value):
         raise ArgumentTypeError(f"{name}={value!r}: must be a sequence of 3 numbers each")
     return tuple(vector(item, f"{name}[{index}]") for index, item in enumerate(value))
 

@@ -16,13 +16,14 @@ import numpy as np
 from dynamics import argument_checks
 from dynamics.checkpoints import Checkpoints
 from dynamics.dynamic import Array, Dynamic, Pose
-from dynamics.errors import ArgumentTypeError
+from dynamics.errors import ArgumentError, ArgumentTypeError
 from dynamics.lru_cache import LRUCache
 from dynamics.rotation import quaternion
 from dynamics.waypoints import Waypoint
 
 CHECKPOINT = 64  # initial number of steps between checkpoints
 MAX_CHECKPOINTS = 1024
+MAX_COORDINATE = 1e9  # m: kernels of collisions fail on much larger ones
 
 
 class Stepped(Dynamic):
@@ -112,6 +113,11 @@ class SteppedStates:
         pose = self._dynamic.pose(self._state(number))
         if not isinstance(pose, Waypoint):
             raise ArgumentTypeError(f"{self._name}: pose() returned {pose!r}: must be a Waypoint(position, rotation)")
+        if max(map(abs, pose.position)) > MAX_COORDINATE:
+            raise ArgumentError(
+                f"{self._name}: pose() is at {pose.position} m after {number * self._step:g} s, more than "
+                f"{MAX_COORDINATE:g} m away; if the simulation diverges, a smaller `step` helps"
+            )
         return np.array([*pose.position, *quaternion(pose.rotation)])
 
     def _state(self, number: int) -> Any:

@@ -104,6 +104,7 @@ class SteppedSimulation:
         self.simulated_frames = 0
         self._first = 0  # the frame to start from; before it there is no collision
         self._current = -1  # frame of the state in the arrays; -1: none
+        self._is_unfinished = False  # from the start of a step until it ends without an exception
         self._checkpoints: Checkpoints[_State] = Checkpoints(CHECKPOINT, MAX_CHECKPOINTS)
         self._recent: dict[int, _State] = {}
         self._results: OrderedDict[int, CollisionState] = OrderedDict()
@@ -120,15 +121,20 @@ class SteppedSimulation:
         number = argument_checks.whole(number, "number")
         if number < 0:
             raise ArgumentError(f"number={number}: must be 0 or more")
+        if self._is_unfinished:  # the arrays are between two substeps
+            self._forget()
+            self._build(self._numbers(0))
         if number in self._results:
             self._results.move_to_end(number)
             return self._results[number]
+        self._is_unfinished = True
         if not self._first <= self._current <= number <= self._current + self._checkpoints.interval:
             self._seek(number)
         while self._current < number:
             state = self._advance(self._current)
             self._current += 1
             self._keep(self._with_current_movers(state))
+        self._is_unfinished = False
         return self._results[number]
 
     def amend(self, movers: Sequence[Mover], frame: int) -> None:
@@ -150,6 +156,10 @@ class SteppedSimulation:
     def start_at(self, frame: int) -> None:
         """Skip the frames before `frame`, in which no body bounces and all paths are free of collisions."""
         self._first = max(frame - 1, 0)
+        self._forget()
+
+    def _forget(self) -> None:
+        """Drop all states."""
         self._current = -1
         for known in (self._results, self._checkpoints, self._recent):
             known.clear()

@@ -48,6 +48,15 @@ def test_array_in_the_memory_of_a_deleted_one_is_zero(dtype, made):
     assert not again.to_numpy().any()
 
 
+def test_list_that_an_interruption_has_left_empty_is_passed_over():
+    pool = array_pool.ArrayPool()
+    pool.take("key")
+    pool._kept["key"] = []
+    assert pool.take("key") is None
+    pool._nbytes = array_pool.MAX_KEPT + 1
+    assert pool.take("other") is None
+
+
 @pytest.mark.parametrize("step", ["__init__", "get_traceback"])
 @pytest.mark.parametrize("dtype", [ti.f32, VECTOR], ids=("f32", "vector"))
 def test_ctrl_c_while_an_array_is_made_leaves_nothing_to_complain_of(dtype, step, monkeypatch):

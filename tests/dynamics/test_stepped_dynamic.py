@@ -11,6 +11,7 @@ import pytest
 from dynamics import AllTogether, Body, Mover, Simulation, Stepped, SteppedSimulation, Waypoint
 from dynamics import stepped_dynamic as module
 from dynamics.dynamic import Pose
+from dynamics.errors import ArgumentError
 from tests.dynamics.solids import box, cube, obstacles
 
 
@@ -138,3 +139,23 @@ def test_wrong_pose_or_step_raises_error_that_names_the_class():
 
     with pytest.raises(ValueError, match="step of Frozen"):
         Simulation([Body(Frozen(), name="x")])
+
+
+def test_simulation_that_diverges_is_an_error_that_names_the_time():
+    """Kernels of collisions ended the process without a message."""
+
+    @dataclass(frozen=True)
+    class Spring(Stepped):
+        def begin(self, start):
+            return 1.0
+
+        def advance(self, state, number):
+            return -10.0 * state
+
+        def pose(self, state):
+            return Waypoint((state, 0.0, 0.0))
+
+    simulation = Simulation([Body(Spring(), name="s")])
+    assert simulation.poses(0.08)[0, 0] == pytest.approx(1e8)
+    with pytest.raises(ArgumentError, match=r"Spring of 's': pose\(\) is at .* m after 0\.1 s, more than 1e\+09 m"):
+        simulation.poses(0.09)

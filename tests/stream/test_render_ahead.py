@@ -148,6 +148,19 @@ def test_interrupted_wait_for_a_frame_can_be_continued(ahead, monkeypatch):
     assert next(ahead).index == 4
 
 
+def test_frame_whose_pixels_were_received_before_an_interruption_does_not_get_those_of_the_next(ahead, monkeypatch):
+    ahead.seek(3)
+    way = LinearWaypoints([Waypoint((-0.5, 1.0, -2.5)), Waypoint((-0.5, 2.0, -2.5))], 1.0)
+    ahead.world.spawn("Ball 01", position=(-0.5, 1.0, -2.5), dynamic=way)
+    next(ahead)
+    receive = ahead._ahead._receive
+    monkeypatch.setattr(ahead._ahead, "_receive", lambda: interrupt(receive()))
+    with pytest.raises(KeyboardInterrupt):
+        next(ahead)
+    monkeypatch.undo()
+    assert next(ahead).depth.tobytes() == ahead[4].depth.tobytes() != ahead[5].depth.tobytes()
+
+
 def test_iteration_ends_with_the_stream_and_can_start_again(ahead):
     ahead.seek(38)
     assert [frame.index for frame in ahead] == [38, 39]

@@ -135,6 +135,17 @@ def test_a_stream_resumes_from_its_state():
         other.load_state_dict({"version": 1, "settings": 3, "position": 0})
 
 
+def test_state_costs_the_same_whatever_the_number_of_edits_before_the_last_state():
+    stream = ts.Stream(moving_scenario(), frames=10, **SETTINGS)
+    calls = []
+    for _ in range(2):
+        stream.state_dict()
+        calls.append(count_calls(stream.state_dict))
+        for _ in range(50):
+            stream.world.move_camera((0, 0, 0))
+    assert calls[0] == calls[1]
+
+
 @pytest.mark.parametrize(
     ("setting", "cure"),
     [

@@ -52,7 +52,7 @@ class ArrayPool:
         """
         self._sort_queue()
         same = self._kept.get(key)
-        if same is None:
+        if not same:  # Ctrl-C leaves an empty list
             return None
         state = same.pop()
         if not same:
@@ -89,11 +89,12 @@ class ArrayPool:
                 self._kept.setdefault(key, []).append(state)
                 self._kept.move_to_end(key)
                 self._nbytes += byte_count(state["arr"])
-        while self._nbytes > MAX_KEPT:
+        while self._nbytes > MAX_KEPT and self._kept:
             oldest, same = next(iter(self._kept.items()))
-            memory = same.pop()["arr"]
             if not same:
                 del self._kept[oldest]
+                continue
+            memory = same.pop()["arr"]
             self._nbytes -= byte_count(memory)
             present.delete_ndarray(memory)
 

@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from dynamics.argument_checks import LARGEST, is_series
 from dynamics.rotation import matrix_from_quaternion
 from tiscene.errors import ArgumentError
 from tiscene.scene.animation import quaternions
@@ -81,10 +82,14 @@ class Camera:
                     raise refuse(name, "must be a quaternion (w, x, y, z); `Camera.look_at` makes a camera of a target")
                 raise refuse(name, f"must be finite numbers, {count} of them")
             object.__setattr__(self, name, tuple(float(component) for component in getattr(self, name)))
+        if max(map(abs, self.position)) > LARGEST:
+            raise refuse("position", f"must be at most {LARGEST:.2g} m from the origin along each axis")
         optional = ("exposure", "orthographic_height", "aspect")
         for name in (*_LENGTHS, "vertical_fov", *optional, "shutter_open", "shutter_close"):
             if name in optional and getattr(self, name) is None:
                 continue
+            if not _is_number(getattr(self, name)):
+                raise refuse(name, "must be a number")
             if not _are_numbers((getattr(self, name),), 1):
                 raise refuse(name, "must be finite")
             object.__setattr__(self, name, float(getattr(self, name)))
@@ -260,13 +265,16 @@ class Camera:
         return np.array(planes)
 
 
+def _is_number(value: Any) -> bool:
+    return isinstance(value, Real) and not isinstance(value, bool)
+
+
 def _are_numbers(values: Any, count: int) -> bool:
     """Return whether `values` are `count` finite numbers."""
-    try:
-        listed = list(values)
-    except TypeError:
+    if not is_series(values):
         return False
-    if len(listed) != count or not all(isinstance(value, Real) and not isinstance(value, bool) for value in listed):
+    listed = list(values)
+    if len(listed) != count or not all(map(_is_number, listed)):
         return False
     try:
         return all(math.isfinite(value) for value in listed)

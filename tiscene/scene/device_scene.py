@@ -30,12 +30,13 @@ from tiscene.scene.material_table import MaterialTable
 from tiscene.scene.placement import CURRENT, MOVERS, NEXT, PREVIOUS, Placement
 from tiscene.scene.reused_arrays import MeshGroup, ReusedArrays
 from tiscene.scene.textures.atlas import TextureAtlas
+from tiscene.scene.whole_changes import WholeChanges, as_a_whole
 
 HAS_NORMALS, HAS_UV, MIRRORED, HAS_COLORS = 1, 2, 4, 8  # bits of `instance_info` column 5
 INFO_COLUMNS = 18
 
 
-class DeviceScene:
+class DeviceScene(WholeChanges):
     """A growing set of meshes, materials, textures and lights, and the transforms of the instances.
 
     It is empty at first: `add` descriptions, `place` the instances, then render. Placing is cheap and done for every
@@ -97,12 +98,10 @@ class DeviceScene:
         self._first_textures: list[int] = []  # by description
         self._first_materials: list[int] = []
         self._deforming: dict[int, DeformingMesh] = {}  # by mesh row
-        self.instance_count = 0
-        self.placement = NO_INSTANCES
+        self.instance_count, self.placement = 0, NO_INSTANCES
         self._placed_meshes: Any = None  # `_mesh_table` when the instances were placed
         self.bounds: NDArray[np.float64] = np.zeros((2, 3))
-        self._hittable = np.zeros((3, 0), bool)
-        self.instance_boxes = np.zeros((3, 0, 6))
+        self._hittable, self.instance_boxes = np.zeros((3, 0), bool), np.zeros((3, 0, 6))
         self.instance_info: Any = None
         self._frame_roots: dict[int, Any] = {}
         self._pending: list[NDArray[Any]] | None = None  # values of the arrays of instances, not on the device yet
@@ -167,6 +166,7 @@ class DeviceScene:
         """Return the reference of the TLAS at a time, or of MOVERS. Raises ArgumentError if it was not placed."""
         return self._bvh.root(time)
 
+    @as_a_whole
     def add(self, description: SceneDescription) -> int:
         """Append a stage or template; return the row of its first mesh.
 
@@ -198,6 +198,7 @@ class DeviceScene:
         self._mesh_arrays_are_stale = True
         return first_mesh
 
+    @as_a_whole
     def place(self, placement: Placement, times: Iterable[int] = (CURRENT,)) -> None:
         """Place the instances of a frame, and build the TLAS for each of `times`.
 
@@ -238,6 +239,7 @@ class DeviceScene:
         here = self.instance_boxes[CURRENT, self._hittable[CURRENT]]
         self.bounds = np.array((here[:, :3].min(axis=0), here[:, 3:].max(axis=0)) if len(here) else np.zeros((2, 3)))
 
+    @as_a_whole
     def place_frames(self, placements: Sequence[Placement], times: Iterable[int] = (CURRENT,)) -> None:
         """Place the instances of several frames at once: those of a frame follow those of the one before.
 
@@ -294,8 +296,7 @@ class DeviceScene:
     def _write_instances(self) -> None:
         """Upload what `_upload_instances` has left to be uploaded together with the TLAS: all, for a GPU."""
         if self._pending is not None:
-            tree = self._bvh.take_unwritten()
-            upload_packed(self._pending, tree, self._instance_arrays(), self._bvh.nodes)
+            upload_packed(self._pending, self._bvh.take_unwritten(), self._instance_arrays(), self._bvh.nodes)
             self._pending = None
 
     def _instance_arrays(self) -> tuple[Any, ...]:
@@ -365,8 +366,7 @@ class DeviceScene:
 
     def _upload_instances(self, moved: bool = True) -> None:
         """Upload what is placed; moved: whether matrices differ from those that are there."""
-        placement = self.placement
-        count = len(placement.mesh)
+        placement, count = self.placement, len(self.placement.mesh)
         info = np.zeros((count, INFO_COLUMNS), np.int32)
         info[:, [0, 1, 5, 7, 8, 17]] = self._mesh_table[placement.mesh]
         info[:, INFO_PARTS : INFO_PARTS + PARTS] = self._parts.entries[placement.mesh]

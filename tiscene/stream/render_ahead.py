@@ -82,6 +82,7 @@ class RenderAhead:
             self._expected = -1, version  # the worker's copy has the edits, and no frame is requested yet
         if (position, version) != self._expected:
             self._request(stream, position, version)
+        self._expected = -1, version  # if an exception comes before the frame is returned, it is requested again
         while True:
             request, result = self._receive()
             if request == self._number:

@@ -32,7 +32,7 @@ _OTHER_CURE = "Pass the saved {0} to Stream(...)."
 class SavedState:
     """The methods of a stream for checkpoints, for worker processes, and for further streams."""
 
-    _digest: tuple[int, str] | None  # number of edits, and the digest of all files then
+    _digest: tuple[int, str, str] | None  # number of edits, and the digests of the scenario and of all files then
 
     def another(self: StreamInterface, scenario: Scenario) -> Any:
         """Return a stream of another scenario with the same settings, which shares the stages and trees that are kept.
@@ -51,10 +51,11 @@ class SavedState:
         """Return everything except device arrays, which are made anew, the progress callback and the worker process."""
         kept = {name: value for name, value in vars(self).items() if name not in ("world", "_renderer", "_ahead")}
         own = {"_progress": ProgressBar(), "_batches": FrameBatches(kept["_batches"].size)}
-        return kept | own | {"scenario": self.scenario, "lights": self.world.replaced_lights}
+        world = {"scenario": self.scenario, "lights": self.world.replaced_lights, "position": self.position}
+        return kept | own | world
 
     def __setstate__(self: StreamInterface, state: dict[str, Any]) -> None:
-        scenario, lights, position = state.pop("scenario"), state.pop("lights"), state["_position"]
+        scenario, lights, position = (state.pop(name) for name in ("scenario", "lights", "position"))
         vars(self).update(state, _ahead=RenderAhead(0))
         runtime.start(self.arch)
         self.restart(scenario)
@@ -68,15 +69,16 @@ class SavedState:
         The scenario and the files of its stage and templates are given as SHA-256 digests, and so are the lights of
         `set_light`, if there are any.
         """
-        canonical = json.dumps(self.scenario.to_json(), sort_keys=True, separators=(",", ":"))
         edits = self.world.edit_count
         known = self._digest
         if known is None or known[0] != edits:
-            self._digest = known = edits, digest(self.file_digests())
+            canonical = json.dumps(self.scenario.to_json(), sort_keys=True, separators=(",", ":"))
+            scenario = hashlib.sha256(canonical.encode()).hexdigest()
+            self._digest = known = edits, scenario, digest(self.file_digests())
         lights = list(self.world.replaced_lights.items())
         return {
-            "scenario": hashlib.sha256(canonical.encode()).hexdigest(),
-            "files": known[1],
+            "scenario": known[1],
+            "files": known[2],
             "width": self.width,
             "height": self.height,
             "fps": self.fps,

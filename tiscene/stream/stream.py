@@ -228,7 +228,6 @@ class Stream(FixedSettings, LoaderMethods, StreamOutput, SavedState, Iterator[Fr
         self.world, self._renderer = world, renderer
         self.width, self.height = width, height
         self._digest = None
-        self._position = 0
 
     def close(self, *, keep_trees: bool = False) -> None:
         """Free the memory of the device and of caches. `restart` makes the stream usable again.
@@ -262,7 +261,7 @@ class Stream(FixedSettings, LoaderMethods, StreamOutput, SavedState, Iterator[Fr
         raise AttributeError(f"{type(self).__name__!r} object has no attribute {name!r}")
 
     def __repr__(self) -> str:
-        return f"<Stream of {self.scenario.scene} at frame {self._position}: {', '.join(self.buffers)}>"
+        return f"<Stream of {self.scenario.scene} at frame {self.position}: {', '.join(self.buffers)}>"
 
     @property
     def arch(self) -> str | None:
@@ -282,13 +281,12 @@ class Stream(FixedSettings, LoaderMethods, StreamOutput, SavedState, Iterator[Fr
     @property
     def position(self) -> int:
         """The index of the frame that `next` returns."""
-        return self._position
+        return self.world.next_frame
 
     @runtime.one_thread_at_a_time
     def seek(self, index: int) -> Stream:
         """Make frame `index` the next one; costs nothing. Returns the stream."""
-        self._position = integer(index, "index", 0, self.frames or sys.maxsize)
-        self.world.next_frame = self._position
+        self.world.next_frame = integer(index, "index", 0, self.frames or sys.maxsize)
         return self
 
     def __iter__(self) -> Stream:
@@ -300,7 +298,7 @@ class Stream(FixedSettings, LoaderMethods, StreamOutput, SavedState, Iterator[Fr
     @runtime.one_thread_at_a_time  # so that edits of other threads come before the frame or after it
     def _next(self, pixels: Sequence[Pixels] | None = None) -> Frame:
         """Return the frame at the position, and move on. `pixels` are those of its cameras, if they are rendered."""
-        index, end = self._position, self.frames or sys.maxsize
+        index, end = self.position, self.frames or sys.maxsize
         if index >= end:
             raise StopIteration
         frame = self._batches.first_of(self, range(index, end)) if pixels is None else self._render(index, pixels)

@@ -30,7 +30,7 @@ class StreamInterface(Protocol):
     taxonomy: str | None
     stages: StageCache
     _cache_bytes: int
-    _digest: tuple[int, str] | None
+    _digest: tuple[int, str, str] | None
     _selected_categories: tuple[str, ...] | None
     _renderer: ViewRenderer
 

@@ -24,6 +24,8 @@ from tiscene.render.view import View
 from tiscene.scene.bvh.obstacle_tree import MeshTrees
 from tiscene.scene.device_scene import DeviceScene
 from tiscene.scene.placement import CURRENT, Placement
+from tiscene.scene.walking import Axes
+from tiscene.scene.whole_changes import WholeChanges, as_a_whole
 from tiscene.stream.shutter import shutter_samples
 from tiscene.world.world import World
 from tiscene.world.world_state import CameraStep, WorldState
@@ -65,7 +67,7 @@ class Pixels:
         return cls(frame.buffers, frame.buffers.get("instance"), frame.spp)
 
 
-class ViewRenderer:
+class ViewRenderer(WholeChanges):
     """Renders frames of a world from any camera, in any size.
 
     Args:
@@ -107,10 +109,10 @@ class ViewRenderer:
         """
         self.world = world
         world.trajectories.progress = self._progress
-        self._scene = DeviceScene(stage_trees=stage_trees)
-        self._measurer = Measurer(self._scene)
-        self._points = PointPass(self._scene)
+        scene = DeviceScene(stage_trees=stage_trees)
         self._compensation = world.scenario.exposure_compensation
+        self._measurer, self._points = Measurer(scene), PointPass(scene)
+        self._descriptions, self._scene = world.descriptions, scene
 
     def close(self) -> None:
         """Drop all arrays now. The world refers back to this object, so they would wait for the cyclic collector.
@@ -122,6 +124,7 @@ class ViewRenderer:
             self.world.trajectories.close()
         vars(self).clear()
 
+    @as_a_whole
     def mesh_trees(self) -> MeshTrees:
         """Return the bounding volume hierarchies of the meshes, which serve collisions too."""
         self._upload_descriptions()
@@ -129,9 +132,10 @@ class ViewRenderer:
 
     def stage_trees(self) -> MeshTrees | None:
         """Return the trees of the stage's meshes alone; None if they were not needed, or Taichi was restarted."""
-        is_built = self._session is runtime.session() and self._scene.descriptions
+        is_built = self._session is runtime.session() and self._scene.descriptions and not self._is_outdated
         return self._scene.copied_stage_trees() if is_built else None
 
+    @as_a_whole
     def exposure(self, width: int, height: int) -> float:
         """Return the main camera's exposure in stops, with the scenario's compensation.
 
@@ -152,6 +156,7 @@ class ViewRenderer:
             self._metered = world.start_edits, stops
         return self._metered[1] + self._compensation
 
+    @as_a_whole
     def render(
         self,
         state: WorldState,
@@ -243,6 +248,7 @@ class ViewRenderer:
         rendered = {name: labels[name] if name in labels else rendered[name] for name in buffers}
         return Pixels(complete(names, rendered), rendered.get("instance"), renderer.spp if colored else 0.0)
 
+    @as_a_whole
     def surface_points(
         self, placement: Placement, view: View, x: NDArray[np.int64], y: NDArray[np.int64]
     ) -> SurfacePoints:
@@ -252,6 +258,7 @@ class ViewRenderer:
         self._scene.place(placement, (CURRENT,))
         return self._points.choose(view, x, y)
 
+    @as_a_whole
     def follow(
         self, points: SurfacePoints, placement: Placement, view: View
     ) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
@@ -261,6 +268,7 @@ class ViewRenderer:
         self._scene.place(placement, (CURRENT,))
         return self._points.follow(points, view)
 
+    @as_a_whole
     def render_batch(
         self, states: Sequence[WorldState], buffers: Sequence[str], width: int, height: int
     ) -> list[tuple[WorldState, list[Prepared]]]:
@@ -282,7 +290,7 @@ class ViewRenderer:
         placements = [state.placement for state in states]
         found: list[list[Prepared]] = [[] for _ in states]
         for row in range(len(states[0].cameras)):
-            views = [self.view(state, row, width, height) for state in states]
+            views = [self.view(state, row, buffers, width, height) for state in states]
             renderer = self._renderer(views[0])
             labels = renderer.render_labels(views, placements, names) or [{} for _ in states]
             light: Sequence[PathImage | None] = [None] * len(states)
@@ -294,16 +302,19 @@ class ViewRenderer:
                 each.append(Prepared(drawn, image))
         return list(zip(states, found, strict=True))
 
-    def view(self, state: WorldState, row: int, width: int, height: int) -> View:
+    def view(self, state: WorldState, row: int, buffers: Sequence[str], width: int, height: int) -> View:
         """Return the view of one of the world's cameras.
 
         Args:
             state: of the world, at the frame to render.
             row: the camera.
+            buffers: names of the buffers to render: where it walks is found for color that frames share.
             width: image width, px.
             height: image height, px.
         """
-        is_dynamic, walks = self.world.camera_is_dynamic(state.frame, row), self.world.camera_walks(state.frame, row)
+        is_shared = self.settings.incremental and not COLORS.isdisjoint(rendered_buffers(buffers))
+        walks = self.world.camera_walks(state.frame, row) if is_shared else Axes()
+        is_dynamic = self.world.camera_is_dynamic(state.frame, row)
         return View(*state.cameras[row], width=width, height=height, is_dynamic=is_dynamic, walks=walks)
 
     def _shared_light(
@@ -326,8 +337,24 @@ class ViewRenderer:
 
     def _upload_descriptions(self) -> None:
         """Add the world's stage and templates to the device scene, as far as they are not there."""
+        if self._is_outdated:
+            self._start_over()
         for description in self.world.descriptions[len(self._scene.descriptions) :]:
             self._scene.add(description)
+
+    @property
+    def _is_outdated(self) -> bool:
+        """Whether an exception has ended a change of the scene, the rendering of a frame, or an edit of the world."""
+        is_other_world = self._descriptions is not self.world.descriptions
+        return self.is_unfinished or self._scene.is_unfinished or is_other_world
+
+    def _start_over(self) -> None:
+        """Make all that is on the device anew. Frames that are kept measure with a scene of their own."""
+        self._renderers.drop(lambda _size: True)
+        self._measurer.close()
+        self.world.trajectories.use_trees(self.mesh_trees)
+        self.set_world(self.world, None)
+        self.is_unfinished = False
 
     def _renderer(self, view: View) -> Renderer:
         """Return the renderer of an image size."""
@@ -361,7 +388,7 @@ def render_all_cameras(
     first, *others = [
         renderer.render(
             state,
-            renderer.view(state, row, width, height),
+            renderer.view(state, row, buffers, width, height),
             buffers,
             main_size=(width, height),
             camera_row=row,

@@ -53,16 +53,16 @@ class CollisionOnset:
     def find(self, frame: int) -> int | None:
         """Return the onset if it is at a frame or before, by what is known at that frame; else None."""
         if not self._objects_considered:
-            self._objects_considered = True
             for row in self._log.around(-1):
                 self._add(row, 0)
             self._check(0)
+            self._objects_considered = True  # last, as below: what an exception interrupts is considered again
         while self._considered < len(self._edits):
             edit = self._edits[self._considered]
             if edit.frame > frame or (self._frame is not None and edit.frame >= self._frame):
                 break
-            self._considered += 1
             self._consider(edit)
+            self._considered = min(self._considered + 1, len(self._edits))
         return self._frame if self._frame is not None and self._frame <= frame else None
 
     def _consider(self, edit: Edit) -> None:

@@ -142,9 +142,13 @@ class Trajectories:
     def close(self) -> None:
         """Drop all simulations, and all that is on the device. What is asked later is simulated again."""
         self.stepped = None
-        self._obstacles.drop(lambda _changes: True)
         meshes = self._setting.stage.meshes
-        self._setting = replace(self._setting, trees=functools.cache(lambda: MeshTrees.built(meshes)))
+        self.use_trees(lambda: MeshTrees.built(meshes))
+
+    def use_trees(self, trees: Callable[[], MeshTrees]) -> None:
+        """Drop what is on the device; `trees` returns the trees of the stage's meshes from now on."""
+        self._obstacles.drop(lambda _changes: True)
+        self._setting = replace(self._setting, trees=functools.cache(trees))
 
     def amend(self, edit: Edit) -> None:
         """Take one more edit of the log. Frames before the edit keep their poses and are not computed again."""
@@ -254,22 +258,23 @@ class Trajectories:
         onset = self._onset.find(frame)
         if onset is None:
             return None
-        if self.stepped is None:
-            unspawned = [self._log.histories[row].spec for row in range(self._unspawned)]
-            timings = AssignedWindows(self._scenario.timings, [(each.id, path_of(each)) for each in unspawned])
-            self.stepped = SteppedSimulation(
-                self._movers,
-                timings,
-                fps=self._fps,
-                existing=self._log.around,
-                obstacles=self._obstacles_at,
-                walls=self.walls,
-            )
-        elif self._stepped_from == onset:
-            return self.stepped
-        self._stepped_from = onset
-        self.stepped.start_at(onset)
+        if self.stepped is None or self._stepped_from != onset:
+            stepped = self.stepped or self._new_stepped()
+            stepped.start_at(onset)
+            self._stepped_from, self.stepped = onset, stepped
         return self.stepped
+
+    def _new_stepped(self) -> SteppedSimulation:
+        unspawned = [self._log.histories[row].spec for row in range(self._unspawned)]
+        timings = AssignedWindows(self._scenario.timings, [(each.id, path_of(each)) for each in unspawned])
+        return SteppedSimulation(
+            self._movers,
+            timings,
+            fps=self._fps,
+            existing=self._log.around,
+            obstacles=self._obstacles_at,
+            walls=self.walls,
+        )
 
     def _simulation(self) -> Simulation:
         """Return the closed forms of the objects without edits, the cameras and the lights."""
@@ -339,7 +344,10 @@ def _axes_of(body: Body) -> Axes:
     is_closed = isinstance(body.dynamic, ClosedForm)
     end = exact(max(track.duration or 0.0 for track in body.tracks) if is_closed else OPEN_ENDED)
     times = [end * Fraction(i, CAMERA_SAMPLES) for i in range(CAMERA_SAMPLES + 1)]
-    extent = np.ptp(Simulation([body]).poses_at(times)[:, 0, :3], axis=0)
+    try:
+        extent = np.ptp(Simulation([body]).poses_at(times)[:, 0, :3], axis=0)
+    except Exception:  # Python that ends earlier; whoever renders that far gets its error
+        return Axes(range(3))
     return Axes(np.flatnonzero(extent > STILL).tolist())
 
 

@@ -8,10 +8,12 @@ were requested before.
 from __future__ import annotations
 
 import functools
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import AbstractContextManager, nullcontext
+from copy import deepcopy
 from dataclasses import replace
 from fractions import Fraction
+from types import MappingProxyType
 
 from dynamics import argument_checks
 from tiscene.errors import ArgumentError, ScenarioError
@@ -90,7 +92,6 @@ class World(ObjectEdits):
     ) -> None:
         self._scenario = scenario
         self.edit_lock = edit_lock or nullcontext()
-        self._log = scenario.log()
         self.stage = stage = overridden(stage, scenario.overrides)
         self.fps = argument_checks.positive(fps, "fps")
         self.cameras = tuple(each if isinstance(each, Camera) else stage.camera(each) for each in scenario.cameras)
@@ -98,20 +99,33 @@ class World(ObjectEdits):
         if len(set(names)) < len(names):
             raise ScenarioError(f"camera: {', '.join(names)}: two cameras share a name; give each its own")
         self.next_frame = self.start_edits = 0
-        self._last_state: WorldState | None = None
-        self._aspect = aspect
+        self._aspect, self._seed = aspect, seed
+        self._unfinished_edit: int | None = None  # number of edits before it
 
         def load(name: str) -> Template:
             template = load_template(name)
             return replace(template, description=with_materials(template.description, scenario.overrides))
 
-        self._registry = registry = ObjectRegistry(stage, load, category_ids or CategoryIds(), self._log.histories)
-        check_materials(registry.descriptions, scenario.overrides)
+        self._load_template, self._trees = load, trees or (lambda: MeshTrees.built(stage.meshes))
+        self._first_category_ids = category_ids or CategoryIds()
+        self._build(scenario)
+        check_materials(self.descriptions, scenario.overrides)
+
+    def _build(self, scenario: Scenario, replaced_lights: Mapping[int, Light] = MappingProxyType({})) -> None:
+        """Make everything that depends on the edits of a scenario."""
+        self._log = scenario.log()
+        self._last_state: WorldState | None = None
+        stage, fps, aspect = self.stage, self.fps, self._aspect
+        ids = deepcopy(self._first_category_ids)
+        self._registry = registry = ObjectRegistry(stage, self._load_template, ids, self._log.histories)
         self._stage_objects = StageObjects(
             stage, registry.stage_rows, registry.stage_owner, registry.stage_tracks, registry.stage_poses, fps
         )
         self._stage_objects.settle(self._log.stage_histories)
-        self._lights = WorldLights(stage, scenario.lights)
+        lights = WorldLights(stage, scenario.lights)
+        for row, light in replaced_lights.items():
+            lights.replace_light(row, light)
+        self._lights = lights
         setting = TrajectoryContext(
             stage=stage,
             cameras=self.cameras,
@@ -121,25 +135,38 @@ class World(ObjectEdits):
                 (motion.dynamic, *pose) for motion, pose in zip(scenario.lights, self._lights.poses(), strict=True)
             ],
             surface=self._registry.surface,
-            trees=functools.cache(trees or (lambda: MeshTrees.built(stage.meshes))),
+            trees=functools.cache(self._trees),
             instances=self._stage_objects.instances,
         )
         self.trajectories = PhysicsTrajectories(scenario, self._log, setting)
         self._cameras = WorldCameras(self.cameras, self._log, self.trajectories, stage.camera_names)
         first = registry.id_of(0)
-        self.view_history = ViewHistory(
-            self._log, self.trajectories, self._cameras, first, self.fps, aspect, self.edit_lock
-        )
+        self.view_history = ViewHistory(self._log, self.trajectories, self._cameras, first, fps, aspect, self.edit_lock)
         eye, placed = self.cameras[0].position, self._stage_objects.instances
         overlaps = OverlapDetector(self._log, stage, registry.surface, placed, self.trajectories, eye)
         animation, rooms = MaterialAnimation(registry.descriptions), RoomFinder(stage.rooms)
         parts = registry, self._stage_objects, self._lights, animation, self.trajectories
-        self._evaluator = FrameEvaluator(self._log, *parts, overlaps, self.fps, rooms)
-        self._place_finder = PlaceFinder(stage, registry, self._stage_objects, self._evaluator, aspect, seed)
+        self._evaluator = FrameEvaluator(self._log, *parts, overlaps, fps, rooms)
+        self._place_finder = PlaceFinder(stage, registry, self._stage_objects, self._evaluator, aspect, self._seed)
+
+    def undo_unfinished_edit(self) -> None:
+        """Return to the state before an edit that an exception has ended, such as KeyboardInterrupt, if there is one.
+
+        Everything is made anew, `descriptions` too.
+        """
+        if self._unfinished_edit is None:
+            return
+        with self.edit_lock:  # another thread may be in the middle of an edit
+            if self._unfinished_edit is not None:
+                edits = tuple(self._log.edits[: self._unfinished_edit])
+                self.trajectories.close()
+                self._build(replace(self._scenario, edits=edits), self._lights.replaced)
+                self._unfinished_edit = None
 
     @property
     def scenario(self) -> Scenario:
         """The scenario with all edits so far."""
+        self.undo_unfinished_edit()
         if len(self._scenario.edits) < len(self._log.edits):
             self._scenario = replace(self._scenario, edits=tuple(self._log.edits))
         return self._scenario
@@ -147,6 +174,7 @@ class World(ObjectEdits):
     @property
     def edit_count(self) -> int:
         """Number of edits so far, at constant cost: `scenario` is made anew after edits."""
+        self.undo_unfinished_edit()
         return len(self._log.edits)
 
     @property
@@ -213,6 +241,7 @@ class World(ObjectEdits):
             ArgumentError: for a negative frame.
         """
         frame = argument_checks.integer(frame, "frame", 0)
+        self.undo_unfinished_edit()
         if self._last_state is None or self._last_state.frame != frame:
             self._last_state = self._compute_state(frame)
         return self._last_state
@@ -254,8 +283,8 @@ class World(ObjectEdits):
 
     def planned_start(self) -> tuple[Placement, CameraStep]:
         """Return frame 0 and its main camera as if no edit had placed the camera, nor `set_light` replaced a light."""
-        with self._lights.as_authored():
-            return self._evaluator.place(0), self._cameras.planned(0, 0)
+        authored = replace(self._evaluator, lights=WorldLights(self.stage, self._scenario.lights))
+        return authored.place(0), self._cameras.planned(0, 0)
 
     @one_at_a_time
     def set_light(self, row: int, light: Light) -> None:
@@ -269,13 +298,20 @@ class World(ObjectEdits):
         if type(light) is not type(authored):
             wanted = f"{type(authored).__name__}, as {authored.prim_path} is"
             raise ArgumentError(f"light is a {type(light).__name__}: must be a {wanted} (see dataclasses.replace)")
+        self._unfinished_edit = self.edit_count
         self._lights.replace_light(row, light)
         self._evaluator.forget_starting_lights()
         self._last_state = None
+        self._unfinished_edit = None
 
     def _edit(self, edit: Edit) -> None:
         self.view_history.settle(edit.frame)
-        self._log.add(edit)
+        self._unfinished_edit = self.edit_count
+        try:
+            self._log.add(edit)
+        except ScenarioError:
+            self._unfinished_edit = None  # it is impossible, and has changed nothing
+            raise
         if isinstance(edit, Spawn):
             self._registry.settle()
         elif isinstance(edit, Move | Despawn) and self._log.row(edit.id) is None:
@@ -287,3 +323,4 @@ class World(ObjectEdits):
         if edit.frame == 0:
             self._evaluator.forget_starting_lights()
             self.start_edits += 1
+        self._unfinished_edit = None

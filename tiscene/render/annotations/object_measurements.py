@@ -101,6 +101,8 @@ class Measurer:
     @property
     def instruments(self) -> _Instruments:
         """What measures; after `close` made again, in place of what was made so for other frames."""
+        if self._instruments is not None and self._instruments.scene.is_unfinished:
+            self.close()
         if self._instruments is None:
             for other in list(_reopened):
                 other.close()

@@ -286,13 +286,14 @@ class Bvh:
         if not len(rows):
             self._roots[time] = EMPTY_NODE
             return
-        self._roots[time] = first = self._tlas_region(boxes, rows)
+        first = self._tlas_region(boxes, rows)
         if first not in self._cached and self.layout is not BVH8:
             self._unwritten[first] = widened(boxes), rows
         elif first not in self._cached:
             nodes = self._build_instances(boxes, rows)
             self._write_nodes(nodes, first // self.layout.unit, 0, layout_kernels.INSTANCE_LEAF)
         self._cached[first] = self._cached.pop(first, (boxes, rows))  # the least recently used comes first
+        self._roots[time] = first  # last: an exception before leaves the time unplaced
 
     def _tlas_region(self, boxes: NDArray[np.float64], rows: NDArray[np.int32]) -> int:
         """Return the root of the TLAS over these instances, if there is one, else of a region that is free.

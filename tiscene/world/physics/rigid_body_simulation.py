@@ -142,6 +142,7 @@ class RigidBodySimulation:
         self._results: LRUCache[int, PhysicsFrame] = LRUCache(CACHED_FRAMES)
         self._models: LRUCache[Hashable, PhysicsModel] = LRUCache(CACHED_MODELS)
         self._loaded: tuple[Hashable, Surroundings] | None = None
+        self._is_unfinished = False  # from the start of a step until it ends without an exception
 
     @property
     def checkpoint_count(self) -> int:
@@ -167,6 +168,10 @@ class RigidBodySimulation:
         return self._results.get(number, lambda: self._simulated(number))
 
     def _simulated(self, number: int) -> PhysicsFrame:
+        if self._is_unfinished:  # models are between two steps of the engine
+            self.surroundings_changed()
+            self._checkpoints.clear()
+        self._is_unfinished = True
         reached, saved = self._current
         if not 0 <= reached <= number:
             reached = max((each for each in self._checkpoints if each <= number), default=-1)
@@ -177,7 +182,9 @@ class RigidBodySimulation:
             reached += 1
             self._checkpoints.add(reached, saved)
         self._current = (reached, saved)
-        return self._result(number, saved)
+        result = self._result(number, saved)
+        self._is_unfinished = False
+        return result
 
     def _result(self, frame: int, saved: _Saved) -> PhysicsFrame:
         there = {body.number: body for body in self._world.bodies(frame) if body.rigid is not None}
