@@ -19,7 +19,7 @@ from dynamics.errors import ArgumentError, ArgumentTypeError
 
 Value = TypeVar("Value")
 Check = Callable[[Any, str], Value]
-LARGEST = float.fromhex("0x1.fffffep127")  # finite number of single precision, in which scenes are rendered
+LARGEST = 3.4e38  # of a coordinate: scenes are rendered in single precision
 
 
 def set_checked(instance: Any, **checks: Check[Any]) -> None:
@@ -110,7 +110,7 @@ def vector(value: Any, name: str) -> tuple[float, float, float]:
     """Return `value` as three floats that single precision can hold."""
     result = numbers(value, name, 3)
     if max(map(abs, result)) > LARGEST:
-        raise ArgumentError(f"{name}={value!r}: must be at most {LARGEST:.2g} in size")
+        raise ArgumentError(f"{name}={value!r}: must be numbers of at most {LARGEST:g}")
     return cast("tuple[float, float, float]", result)
 
 

@@ -6,11 +6,19 @@ import os
 import subprocess
 import sys
 import threading
+from pathlib import Path
 
 import pytest
 
-from tiscene.errors import ExportError, export_errors
-from tiscene.files import LOCK_NAME, FolderLockedError, lock_folder, write_atomically
+from tiscene.errors import ExportError, MissingFile, export_errors
+from tiscene.files import (
+    LOCK_NAME,
+    FolderLockedError,
+    lock_folder,
+    partial_file,
+    remove_partial_files,
+    write_atomically,
+)
 
 
 def full_disk(*_):
@@ -39,6 +47,32 @@ def test_atomic_write_gives_the_default_permissions(tmp_path):
     (tmp_path / "plain").write_bytes(b"")
     write_atomically(tmp_path / "a.bin", b"")
     assert (tmp_path / "a.bin").stat().st_mode == (tmp_path / "plain").stat().st_mode
+
+
+def test_processes_with_equal_ids_do_not_share_a_partial_file(tmp_path, monkeypatch):
+    """Containers on several machines often have the same ids."""
+    target, write = tmp_path / "a.bin", Path.write_bytes
+
+    def written_while_another_process_writes(path, data):
+        monkeypatch.setattr(Path, "write_bytes", write)
+        write(path, data)
+        write_atomically(target, b"other")
+
+    monkeypatch.setattr(Path, "write_bytes", written_while_another_process_writes)
+    write_atomically(target, b"own")
+    assert target.read_bytes() == b"own"
+    assert [path.name for path in tmp_path.iterdir()] == ["a.bin"]
+
+
+def test_partial_files_of_killed_processes_are_recognized(tmp_path):
+    partial_file(tmp_path / "a.bin").write_bytes(b"half")
+    remove_partial_files(tmp_path)
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_export_errors_leaves_errors_about_what_is_read(tmp_path):
+    with pytest.raises(MissingFile, match=r"^no file"), export_errors(tmp_path):
+        raise MissingFile("no file 'scene.usda'")
 
 
 def test_lock_of_a_folder_is_exclusive_and_leaves_no_file(tmp_path):
@@ -74,7 +108,7 @@ def test_lock_of_a_killed_process_is_free_and_its_partial_files_are_removed(tmp_
         with pytest.raises(FolderLockedError, match=f"process {holder.pid} "), lock_folder(tmp_path):
             pass
         holder.kill()
-    partial, own = tmp_path / "rgb" / f".000001.png.{holder.pid}.part", tmp_path / "movie.part"
+    partial, own = tmp_path / "rgb" / f".000001.png.{holder.pid}-0123abcd.part", tmp_path / "movie.part"
     for path in (partial, own):
         path.parent.mkdir(exist_ok=True)
         path.write_bytes(b"half")
@@ -88,7 +122,7 @@ def test_partial_files_of_a_process_that_writes_into_a_subfolder_stay(tmp_path):
     shard = tmp_path / "shards" / "0"
     shard.mkdir(parents=True)
     (tmp_path / LOCK_NAME).write_text("process 1, which was killed")
-    partial = shard / ".000001.png.2.part"
+    partial = shard / ".000001.png.2-0123abcd.part"
     with lock_folder(shard):
         partial.write_bytes(b"half a file")
         with lock_folder(tmp_path):

@@ -167,9 +167,11 @@ def scenario_errors() -> Iterator[None]:
 
 @contextlib.contextmanager
 def export_errors(path: str | os.PathLike[str]) -> Iterator[None]:
-    """Convert an OSError while writing the file or folder `path` to ExportError."""
+    """Convert an OSError while writing the file or folder `path` to ExportError. Errors of tiscene stay as they are."""
     try:
         yield
+    except TisceneError:  # MissingFile is of what was to be read
+        raise
     except OSError as error:
         raise ExportError(f"cannot write {os.fspath(path)!r}: {error}") from error
 

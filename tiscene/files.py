@@ -16,10 +16,11 @@ import socket
 import sys
 from collections.abc import Iterator
 from pathlib import Path
+from uuid import uuid4
 
 _DIGEST_SIZE = 32  # of SHA-256, at the start of a file
 LOCK_NAME = ".tiscene.lock"
-_PARTIAL = re.compile(r"\..+\.\d+\.part")  # names that `write_atomically` gives to files it has not finished
+_PARTIAL = re.compile(r"\..+\.\d+-[0-9a-f]{8}\.part")  # names of `partial_file`
 
 
 class FolderLockedError(OSError):
@@ -29,12 +30,20 @@ class FolderLockedError(OSError):
 def write_atomically(path: Path, data: bytes) -> None:
     """Write a file through a temporary file beside it, so that it never exists in part. Creates its folder."""
     path.parent.mkdir(parents=True, exist_ok=True)
-    temporary = path.with_name(f".{path.name}.{os.getpid()}.part")  # several processes may write one file
+    temporary = partial_file(path)
     try:
         temporary.write_bytes(data)
         os.replace(temporary, path)
     finally:
         temporary.unlink(missing_ok=True)
+
+
+def partial_file(path: Path) -> Path:
+    """Return a new name for a file that becomes `path` once it is complete: hidden, and beside it.
+
+    Several processes may write one file, also from machines, or containers, that give them equal process ids.
+    """
+    return path.with_name(f".{path.name}.{os.getpid()}-{uuid4().hex[:8]}.part")
 
 
 @contextlib.contextmanager

@@ -15,6 +15,7 @@ from tiscene import catalog
 from tiscene.cli import main as cli
 from tiscene.errors import StageWarning
 from tiscene.frame.buffers import BUFFERS
+from tiscene.scenario.objects import Object
 from tiscene.scenario.scenario import Scenario
 from tiscene.scene.description import SceneDescription
 
@@ -124,6 +125,13 @@ def Xform "Kitchen"
 }
 """
 
+_VARIANTS = "".join(f'"{name}" {{\n    def Cube "{name}"\n    {{\n    }}\n}}\n' for name in ("near", "far"))
+TWO_VARIANTS = (
+    "#usda 1.0\n(\n    metersPerUnit = 1\n)\n"
+    'def Xform "Room" (variants = {\nstring place = "near"\n}\nprepend variantSets = "place")\n'
+    f'{{\nvariantSet "place" = {{\n{_VARIANTS}}}\n}}\n'
+)
+
 
 def test_show_prints_the_contents_of_a_scene(tmp_path, capsys):
     path = tmp_path / "kitchen.usda"
@@ -146,12 +154,7 @@ def test_show_prints_the_contents_of_a_scene(tmp_path, capsys):
 
 def test_show_selects_variants(tmp_path, capsys):
     path = tmp_path / "room.usda"
-    variants = "".join(f'"{name}" {{\n    def Cube "{name}"\n    {{\n    }}\n}}\n' for name in ("near", "far"))
-    path.write_text(
-        "#usda 1.0\n(\n    metersPerUnit = 1\n)\n"
-        'def Xform "Room" (variants = {\nstring place = "near"\n}\nprepend variantSets = "place")\n'
-        f'{{\nvariantSet "place" = {{\n{variants}}}\n}}\n'
-    )
+    path.write_text(TWO_VARIANTS)
     assert cli.main(["show", str(path), "--variant", "/Room{place}=far"]) == 0
     out = capsys.readouterr().out
     assert "far" in out
@@ -164,6 +167,24 @@ def test_show_and_inspect_of_a_scenario_are_of_its_scene(tmp_path, capsys):
     for command in ("show", "inspect"):
         assert cli.main([command, str(tmp_path / "run.json")]) == 0
         assert f"{tmp_path / 'kitchen.usda'}\n" in capsys.readouterr().out
+
+
+def test_show_reports_a_template_of_a_scenario_that_there_is_not(tmp_path, capsys):
+    (tmp_path / "kitchen.usda").write_text(KITCHEN)
+    scenario = Scenario(str(tmp_path / "kitchen.usda"), [Object("a", "Char 01")])
+    scenario.save(tmp_path / "run.json")
+    assert cli.main(["show", str(tmp_path / "run.json")]) != 0
+    assert "no template 'Char 01'" in capsys.readouterr().err
+
+
+def test_show_of_a_scenario_has_its_variants(tmp_path, capsys):
+    path = tmp_path / "room.usda"
+    path.write_text(TWO_VARIANTS)
+    Scenario(str(path), variants={"/Room{place}": "far"}).save(tmp_path / "run.json")
+    assert cli.main(["show", str(tmp_path / "run.json")]) == 0
+    out = capsys.readouterr().out
+    assert "far" in out
+    assert "near" not in out
 
 
 def test_show_shortens_long_lists():

@@ -71,6 +71,20 @@ def test_numbers_checks_length_and_type():
         argument_checks.numbers("12", "x")
 
 
+@pytest.mark.parametrize("value", [{1, 2, 3}, frozenset({1, 2, 3}), {1: 0, 2: 0, 3: 0}, b"abc", bytearray(b"abc")])
+def test_numbers_without_an_order_and_bytes_are_no_vector(value):
+    with pytest.raises(ArgumentTypeError, match=r"^x=.*: must be 3 numbers"):
+        argument_checks.vector(value, "x")
+    with pytest.raises(ArgumentTypeError, match=r"^x.*: must be "):
+        argument_checks.vectors(value, "x")
+
+
+@pytest.mark.parametrize("value", [1e308, -1e39])
+def test_vector_that_single_precision_cannot_hold_is_refused(value):
+    with pytest.raises(ArgumentError, match=r"must be numbers of at most 3\.4e"):
+        argument_checks.vector((0.0, value, 0.0), "x")
+
+
 def test_numpy_numbers_are_stored_as_plain_numbers():
     """Plain numbers can be serialized."""
     assert type(UniformMovementRandomBounce(seed=np.int64(7)).seed) is int

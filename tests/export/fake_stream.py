@@ -81,6 +81,7 @@ class FakeStream:
     Attributes:
         rendered: The indices of the frames that were requested.
         interrupt_at: The index at which a KeyboardInterrupt is raised; None for never.
+        camera: The camera.
     """
 
     def __init__(self, buffers: Sequence[str] = tuple(BUFFERS), *, width=12, height=8, frames=None, seed=0) -> None:
@@ -94,6 +95,7 @@ class FakeStream:
         self.scenario = SimpleNamespace(to_json=lambda: {"scene": "nowhere", "objects": []})
         self.rendered: list[int] = []
         self.interrupt_at: int | None = None
+        self.camera = Camera()
 
     def settings(self) -> dict[str, Any]:
         return {"width": self.width, "height": self.height, "fps": self.fps, "seed": self.seed}
@@ -106,7 +108,7 @@ class FakeStream:
             raise KeyboardInterrupt
         self.rendered.append(index)
         buffers = {name: fake_buffer(name, index, self.width, self.height) for name in self.buffers}
-        camera = FrameCamera(Camera(), self.width, self.height)
+        camera = FrameCamera(self.camera, self.width, self.height)
         table = ObjectTable([CHAIR], ChairMeasurements())
         return Frame(index, index / self.fps, camera, buffers, table, self.categories, materials=self.materials)
 

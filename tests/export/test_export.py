@@ -209,7 +209,7 @@ from tiscene.export import export
 def kill(index, frame):
     if index == 1:
         # The parent's number: a thread may be writing the file of this process's own.
-        Path(sys.argv[1], "rgb", f".000002.png.{os.getppid()}.part").write_bytes(b"half a file")
+        Path(sys.argv[1], "rgb", f".000002.png.{os.getppid()}-0123abcd.part").write_bytes(b"half a file")
         os.kill(os.getpid(), 9)
 
 export(FakeStream(), sys.argv[1], frames=range(4), progress=kill)

@@ -14,6 +14,7 @@ from tiscene.export import export, frame_json
 from tiscene.frame.events import Event
 from tiscene.frame.measurements import OrientedBox
 from tiscene.frame.object_table import ObjectTable
+from tiscene.scene.camera import Camera
 
 
 def test_labels_have_the_camera_and_the_objects_if_requested(tmp_path):
@@ -27,6 +28,13 @@ def test_labels_have_the_camera_and_the_objects_if_requested(tmp_path):
         camera = FakeStream()[2].camera
         np.testing.assert_array_equal(content["camera"]["K"], camera.K)
         np.testing.assert_array_equal(content["camera"]["world_from_camera"], camera.world_from_camera)
+        assert content["camera"]["projection"] == "perspective"
+
+
+def test_labels_tell_that_a_camera_is_orthographic():
+    stream = FakeStream(("rgb",))
+    stream.camera = Camera(orthographic_height=2.0)
+    assert frame_json.frame_labels(stream[1], objects=None)["camera"]["projection"] == "orthographic"
 
 
 def test_events_have_the_fields_of_event():

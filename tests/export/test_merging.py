@@ -1,7 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
 """Shards: disjoint, complete, idempotent; merged they have the bytes of an export in one go."""
 
+import errno
 import json
+import os
+from pathlib import Path
 
 import pytest
 
@@ -28,6 +31,20 @@ def render_shard(folder, number, count, format="png", stream=None, machine=machi
 def test_shards_are_disjoint_and_complete_runs_of_frames(count):
     shards = [Shard(number, count, (FRAMES.start, FRAMES.stop, FRAMES.step)) for number in range(count)]
     assert [index for shard in shards for index in shard.own_frames] == list(FRAMES)
+
+
+def test_merge_on_a_full_disk_leaves_no_partial_files(tmp_path, monkeypatch):
+    render_shard(tmp_path, 0, 1)
+
+    def half_a_file(_, target):
+        Path(target).write_bytes(b"half")
+        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+
+    monkeypatch.setattr("os.link", half_a_file)
+    monkeypatch.setattr("shutil.copyfile", half_a_file)
+    with pytest.raises(ExportError, match="No space left"):
+        merge(tmp_path)
+    assert not list(tmp_path.rglob("*.part"))
 
 
 @pytest.mark.parametrize("format", FAKE_FORMATS)

@@ -1,6 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Point tracks: points stay on their surfaces, and are visible where a ray from the camera reaches them."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -173,3 +175,20 @@ def test_points_are_chosen_evenly_among_objects_and_never_in_the_background():
     assert (ids == 3).sum() == 5
     assert (ids == 7).sum() == POINTS - 5
     assert len(set(zip(x.tolist(), y.tolist(), strict=True))) == POINTS
+
+
+def test_points_of_an_orthographic_camera_are_where_its_matrix_projects_them(tmp_path):
+    camera = ts.Camera.look_at((0.5, 0.6, 2.5), (0, 0, 0), orthographic_height=2.4, aperture_offset=(0.1, -0.07))
+    path = [ts.Waypoint(camera.position, camera.rotation), ts.Waypoint((0.3, 0.5, 2.2), (-12, 8, 10))]
+    camera = replace(camera, dynamic=ts.LinearWaypoints(path, total_time=0.4))
+    scenario = ts.Scenario("object_view", [ts.Object("ball", "Sphere", (0.3, 0.0, -0.5))], camera=camera)
+    with ts.Stream(scenario, width=24, height=18, buffers=("instance",)) as stream:
+        export(stream, tmp_path, format="tracks", frames=(0, 4))
+    with ts.Stream(scenario, width=24, height=18, buffers=("position",)) as stream:
+        position, later = stream[0].position, stream[4].camera
+    with np.load(tmp_path / "tracks" / "000000.npz") as clip:
+        y, x = (clip["query_points"][:, 1:] - 0.5).astype(int).T
+        target = clip["target_points"][:, 1]
+    local = np.column_stack([position[y, x], np.ones(len(x))]) @ later.camera_from_world.T
+    expected = (later.K_at(0.5) @ [local[:, 0], local[:, 1], np.ones(len(x))])[:2].T
+    np.testing.assert_allclose(target, expected, atol=1e-4)

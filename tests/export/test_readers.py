@@ -17,6 +17,7 @@ from tiscene.errors import MissingExtra
 from tiscene.export import FORMATS, Format, export, register_format
 from tiscene.export.coco import rle, runs_of_objects
 from tiscene.export.kitti_flow import kitti
+from tiscene.scene.camera import Camera
 
 
 @pytest.fixture
@@ -241,6 +242,28 @@ def test_rerun_reads_ids_depth_and_boxes(exported):
         boxes = rows["/world/objects", frame.index]
         assert boxes.column("Boxes3D:labels")[0].as_py() == ["chair"]
         assert boxes.column("Boxes3D:half_sizes")[0].as_py() == [[0.5, 0.5, 0.5]]
+
+
+def test_mcap_and_rerun_have_no_pinhole_of_an_orthographic_camera(tmp_path):
+    reader = pytest.importorskip("mcap.reader")
+    pytest.importorskip("rerun")
+    from rerun.chunk import RrdReader
+
+    stream = FakeStream(("depth",))
+    stream.camera = Camera(orthographic_height=2.0)
+    for format in ("mcap", "rerun"):
+        export(stream, tmp_path / format, format=format, frames=range(2))
+    with (tmp_path / "mcap" / "recording.mcap").open("rb") as file:
+        messages = [
+            (channel.topic, json.loads(message.data))
+            for _, channel, message in reader.make_reader(file).iter_messages()
+        ]
+    assert {topic for topic, _ in messages} == {"/labels", "/tf", "/objects", "/camera/depth"}
+    assert {content["camera"]["projection"] for topic, content in messages if topic == "/labels"} == {"orthographic"}
+    chunks = [chunk.to_record_batch() for chunk in RrdReader(tmp_path / "rerun" / "recording-000000.rrd").stream()]
+    names = {name for batch in chunks for name in batch.schema.names}
+    assert "Transform3D:translation" in names
+    assert not any(name.startswith("Pinhole") for name in names)
 
 
 def test_chunks_of_rerun_hold_several_frames_in_order(exported):

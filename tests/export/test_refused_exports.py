@@ -39,6 +39,33 @@ def test_buffers_that_a_format_does_not_write_are_refused(tmp_path, format):
     assert not (tmp_path / "out").exists()
 
 
+@pytest.mark.parametrize("format", ["npz", "webdataset"])
+@pytest.mark.parametrize(
+    ("frames", "message"),
+    [
+        (range(3, 7), "no frame 5: there are 0 to 4"),
+        (range(-6, 0), "no frame -6: there are 0 to 4"),
+        ([0, 5, 1], "no frame 5: there are 0 to 4"),
+        ([1.0], r"frames=\[1\.0\]: must be frame indices"),
+        (5, "frames=5: must be frame indices, such as"),
+    ],
+)
+def test_frames_that_a_stream_does_not_have_are_refused(tmp_path, format, frames, message):
+    stream = FakeStream(("depth",), frames=5)
+    with pytest.raises(ArgumentError, match=message):
+        export(stream, tmp_path / "out", format=format, frames=frames)
+    assert not stream.rendered
+    assert not (tmp_path / "out").exists()
+
+
+def test_negative_frames_are_those_from_the_end_of_a_finite_stream(tmp_path):
+    for name, frames in {"a": range(3, 5), "b": [-2, -1], "c": range(-2, 0)}.items():
+        export(FakeStream(("depth",), frames=5), tmp_path / name, format="webdataset", frames=frames)
+    assert contents(tmp_path / "a") == contents(tmp_path / "b") == contents(tmp_path / "c")
+    with pytest.raises(ArgumentError, match="no frame -1: the stream is endless"):
+        export(FakeStream(("depth",)), tmp_path / "d", frames=[-1])
+
+
 def test_second_picture_of_mattes_is_refused():
     with pytest.raises(ExportError, match="writes the buffer 'hdr' or 'rgb' as its picture"):
         FORMATS["cryptomatte"].check(("rgb", "hdr", "coverage", "material_coverage"))

@@ -191,6 +191,13 @@ def test_episodes_of_equal_actions_are_equal(environment):
     assert episode() == episode()
 
 
+def test_changed_observation_does_not_change_the_environment(environment):
+    observation, _ = environment.reset()
+    before = environment.unwrapped._frame.rgb.copy()
+    observation["rgb"][:] = 7
+    assert np.array_equal(environment.unwrapped._frame.rgb, before)
+
+
 def test_turns_cancel_out_and_steps_move_level(environment):
     _, info = environment.reset()
     start = info["position"], info["rotation"]

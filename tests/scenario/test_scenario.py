@@ -225,7 +225,7 @@ def change(content: object, path: list[object], value: object) -> object:
         (["frustum", "type"], "Frustum", "frustum.type: Frustum has no such key"),
         (["camera", "vertical_fov"], 60, "camera.vertical_fov=60.0: must lie between 0 and pi"),
         (["camera", "position"], [0, None, 0], "camera.position=.*must be finite numbers"),
-        (["camera", "exposure"], "bright", "camera.exposure='bright': must be finite"),
+        (["camera", "exposure"], "bright", "camera.exposure='bright': must be a number"),
         (["camera", "dynamic"], {"type": "Camera"}, "camera.dynamic.type: unknown type 'Camera'"),
     ],
 )

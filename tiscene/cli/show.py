@@ -20,8 +20,10 @@ MAX_NAMES = 8  # names of objects in a line
 
 def run(args: argparse.Namespace) -> None:
     """Print the contents of a scene."""
-    path = stage_file(args.scene)
-    stage = read_stage(path, variants=dict(args.variant))
+    scenario = _scenario(args.scene)
+    path = catalog.find_scene(scenario.scene)
+    stage = read_stage(path, variants={**scenario.variants, **dict(args.variant)})
+    check_templates(scenario, stage)
     templates = sorted({template.name for template in stage.templates} | set(catalog.templates()))
     low, high = stage.bounds()
     size = " x ".join(f"{length:.2f}" for length in np.subtract(high, low))
@@ -35,8 +37,25 @@ def run(args: argparse.Namespace) -> None:
 
 def stage_file(source: str) -> Path:
     """Return the USD file of a scene, or of the scene of a scenario (.json)."""
+    return catalog.find_scene(_scenario(source).scene)
+
+
+def _scenario(source: str) -> Scenario:
+    """Return a scenario (.json), or one of a scene alone."""
     path = catalog.find_scene(source)
-    return catalog.find_scene(Scenario.load(path).scene) if path.suffix.lower() == ".json" else path
+    return Scenario.load(path) if path.suffix.lower() == ".json" else Scenario(str(path))
+
+
+def check_templates(scenario: Scenario, stage: SceneDescription) -> None:
+    """Check that there is a template for each object of a scenario that is not a prim of its stage.
+
+    Raises:
+        TemplateNotFound, MissingFile: There is none.
+    """
+    names = {each.spec.template for each in scenario.log().histories}
+    for name in sorted(names - {template.name for template in stage.templates}):
+        if not catalog.is_prim_path(name):
+            catalog.find_template(name, scene=scenario.scene)
 
 
 def triangle_count(stage: SceneDescription) -> int:

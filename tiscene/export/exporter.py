@@ -7,13 +7,14 @@ a time may write into a folder.
 
 from __future__ import annotations
 
+import operator
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import tiscene
-from tiscene.errors import ArgumentError, ExportError, export_errors
+from tiscene.errors import ArgumentError, ArgumentTypeError, ExportError, export_errors
 from tiscene.export import frame_json
 from tiscene.export.encoding_threads import EncodingThreads
 from tiscene.export.folder_writer import FolderWriter
@@ -47,7 +48,7 @@ def export(
         stream: The source of the frames.
         folder: The folder to write; created if it does not exist.
         format: A name in FORMATS (`tiscene render --help` lists them).
-        frames: Frame indices in any order; None for all frames of a finite stream.
+        frames: Frame indices in any order, negative ones from the end of a finite stream; None for all of its frames.
         objects: Which rows of `frame.objects` are written to the `labels` file of each frame: "moving" (objects of the
             scenario, and objects of the stage that have a velocity in that frame), "visible" (with at least one pixel
             in the view) or "all"; None writes none.
@@ -74,14 +75,41 @@ def export(
         if stream.frames is None:
             raise ArgumentError("frames=None: the stream is endless; pass the frames to export, such as range(100)")
         frames = range(stream.frames)
-    elif not isinstance(frames, range):
-        frames = list(frames)
+    else:
+        frames = frame_indices(frames, stream.frames)
     form.check(stream.buffers, frames)
     folder = Path(folder)
     with writing_into(folder):
         manifest = open_manifest(folder, provenance(stream, format, objects), overwrite)
         _write_frames(stream, FolderWriter(folder, manifest), frames, progress, pack)
     return manifest
+
+
+def frame_indices(frames: Iterable[int], count: int | None) -> Sequence[int]:
+    """Return indices of frames of a stream of `count` frames (None: endless), negative ones counted from its end.
+
+    Raises:
+        ArgumentError: They are no whole numbers, or the stream has no such frame.
+    """
+    if isinstance(frames, range) and (not frames or _are_of(frames, count)):
+        return frames  # of any length
+    try:
+        indices = [operator.index(index) for index in frames]
+    except TypeError as error:
+        raise ArgumentTypeError(
+            f"frames={frames!r}: must be frame indices, such as range(100) or [0, 5] ({error})"
+        ) from error
+    resolved = [index + count if index < 0 and count is not None else index for index in indices]
+    for index, place in zip(indices, resolved, strict=True):
+        if not _are_of((place,), count):
+            there = "the stream is endless, and has none before 0" if count is None else f"there are 0 to {count - 1}"
+            raise ArgumentError(f"frames: no frame {index}: {there}")
+    return resolved
+
+
+def _are_of(indices: Sequence[int], count: int | None) -> bool:
+    """Return whether the first and the last of some indices are frames of a stream."""
+    return all(index >= 0 and (count is None or index < count) for index in (indices[0], indices[-1]))
 
 
 @contextmanager

@@ -4,8 +4,9 @@
 `labels/000012.json` holds
 
 - `index`, `time` (s), `spp`,
-- `camera`: `name`, `position` (m), `rotation` (w, x, y, z), `K` (3x3, px, pixel centers at whole numbers) and
-  `world_from_camera` (4x4; x right, y down, z forward), `width`, `height` (px),
+- `camera`: `name`, `position` (m), `rotation` (w, x, y, z), `projection`, `K` (3x3, px, pixel centers at whole numbers)
+  and `world_from_camera` (4x4; x right, y down, z forward), `width`, `height` (px). A point (x, y, z) of the camera is
+  at K (x/z, y/z, 1) if the projection is "perspective", at K (x, y, 1) if it is "orthographic",
 - `events`: one row for each of `frame.events`, with the fields of `Event`,
 - `objects`, if requested: one row for each selected object, with the columns of `ObjectTable.columns` and the names of
   its `parts`; null for None.
@@ -52,6 +53,7 @@ def frame_labels(frame: Frame, objects: str | None) -> dict[str, Any]:
             "name": camera.camera.name,
             "position": list(camera.position),
             "rotation": list(camera.rotation),
+            "projection": "perspective" if camera.camera.orthographic_height is None else "orthographic",
             "K": camera.K.tolist(),
             "world_from_camera": camera.world_from_camera.tolist(),
             "width": camera.width,

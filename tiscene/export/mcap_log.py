@@ -6,7 +6,7 @@ topic                    message
 =======================  ==============================================================================================
 `/camera/rgb`            foxglove.CompressedImage (PNG)
 `/camera/<buffer>`       foxglove.RawImage: mono16 (ids), mono8 (masks), 32FC1 (depth and other floats)
-`/camera/calibration`    foxglove.CameraCalibration
+`/camera/calibration`    foxglove.CameraCalibration of a perspective camera; the message has no other projection
 `/tf`                    foxglove.FrameTransform: the camera in the world
 `/objects`               foxglove.SceneUpdate: a cube with a name for each object
 `/camera/points`         foxglove.PointCloud of the buffer `position`, with colors if there is `rgb`
@@ -122,8 +122,9 @@ def pieces(frame: Frame, labels: dict[str, Any], stream: Stream) -> dict[str, Co
     messages: dict[str, Any] = {
         "/labels tiscene.Labels": labels,
         "/tf foxglove.FrameTransform": _transform(frame, time),
-        "/camera/calibration foxglove.CameraCalibration": stamp | _calibration(frame),
     }
+    if frame.camera.camera.orthographic_height is None:
+        messages["/camera/calibration foxglove.CameraCalibration"] = stamp | _calibration(frame)
     encoded: dict[str, Contents] = {name: _json(message) for name, message in messages.items()}
     encoded["/objects foxglove.SceneUpdate"] = _scene(frame, time)
     for name, buffer in frame.buffers.items():

@@ -16,6 +16,7 @@ from tiscene.export.manifest import Manifest, file_digest
 from tiscene.export.manifest_difference import differences, listing
 from tiscene.export.packing import has_pieces
 from tiscene.export.shards import SHARDS, Shard
+from tiscene.files import partial_file
 
 
 def merge(
@@ -184,12 +185,13 @@ def _link_files(part: Path, folder: Path, names: Iterable[str]) -> None:
     """Link or copy files of a part into the folder."""
     for name in names:
         target = folder / name
-        temporary = target.with_name(f".{target.name}.{os.getpid()}.part")
+        temporary = partial_file(target)
         target.parent.mkdir(parents=True, exist_ok=True)
-        temporary.unlink(missing_ok=True)
         try:
-            os.link(part / name, temporary)
-        except OSError:  # another file system, or one without links
-            shutil.copyfile(part / name, temporary)
-        os.replace(temporary, target)
-        temporary.unlink(missing_ok=True)  # two names of one file are not replaced
+            try:
+                os.link(part / name, temporary)
+            except OSError:  # another file system, or one without links
+                shutil.copyfile(part / name, temporary)
+            os.replace(temporary, target)
+        finally:
+            temporary.unlink(missing_ok=True)  # it failed, or they are two names of one file, which is not replaced

@@ -7,7 +7,7 @@ recording: `rerun out/*.rrd` shows them together.
 ======================================  =======================================================================
 entity                                  archetype
 ======================================  =======================================================================
-`world/camera`                          Transform3D and Pinhole: pose and intrinsics of each frame
+`world/camera`                          Transform3D: pose in each frame; Pinhole: intrinsics, if perspective
 `world/camera/rgb`                      EncodedImage (PNG, exact)
 `world/camera/depth`                    DepthImage, m
 `world/camera/semantic` and other ids   SegmentationImage; ids in 16 bits
@@ -74,9 +74,13 @@ def entities(frame: Frame) -> dict[str, Callable[[], NDArray[Any]]]:
 
 
 def _pose(frame: Frame) -> NDArray[Any]:
-    """Return the time of a frame, and the pose and the intrinsics of its camera, [1] of _POSE."""
+    """Return the time of a frame, and the pose and the intrinsics of its camera, [1] of _POSE.
+
+    An orthographic camera has intrinsics of nan: Rerun's Pinhole is perspective.
+    """
     camera = frame.camera
-    pose, K = camera.world_from_camera, camera.K_at(0.5)
+    pose = camera.world_from_camera
+    K = camera.K_at(0.5) if camera.camera.orthographic_height is None else np.full((3, 3), np.nan)
     return np.array([(frame.time, pose[:3, 3], pose[:3, :3], K, (camera.width, camera.height))], _POSE)
 
 
@@ -129,8 +133,11 @@ def columns(path: str, arrays: Sequence[NDArray[Any]]) -> list[Any]:
     if path == CAMERA:
         poses = np.concatenate(arrays)
         axes = [rr.ViewCoordinates.RDF] * len(poses)
+        transform = rr.Transform3D.columns(translation=poses["translation"], mat3x3=list(poses["rotation"]))
+        if np.isnan(poses["K"]).any():
+            return list(transform)
         return [
-            *rr.Transform3D.columns(translation=poses["translation"], mat3x3=list(poses["rotation"])),
+            *transform,
             *rr.Pinhole.columns(image_from_camera=list(poses["K"]), resolution=poses["resolution"], camera_xyz=axes),
         ]
     if path in (OBJECTS, BOXES):

@@ -83,7 +83,7 @@ class Camera:
                 raise refuse(name, f"must be finite numbers, {count} of them")
             object.__setattr__(self, name, tuple(float(component) for component in getattr(self, name)))
         if max(map(abs, self.position)) > LARGEST:
-            raise refuse("position", f"must be at most {LARGEST:.2g} m from the origin along each axis")
+            raise refuse("position", f"must be numbers of at most {LARGEST:g}")
         optional = ("exposure", "orthographic_height", "aspect")
         for name in (*_LENGTHS, "vertical_fov", *optional, "shutter_open", "shutter_close"):
             if name in optional and getattr(self, name) is None:

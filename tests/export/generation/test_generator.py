@@ -209,6 +209,44 @@ def test_damaged_data_set_says_what_to_do_and_that_helps(recipe, whole, tmp_path
     assert contents(tmp_path) == contents(whole)
 
 
+@pytest.mark.parametrize("damage", ["", "{", "null", "[]", "{}", '{"number": 0, "split": "train"}'])
+def test_scenario_with_a_damaged_summary_is_made_again(recipe, whole, tmp_path, damage):
+    shutil.copytree(whole, tmp_path, dirs_exist_ok=True)
+    data_set = DataSet.load(tmp_path)
+    (data_set.scenario_folder(0) / "summary.json").write_text(damage)
+    assert data_set.missing() == [0]
+    generate(recipe, tmp_path, COUNT)
+    assert contents(tmp_path) == contents(whole)
+
+
+@pytest.mark.parametrize(
+    ("wrong", "error"),
+    [
+        ("objct_view", "no scene 'objct_view'"),
+        ("gone.usda", "gone.usda"),
+        ({"scene": "object_view", "cameras": ["Nope"]}, "Nope"),
+        ({"scene": "object_view", "ranges": {"templates": ["Cubee"]}}, "no template 'Cubee'"),
+    ],
+)
+def test_scene_camera_or_template_that_is_not_there_does_not_lose_the_other_scenarios(whole, tmp_path, wrong, error):
+    mixed = Recipe.from_json(RECIPE | {"scenes": ["object_view", wrong]})
+    rows = [summary for _, summary in generate(mixed, tmp_path, COUNT).summaries()]
+    failed = [row for row in rows if "error" in row]
+    assert 0 < len(failed) < COUNT
+    assert all(error in row["error"] and "cannot write" not in row["error"] for row in failed)
+    assert len((tmp_path / "index.jsonl").read_text().splitlines()) == COUNT
+    expected = {row["number"]: row["digest"] for _, row in DataSet.load(whole).summaries()}
+    assert all(row["digest"] == expected[row["number"]] for row in rows if "error" not in row)
+    assert len(write_scenarios(mixed, tmp_path / "samples", COUNT)) == COUNT - len(failed)
+
+
+def test_split_with_the_name_of_a_file_of_the_data_set_is_refused(tmp_path):
+    for name in ("dataset.json", "Index.jsonl"):
+        with pytest.raises(ArgumentError, match=f"splits: '{name}' is a file of the data set"):
+            generate(Recipe.from_json(RECIPE | {"splits": {"train": 1, name: 1}}), tmp_path, 1)
+    assert contents(tmp_path) == {}
+
+
 @pytest.mark.slow
 def test_scenario_that_cannot_be_drawn_does_not_lose_the_others(tmp_path, capsys):
     impossible = {"scene": "object_view", "ranges": {"depth": [1e-4, 2e-4]}}

@@ -33,6 +33,8 @@ def test_recipe_survives_json():
     [
         ({"scene": ["a"]}, "recipe: no field 'scene'; did you mean 'scenes'?"),
         ({"scenes": []}, "must be a list with at least one scene"),
+        ({"scenes": {"object_view": 9}}, 'must be a list with .* such as .*"scene": "room_02", "weight": 2'),
+        ({"scenes": 5}, "must be a list with at least one scene"),
         ({"scenes": [{"wight": 2}]}, r"scenes\[0\]: no field 'wight'; did you mean 'weight'?"),
         ({"scenes": [{"weight": 2}]}, r'scenes\[0\]: needs "scene"'),
         ({"format": "jpg"}, "format='jpg': must be one of png"),
@@ -52,6 +54,7 @@ def test_recipe_survives_json():
         ({"splits": ["train"]}, r"recipe: splits: must be an object, got \['train'\]"),
         ({"splits": {"../other": 1}}, "splits: '../other' is no name of a folder"),
         ({"splits": {"": 1}}, "splits: '' is no name of a folder"),
+        ({"splits": {"a" * 256: 1}}, "splits: 'aa*' is longer than a name of a folder: 255 bytes"),
         ({"splits": {"train": "all"}}, "splits: train='all': must be a number"),
         ({"seed": -1}, "recipe: seed=-1: must be at least 0"),
         ({"ranges": [1]}, r"recipe: ranges: must be an object, got \[1\]"),

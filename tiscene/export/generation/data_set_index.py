@@ -17,7 +17,7 @@ from typing import Any, TypeAlias
 import numpy as np
 from PIL import Image, ImageDraw, ImageFont
 
-from tiscene.errors import ExportError, export_errors
+from tiscene.errors import ArgumentError, ExportError, export_errors
 from tiscene.export.array_files import json_file, png
 from tiscene.export.generation.recipe import Recipe
 from tiscene.export.generation.scenario_summary import FILE, THUMBNAIL, THUMBNAIL_WIDTH, read_summary
@@ -44,6 +44,11 @@ class DataSet:
     recipe: Recipe
     count: int
 
+    def __post_init__(self) -> None:
+        for name in self.recipe.splits:
+            if name.casefold() in (DATA_SET, INDEX, STATISTICS, SHEET):
+                raise ArgumentError(f"recipe: splits: {name!r} is a file of the data set: choose another name")
+
     @classmethod
     def load(cls, folder: Path) -> DataSet | None:
         """Read `dataset.json`; None if the folder has none. Raises ExportError if it is damaged."""
@@ -68,7 +73,7 @@ class DataSet:
 
     def has(self, number: int) -> bool:
         """Return whether a scenario is done."""
-        return (self.scenario_folder(number) / FILE).is_file()
+        return read_summary(self.scenario_folder(number)) is not None
 
     def has_begun(self) -> bool:
         """Return whether anything of a scenario is in the folder."""

@@ -9,7 +9,16 @@ from pathlib import Path
 from typing import Any
 
 from dynamics.argument_checks import integer
-from tiscene.errors import ArgumentError, ExportError, ScenarioError, StageError, export_errors
+from tiscene.errors import (
+    ArgumentError,
+    ExportError,
+    MissingFile,
+    ScenarioError,
+    StageError,
+    TisceneError,
+    UnknownName,
+    export_errors,
+)
 from tiscene.export.array_files import json_file
 from tiscene.export.exporter import export, provenance, writing_into
 from tiscene.export.generation.data_set_index import DataSet
@@ -27,6 +36,7 @@ from tiscene.scenario.serialization import dumps
 from tiscene.stream.stream import Stream
 
 SCENARIO = "scenario.json"
+OF_SCENARIO = ScenarioError, StageError, UnknownName, MissingFile  # errors that other scenarios may not have
 
 
 def generate(
@@ -42,7 +52,8 @@ def generate(
 
     Scenarios that are done are not rendered again, so that the same call continues after an interruption, and a larger
     `count` extends the data set; a smaller one is refused if the index would lose scenarios. A scenario that cannot be
-    drawn or read is noted in the index; the others go on.
+    drawn or read, such as one of a scene, camera or template that is not there, is noted in the index; the others go
+    on.
 
     Args:
         recipe: What the scenarios are drawn from.
@@ -102,15 +113,16 @@ def write_scenarios(recipe: Recipe, folder: str | Path, count: int, numbers: Ite
         The files. A scenario that cannot be drawn has none.
 
     Raises:
-        ScenarioError: None of the scenarios can be drawn.
+        ScenarioError, StageError, UnknownName, MissingFile: None of the scenarios can be drawn.
         ExportError: The folder has other scenarios of these numbers, or a file cannot be written.
     """
-    files, mistakes = [], []
+    files: list[Path] = []
+    mistakes: list[TisceneError] = []
     for number in range(count) if numbers is None else numbers:
         path = Path(folder) / recipe.split(number) / f"{number:06d}.json"
         try:
             scenario = recipe.scenario(number)
-        except ScenarioError as error:
+        except OF_SCENARIO as error:
             mistakes.append(error)
             continue
         with export_errors(path):
@@ -220,7 +232,7 @@ class ScenarioRenderer:
         try:
             scenario = recipe.scenario(number)
             stream = self._restarted(scenario)
-        except (ScenarioError, StageError) as error:
+        except OF_SCENARIO as error:
             _clear(folder)
             write_atomically(folder / FILE, json_file({**about, "error": str(error)}))
             return

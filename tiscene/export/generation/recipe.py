@@ -30,6 +30,7 @@ from tiscene.stream.stream import STREAM_ARGUMENTS
 from tiscene.usd.core.layers import cached_by_layers
 from tiscene.usd.read.stage_render_settings import stage_resolution
 
+MAX_NAME = 255  # bytes, of file systems
 DRAWS = 8  # seeds that are tried for one scenario
 RANGES = tuple(  # arguments of `Scenario.sample` that a recipe may give
     name for name in inspect.signature(Scenario.sample).parameters if name not in ("scene", "seed", "camera", "frames")
@@ -107,8 +108,11 @@ class Recipe:
     def from_json(cls, content: Any) -> Recipe:
         """Make a recipe from JSON values. Raises ArgumentError, which names the place of the mistake."""
         values = dict(_checked(content, cls, "recipe"))
-        if isinstance(values.get("scenes"), str) or not values.get("scenes"):
-            raise ArgumentError('recipe: "scenes" must be a list with at least one scene')
+        if not isinstance(values.get("scenes"), list | tuple) or not values["scenes"]:
+            raise ArgumentError(
+                'recipe: "scenes" must be a list with at least one scene, such as '
+                '["room_01", {"scene": "room_02", "weight": 2}]'
+            )
         scenes = []
         for place, each in enumerate(values["scenes"]):
             if isinstance(each, str):
@@ -219,6 +223,8 @@ class Recipe:
         for name, share in self.splits.items():
             if re.fullmatch(r"\w[\w .-]*", name) is None:
                 raise ArgumentError(f"recipe: splits: {name!r} is no name of a folder: use letters, digits, - and _")
+            if len(os.fsencode(name)) > MAX_NAME:
+                raise ArgumentError(f"recipe: splits: {name!r} is longer than a name of a folder: {MAX_NAME} bytes")
             not_negative(share, f"recipe: splits: {name}")
         if sum(self.splits.values()) <= 0 or sum(choice.weight for choice in self.scenes) <= 0:
             raise ArgumentError('recipe: the shares of "splits" and the weights of "scenes" must have a sum above 0')

@@ -25,6 +25,7 @@ if TYPE_CHECKING:
 FILE, THUMBNAIL = "summary.json", "thumbnail.png"
 THUMBNAIL_WIDTH = 160  # px
 SHOWN = ("rgb", "denoised", "instance", "semantic", "normal", "depth")  # the first that frames have is on thumbnails
+FRAME_FIELDS = {"scene", "objects", "frames", "digest", "visible", "sizes", "mean_flow", "difficulty"}
 SIZE_STEPS = 12  # size classes: a fraction 2^-k to 2^-k+1 of the image
 
 
@@ -82,12 +83,14 @@ def frames_digest(manifest: Manifest) -> str:
 
 
 def read_summary(folder: Path) -> dict[str, Any] | None:
-    """Return the summary in the folder of a scenario; None if the scenario is not done."""
+    """Return the summary in the folder of a scenario; None if the scenario is not done, or its summary is damaged."""
     try:
-        content: dict[str, Any] = json.loads((folder / FILE).read_text())
+        content = json.loads((folder / FILE).read_text())
     except (OSError, ValueError):
         return None
-    return content
+    if not isinstance(content, dict) or not {"number", "split"} <= content.keys():
+        return None
+    return content if "error" in content or content.keys() >= FRAME_FIELDS else None
 
 
 def _thumbnail(frame: Frame) -> bytes:

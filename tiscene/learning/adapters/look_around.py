@@ -187,7 +187,7 @@ class LookAround(gymnasium.Env):  # type: ignore[misc]  # gymnasium is not read
         self._frame = self.stream.render_view(self._index, view, BUFFERS)
 
     def _observation(self) -> dict[str, Any]:
-        return {"rgb": self._frame.rgb, "label": np.int64(self._label)}
+        return {"rgb": self._frame.rgb.copy(), "label": np.int64(self._label)}
 
     def _info(self) -> dict[str, Any]:
         names = self.stream.categories
