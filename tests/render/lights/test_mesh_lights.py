@@ -10,7 +10,18 @@ import taichi as ti
 from tests.benchmarks.room import static_placement
 from tests.reference.chi_square import MIN_P_VALUE, chi_square
 from tests.reference.ray_casting import cast
-from tests.render.path_scenes import BOX_CAMERA, CORNELL, ball, box, described, device_scene, matte, quad, render
+from tests.render.path_scenes import (
+    BOX_CAMERA,
+    CORNELL,
+    WHITE,
+    ball,
+    box,
+    described,
+    device_scene,
+    matte,
+    quad,
+    render,
+)
 from tiscene.device.argument_bundles import bundled
 from tiscene.device.kernel_types import Float8s1, Floats1, Floats2, Ints1
 from tiscene.render.bsdfs.material_inputs import Materials
@@ -19,6 +30,7 @@ from tiscene.render.intersect.surface_interaction import Geometry
 from tiscene.render.lights import dispatch, emissive_mesh
 from tiscene.render.lights.light_sample import lights_of
 from tiscene.render.texture_lookup import Textures
+from tiscene.scene.camera import Camera
 from tiscene.scene.description import Instance, Material, Mesh, SceneDescription, Texture, TextureLookup
 from tiscene.scene.device_scene import DeviceScene
 from tiscene.scene.lights.light_tree import BACK, ROUND, STRENGTH, child_rows, light_slots
@@ -102,6 +114,21 @@ def test_light_sampling_reduces_noise_without_bias(name: str) -> None:
     # The median excludes pixels that show the lamp. "unsampled" has four times the samples.
     noise = {kind: np.median(images.var(axis=0)) for kind, images in runs.items()}
     assert noise["sampled"] < (0.6 if name == "globe" else 0.25) * noise["unsampled"]
+
+
+@pytest.mark.parametrize(("radius", "height", "x"), [(0.001, 4.0, 0.0), (0.1, 0.5, 1e3)])
+def test_small_or_distant_sphere_shades_only_its_far_side(radius: float, height: float, x: float) -> None:
+    """A sphere of radiance 1 gives a white floor below it the radiance (radius / height)²."""
+    floor = quad((-1, 0, 1), (1, 0, 1), (1, 0, -1), (-1, 0, -1))
+    description = described(
+        [floor, ball((0, 0, 0), radius, 1)], [matte("white", WHITE), matte("lamp", (0, 0, 0), emissive_color=WHITE)]
+    )
+    floor_to_world, lamp_to_world = np.eye(4), np.eye(4)
+    floor_to_world[:3, 3], lamp_to_world[:3, 3] = (x, 0, 0), (x, height, 0)
+    instances = Instance(0, 0, floor_to_world), Instance(1, 1, lamp_to_world)
+    camera = Camera.look_at((x, 0.3 * height, 0.01), (x, 0.0, 0.0), vertical_fov=0.001)
+    image = render(replace(description, instances=instances), camera, (8, 8), spp=64, max_depth=2)
+    np.testing.assert_allclose(image.hdr.mean() / (radius / height) ** 2, 1.0, atol=0.01)
 
 
 def test_moved_emissive_instance_is_sampled_at_its_new_pose() -> None:

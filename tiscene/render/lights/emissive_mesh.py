@@ -9,7 +9,7 @@ import taichi as ti
 
 from tiscene.device.kernel_types import Template, vec2, vec3
 from tiscene.render.bsdfs.material_inputs import Footprint, material_at
-from tiscene.render.intersect.surface_interaction import load_vec3, surface_at, transform_vector, vertex_offset
+from tiscene.render.intersect.surface_interaction import OFFSET, load_vec3, surface_at, transform_vector, vertex_offset
 from tiscene.render.lights.light_sample import header, integer, light_row, no_sample
 from tiscene.render.lights.light_sampler import conditional_probability, to_mesh_space
 from tiscene.scene.lights.light_table import DISTRIBUTION, FIRST_TRIANGLE, INSTANCE
@@ -68,6 +68,9 @@ def sample(lights: Template, textures: Template, row: ti.i32, slot: ti.i32, orig
         result.distance = ti.sqrt(distance2)
         result.direction = offset / result.distance
         result.pdf = 2.0 * distance2 * result.distance / facing
+        # The height of a hit above the triangle is rounded by the coordinates of both ends of the ray.
+        magnitude = ti.max(surface.magnitude, ti.max(origin, -1.0 * origin).max())
+        result.height = surface.geometric_normal * (OFFSET * magnitude)
         result.radiance = emission_at(lights.materials, textures, surface)
     return result
 

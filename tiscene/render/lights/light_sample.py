@@ -54,13 +54,16 @@ class LightSample:
     mis_pdf: ti.f32  # 1/sr; the density if the light were chosen for a surface that faces every light
     delta: ti.i32  # 1 for a light without extent
     row: ti.i32  # of the light; of a portal, its dome's
+    height: vec3  # of a mesh: along the normal; a ray that ends this high above either side does not hit it, m
 
 
 @ti.func
 def no_sample():
     """Return a sample with density 0: no part of the light is visible from the shading point."""
     ahead = vec3(0.0, 0.0, 1.0)
-    return LightSample(direction=ahead, distance=0.0, radiance=vec3(0.0), pdf=0.0, mis_pdf=0.0, delta=0, row=0)
+    return LightSample(
+        direction=ahead, distance=0.0, radiance=vec3(0.0), pdf=0.0, mis_pdf=0.0, delta=0, row=0, height=vec3(0.0)
+    )  # fmt: skip
 
 
 @ti.func

@@ -314,16 +314,20 @@ def shade(
                                 if shadowless:
                                     radiance += direct
                                 elif direct.max() > 0.0:
-                                    towards, reach = light_sample.direction, light_sample.distance
+                                    towards = light_sample.direction
+                                    reach = light_sample.distance * (1.0 - LIGHT_FRONT)
                                     start = offset_origin(surface, towards)
                                     if ti.static(any_emission):
                                         if light_values[light_row, KIND] == MESH:
-                                            # Triangles of mesh lights are in the BVH: aim from the offset origin, so
-                                            # that the ray ends just in front of the sampled point.
-                                            aim = surface.position + towards * reach - start
+                                            # Triangles of mesh lights are in the BVH: aim from the offset origin at a
+                                            # point just in front of the sampled one.
+                                            aim = surface.position + towards * light_sample.distance - start
+                                            above = light_sample.height
+                                            if above.dot(aim) > 0.0:
+                                                above = -1.0 * above
+                                            aim += above
                                             reach = aim.norm()
                                             towards = aim / ti.max(reach, 1e-20)
-                                    reach *= 1.0 - LIGHT_FRONT
                                     nearer = reach * (1.0 - LIGHT_FRONT)
                                     if is_blocked_by_light(lights, light_row, start, towards, nearer) == 0:
                                         sampled = LIGHT_PENDING
