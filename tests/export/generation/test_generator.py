@@ -240,6 +240,18 @@ def test_scene_camera_or_template_that_is_not_there_does_not_lose_the_other_scen
     assert len(write_scenarios(mixed, tmp_path / "samples", COUNT)) == COUNT - len(failed)
 
 
+def test_scenario_whose_scene_was_not_there_is_made_when_it_is(tmp_path):
+    stage = tmp_path / "later.usda"
+    later = Recipe.from_json(RECIPE | {"scenes": [str(stage)]})
+    summaries = generate(later, tmp_path / "data", COUNT).summaries()
+    assert all("later.usda" in summary["error"] for _, summary in summaries)
+    shutil.copy(catalog.find_scene("object_view"), stage)
+    generate(later, tmp_path / "data", COUNT)
+    generate(later, tmp_path / "at once", COUNT)
+    assert contents(tmp_path / "data") == contents(tmp_path / "at once")
+    assert not any("error" in summary for _, summary in DataSet.load(tmp_path / "data").summaries())
+
+
 def test_split_with_the_name_of_a_file_of_the_data_set_is_refused(tmp_path):
     for name in ("dataset.json", "Index.jsonl"):
         with pytest.raises(ArgumentError, match=f"splits: '{name}' is a file of the data set"):

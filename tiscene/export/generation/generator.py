@@ -23,7 +23,7 @@ from tiscene.export.array_files import json_file
 from tiscene.export.exporter import export, provenance, writing_into
 from tiscene.export.generation.data_set_index import DataSet
 from tiscene.export.generation.recipe import Recipe
-from tiscene.export.generation.scenario_summary import FILE, ScenarioSummary
+from tiscene.export.generation.scenario_summary import FILE, ScenarioSummary, read_summary
 from tiscene.export.manifest import NAME as MANIFEST
 from tiscene.export.manifest import Manifest
 from tiscene.export.manifest_difference import Difference, differences, listing
@@ -214,6 +214,8 @@ class ScenarioRenderer:
     def render(self, number: int, progress: Callable[[int, int | None], None] | None = None) -> None:
         """Render a scenario, unless it is done. One that cannot be drawn or read gets a summary with its `error`.
 
+        One with an `error` is tried again.
+
         Args:
             number: Of the scenario.
             progress: Called with the number of the scenario and the index of each frame.
@@ -222,7 +224,8 @@ class ScenarioRenderer:
             ArgumentError: A setting of the recipe is invalid.
             ExportError: The folder cannot be written.
         """
-        if not self.data_set.has(number):
+        summary = read_summary(self.data_set.scenario_folder(number))
+        if summary is None or "error" in summary:  # what was not there may be now
             with export_errors(self.data_set.folder):
                 self._render(number, progress)
 
