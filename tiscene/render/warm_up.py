@@ -10,6 +10,7 @@ import numpy as np
 from tiscene.frame.buffers import COLORS, times_needed
 from tiscene.render.film.postprocess import Postprocessor
 from tiscene.render.film.tone_map import tone_map
+from tiscene.render.film.visible_lights import visible_lights
 from tiscene.render.integrators.labels.label_pass import LabelPass
 from tiscene.render.integrators.path.path_image import PathImage
 from tiscene.render.integrators.path.path_pass import PathPass
@@ -51,6 +52,8 @@ def warm_up_steps(buffers: Sequence[str], settings: RenderSettings, emission: Ca
         black = np.zeros((1, 1, 3), np.float32)
         postprocessor = Postprocessor(settings.denoiser if settings.denoise else None, settings.downscale, True)
         tone_map(postprocessor.process(PathImage(black, black, black), black, black), 0.0)
+        if guides:
+            visible_lights(scene, view, np.ones((1, 1), np.float32))
         yield
         yield from PathPass(scene, 1, 1, pixel_filter=settings.pixel_filter).warm_up(view, emission)
 
