@@ -50,6 +50,7 @@ angles, where a class accepts them, are degrees (see `dynamics.rotation`). Axes 
     kernel_types                        types of kernel arguments
     lru_cache                           a cache of a bounded number of values
     checkpoints                         states at intervals, in bounded memory
+    whole_changes                       methods that an exception may leave half done
     lazy_names                          names of packages that are imported at first use
     cache_folder                        folder of Taichi's cache where there is no home
 """

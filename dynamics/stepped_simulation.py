@@ -34,6 +34,7 @@ from dynamics.path_poses import Paths
 from dynamics.random_bounce import UniformMovementRandomBounce
 from dynamics.step_arrays import StepArrays
 from dynamics.timings import AllTogether, AssignedWindows, Timing
+from dynamics.whole_changes import WholeChanges, as_a_whole
 
 SUBSTEP = Fraction(1, 200)  # s: longest substep; movers see each other's positions at its start
 CACHED_FRAMES = 16  # results kept for repeated requests
@@ -50,7 +51,7 @@ class _State(NamedTuple):
     integers: NDArray[np.int32]
 
 
-class SteppedSimulation:
+class SteppedSimulation(WholeChanges):
     """A simulation of bodies that collide.
 
     Frame k is a pure function of the arguments: the same bits in any order of requests and for any number of threads.
@@ -104,7 +105,6 @@ class SteppedSimulation:
         self.simulated_frames = 0
         self._first = 0  # the frame to start from; before it there is no collision
         self._current = -1  # frame of the state in the arrays; -1: none
-        self._is_unfinished = False  # from the start of a step until it ends without an exception
         self._checkpoints: Checkpoints[_State] = Checkpoints(CHECKPOINT, MAX_CHECKPOINTS)
         self._recent: dict[int, _State] = {}
         self._results: OrderedDict[int, CollisionState] = OrderedDict()
@@ -121,21 +121,23 @@ class SteppedSimulation:
         number = argument_checks.whole(number, "number")
         if number < 0:
             raise ArgumentError(f"number={number}: must be 0 or more")
-        if self._is_unfinished:  # the arrays are between two substeps
+        if self.is_unfinished:  # the arrays are between two substeps
             self._forget()
             self._build(self._numbers(0))
-        if number in self._results:
-            self._results.move_to_end(number)
-            return self._results[number]
-        self._is_unfinished = True
+            self.is_unfinished = False
+        if number not in self._results:
+            self._simulate(number)
+        self._results.move_to_end(number)
+        return self._results[number]
+
+    @as_a_whole
+    def _simulate(self, number: int) -> None:
         if not self._first <= self._current <= number <= self._current + self._checkpoints.interval:
             self._seek(number)
         while self._current < number:
             state = self._advance(self._current)
             self._current += 1
             self._keep(self._with_current_movers(state))
-        self._is_unfinished = False
-        return self._results[number]
 
     def amend(self, movers: Sequence[Mover], frame: int) -> None:
         """Change the movers from a frame on; results before it stay valid.

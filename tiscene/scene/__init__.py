@@ -18,7 +18,6 @@
     device_scene          DeviceScene: what kernels read
     instance_upload       arrays of instances in one upload; several frames at once
     reused_arrays         the large arrays, which scenes of one stage use one after another
-    whole_changes         methods that an exception may leave half done
     affine_maps           inverses; boxes around transformed boxes
     deforming_mesh        a deforming mesh on the device
     material_table        materials as arrays

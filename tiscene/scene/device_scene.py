@@ -11,6 +11,7 @@ import numpy as np
 import taichi as ti
 from numpy.typing import NDArray
 
+from dynamics.whole_changes import WholeChanges, as_a_whole
 from tiscene.device import runtime
 from tiscene.device.memory import device_array, upload
 from tiscene.errors import ArgumentError
@@ -30,7 +31,6 @@ from tiscene.scene.material_table import MaterialTable
 from tiscene.scene.placement import CURRENT, MOVERS, NEXT, PREVIOUS, Placement
 from tiscene.scene.reused_arrays import MeshGroup, ReusedArrays
 from tiscene.scene.textures.atlas import TextureAtlas
-from tiscene.scene.whole_changes import WholeChanges, as_a_whole
 
 HAS_NORMALS, HAS_UV, MIRRORED, HAS_COLORS = 1, 2, 4, 8  # bits of `instance_info` column 5
 INFO_COLUMNS = 18

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynamics.lru_cache import LRUCache
+from dynamics.whole_changes import WholeChanges, as_a_whole
 from tiscene.device import runtime
 from tiscene.frame.buffers import COLORS, complete, rendered_buffers
 from tiscene.frame.frame import Frame, FrameCamera
@@ -25,7 +26,6 @@ from tiscene.scene.bvh.obstacle_tree import MeshTrees
 from tiscene.scene.device_scene import DeviceScene
 from tiscene.scene.placement import CURRENT, Placement
 from tiscene.scene.walking import Axes
-from tiscene.scene.whole_changes import WholeChanges, as_a_whole
 from tiscene.stream.shutter import shutter_samples
 from tiscene.world.world import World
 from tiscene.world.world_state import CameraStep, WorldState

@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import os
+import tempfile
 import warnings
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
@@ -349,10 +350,8 @@ def _export(stage: Usd.Stage, target: Path, rooms: Mapping[Sdf.Path, RoomPlaceme
         asset = relative if relative.startswith(".") else f"./{relative}"
         layer.GetPrimAtPath(path).referenceList.prependedItems = [Sdf.Reference(asset)]
     target.parent.mkdir(parents=True, exist_ok=True)
-    part = target.with_name(f".{target.stem}.{os.getpid()}{target.suffix}")
-    try:
-        if not layer.Export(str(part)):
+    with tempfile.TemporaryDirectory() as folder:
+        whole = Path(folder) / target.name
+        if not layer.Export(str(whole)):
             raise OSError(f"{target}: USD could not write this file")
-        write_atomically(target, part.read_bytes())
-    finally:
-        part.unlink(missing_ok=True)
+        write_atomically(target, whole.read_bytes())

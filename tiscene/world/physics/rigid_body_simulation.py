@@ -19,6 +19,7 @@ import numpy as np
 from dynamics.checkpoints import Checkpoints
 from dynamics.lru_cache import LRUCache
 from dynamics.rotation import conjugate, matrix_from_quaternion, multiply
+from dynamics.whole_changes import WholeChanges, as_a_whole
 from tiscene.errors import requires_extra
 from tiscene.world.physics.joint_tree import PhysicsJoint
 from tiscene.world.physics.physics_model import STEP, Array, PhysicsBody, PhysicsModel, Surroundings, start_motion
@@ -112,7 +113,7 @@ class _Prepared(NamedTuple):
     begun: list[int]
 
 
-class RigidBodySimulation:
+class RigidBodySimulation(WholeChanges):
     """Simulates rigid bodies frame by frame.
 
     Frame k is a pure function of the world: the same bits in any order of requests on one machine and with one version
@@ -142,7 +143,6 @@ class RigidBodySimulation:
         self._results: LRUCache[int, PhysicsFrame] = LRUCache(CACHED_FRAMES)
         self._models: LRUCache[Hashable, PhysicsModel] = LRUCache(CACHED_MODELS)
         self._loaded: tuple[Hashable, Surroundings] | None = None
-        self._is_unfinished = False  # from the start of a step until it ends without an exception
 
     @property
     def checkpoint_count(self) -> int:
@@ -165,13 +165,14 @@ class RigidBodySimulation:
 
     def frame(self, number: int) -> PhysicsFrame:
         """Return the rigid bodies at a frame, 0 or more."""
-        return self._results.get(number, lambda: self._simulated(number))
-
-    def _simulated(self, number: int) -> PhysicsFrame:
-        if self._is_unfinished:  # models are between two steps of the engine
+        if self.is_unfinished:  # models are between two steps of the engine
             self.surroundings_changed()
             self._checkpoints.clear()
-        self._is_unfinished = True
+            self.is_unfinished = False
+        return self._results.get(number, lambda: self._simulated(number))
+
+    @as_a_whole
+    def _simulated(self, number: int) -> PhysicsFrame:
         reached, saved = self._current
         if not 0 <= reached <= number:
             reached = max((each for each in self._checkpoints if each <= number), default=-1)
@@ -182,9 +183,7 @@ class RigidBodySimulation:
             reached += 1
             self._checkpoints.add(reached, saved)
         self._current = (reached, saved)
-        result = self._result(number, saved)
-        self._is_unfinished = False
-        return result
+        return self._result(number, saved)
 
     def _result(self, frame: int, saved: _Saved) -> PhysicsFrame:
         there = {body.number: body for body in self._world.bodies(frame) if body.rigid is not None}

@@ -13,7 +13,7 @@ import taichi as ti
 from numpy.typing import NDArray
 
 from tiscene.device.argument_bundles import bundled
-from tiscene.device.kernel_types import Bytes2, Ints1
+from tiscene.device.kernel_types import Bytes2, Ints1, Template
 from tiscene.device.memory import device_array
 from tiscene.device.restart import cached_on_device
 from tiscene.render.bsdfs.material_inputs import Footprint, Materials, material_at
@@ -136,6 +136,12 @@ def counter() -> Any:
     return device_array(ti.i32, (1,))
 
 
+@ti.func
+def is_transparent(materials: Template, textures: Template, surface: Template):
+    """Return whether labels show what is behind a surface of partial coverage."""
+    return material_at(materials, textures, surface, 1 << OPACITY, Footprint()).opacity < OPACITY_THRESHOLD
+
+
 @ti.kernel
 @bundled
 def reject_transparent_hits(
@@ -169,8 +175,7 @@ def reject_transparent_hits(
         if may_be_rejected:
             direction = ray_direction(rays, ray)
             surface = surface_at(geometry, row, hit_ids[ray][1], hits[ray][1], hits[ray][2], time, direction)
-            opacity = material_at(materials, textures, surface, 1 << OPACITY, Footprint()).opacity
-            if is_unseen or opacity < OPACITY_THRESHOLD:
+            if is_unseen or is_transparent(materials, textures, surface):
                 origin = offset_origin(surface, direction)
                 for c in ti.static(range(3)):
                     rays[ray][c] = origin[c]
@@ -232,5 +237,5 @@ def mark_transparent_points(
         if row >= 0 and materials.info[geometry.triangle_material[hit_ids[point][1]], FLAGS] & COVERAGE != 0:
             direction = ray_direction(rays, point)
             surface = surface_at(geometry, row, hit_ids[point][1], hits[point][1], hits[point][2], time, direction)
-            if material_at(materials, textures, surface, 1 << OPACITY, Footprint()).opacity < OPACITY_THRESHOLD:
+            if is_transparent(materials, textures, surface):
                 occluded[point // width, point % width] = ti.u8(1)

@@ -15,7 +15,7 @@ class WholeChanges:
     """Base class of objects with methods that are decorated by `as_a_whole`.
 
     Attributes:
-        is_unfinished: whether an exception has ended one of them: the object has to be made anew.
+        is_unfinished: whether an exception has ended one of them: what they change has to be made anew.
     """
 
     is_unfinished = False
