@@ -5,16 +5,24 @@ from __future__ import annotations
 
 import argparse
 
-from tiscene.cli.terminal import progress
-from tiscene.export.generation.generator import write_scenarios
+from tiscene.cli.terminal import note, progress
+from tiscene.export.generation.generator import OF_SCENARIO, write_scenario
 from tiscene.export.generation.recipe import Recipe
 
 
 def run(args: argparse.Namespace) -> None:
-    """Draw the scenarios, and print their files."""
+    """Draw the scenarios, and print their files. One that cannot be drawn does not keep others from being written."""
     recipe = Recipe.load(args.recipe)
+    failed = []
     with progress("drawing scenarios", args.count) as step:
         for number in range(args.count):
-            for file in write_scenarios(recipe, args.output, args.count, [number]):
-                print(file)
+            try:
+                print(write_scenario(recipe, args.output, number))
+            except OF_SCENARIO as error:
+                failed.append((number, error))
             step()
+    if failed:
+        number, error = failed[0]
+        if len(failed) == args.count:
+            raise error
+        note(f"{len(failed)} of {args.count} scenarios cannot be drawn, the first is {number}: {error}")

@@ -17,7 +17,7 @@ from tiscene import catalog
 from tiscene.cli import main as cli
 from tiscene.errors import ArgumentError, ExportError
 from tiscene.export.generation.data_set_index import DataSet
-from tiscene.export.generation.generator import finish, generate, write_scenarios
+from tiscene.export.generation.generator import finish, generate, write_scenario
 from tiscene.export.generation.recipe import Recipe
 from tiscene.export.manifest import Manifest
 from tiscene.export.verification import verify
@@ -157,15 +157,16 @@ def test_folders_of_others_where_scenarios_go_are_not_emptied(recipe, tmp_path):
 
 
 def test_samples_of_another_recipe_are_not_mixed_with_those_of_this_one(recipe, tmp_path):
-    first, _ = write_scenarios(recipe, tmp_path, 2)
+    first = write_scenario(recipe, tmp_path, 0)
+    write_scenario(recipe, tmp_path, 1)
     before = contents(tmp_path)
     other_seed = Recipe.from_json(recipe.to_json() | {"seed": 6})
     other_split = Recipe.from_json(recipe.to_json() | {"splits": {"all": 1}})
     for other in (other_seed, other_split):
         with pytest.raises(ExportError, match=r"000000\.json' is there and is not scenario 0 of this recipe"):
-            write_scenarios(other, tmp_path, 2)
+            write_scenario(other, tmp_path, 0)
     assert contents(tmp_path) == before
-    assert write_scenarios(recipe, tmp_path, 2)[0] == first
+    assert write_scenario(recipe, tmp_path, 0) == first
     assert contents(tmp_path) == before
 
 
@@ -228,7 +229,7 @@ def test_scenario_with_a_damaged_summary_is_made_again(recipe, whole, tmp_path, 
         ({"scene": "object_view", "ranges": {"templates": ["Cubee"]}}, "no template 'Cubee'"),
     ],
 )
-def test_scene_camera_or_template_that_is_not_there_does_not_lose_the_other_scenarios(whole, tmp_path, wrong, error):
+def test_scene_camera_or_template_that_is_not_there_does_not_lose_the_others(whole, tmp_path, capsys, wrong, error):
     mixed = Recipe.from_json(RECIPE | {"scenes": ["object_view", wrong]})
     rows = [summary for _, summary in generate(mixed, tmp_path, COUNT).summaries()]
     failed = [row for row in rows if "error" in row]
@@ -237,7 +238,12 @@ def test_scene_camera_or_template_that_is_not_there_does_not_lose_the_other_scen
     assert len((tmp_path / "index.jsonl").read_text().splitlines()) == COUNT
     expected = {row["number"]: row["digest"] for _, row in DataSet.load(whole).summaries()}
     assert all(row["digest"] == expected[row["number"]] for row in rows if "error" not in row)
-    assert len(write_scenarios(mixed, tmp_path / "samples", COUNT)) == COUNT - len(failed)
+    file = tmp_path / "recipe.json"
+    file.write_text(json.dumps(mixed.to_json()))
+    assert cli.main(["sample", str(file), "-n", str(COUNT), "-o", str(tmp_path / "samples")]) == 0
+    shown = capsys.readouterr()
+    assert len(shown.out.split()) == COUNT - len(failed)
+    assert f"{len(failed)} of {COUNT} scenarios cannot be drawn, the first is {failed[0]['number']}: " in shown.err
 
 
 def test_scenario_whose_scene_was_not_there_is_made_when_it_is(tmp_path):
@@ -279,7 +285,7 @@ def test_commands_write_scenarios_and_data_sets(recipe, tmp_path, capsys):
     assert cli.main(["sample", str(file), "-n", "2", "-o", str(tmp_path / "scenarios")]) == 0
     printed = capsys.readouterr().out.split()
     assert [Scenario.load(path) for path in printed] == [recipe.scenario(0), recipe.scenario(1)]
-    assert write_scenarios(recipe, tmp_path / "again", 1)[0].read_bytes() == Path(printed[0]).read_bytes()
+    assert write_scenario(recipe, tmp_path / "again", 0).read_bytes() == Path(printed[0]).read_bytes()
     assert cli.main(["generate", str(file), "-n", "1", "-o", str(tmp_path / "data")]) == 0
     assert capsys.readouterr().out == f"{tmp_path / 'data'}\n"
     assert (tmp_path / "data" / "index.jsonl").is_file()
@@ -287,6 +293,14 @@ def test_commands_write_scenarios_and_data_sets(recipe, tmp_path, capsys):
     assert capsys.readouterr().out == "1 scenario: files of 3 frames are complete; 2 rendered again, same bytes\n"
     with pytest.raises(ExportError, match="a data set is verified by `verify_data_set`"):
         verify(tmp_path / "data")
+
+
+def test_recipe_of_which_no_scenario_can_be_drawn_is_an_error_of_the_command(tmp_path, capsys):
+    file = tmp_path / "recipe.json"
+    file.write_text(json.dumps(Recipe.from_json(RECIPE | {"scenes": ["objct_view"]}).to_json()))
+    assert cli.main(["sample", str(file), "-n", "2", "-o", str(tmp_path / "samples")]) != 0
+    assert "no scene 'objct_view'. Did you mean 'object_view'?" in capsys.readouterr().err
+    assert not (tmp_path / "samples").exists()
 
 
 @pytest.mark.parametrize("number", ["0", "-2", "1.5"])

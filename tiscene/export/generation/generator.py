@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 import shutil
-from collections.abc import Callable, Iterable
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -15,7 +15,6 @@ from tiscene.errors import (
     MissingFile,
     ScenarioError,
     StageError,
-    TisceneError,
     UnknownName,
     export_errors,
 )
@@ -106,37 +105,27 @@ def finish(folder: str | Path, *, partial: bool = False) -> DataSet:
     return data_set
 
 
-def write_scenarios(recipe: Recipe, folder: str | Path, count: int, numbers: Iterable[int] | None = None) -> list[Path]:
-    """Write scenarios of a recipe as files, `<split>/000012.json`, without rendering anything.
+def write_scenario(recipe: Recipe, folder: str | Path, number: int) -> Path:
+    """Write a scenario of a recipe as a file, `<split>/000012.json`, without rendering anything.
 
     Returns:
-        The files. A scenario that cannot be drawn has none.
+        The file.
 
     Raises:
-        ScenarioError, StageError, UnknownName, MissingFile: None of the scenarios can be drawn.
-        ExportError: The folder has other scenarios of these numbers, or a file cannot be written.
+        ScenarioError, StageError, UnknownName, MissingFile: The scenario cannot be drawn; others of the recipe may.
+        ExportError: The folder has another scenario of this number, or the file cannot be written.
     """
-    files: list[Path] = []
-    mistakes: list[TisceneError] = []
-    for number in range(count) if numbers is None else numbers:
-        path = Path(folder) / recipe.split(number) / f"{number:06d}.json"
-        try:
-            scenario = recipe.scenario(number)
-        except OF_SCENARIO as error:
-            mistakes.append(error)
-            continue
-        with export_errors(path):
-            for present in sorted(Path(folder).glob(f"*/{path.name}")):
-                if present != path or present.read_bytes() != dumps(scenario.to_json()).encode():
-                    raise ExportError(
-                        f"{str(present)!r} is there and is not scenario {number} of this recipe. Choose another folder."
-                    )
-            path.parent.mkdir(parents=True, exist_ok=True)
-            scenario.save(path)
-        files.append(path)
-    if mistakes and not files:
-        raise mistakes[0]
-    return files
+    path = Path(folder) / recipe.split(number) / f"{number:06d}.json"
+    scenario = recipe.scenario(number)
+    with export_errors(path):
+        for present in sorted(Path(folder).glob(f"*/{path.name}")):
+            if present != path or present.read_bytes() != dumps(scenario.to_json()).encode():
+                raise ExportError(
+                    f"{str(present)!r} is there and is not scenario {number} of this recipe. Choose another folder."
+                )
+        path.parent.mkdir(parents=True, exist_ok=True)
+        scenario.save(path)
+    return path
 
 
 def claim(data_set: DataSet) -> None:
