@@ -82,12 +82,38 @@ def test_inline_network_is_read(tmp_path):
     assert rounded(material) == replace(expected, prim_path="/Looks/Mat")
 
 
-def test_preview_surface_is_preferred_to_materialx(tmp_path):
-    own = 'token outputs:surface.connect = </Looks/Mat/P.outputs:surface>\ndef Shader "P"\n{\n'
-    own += 'uniform token info:id = "UsdPreviewSurface"\ncolor3f inputs:diffuseColor = (1, 0, 0)\n'
-    own += "token outputs:surface\n}\n"
-    body = INLINE.replace("token outputs:mtlx", own + "token outputs:mtlx", 1)
+BOTH = """def Scope "Looks"
+{
+    def Material "Mat"
+    {
+        token outputs:surface.connect = </Looks/Mat/P.outputs:surface>
+        token outputs:mtlx:surface.connect = </Looks/Mat/S.outputs:out>
+        def Shader "P"
+        {
+            uniform token info:id = "UsdPreviewSurface"
+            color3f inputs:diffuseColor = (1, 0, 0)
+            token outputs:surface
+        }
+        def Shader "S"
+        {
+            uniform token info:id = "MODEL"
+            color3f inputs:base_color = (0.1, 0.2, 0.3)
+            token outputs:out
+        }
+    }
+}
+"""
+
+
+def test_materialx_is_preferred_to_a_universal_preview_surface(tmp_path):
+    body = BOTH.replace("MODEL", "ND_open_pbr_surface_surfaceshader")
     (material,) = read_stage(write(tmp_path, body + QUAD)).materials
+    assert material.diffuse_color == pytest.approx((0.1, 0.2, 0.3))
+
+
+def test_preview_surface_replaces_a_materialx_model_that_is_not_read(tmp_path):
+    expected = "shader 'ND_surface' is not supported; its UsdPreviewSurface is used"
+    (material,) = read_with_warning(tmp_path, BOTH.replace("MODEL", "ND_surface") + QUAD, expected).materials
     assert material.diffuse_color == (1.0, 0.0, 0.0)
 
 

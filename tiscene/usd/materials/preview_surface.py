@@ -114,25 +114,28 @@ class NetworkReader:
         return None if found is None else number(*found)
 
     def _surface(self, material: UsdShade.Material) -> UsdShade.Shader | None:
-        """Find the surface shader of a material: a UsdPreviewSurface in any of its surface outputs, else one of
-        MaterialX, else a UsdPreviewSurface anywhere below its prim.
+        """Find the surface shader of a material: one of MaterialX in any of its surface outputs, else a
+        UsdPreviewSurface there, else one anywhere below its prim.
+
+        As in Hydra, the output of a renderer's own kind of network comes before the universal one: programs that write
+        both, such as Blender, may leave a gray UsdPreviewSurface in the latter.
         """
         unknown: list[str] = []
-        materialx: UsdShade.Shader | None = None
+        preview: UsdShade.Shader | None = None
         for output in material.GetSurfaceOutputs():
             for attribute in UsdShade.Utils.GetValueProducingAttributes(output):
                 shader = UsdShade.Shader(attribute.GetPrim())
                 name = shader_id(shader) if shader else ""
                 if name == "UsdPreviewSurface":
-                    if unknown:
-                        self._unsupported(material, unknown[0], "its UsdPreviewSurface is used")
+                    preview = preview or shader
+                elif name in MODELS:
                     return shader
-                if name in MODELS:
-                    materialx = materialx or shader
-                else:
+                elif preview is None or name.startswith("ND_"):
                     unknown.append(name or ("" if shader else str(attribute.GetPrim().GetTypeName())))
-        if materialx is not None:
-            return materialx
+        if preview is not None:
+            if unknown:
+                self._unsupported(material, unknown[0], "its UsdPreviewSurface is used")
+            return preview
         siblings = [UsdShade.Shader(p) for p in Usd.PrimRange(material.GetPrim(), Usd.PrimAllPrimsPredicate)]
         for shader in siblings:
             if shader and shader_id(shader) == "UsdPreviewSurface":
