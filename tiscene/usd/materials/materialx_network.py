@@ -237,7 +237,7 @@ class MaterialXNetwork:
             self._report.omission(source.shader.GetPath(), text)
         coordinates = self._tiled(category, coordinates, inputs)
         wrap_u, wrap_v = (self._wrap(inputs, axis) for axis in "uv")
-        space = _color_space(file, width)
+        space = _color_space(file, category == "UsdUVTexture" or "color" in source.id)
         if "<UDIM>" in file.value.path:
             found = self._textures.add_udim(file.attribute, file.value, space, (0.0, 0.0, 0.0, 1.0))
             row, window = found or (None, None)
@@ -346,11 +346,11 @@ def _output_width(source: Source, category: str) -> int:
     return named[-1] if named else 0
 
 
-def _color_space(file: ShaderConnection, width: int) -> str:
-    """Return UsdUVTexture's name of the color space of an image node's file."""
+def _color_space(file: ShaderConnection, is_color: bool) -> str:
+    """Return UsdUVTexture's name of the color space of an image node's file. Vectors and numbers are no colors."""
     if _is_srgb(file.attribute):
         return "sRGB"
-    return "raw" if file.attribute.GetColorSpace() or width < 3 else "auto"
+    return "auto" if is_color and not file.attribute.GetColorSpace() else "raw"
 
 
 def _is_srgb(attribute: Usd.Attribute) -> bool:
