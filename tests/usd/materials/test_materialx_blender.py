@@ -50,3 +50,13 @@ def test_image_of_vectors_without_a_color_space_is_not_decoded(tmp_path):
     assert isinstance(roughness, TextureLookup)
     assert roughness.channel == "g"
     assert description.textures[roughness.texture].encoding == "raw"
+
+
+def test_normal_map_named_by_the_type_of_its_scale_has_three_components(tmp_path):
+    three = shader("three", "ND_convert_vector4_vector3", link("float4 in", "image"))
+    bumps = shader("bumps", "ND_normalmap_float", link("float3 in", "three"), "float scale = 0.5")
+    description = read(tmp_path, surface(link("float3 geometry_normal", "bumps")), bumps, three, VECTORS)
+    normal = description.materials[0].normal
+    assert normal.channel == "rgb"
+    assert normal.scale[:3] == (1.0, 1.0, 2.0)
+    assert description.textures[normal.texture].encoding == "raw"

@@ -341,6 +341,8 @@ def _output_width(source: Source, category: str) -> int:
     """Return the components of a node's output, by the type in its id; 0 if that says nothing."""
     if category.startswith("separate") or category in ("extract", "UsdUVTexture", "dotproduct", "magnitude"):
         return 1 if category != "UsdUVTexture" else 0
+    if category == "normalmap":  # its id names the type of its scale
+        return 3
     kinds = source.id.removeprefix("ND_").removeprefix(category).strip("_").split("_")
     named = [_WIDTHS[each.removesuffix("FA")] for each in kinds if each.removesuffix("FA") in _WIDTHS]
     return named[-1] if named else 0
