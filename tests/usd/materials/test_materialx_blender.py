@@ -6,6 +6,8 @@ from __future__ import annotations
 import warnings
 from pathlib import Path
 
+import numpy as np
+import pytest
 from PIL import Image
 
 from tests.usd.helpers import write
@@ -60,3 +62,25 @@ def test_normal_map_named_by_the_type_of_its_scale_has_three_components(tmp_path
     assert normal.channel == "rgb"
     assert normal.scale[:3] == (1.0, 1.0, 2.0)
     assert description.textures[normal.texture].encoding == "raw"
+
+
+@pytest.mark.parametrize(
+    ("turn", "expected"),  # MaterialX turns clockwise
+    [(0.0, (2.0, 0.0, 0.25, 0.0, 3.0, 0.5)), (90.0, (0.0, 3.0, 0.25, -2.0, 0.0, 0.5))],
+)
+def test_mapping_of_points_is_a_map_of_the_texture_coordinates(tmp_path, turn, expected):
+    description = read(
+        tmp_path,
+        surface(link("color3f base_color", "image")),
+        shader("image", "ND_image_color3", "asset file = @p.png@", link("float2 texcoord", "uv")),
+        shader("uv", "ND_convert_vector3_vector2", link("float3 in", "moved")),
+        shader("moved", "ND_add_vector3", link("float3 in1", "z"), "float3 in2 = (0.25, 0.5, 0)"),
+        shader("z", "ND_rotate3d_vector3", link("float3 in", "x"), f"float amount = {turn}", "float3 axis = (0, 0, 1)"),
+        shader("x", "ND_rotate3d_vector3", link("float3 in", "scaled"), "float amount = 0", "float3 axis = (1, 0, 0)"),
+        shader("scaled", "ND_multiply_vector3", link("float3 in1", "point"), "float3 in2 = (2, 3, 1)"),
+        shader("point", "ND_convert_vector2_vector3", link("float2 in", "st")),
+        shader("st", "ND_texcoord_vector2"),
+    )
+    color = description.materials[0].diffuse_color
+    assert isinstance(color, TextureLookup)
+    np.testing.assert_allclose(color.uv_transform, expected, atol=1e-6)

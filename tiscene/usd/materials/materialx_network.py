@@ -34,7 +34,7 @@ _IMAGES = ("image", "tiledimage", "gltf_image", "gltf_colorimage", "gltf_normalm
 _SPECIAL = (
     *(*_THROUGH, *_NOISES, *_IMAGES, "texcoord", "geompropvalue", "geompropvalueuniform", "geomcolor", "place2d"),
     *("rotate2d", "extract", "swizzle", "separate2", "separate3", "separate4", "combine2", "combine3", "combine4"),
-    *("switch", "UsdPrimvarReader", "UsdTransform2d"),
+    *("switch", "UsdPrimvarReader", "UsdTransform2d", "rotate3d"),
 )
 _CATEGORIES = sorted({*OPERATIONS, *_SPECIAL}, key=len, reverse=True)
 _MAX_DEPTH = 64
@@ -119,12 +119,15 @@ class MaterialXNetwork:
             )
             result = number(0.5)
         width = _output_width(source, category)
-        return result.of_width(width) if width else result
+        if not width or (width == 3 and result.uv is not None and "vector3" in source.id):  # a point (u, v, 0)
+            return result
+        return result.of_width(width)
 
     def _operation(self, category: str, inputs: dict[str, ShaderConnection]) -> Signal:
         names, function = OPERATIONS[category]
         operands = [self._required(inputs.get(name), default) for name, default in names]
-        return _affine(category, operands) or self.baker.apply(function, *_widened(operands))
+        is_point = [default is None for _, default in names]
+        return _affine(category, operands) or self.baker.apply(function, *_widened(operands, is_point))
 
     def _required(self, connection: ShaderConnection | None, default: Any) -> Signal:
         found = self.value(connection, default)
@@ -141,7 +144,7 @@ class MaterialXNetwork:
             return self._required(inputs.get("value" if category == "constant" else "in"), 0.0)
         if category in _NOISES:
             return self._noise(category, source, inputs)
-        if category in ("place2d", "rotate2d", "UsdTransform2d"):
+        if category in ("place2d", "rotate2d", "rotate3d", "UsdTransform2d"):
             return self._placed(category, inputs)
         if category in ("extract", "swizzle", *(f"separate{count}" for count in (2, 3, 4))):
             components = self._components(category, source, inputs)
@@ -200,14 +203,24 @@ class MaterialXNetwork:
         return found
 
     def _placed(self, category: str, inputs: dict[str, ShaderConnection]) -> Signal | None:
-        """Return texture coordinates after place2d, rotate2d (clockwise, degrees) or UsdTransform2d."""
+        """Return texture coordinates after place2d, rotate2d (clockwise, degrees), rotate3d about z or UsdTransform2d.
+
+        None: a rotation of something else, or out of the plane of texture coordinates.
+        """
         at = self._required(inputs.get("texcoord" if category == "place2d" else "in"), None)
         if at.uv is None:
-            return at
+            return at if category != "rotate3d" else None
 
         def numbers(name: str, default: tuple[float, ...]) -> Any:
             return self.baker.mean(self._required(inputs.get(name), default).of_width(len(default)))
 
+        if category == "rotate3d":
+            turn, axis = numbers("amount", (0.0,))[0], numbers("axis", (0.0, 1.0, 0.0))
+            if turn == 0.0:
+                return at
+            if axis[2] == 0.0 or axis[:2].any():
+                return None
+            return Signal(uv=at.uv.mapped(_rotation(-math.copysign(turn, turn * axis[2]))))
         if category == "rotate2d":
             return Signal(uv=at.uv.mapped(_rotation(-numbers("amount", (0.0,))[0])))
         if category == "UsdTransform2d":
@@ -326,10 +339,13 @@ def _affine(category: str, operands: list[Signal]) -> Signal | None:
     return second.affine(one if category == "add" else -one, first.constant)
 
 
-def _widened(operands: list[Signal]) -> list[Signal]:
-    """Return operands with equal numbers of components, except for single numbers."""
-    width = max((each.width for each in operands), default=1)
-    return [each if each.width in (1, width) or each.uv is not None else each.of_width(width) for each in operands]
+def _widened(operands: list[Signal], is_point: list[bool]) -> list[Signal]:
+    """Return operands with equal numbers of components, except for single numbers and points of a pattern."""
+    width = max((each.width for each, at in zip(operands, is_point, strict=True) if not at), default=1)
+    return [
+        each if at or each.width in (1, width) else each.of_width(width)
+        for each, at in zip(operands, is_point, strict=True)
+    ]
 
 
 def _joined(values: Any) -> Any:

@@ -56,7 +56,7 @@ class Signal:
 
     Attributes:
         constant: float64 [c], the same everywhere.
-        uv: texture coordinates as a value of two components.
+        uv: texture coordinates as a value of two components, or as a point whose third is not used.
         row: row of the texture table that is looked up; VERTEX_COLORS: the vertices' colors.
         channels: channels of that texture, one per component.
         scale: float64 [c], factor of each component.
@@ -107,7 +107,7 @@ class Signal:
         factor, summand = _wide(factor, width), _wide(summand, width)
         if self.constant is not None:
             return Signal(constant=_wide(self.constant, width) * factor + summand)
-        if self.uv is not None and width == 2:
+        if self.uv is not None and width <= 3:
             matrix = np.array([[factor[0], 0.0, summand[0]], [0.0, factor[1], summand[1]], [0.0, 0.0, 1.0]])
             return Signal(uv=self.uv.mapped(matrix))
         if self.row is None or self.uv is not None:
