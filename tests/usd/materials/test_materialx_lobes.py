@@ -256,6 +256,11 @@ def test_tangents_that_are_connected_are_named(tmp_path):
     assert warned_material(tmp_path, document(surface, nodes=picture("vector3")), text).lobes is not None
 
 
+def test_tangents_and_coat_normals_without_effect_are_not_named(tmp_path):
+    surface = linked("tangent", "picture", "vector3") + linked("coat_normal", "picture", "vector3")
+    assert material_of(tmp_path, document(surface, nodes=picture("vector3"))).lobes is None
+
+
 PREVIEW = """def Scope "Looks"
 {
     def Material "Mat"

@@ -48,9 +48,6 @@ class ExtendedSurface:
             roughness: of the specular lobe, as authored.
         """
         names, values = self._names, self._values
-        for name, instead in names.unapplied.items():
-            if name in values.authored and values.authored[name].source is not None:
-                values.report.omission(values.path, f"{name} is not applied; {instead}")
         found: dict[str, Any] = {}
         self._add_specular(found)
         self._add_transmission(found, base)
@@ -110,6 +107,12 @@ class ExtendedSurface:
         signal = self._values.required(named)
         return signal.constant is None or not bool(np.allclose(signal.constant, neutral))
 
+    def _report_connected(self, name: str, instead: str) -> None:
+        """Report an input that is not applied, if it is connected."""
+        values = self._values
+        if name in values.authored and values.authored[name].source is not None:
+            values.report.omission(values.path, f"{name} is not applied; {instead}")
+
     def _color(self, named: Named) -> Color:
         r, g, b = np.resize(self._values.constant(named), 3).tolist()
         return (r, g, b)
@@ -166,7 +169,10 @@ class ExtendedSurface:
     def _add_coat(self, found: dict[str, Any], base: Signal) -> None:
         """Add the coat's color, which holds what the base loses as well, and index of refraction."""
         names, values = self._names, self._values
-        if names.coat_color is None or not self._differs(names.coat, 0.0):
+        if not self._differs(names.coat, 0.0):
+            return
+        self._report_connected(names.coat_normal, "the coat has the surface's normal")
+        if names.coat_color is None:
             return
         color = values.required(names.coat_color)
         if names.coat_ior is not None:
@@ -222,6 +228,7 @@ class ExtendedSurface:
     def _add_anisotropy(self, found: dict[str, Any], strength: Signal, roughness: Signal) -> Signal:
         """Add the ratio of the alphas and their direction; return the roughness of the mean of their squares."""
         names, values = self._names, self._values
+        self._report_connected(names.tangent, "the direction of u is used")
         ratio, mean = _ALPHAS[self._model]
         operands = (strength.of_width(1), roughness.of_width(1))
         found["anisotropy"] = values.float_input(self._apply(ratio, *operands), "anisotropy")

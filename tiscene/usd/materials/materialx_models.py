@@ -77,7 +77,8 @@ class ExtendedModel(SurfaceModel):
         coat_color: color of the coat.
         coat_ior: its index of refraction.
         coat_darkening: how much darker the base looks for light that the coat reflects back to it.
-        unapplied: inputs that are not applied where they are authored.
+        tangent: direction of the anisotropy.
+        coat_normal: normal of the coat.
     """
 
     specular: Named
@@ -91,6 +92,8 @@ class ExtendedModel(SurfaceModel):
     sheen_roughness: Named
     anisotropy: Named
     rotation: Named | None
+    tangent: str
+    coat_normal: str
     turns: float = 1.0
     coat_color: Named | None = None
     coat_ior: Named | None = None
@@ -98,7 +101,6 @@ class ExtendedModel(SurfaceModel):
     attenuation: Named | None = None
     distance: Named | None = None
     thickness: Named | None = None
-    unapplied: Mapping[str, str] = field(default_factory=dict)
 
 
 MODELS: dict[str, SurfaceModel] = {
@@ -137,9 +139,10 @@ MODELS: dict[str, SurfaceModel] = {
         sheen_roughness=("sheen_roughness", 0.3),
         anisotropy=("specular_anisotropy", 0.0),
         rotation=("specular_rotation", 0.0),
+        tangent="tangent",
+        coat_normal="coat_normal",
         coat_color=("coat_color", _WHITE),
         coat_ior=("coat_IOR", 1.5),
-        unapplied={"tangent": "the direction of u is used", "coat_normal": "the coat has the surface's normal"},
     ),
     "ND_open_pbr_surface_surfaceshader": ExtendedModel(
         base=("base_weight", 1.0),
@@ -173,13 +176,11 @@ MODELS: dict[str, SurfaceModel] = {
         sheen_roughness=("fuzz_roughness", 0.5),
         anisotropy=("specular_roughness_anisotropy", 0.0),
         rotation=None,
+        tangent="geometry_tangent",
+        coat_normal="geometry_coat_normal",
         coat_color=("coat_color", _WHITE),
         coat_ior=("coat_ior", 1.6),
         coat_darkening=("coat_darkening", 1.0),
-        unapplied={
-            "geometry_tangent": "the direction of u is used",
-            "geometry_coat_normal": "the coat has the surface's normal",
-        },
     ),
     "ND_gltf_pbr_surfaceshader": ExtendedModel(
         base=None,
@@ -207,11 +208,12 @@ MODELS: dict[str, SurfaceModel] = {
         sheen_roughness=("sheen_roughness", 0.0),
         anisotropy=("anisotropy_strength", 0.0),
         rotation=("anisotropy_rotation", 0.0),
+        tangent="tangent",
+        coat_normal="clearcoat_normal",
         turns=0.5 / math.pi,
         attenuation=("attenuation_color", _WHITE),
         distance=("attenuation_distance", 0.0),
         thickness=("thickness", 0.0),
-        unapplied={"tangent": "the direction of u is used", "clearcoat_normal": "the coat has the surface's normal"},
     ),
     "UsdPreviewSurface": SurfaceModel(
         base=None,
