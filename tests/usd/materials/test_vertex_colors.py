@@ -163,6 +163,23 @@ def test_material_reads_varying_color_primvar(tmp_path, kind, type):
     np.testing.assert_allclose(frame.albedo, np.stack([u, v, 1.0 - u], axis=-1), atol=1e-5)
 
 
+@pytest.mark.parametrize(("interpolation", "count"), [("constant", 1), ("vertex", 4)])
+def test_one_color_with_alpha_is_read_as_a_color(tmp_path, interpolation, count):
+    """Blender writes color attributes as color4f, and reads them as float3."""
+    surface = "color3f inputs:diffuseColor.connect = </Look/Reader.outputs:result>"
+    reader = """
+    def Shader "Reader"
+    {
+        uniform token info:id = "UsdPrimvarReader_float3"
+        string inputs:varname = "Cd"
+        float3 outputs:result
+    }"""
+    color = f'color4f[] primvars:Cd = {[(0.5, 0.25, 0, 0.5)] * count} (interpolation = "{interpolation}")'
+    mesh = QUAD % (BOUND, color + "\n rel material:binding = </Look>")
+    description = read(tmp_path, READER % (surface, reader) + mesh)
+    assert description.materials[0].diffuse_color == (0.5, 0.25, 0.0)
+
+
 def test_meshes_with_and_without_color_primvar_share_a_network(tmp_path):
     """Constant, uniform and vertex colors, and none: the primvar reader's fallback."""
     surface = "color3f inputs:diffuseColor.connect = </Look/Reader.outputs:result>"

@@ -37,17 +37,19 @@ def constant_primvar(
             where the gprim has faces, points or curves that could have their own values.
 
     Returns:
-        `width` numbers: the constant primvar, or the mean of one that varies; None if it is unauthored, of another
-        size, not finite, or, which is reported, does not fit the gprim.
+        `width` numbers: the constant primvar, or the mean of one that varies, without the alpha of four read as three;
+        None if it is unauthored, of another size, not finite, or, which is reported, does not fit the gprim.
     """
     primvar = UsdGeom.PrimvarsAPI(gprim).FindPrimvarWithInheritance(name)
     value = primvar.Get(time) if primvar else None
     if value is None:
         return None
     values = np.asarray(value, dtype=np.float64)
-    if values.size == 0 or values.size % width:
+    has_alpha = width == 3 and np.size(primvar.GetTypeName().scalarType.defaultValue) == 4
+    size = 4 if has_alpha else width
+    if values.size == 0 or values.size % size:
         return None
-    values = values.reshape(-1, width)
+    values = values.reshape(-1, size)
     if primvar.IsIndexed() and (indices := np.asarray(primvar.GetIndices(time))).size:
         values = values[np.clip(indices, 0, len(values) - 1)]
     if not np.isfinite(values).all():
@@ -58,11 +60,11 @@ def constant_primvar(
         topology = primvar_topology(gprim, time)
         has_elements = len(topology.counts) > 0
         is_valid = topology.counts.min(initial=0) >= 0  # else it is reported where the gprim is read
-        if is_valid and has_elements and read_primvar(primvar, width, topology, time, report) is None:
+        if is_valid and has_elements and read_primvar(primvar, size, topology, time, report) is None:
             return None
     if (report_varying or not has_elements) and len(values) > 1 and (values != values[0]).any():
         report.omission(gprim.GetPath(), f"primvar {name!r} varies over the surface, its mean is used")
-    return tuple(round(v, 7) for v in values.mean(axis=0).tolist())
+    return tuple(round(v, 7) for v in values.mean(axis=0)[:width].tolist())
 
 
 def varies_over_surface(gprim: Usd.Prim, name: str, time: Usd.TimeCode, *, within_faces: bool = False) -> bool:
