@@ -3,7 +3,7 @@
 
 from __future__ import annotations
 
-import warnings
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -11,9 +11,9 @@ import pytest
 from PIL import Image
 
 from tests.usd.helpers import write
-from tests.usd.materials.test_materialx import PIXELS, QUAD
+from tests.usd.materials.test_materialx import PIXELS, QUAD, rounded
 from tiscene.errors import StageWarning
-from tiscene.scene.description import SceneDescription, TextureLookup
+from tiscene.scene.description import ExtendedLobes, Material, SceneDescription, TextureLookup
 from tiscene.usd.read.stage_reader import read_stage
 
 
@@ -29,13 +29,11 @@ def link(name: str, node: str) -> str:
 
 
 def read(folder: Path, *shaders: str) -> SceneDescription:
-    """Read a stage with a quad of a material whose surface shader is S; any warning fails."""
+    """Read a stage with a quad of a material whose surface shader is S."""
     Image.fromarray(PIXELS).save(folder / "p.png")
     output = "token outputs:mtlx:surface.connect = </Looks/Mat/S.outputs:out>\n"
     text = f'def Scope "Looks"\n{{\ndef Material "Mat"\n{{\n{output}{"".join(shaders)}}}\n}}\n'
-    with warnings.catch_warnings():
-        warnings.simplefilter("error", StageWarning)
-        return read_stage(write(folder, text + QUAD))
+    return read_stage(write(folder, text + QUAD))
 
 
 def surface(*inputs: str) -> str:
@@ -84,3 +82,59 @@ def test_mapping_of_points_is_a_map_of_the_texture_coordinates(tmp_path, turn, e
     color = description.materials[0].diffuse_color
     assert isinstance(color, TextureLookup)
     np.testing.assert_allclose(color.uv_transform, expected, atol=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("node", "expected"),
+    [
+        (
+            shader("B", "ND_oren_nayar_diffuse_bsdf", "color3f color = (0.5, 0.25, 1)", "float roughness = 0"),
+            Material("Mat", (0.5, 0.25, 1.0), roughness=0.3, ior=1.0),
+        ),
+        (
+            shader("B", "ND_conductor_bsdf", link("color3f ior", "metal"), "float2 roughness = (0.25, 0.25)")
+            + shader("metal", "ND_artistic_ior", "color3f reflectivity = (0.5, 0.25, 1)"),
+            Material("Mat", (0.5, 0.25, 1.0), metallic=1.0, roughness=0.5),
+        ),
+        (
+            shader(
+                "B",
+                "ND_dielectric_bsdf",
+                "float ior = 1.25",
+                "color3f tint = (0.5, 0.25, 1)",
+                'string scatter_mode = "RT"',
+                link("float2 roughness", "alphas"),
+            )
+            + shader("alphas", "ND_roughness_anisotropy", "float roughness = 0.5", "float anisotropy = 0"),
+            Material(
+                "Mat",
+                (0.0, 0.0, 0.0),
+                roughness=0.5,
+                opacity=0.0,
+                ior=1.25,
+                lobes=ExtendedLobes(transmission_color=(0.5, 0.25, 1.0)),
+            ),
+        ),
+    ],
+)
+def test_surface_of_one_bsdf_has_its_lobe(tmp_path, node, expected):
+    surface = shader("S", "ND_surface", link("token bsdf", "B"), "token edf", "float opacity")
+    (material,) = read(tmp_path, surface, node).materials
+    assert rounded(material) == replace(expected, clearcoat_roughness=0.0, prim_path="/Looks/Mat")
+
+
+def test_surface_of_emission_emits(tmp_path):
+    surface = shader("S", "ND_surface", link("token edf", "E"), "float opacity = 0.5")
+    product = shader("P", "ND_multiply_color3FA", "color3f in1 = (0.5, 0.25, 1)", "float in2 = 4")
+    (material,) = read(tmp_path, surface, shader("E", "ND_uniform_edf", link("color3f color", "P")), product).materials
+    assert material.emissive_color == (2.0, 1.0, 4.0)
+    assert material.diffuse_color == (0.0, 0.0, 0.0)
+    assert (material.opacity, material.opacity_mode) == (0.5, "presence")
+
+
+@pytest.mark.parametrize("kind", ["ND_mix_bsdf", "ND_translucent_bsdf", "ND_dielectric_bsdf"])
+def test_other_bsdfs_are_reported(tmp_path, kind):
+    with pytest.warns(StageWarning, match="shader 'ND_surface' is not supported; displayColor is used"):
+        read(
+            tmp_path, shader("S", "ND_surface", link("token bsdf", "B")), shader("B", kind, "float2 roughness = (0, 0)")
+        )

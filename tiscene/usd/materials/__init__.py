@@ -8,6 +8,7 @@
     preview_surface  shader networks, UsdPreviewSurface
     materialx_document    .mtlx files as USD layers
     materialx_surface     standard_surface, open_pbr_surface, gltf_pbr as materials
+    materialx_bsdf        surfaces of one BSDF as open_pbr_surface
     materialx_models      names and defaults of their inputs
     materialx_inputs      inputs of a surface as numbers and textures
     materialx_lobes       inputs that UsdPreviewSurface lacks

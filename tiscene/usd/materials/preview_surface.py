@@ -19,6 +19,7 @@ from tiscene.usd.core.report import StageReport
 from tiscene.usd.core.shader_network import ShaderConnection, Source, broken_connections, connections_of, shader_id
 from tiscene.usd.geometry.display_color import constant_primvar, varies_over_surface
 from tiscene.usd.geometry.primvar import NO_PRIMVARS, PrimvarNames, report_missing_coordinates
+from tiscene.usd.materials.materialx_bsdf import OPENPBR, openpbr_inputs
 from tiscene.usd.materials.materialx_inputs import SurfaceInputs
 from tiscene.usd.materials.materialx_models import MODELS
 from tiscene.usd.materials.materialx_network import MaterialXNetwork, vertex_colors
@@ -101,6 +102,8 @@ class NetworkReader:
         for output in material.GetDisplacementOutputs():
             if output.HasConnectedSource():
                 self._report.omission(material.GetPath(), "displacement is not applied")
+        if name == "ND_surface":
+            name, inputs = OPENPBR, openpbr_inputs(surface, self._time) or {}
         network = MaterialXNetwork(self._textures, self._time, self._report, self._vertex_signal)
         values = SurfaceInputs(surface.GetPath(), inputs, network, self._report, self._uv_set)
         mapped = MaterialXSurface(name, values, UsdGeom.GetStageMetersPerUnit(surface.GetPrim().GetStage()))
@@ -128,7 +131,7 @@ class NetworkReader:
                 name = shader_id(shader) if shader else ""
                 if name == "UsdPreviewSurface":
                     preview = preview or shader
-                elif name in MODELS:
+                elif name in MODELS or (name == "ND_surface" and openpbr_inputs(shader, self._time)):
                     return shader
                 elif preview is None or name.startswith("ND_"):
                     unknown.append(name or ("" if shader else str(attribute.GetPrim().GetTypeName())))
