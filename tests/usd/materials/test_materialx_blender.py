@@ -33,7 +33,8 @@ def read(folder: Path, *shaders: str) -> SceneDescription:
     Image.fromarray(PIXELS).save(folder / "p.png")
     output = "token outputs:mtlx:surface.connect = </Looks/Mat/S.outputs:out>\n"
     text = f'def Scope "Looks"\n{{\ndef Material "Mat"\n{{\n{output}{"".join(shaders)}}}\n}}\n'
-    return read_stage(write(folder, text + QUAD))
+    other = QUAD.replace("primvars:other = [(0, 0), (1, 0), (1, 1)", "primvars:other = [(0, 0), (0.5, 0), (0.5, 0.5)")
+    return read_stage(write(folder, text + other))
 
 
 def surface(*inputs: str) -> str:
@@ -82,6 +83,20 @@ def test_mapping_of_points_is_a_map_of_the_texture_coordinates(tmp_path, turn, e
     color = description.materials[0].diffuse_color
     assert isinstance(color, TextureLookup)
     np.testing.assert_allclose(color.uv_transform, expected, atol=1e-6)
+
+
+def test_texture_coordinates_as_a_color_have_no_blue_and_keep_their_set(tmp_path):
+    description = read(
+        tmp_path,
+        surface(link("color3f base_color", "color")),
+        shader("color", "ND_convert_vector3_color3", link("float3 in", "point")),
+        shader("point", "ND_convert_vector2_vector3", link("float2 in", "st")),
+        shader("st", "ND_geompropvalue_vector2", 'string geomprop = "other"'),
+    )
+    color = description.materials[0].diffuse_color
+    assert isinstance(color, TextureLookup)
+    assert (description.textures[color.texture].pixels[..., 2] == 0).all()
+    np.testing.assert_array_equal(description.meshes[0].uv[:3], [(0, 0), (0.5, 0), (0.5, 0.5)])
 
 
 @pytest.mark.parametrize(

@@ -86,7 +86,14 @@ class Signal:
         return 2 if self.uv is not None else len(self.channels)
 
     def select(self, components: Sequence[int]) -> Signal:
-        """Return a signal of some of the components, in any order and number; missing ones are the last."""
+        """Return a signal of some of the components, in any order and number.
+
+        Missing ones are the last, or 0 of texture coordinates.
+        """
+        if self.uv is not None and list(components) != [0, 1]:
+            point = np.pad(_grid(_DEFAULT_SIZE, self.uv), ((0, 0), (0, 0), (0, 1)))
+            values = point[..., [min(each, 2) for each in components]]
+            return Signal(image=values, coordinates=Coordinates(primvar=self.uv.primvar))
         rows = [min(each, self.width - 1) for each in components]
         if self.constant is not None:
             return replace(self, constant=self.constant[rows])
@@ -95,7 +102,7 @@ class Signal:
         if self.row is not None and self.scale is not None and self.bias is not None:
             channels = tuple(self.channels[each] for each in rows)
             return replace(self, channels=channels, scale=self.scale[rows], bias=self.bias[rows])
-        return self if rows == [0, 1] else Signal(image=_grid(_DEFAULT_SIZE, self.uv)[..., rows])
+        return self
 
     def of_width(self, width: int) -> Signal:
         """Return the signal with a number of components: one is repeated, further ones are dropped or repeated."""
