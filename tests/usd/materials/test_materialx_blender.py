@@ -99,6 +99,28 @@ def test_texture_coordinates_as_a_color_have_no_blue_and_keep_their_set(tmp_path
     np.testing.assert_array_equal(description.meshes[0].uv[:3], [(0, 0), (0.5, 0), (0.5, 0.5)])
 
 
+@pytest.mark.parametrize("kind", ["heighttonormal", "bump"])
+def test_heights_become_normals_by_their_slope(tmp_path, kind):
+    """A wave along u, twice over the unit square by a mapping."""
+    u = (np.arange(128) + 0.5) / 128
+    wave = np.broadcast_to(np.rint(65535 * (0.5 + 0.5 * np.sin(2 * np.pi * u))).astype(np.uint16), (128, 128))
+    Image.fromarray(np.ascontiguousarray(wave)).save(tmp_path / "wave.png")
+    height = link("float in" if kind == "heighttonormal" else "float height", "image")
+    bumps = shader("B", f"ND_{kind}_vector3", height, "float scale = 0.5")
+    place = shader("P", "ND_place2d_vector2", link("float2 texcoord", "st"), "float2 scale = (0.5, 1)")
+    description = read(
+        tmp_path,
+        surface(link("float3 geometry_normal", "N" if kind == "heighttonormal" else "B")),
+        shader("N", "ND_normalmap_float", link("float3 in", "B")) + bumps + place + shader("st", "ND_texcoord_vector2"),
+        shader("image", "ND_image_float", "asset file = @wave.png@", link("float2 texcoord", "P")),
+    )
+    normal = description.materials[0].normal
+    pixels = description.textures[normal.texture].pixels[..., :3] * normal.scale[:3] + normal.bias[:3]
+    slope = 2.0 * np.pi * np.cos(2 * np.pi * u) * 0.5 / 16.0
+    np.testing.assert_allclose(-pixels[..., 0] / pixels[..., 2], np.broadcast_to(slope, (128, 128)), atol=2e-3)
+    np.testing.assert_allclose(pixels[..., 1], 0.0, atol=1e-6)
+
+
 @pytest.mark.parametrize(
     ("node", "expected"),
     [

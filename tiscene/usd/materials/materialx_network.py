@@ -34,7 +34,7 @@ _IMAGES = ("image", "tiledimage", "gltf_image", "gltf_colorimage", "gltf_normalm
 _SPECIAL = (
     *(*_THROUGH, *_NOISES, *_IMAGES, "texcoord", "geompropvalue", "geompropvalueuniform", "geomcolor", "place2d"),
     *("rotate2d", "extract", "swizzle", "separate2", "separate3", "separate4", "combine2", "combine3", "combine4"),
-    *("switch", "UsdPrimvarReader", "UsdTransform2d", "rotate3d"),
+    *("switch", "UsdPrimvarReader", "UsdTransform2d", "rotate3d", "heighttonormal", "bump"),
 )
 _CATEGORIES = sorted({*OPERATIONS, *_SPECIAL}, key=len, reverse=True)
 _MAX_DEPTH = 64
@@ -142,6 +142,9 @@ class MaterialXNetwork:
             return self._primvar(category, source, inputs)
         if category in _THROUGH:
             return self._required(inputs.get("value" if category == "constant" else "in"), 0.0)
+        if category in ("heighttonormal", "bump"):
+            height = self._required(inputs.get("in" if category == "heighttonormal" else "height"), 0.0)
+            return self.baker.normals(height, float(self.baker.mean(self._required(inputs.get("scale"), 1.0))[0]))
         if category in _NOISES:
             return self._noise(category, source, inputs)
         if category in ("place2d", "rotate2d", "rotate3d", "UsdTransform2d"):

@@ -178,6 +178,25 @@ class Baker:
         a, b = (np.atleast_1d(np.asarray(each, np.float64)) for each in (factor, summand))
         return signal.affine(a, b) or self.apply(lambda values: a * values + b, signal)
 
+    def normals(self, height: Signal, scale: float) -> Signal:
+        """Return the normal map, within 0..1, of heights: MaterialX's heighttonormal, by central differences.
+
+        Its slopes are those per unit of the texture coordinates, times the scale over 16.
+        """
+        baked = self.apply(lambda values: values, height.of_width(1))
+        if baked.image is None:
+            return number(0.5, 0.5, 1.0)
+        modes = ["wrap" if wrap == "repeat" else "edge" for wrap in baked.wraps]
+        values = np.pad(baked.image[..., 0], ((0, 0), (1, 1)), cast(Any, modes[0]))
+        values = np.pad(values, ((1, 1), (0, 0)), cast(Any, modes[1]))
+        rows, columns = baked.image.shape[:2]
+        along_u = (values[1:-1, 2:] - values[1:-1, :-2]) * (0.5 * columns)
+        along_v = (values[:-2, 1:-1] - values[2:, 1:-1]) * (0.5 * rows)
+        slopes = np.stack([along_u, along_v], axis=-1) @ baked.coordinates.matrix()[:2, :2] * (scale / 16.0)
+        normal = np.concatenate([-slopes, np.ones((rows, columns, 1))], axis=-1)
+        normal /= np.linalg.norm(normal, axis=-1, keepdims=True)
+        return replace(baked, image=(0.5 + 0.5 * normal).astype(np.float32))
+
     def _common_space(self, signals: Sequence[Signal]) -> tuple[Coordinates, tuple[int, int]]:
         """Return the coordinates and the size [h, w] in which signals are computed together."""
         textured = [each for each in signals if each.uv is None]

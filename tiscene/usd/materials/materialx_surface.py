@@ -19,6 +19,8 @@ from tiscene.usd.materials.materialx_models import MODELS, ExtendedModel
 from tiscene.usd.materials.materialx_network import category_of
 from tiscene.usd.materials.materialx_signal import Signal, number
 
+_NORMALS = ("normalmap", "gltf_normalmap", "bump", "heighttonormal", "image", "tiledimage", "UsdUVTexture")
+
 
 class MaterialXSurface:
     """Maps the inputs of one surface shader to a material.
@@ -147,7 +149,7 @@ class MaterialXSurface:
         category, strength = category_of(source.id), 1.0
         if category in ("normalmap", "gltf_normalmap"):
             strength = self._scale_of(source.shader)
-        if category not in ("normalmap", "gltf_normalmap", "image", "tiledimage", "UsdUVTexture"):
+        if category not in _NORMALS:
             text = f"MaterialX node {source.id!r} is not supported as a normal; the mesh's normals are used"
             self._report.omission(source.shader.GetPath(), text)
             return None
