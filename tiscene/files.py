@@ -14,6 +14,7 @@ import os
 import re
 import socket
 import sys
+import warnings
 from collections.abc import Iterator
 from pathlib import Path
 from uuid import uuid4
@@ -158,11 +159,14 @@ class DiskCache:
         return data if hashlib.sha256(data).digest() == digest else None
 
     def save(self, key: str, data: bytes) -> None:
-        """Store data under a key, a name of a file. Does nothing if the folder is not writable."""
-        with contextlib.suppress(OSError):
+        """Store data under a key, a name of a file. Only warns if the folder is not writable."""
+        try:
             self.folder.mkdir(parents=True, exist_ok=True)
             self.make_room(len(data) + _DIGEST_SIZE)
             write_atomically(self.folder / (key + self.suffix), hashlib.sha256(data).digest() + data)
+        except OSError as error:
+            text = f"cannot keep results for later runs in {str(self.folder)!r}: {error.strerror or error}. "
+            warnings.warn(text + "Name another folder by the environment variable TISCENE_CACHE.", stacklevel=2)
 
     def make_room(self, size: int) -> None:
         """Delete the least recently used files and leftovers of crashed processes until `size` more bytes fit."""

@@ -43,10 +43,11 @@ def test_corrupt_file_is_not_loaded_and_can_be_replaced(tmp_path: Path, damage: 
     assert images.load("a", (2, 4, 2)) is None
 
 
-def test_unwritable_folder_is_ignored(tmp_path: Path) -> None:
+def test_unwritable_folder_is_only_warned_of(tmp_path: Path) -> None:
     (tmp_path / "file").write_text("not a folder")
     images = BaseImageCache(tmp_path / "file")
-    images.save("a", IMAGE)
+    with pytest.warns(UserWarning, match=r"/file': File exists\. Name another folder by .* TISCENE_CACHE"):
+        images.save("a", IMAGE)
     assert images.load("a", IMAGE.shape) is None
 
 
