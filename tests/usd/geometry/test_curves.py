@@ -61,6 +61,47 @@ def test_ribbons_face_their_normals(tmp_path):
     np.testing.assert_allclose(normal[2:], [(0, 0, 1)] * 4, atol=1e-6)
 
 
+@pytest.mark.parametrize(
+    ("normals", "interpolation"),
+    [
+        ("[(0, 1, 0)]", "constant"),
+        ("[(0, 1, 0), (0, 0, 1)]", "uniform"),
+        ("[(0, 1, 0), (0, 1, 0), (0, 0, 1), (0, 0, 1), (0, 0, 1)]", "varying"),
+    ],
+)
+def test_normals_of_each_interpolation_make_ribbons(tmp_path, normals, interpolation):
+    line = f'normal3f[] normals = {normals} (interpolation = "{interpolation}")'
+    (mesh,) = read(tmp_path, STRAIGHT % ("[0.5]", line)).meshes
+    assert area(mesh.positions, mesh.triangles) == pytest.approx(0.5 * (4.0 + 2.0))
+    last = (0, 1, 0) if interpolation == "constant" else (0, 0, 1)
+    normal = facing(mesh.positions, mesh.triangles)
+    np.testing.assert_allclose(normal[[0, -1]], [(0, 1, 0), last], atol=1e-6)
+
+
+def test_cubic_curves_with_normals_at_their_segment_ends_are_ribbons(tmp_path):
+    points = [(0, 0, z) for z in range(7)]
+    body = CUBIC % ("bezier", "nonperiodic", 7, points)
+    normals = 'normal3f[] normals = [(0, 1, 0), (0, 1, 0), (0, 1, 0)] (interpolation = "varying")'
+    (mesh,) = read(tmp_path, body.replace("float[] widths", f"{normals}\n    float[] widths")).meshes
+    np.testing.assert_allclose(mesh.positions[:, 1], 0.0, atol=1e-6)
+
+
+def test_normals_that_do_not_fit_curves_are_named(tmp_path):
+    line = "normal3f[] normals = [(0, 1, 0), (0, 1, 0), (0, 1, 0)]"
+    description = read_with_warning(tmp_path, STRAIGHT % ("[0.5]", line), "3 normals fit neither 2 curves.*</C>")
+    assert volume(description.meshes[0].positions, description.meshes[0].triangles) > 0.1
+
+
+def test_primvars_named_widths_and_normals_take_precedence_on_curves(tmp_path):
+    lines = """normal3f[] normals = [(0, 0, 1)] (interpolation = "constant")
+    normal3f[] primvars:normals = [(0, 1, 0)] (interpolation = "constant")
+    float[] primvars:widths = [9, 0.5] (interpolation = "uniform")
+    int[] primvars:widths:indices = [1, 1]"""
+    (mesh,) = read(tmp_path, STRAIGHT % ("[3]", lines)).meshes
+    assert area(mesh.positions, mesh.triangles) == pytest.approx(0.5 * (4.0 + 2.0))
+    np.testing.assert_allclose(facing(mesh.positions, mesh.triangles)[:2], [(0, 1, 0)] * 2, atol=1e-6)
+
+
 CUBIC = """
 def BasisCurves "C"
 {
@@ -180,6 +221,13 @@ def test_approximated_curves_and_points_are_reported(tmp_path):
         tmp_path, CUBIC % ("bspline", "nonperiodic", 2, [(0, 0, 0), (1, 0, 0)]), "too short for their basis"
     )
     read_with_warning(tmp_path, 'def Points "P"\n{\n}', "Points without anything to draw: </P>")
+
+
+def test_primvar_named_widths_takes_precedence_on_points_and_plays(tmp_path):
+    line = "    float[] primvars:widths.timeSamples = { 0: [1, 1, 1], 9: [3, 3, 3] }\n    color3f"
+    (mesh,) = read(tmp_path, POINTS.replace("    color3f", line)).meshes
+    first, last = np.ptp(mesh.deformation.positions, axis=1)
+    np.testing.assert_allclose(last - first, 2.0, atol=0.1)
 
 
 @pytest.mark.parametrize("line", ["point3f[] points", "float[] widths"])

@@ -19,7 +19,15 @@ from tiscene.usd.core.report import StageReport
 from tiscene.usd.core.value_times import value_times
 from tiscene.usd.geometry.curve_evaluation import BASES, evaluate, evaluate_values, unused_points
 from tiscene.usd.geometry.deforming import points_at
-from tiscene.usd.geometry.primvar import COLOR, NO_PRIMVARS, OPACITY, PrimvarNames, array_of, read_colors
+from tiscene.usd.geometry.primvar import (
+    COLOR,
+    NO_PRIMVARS,
+    OPACITY,
+    PrimvarNames,
+    array_of,
+    array_or_primvar,
+    read_colors,
+)
 from tiscene.usd.geometry.swept_curves import Start, Strip, ribbons, tubes
 from tiscene.usd.geometry.vertex_weld import WeldedMesh
 
@@ -54,10 +62,8 @@ def read_curves(
     kind, basis, wrap = (
         str(attribute.Get(time)) for attribute in (curves.GetTypeAttr(), curves.GetBasisAttr(), curves.GetWrapAttr())
     )
-    widths = array_of(curves.GetWidthsAttr(), time, np.float32)
-    normals = array_of(curves.GetNormalsAttr(), time, np.float32, width=3)
-    if len(normals) != len(points):
-        normals = normals[:0]
+    widths = array_or_primvar(curves.GetWidthsAttr(), time)
+    normals = array_or_primvar(curves.GetNormalsAttr(), time, width=3)
     fault = _describe_fault(counts, point=points, width=widths, normal=normals)
     if kind == "cubic" and basis not in BASES:
         fault = fault or f"basis {basis!r} is not known; expected one of {', '.join(BASES)}"
@@ -90,7 +96,12 @@ def read_curves(
                 prim.GetPath(), "curves", f"{len(widths)} widths fit neither {len(counts)} curves nor their points"
             )
             return None
-        normal = evaluate(normals[rows].astype(np.float64), basis, wrap) if len(normals) else None
+        normal = None
+        if len(normals):
+            normal = evaluate_values(normals, rows, curve_ids, counts, basis, wrap, sampled.shape[1])
+            if normal is None:
+                text = f"{len(normals)} normals fit neither {len(counts)} curves nor their points; tubes are drawn"
+                report.omission(prim.GetPath(), text)
         color = None
         if names.has_more_than_uv:
             color = np.zeros((*sampled.shape[:2], 8))
@@ -116,8 +127,8 @@ def read_curves(
         else ribbons(strip, strip.normal, corners, closed)
         for strip in strips
     ]
-    shape = curves.GetPointsAttr(), curves.GetWidthsAttr(), curves.GetNormalsAttr()
-    if not any(value_times(attribute) for attribute in shape):
+    shape = ("points", "widths", "primvars:widths", "normals", "primvars:normals")
+    if not any(value_times(prim.GetAttribute(name)) for name in shape):
         surfaces = [_without_empty_triangles(surface) for surface in surfaces]
     return _concatenate(surfaces, prim, report)
 
@@ -130,7 +141,7 @@ def read_points(prim: Usd.Prim, time: Usd.TimeCode, report: StageReport) -> Weld
     """
     points = UsdGeom.Points(prim)
     at = points_at(points, time)
-    widths = array_of(points.GetWidthsAttr(), time, np.float32)
+    widths = array_or_primvar(points.GetWidthsAttr(), time)
     if len(at) == 0:
         return _concatenate([], prim, report)
     if len(widths) == 0:
@@ -145,7 +156,7 @@ def read_points(prim: Usd.Prim, time: Usd.TimeCode, report: StageReport) -> Weld
     if len(at) > _MAX_SAMPLES:
         report.omission(prim.GetPath(), f"{len(at):,} points are not drawn: the limit is {_MAX_SAMPLES:,}")
         return None
-    times = {*value_times(points.GetPointsAttr()), *value_times(points.GetWidthsAttr())}
+    times = {time for name in ("points", "widths", "primvars:widths") for time in value_times(prim.GetAttribute(name))}
     sphere, faces = _icosphere(_sphere_level(len(at) * max(1, len(times))))
     kept = np.broadcast_to(widths, len(at)) > 0.0
     rows = np.flatnonzero(kept)

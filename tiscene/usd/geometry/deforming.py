@@ -23,15 +23,15 @@ from tiscene.usd.core.report import StageReport
 from tiscene.usd.core.time_samples import in_seconds
 from tiscene.usd.core.value_times import dense_times, is_time_varying, value_times
 from tiscene.usd.geometry.display_color import is_constant_color
-from tiscene.usd.geometry.primvar import array_of
+from tiscene.usd.geometry.primvar import array_of, array_or_primvar
 from tiscene.usd.geometry.vertex_weld import WeldedMesh
 
 MAX_BYTES = 4 << 30  # vertices of one gprim at all times
 _MAX_TURN_BYTES = 1 << 30  # of one prim's curves with the times that turns add
 _STRAIGHT = math.cos(math.radians(5.0))  # of the largest angle between two times that is not a turn
 _SHAPE_ATTRIBUTES = (
-    *("points", "normals", "primvars:normals", "widths", "size", "radius", "height", "width", "length"),
-    *("radiusTop", "radiusBottom"),
+    *("points", "normals", "primvars:normals", "widths", "primvars:widths"),
+    *("size", "radius", "height", "width", "length", "radiusTop", "radiusBottom"),
 )
 _TOPOLOGY_ATTRIBUTES = ("faceVertexCounts", "faceVertexIndices", "holeIndices", "curveVertexCounts", "orientation")
 _UNSUPPORTED_ATTRIBUTES = ("primvars:st", "primvars:displayColor", "primvars:displayOpacity", "subdivisionScheme")
@@ -177,7 +177,7 @@ def _turns(curves: UsdGeom.BasisCurves, first: float, second: float) -> bool:
     """Return whether the direction of a segment, or a normal, of curves turns from one time code to a second one."""
     codes = Usd.TimeCode(first), Usd.TimeCode(second)
     segments = [np.diff(points_at(curves, code), axis=0) for code in codes]
-    normals = [array_of(curves.GetNormalsAttr(), code, np.float32, width=3) for code in codes]
+    normals = [array_or_primvar(curves.GetNormalsAttr(), code, width=3) for code in codes]
     for a, b in (segments, normals):
         if len(a) == len(b) > 0:
             lengths = np.linalg.norm(a, axis=1) * np.linalg.norm(b, axis=1)

@@ -108,6 +108,15 @@ def array_of(attribute: Usd.Attribute, time: Usd.TimeCode, dtype: Any, width: in
     return result
 
 
+def array_or_primvar(attribute: Usd.Attribute, time: Usd.TimeCode, width: int | None = 1) -> NDArray[np.float32]:
+    """Return a gprim's `widths` or `normals` as `array_of` does; a primvar of the same name takes precedence."""
+    primvar = UsdGeom.PrimvarsAPI(attribute.GetPrim()).GetPrimvar(attribute.GetName())
+    if not (primvar and primvar.HasAuthoredValue()):
+        return array_of(attribute, time, np.float32, width)
+    values = array_of(primvar.GetAttr(), time, np.float32, width)
+    return values[np.asarray(primvar.GetIndices(time))] if primvar.IsIndexed() else values
+
+
 def outside(indices: NDArray[np.integer], count: int) -> int | None:
     """Return an index that is not within 0..count - 1, the largest if that is one; None if there is none."""
     if len(indices) and indices.max() >= count:
