@@ -15,6 +15,7 @@
     pose            positions and rotations as transform operations
     semantics       semantic labels and object identity
     content         keys of equal arrays and values
+    color_space     conversion of colors to linear Rec. 709
     value_times     time samples, value blocks and splines of attributes
     time_samples    animation within objects as instance tracks
     keyframes       animation of whole objects as keyframes and lifespans

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 from pxr import Usd, UsdGeom
 
+from tiscene.usd.core.color_space import attribute_colors
 from tiscene.usd.core.report import StageReport
 from tiscene.usd.core.value_times import value_times
 from tiscene.usd.geometry.primvar import Topology, primvar_topology, read_primvar
@@ -49,7 +50,7 @@ def constant_primvar(
     size = 4 if has_alpha else width
     if values.size == 0 or values.size % size:
         return None
-    values = values.reshape(-1, size)
+    values = attribute_colors(primvar.GetAttr(), values.reshape(-1, size))
     if primvar.IsIndexed() and (indices := np.asarray(primvar.GetIndices(time))).size:
         values = values[np.clip(indices, 0, len(values) - 1)]
     if not np.isfinite(values).all():

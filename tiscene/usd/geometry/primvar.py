@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 from pxr import Sdf, Usd, UsdGeom
 
+from tiscene.usd.core.color_space import attribute_colors
 from tiscene.usd.core.report import StageReport
 from tiscene.usd.geometry.vertex_weld import Attribute
 
@@ -213,7 +214,7 @@ def read_colors(prim: Usd.Prim, names: PrimvarNames, time: Usd.TimeCode) -> list
         value = primvar.ComputeFlattened(time) if primvar else None
         width = columns.stop - columns.start
         values = np.asarray(value if value is not None else (), np.float64)
-        values = values[:, None] if values.ndim == 1 else values[:, :width]
+        values = values[:, None] if values.ndim == 1 else attribute_colors(primvar.GetAttr(), values)[:, :width]
         if len(values) and values.shape[1] == width and np.isfinite(values).all():
             result.append((name, columns, values))
     return result
@@ -234,7 +235,9 @@ def read_primvar(
         return None
     indices = np.asarray(primvar.GetIndices(time)) if primvar.IsIndexed() else None
     name = attribute.GetName()
-    if width == 1 and values.ndim == 1:
+    if values.ndim > 1:
+        values = attribute_colors(attribute, values)
+    elif width == 1:
         values = values[:, None]
     return _to_attribute(
         attribute.GetPrim(), name, values, indices, primvar.GetInterpolation(), width, topology, report

@@ -15,8 +15,8 @@ from typing import Any
 import numpy as np
 from pxr import Sdf, Usd
 
-from tiscene.scene.color import decode_srgb
 from tiscene.scene.description import VERTEX_COLORS
+from tiscene.usd.core.color_space import LINEAR, SRGB, attribute_colors, color_space
 from tiscene.usd.core.report import StageReport
 from tiscene.usd.core.shader_network import ShaderConnection, Source, connections_of
 from tiscene.usd.materials.materialx_noise import NOISES_2D, evaluate_noise
@@ -85,8 +85,8 @@ class MaterialXNetwork:
         if value is not None and not isinstance(value, str | Sdf.AssetPath):
             numbers = [float(each) for each in value] if hasattr(value, "__len__") else [float(value)]
             if numbers and all(math.isfinite(each) for each in numbers):
-                if len(numbers) > 2 and connection is not None and _is_srgb(connection.attribute):
-                    numbers[:3] = decode_srgb(np.array(numbers[:3])).tolist()
+                if len(numbers) > 2 and connection is not None:
+                    numbers = attribute_colors(connection.attribute, np.array(numbers)).tolist()
                 return number(*numbers)
         if default == "":
             return None
@@ -368,16 +368,14 @@ def _output_width(source: Source, category: str) -> int:
 
 
 def _color_space(file: ShaderConnection, is_color: bool) -> str:
-    """Return UsdUVTexture's name of the color space of an image node's file. Vectors and numbers are no colors."""
-    if _is_srgb(file.attribute):
+    """Return the color space of an image node's file, as `TextureTable.add` names it. Vectors, numbers are no colors."""
+    name = file.attribute.GetColorSpace()
+    if not name:
+        return "auto" if is_color else "raw"
+    space = color_space(name)
+    if space == SRGB:
         return "sRGB"
-    return "auto" if is_color and not file.attribute.GetColorSpace() else "raw"
-
-
-def _is_srgb(attribute: Usd.Attribute) -> bool:
-    """Return whether an attribute holds a color, or names an image, that is encoded as sRGB."""
-    name = attribute.GetColorSpace().lower()
-    return "srgb" in name and "lin" not in name
+    return space if is_color and space != LINEAR else "raw"
 
 
 def _rotation(degrees: float) -> Any:

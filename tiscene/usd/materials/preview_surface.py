@@ -15,6 +15,7 @@ import numpy as np
 from pxr import Sdf, Usd, UsdGeom, UsdShade
 
 from tiscene.scene.description import VERTEX_COLORS, ColorInput, FloatInput, Material, TextureLookup
+from tiscene.usd.core.color_space import attribute_colors
 from tiscene.usd.core.report import StageReport
 from tiscene.usd.core.shader_network import ShaderConnection, Source, broken_connections, connections_of, shader_id
 from tiscene.usd.geometry.display_color import constant_primvar, varies_over_surface
@@ -208,7 +209,10 @@ class NetworkReader:
         if connection is None:
             return None
         if connection.source is None:
-            return self._numbers(connection.value, name)
+            values = self._numbers(connection.value, name)
+            if values is None or len(values) < 3:
+                return values
+            return tuple(attribute_colors(connection.attribute, np.array(values)).tolist())
         source = connection.source
         if source.id == "UsdUVTexture":
             return self._texture(source)

@@ -14,10 +14,11 @@ from typing import Any, Literal, cast
 
 import numpy as np
 from numpy.typing import NDArray
-from pxr import Sdf, Usd, UsdShade
+from pxr import Gf, Sdf, Usd, UsdShade
 
-from tiscene.scene.color import decode_srgb, encode_srgb
+from tiscene.scene.color import encode_srgb
 from tiscene.scene.description import FloatArray, Texture
+from tiscene.usd.core.color_space import SRGB, to_linear_rec709
 from tiscene.usd.core.package import split_package
 from tiscene.usd.core.report import StageReport
 from tiscene.usd.materials.image import ImageData, read_picture
@@ -65,7 +66,7 @@ class TextureTable:
         Args:
             attribute: the asset-valued attribute, named in messages.
             asset: its value.
-            color_space: UsdUVTexture's sourceColorSpace: "auto", "sRGB" or "raw".
+            color_space: UsdUVTexture's sourceColorSpace: "auto", "sRGB" or "raw"; or USD's name of another space.
             wrap_s: UsdUVTexture's wrapS. "useMetadata" is "black": the specification's default for files without
                 wrap metadata, which is not read.
             wrap_t: the same for wrapT.
@@ -146,22 +147,29 @@ class TextureTable:
         """Add a computed image [h, w, 4], once for each key; return its row."""
         return self._row(key, ImageData(pixels, srgb=False), encoding, wraps, name)
 
-    def _encoding(self, color_space: str, picture: ImageData, prim_path: Any) -> Encoding:
-        """Return how pixels are encoded, from sourceColorSpace and, for "auto", from the file."""
+    def _encoding(self, color_space: str, picture: ImageData, prim_path: Any) -> str:
+        """Return how pixels are encoded, from sourceColorSpace and, for "auto", from the file: see `_row`."""
+        if Gf.ColorSpace.IsValid(color_space) and color_space != "raw":
+            return color_space
         if color_space not in ("auto", "sRGB", "raw"):
             self._report.omission(prim_path, f"color space {color_space!r} is not known; 'auto' is used")
             color_space = "auto"
         return "srgb" if (picture.srgb if color_space == "auto" else color_space == "sRGB") else "raw"
 
-    def _row(self, path: str, picture: ImageData, encoding: Encoding, wraps: tuple[Wrap, Wrap], name: str) -> int:
-        """Return the row of an image with this encoding and these wrap modes; append it if it is new."""
+    def _row(self, path: str, picture: ImageData, encoding: str, wraps: tuple[Wrap, Wrap], name: str) -> int:
+        """Return the row of an image with these wrap modes; append it if it is new.
+
+        Its encoding is "srgb", "raw" or a color space by USD's name, which is converted here.
+        """
         key = (path, encoding, *wraps)
         if key not in self._rows:
             self._rows[key] = len(self.textures)
             pixels: Any = np.ascontiguousarray(picture.pixels)
             if encoding == "srgb" and pixels.dtype != np.uint8:  # the renderer decodes sRGB of 8-bit textures only
-                pixels, encoding = _decode_srgb(np.asarray(pixels, np.float32)), "raw"
-            self.textures.append(Texture(name, pixels, encoding, *wraps))
+                encoding = SRGB
+            if encoding not in ("srgb", "raw"):
+                pixels, encoding = _to_linear(pixels, encoding), "raw"
+            self.textures.append(Texture(name, pixels, cast(Encoding, encoding), *wraps))
         return self._rows[key]
 
     def _read(self, path: str, prim_path: Any, instead: str = _FALLBACK) -> ImageData | None:
@@ -228,7 +236,7 @@ def _merge_tiles(
     size: tuple[int, int],
     shape: tuple[int, int],
     fallback: tuple[float, ...],
-    encoding: Encoding,
+    encoding: str,
 ) -> NDArray[np.uint8] | FloatArray:
     """Arrange UDIM tiles as one image [h, w, 4], with v increasing upward.
 
@@ -259,8 +267,8 @@ def _merge_tiles(
     return merged
 
 
-def _decode_srgb(pixels: FloatArray) -> FloatArray:
-    """Return sRGB floats as linear ones; alpha is linear already."""
-    result = pixels.copy()
-    result[..., :3] = decode_srgb(result[..., :3])
+def _to_linear(pixels: NDArray[np.uint8] | FloatArray, space: str) -> FloatArray:
+    """Return pixels [h, w, 4] of a color space as linear floats; alpha is linear already."""
+    result = pixels / np.float32(255.0) if pixels.dtype == np.uint8 else np.array(pixels, np.float32)
+    result[..., :3] = to_linear_rec709(result[..., :3], space)
     return result
