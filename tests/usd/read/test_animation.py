@@ -56,6 +56,19 @@ def test_mesh_points_are_interpolated_linearly_between_samples(tmp_path):
     assert mesh.deformation.at(0.5)[1] is None  # flat shading: no normals are authored
 
 
+@pytest.mark.parametrize(
+    "line",
+    [
+        "texCoord2f[] primvars:UVMap.timeSamples = { 0: [(0, 0), (1, 0)], 10: [(1, 1), (1, 0)] }",
+        "texCoord2f[] primvars:UVMap = [(0, 0), (1, 0)]\n"
+        "int[] primvars:UVMap:indices.timeSamples = { 0: [0, 1, 0, 1], 10: [1, 1, 0, 0] }",
+    ],
+)
+def test_texture_coordinates_of_any_name_that_change_are_named(tmp_path, line):
+    expected = "primvars:UVMap of a Mesh has time samples, and is drawn as it is at the time read: </Cloth>"
+    read_with_warning(tmp_path, CLOTH % line, expected)
+
+
 def test_reading_at_a_time_code_gives_a_static_mesh(tmp_path):
     (mesh,) = read_stage(write(tmp_path, CLOTH % "", more=RANGE), time_code=5.0).meshes
     assert mesh.deformation is None

@@ -23,7 +23,7 @@ from tiscene.usd.core.report import StageReport
 from tiscene.usd.core.time_samples import in_seconds
 from tiscene.usd.core.value_times import dense_times, is_time_varying, value_times
 from tiscene.usd.geometry.display_color import is_constant_color
-from tiscene.usd.geometry.primvar import array_of, array_or_primvar
+from tiscene.usd.geometry.primvar import TEXTURE_COORDINATE_TYPES, array_of, array_or_primvar
 from tiscene.usd.geometry.vertex_weld import WeldedMesh
 
 MAX_BYTES = 4 << 30  # vertices of one gprim at all times
@@ -34,17 +34,19 @@ _SHAPE_ATTRIBUTES = (
     *("size", "radius", "height", "width", "length", "radiusTop", "radiusBottom"),
 )
 _TOPOLOGY_ATTRIBUTES = ("faceVertexCounts", "faceVertexIndices", "holeIndices", "curveVertexCounts", "orientation")
-_UNSUPPORTED_ATTRIBUTES = ("primvars:st", "primvars:displayColor", "primvars:displayOpacity", "subdivisionScheme")
+_UNSUPPORTED_ATTRIBUTES = ("primvars:displayColor", "primvars:displayOpacity", "subdivisionScheme")
 
 
 def shape_times(prim: Usd.Prim, report: StageReport) -> list[float]:
     """Return the time codes at which a gprim's shape is authored; empty if it is constant or cannot be played."""
     if not report.reads_animation:
         return []
+    primvars = UsdGeom.PrimvarsAPI(prim).GetPrimvarsWithAuthoredValues()
+    coordinates = [each.GetName() for each in primvars if each.GetTypeName() in TEXTURE_COORDINATE_TYPES]
     unsupported = [
         name
-        for name in _UNSUPPORTED_ATTRIBUTES
-        if is_time_varying(prim.GetAttribute(name))
+        for name in (*coordinates, *_UNSUPPORTED_ATTRIBUTES)
+        if any(is_time_varying(prim.GetAttribute(each)) for each in (name, f"{name}:indices"))
         and not (name.startswith("primvars:display") and is_constant_color(prim))  # that plays as a material
     ]
     if unsupported:

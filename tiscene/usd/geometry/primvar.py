@@ -20,7 +20,7 @@ from tiscene.usd.core.color_space import attribute_colors
 from tiscene.usd.core.report import StageReport
 from tiscene.usd.geometry.vertex_weld import Attribute
 
-_TEXTURE_COORDINATE_TYPES = (
+TEXTURE_COORDINATE_TYPES = (
     Sdf.ValueTypeNames.TexCoord2fArray,
     Sdf.ValueTypeNames.TexCoord2dArray,
     Sdf.ValueTypeNames.TexCoord2hArray,
@@ -149,7 +149,7 @@ def read_uv(prim: Usd.Prim, name: str, topology: Topology, time: Usd.TimeCode, r
         if name:
             report_missing_coordinates(prim, name, (0.0, 0.0), report)
             return None
-        others = [p for p in api.GetPrimvarsWithAuthoredValues() if p.GetTypeName() in _TEXTURE_COORDINATE_TYPES]
+        others = [p for p in api.GetPrimvarsWithAuthoredValues() if p.GetTypeName() in TEXTURE_COORDINATE_TYPES]
         if not others:
             return None
         primvar = others[0]
