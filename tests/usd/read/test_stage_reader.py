@@ -319,6 +319,13 @@ def test_omissions_are_listed_once_in_one_warning(tmp_path):
     )
 
 
+@pytest.mark.parametrize("kind", ["HoudiniLayerInfo", "OmniGraphNode", "RealityKitComponent", "Preliminary_Behavior"])
+def test_prims_in_which_other_programs_keep_their_data_are_not_named(tmp_path, kind):
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        read(tmp_path, f'def Cube "C"\n{{\n}}\ndef {kind} "Data"\n{{\n}}')
+
+
 def test_long_lists_of_problems_are_truncated(tmp_path):
     body = "".join(f'def Volume "P{i}"\n{{\n}}\n' for i in range(9))
     read_with_warning(tmp_path, body, r"<\/P4> and 4 more$")

@@ -10,7 +10,7 @@ from __future__ import annotations
 from dataclasses import replace
 from typing import Any, Literal, cast
 
-from pxr import Sdf, Tf, Usd, UsdGeom, UsdLux, UsdSkel
+from pxr import Sdf, Usd, UsdGeom, UsdLux, UsdSkel
 
 from tiscene.scene.camera import Camera
 from tiscene.scene.description import Matrix, SceneDescription, Template
@@ -35,7 +35,11 @@ from tiscene.usd.read.stage_camera import read_camera, unique_names
 from tiscene.usd.read.stage_render_settings import read_render_settings
 from tiscene.usd.read.traversal_context import TraversalContext
 
-_METADATA_TYPES = ("HoudiniLayerInfo",)  # types of prims in which other programs keep their own data
+# How the types of prims begin in which other programs keep their own data and behavior, which nothing draws.
+_METADATA_TYPES = (
+    *("HoudiniLayerInfo", "OmniGraph", "RealityKit"),
+    *("Preliminary_Action", "Preliminary_Behavior", "Preliminary_Trigger"),
+)
 
 
 class StageReader(PointInstancerReader):
@@ -187,7 +191,7 @@ class StageReader(PointInstancerReader):
         kind = prim.GetTypeName()
         if prim.IsA(UsdGeom.Boundable) and not prim.IsA(UsdSkel.Root) and not prim.IsA(UsdSkel.Skeleton):
             self._report.omission(prim.GetPath(), f"prims of type {kind} {UNDRAWN}")
-        elif kind and kind not in _METADATA_TYPES and prim.GetPrimTypeInfo().GetSchemaType() == Tf.Type.Unknown:
+        elif kind and not (kind.startswith(_METADATA_TYPES) or prim.GetPrimTypeInfo().GetSchemaType()):
             self._report.omission(prim.GetPath(), f"prims of the unknown type {kind} {UNDRAWN}")
 
     def _read_camera(self, prim: Usd.Prim, here: TraversalContext) -> None:
