@@ -105,11 +105,32 @@ def test_the_only_render_settings_and_their_product_count_without_metadata(tmp_p
 
 
 @pytest.mark.parametrize(
+    ("line", "lens_radius", "shutter"),
+    [
+        ("", 0.1, (-0.25, 0.5)),
+        ("uniform bool disableDepthOfField = 1", 0.0, (-0.25, 0.5)),
+        ("uniform bool disableMotionBlur = 1", 0.1, (0.0, 0.0)),
+        ("uniform bool instantaneousShutter = 1", 0.1, (0.0, 0.0)),
+        ("uniform bool disableMotionBlur = 0\nrel products = </P>", 0.1, (0.0, 0.0)),
+    ],
+)
+def test_settings_switch_depth_of_field_and_motion_blur_off(tmp_path, line, lens_radius, shutter):
+    lens = "float fStop = 5\nfloat focusDistance = 5\ndouble shutter:open = -0.25\ndouble shutter:close = 0.5"
+    product = 'def RenderProduct "P"\n{\nuniform bool disableMotionBlur = 1\n}\n'
+    camera, _ = read(
+        tmp_path, WIDE.replace("float focal", f"{lens}\nfloat focal", 1) + product + SETTINGS % line
+    ).cameras
+    assert camera.lens_radius == pytest.approx(lens_radius)
+    assert (camera.shutter_open, camera.shutter_close) == shutter
+
+
+@pytest.mark.parametrize(
     ("line", "text"),
     [
         ("rel camera = </Nowhere>", "the camera of the RenderSettings does not exist"),
         ("uniform int2 resolution = (0, 20)", r"the resolution \(0, 20\)"),
         ("uniform float pixelAspectRatio = 2", "pixelAspectRatio is not applied"),
+        ('uniform token[] includedPurposes = ["default", "proxy"]', "includedPurposes is not applied"),
         ("uniform float4 dataWindowNDC = (0, 0, 0.5, 1)", "dataWindowNDC is not applied"),
         (
             'uniform token aspectRatioConformPolicy = "adjustPixelAspectRatio"',

@@ -16,7 +16,7 @@ from tiscene.scene.description import Matrix
 from tiscene.usd.core.report import StageReport
 from tiscene.usd.core.transform import unmirrored, unscaled
 from tiscene.usd.core.value_times import is_time_varying, value_at
-from tiscene.usd.read.stage_render_settings import DEFAULT_POLICY
+from tiscene.usd.read.stage_render_settings import StageRenderSettings
 
 _MAX_APERTURE = 1e6  # in focal lengths: a field of view of 180 degrees but for 0.0002
 _EXPOSURE_ATTRIBUTES = ("exposure", "exposure:iso", "exposure:time", "exposure:fStop", "exposure:responsivity")
@@ -33,7 +33,7 @@ def read_camera(
     time: Usd.TimeCode,
     meters_per_unit: float,
     report: StageReport,
-    policy: str = DEFAULT_POLICY,
+    settings: StageRenderSettings,
 ) -> Camera | None:
     """Read a camera at a time code.
 
@@ -43,7 +43,7 @@ def read_camera(
         time: time code to read at.
         meters_per_unit: meters per stage unit.
         report: receives problems and omissions.
-        policy: the stage's aspectRatioConformPolicy.
+        settings: what the stage's RenderSettings say.
 
     Returns:
         The camera. Its exposure is None if no exposure attribute is authored: the stream meters it. None, with a
@@ -84,16 +84,16 @@ def read_camera(
             path, f"a camera's aperture offset of {offset[0]:g}, {offset[1]:g} is not used: it is too large"
         )
     width = number("horizontalAperture")
-    if policy != "adjustApertureWidth":  # that policy keeps the height in all images
+    if settings.policy != "adjustApertureWidth":  # that policy keeps the height in all images
         if 0.0 < width < math.inf and (orthographic or width <= _MAX_APERTURE * focal_length):
-            optional.update(aspect=width / aperture, conform=policy)
+            optional.update(aspect=width / aperture, conform=settings.policy)
         else:
             allowed = f"positive, and at most {_MAX_APERTURE:g} focal lengths"
             report.omission(path, f"a camera's horizontalAperture of {width:g} is not used: it must be {allowed}")
     f_stop, focus = number("fStop"), number("focusDistance")
     if orthographic:
         optional["orthographic_height"] = aperture / 10.0 * meters_per_unit
-    elif f_stop > 0.0 and focus > 0.0:
+    elif f_stop > 0.0 and focus > 0.0 and settings.has_depth_of_field:
         optional["lens_radius"] = focal_length / 10.0 * meters_per_unit / (2.0 * f_stop)
     if focus > 0.0:
         optional["focus_distance"] = focus * meters_per_unit
@@ -107,6 +107,8 @@ def read_camera(
     if camera.GetClippingPlanesAttr().Get(time):
         report.omission(path, "clippingPlanes of a camera cut nothing")
     shutter_open, shutter_close = number("shutter:open"), number("shutter:close")
+    if not settings.has_motion_blur:
+        shutter_open = shutter_close = 0.0
     if -1.0 <= shutter_open <= shutter_close <= 1.0:
         optional.update(shutter_open=shutter_open, shutter_close=shutter_close)
     else:

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""UsdRender: the camera, the resolution and the conform policy that a stage's RenderSettings author.
+"""UsdRender: the camera, the resolution and how cameras make images, as a stage's RenderSettings author them.
 
 RenderProducts override the settings that they author themselves; the first product counts. Values that are not authored
 are left to the caller: USD's fallback resolution is not the author's choice.
@@ -28,11 +28,15 @@ class StageRenderSettings:
         camera: path of the camera prim; "" if not authored.
         resolution: width and height, px; None if not authored.
         policy: aspectRatioConformPolicy, how a camera frames images of another shape than its aperture.
+        has_depth_of_field: whether the lenses of cameras blur.
+        has_motion_blur: whether the shutters of cameras are open for a time.
     """
 
     camera: str = ""
     resolution: tuple[int, int] | None = None
     policy: str = DEFAULT_POLICY
+    has_depth_of_field: bool = True
+    has_motion_blur: bool = True
 
     def main_first(self, cameras: list[Any], path_of: Any) -> list[Any]:
         """Return cameras with the main one first.
@@ -88,6 +92,9 @@ def read_render_settings(stage: Usd.Stage, report: StageReport | None = None) ->
         report.omission(path, "pixelAspectRatio is not applied: pixels are square")
     if authored("dataWindowNDC") not in (None, Gf.Vec4f(0, 0, 1, 1)):
         report.omission(path, "dataWindowNDC is not applied: the whole image is rendered")
+    purposes = authored("includedPurposes")
+    if purposes is not None and set(purposes) != {"default", "render"}:
+        report.omission(path, "includedPurposes is not applied: prims of the purposes default and render are drawn")
     size = authored("resolution")
     valid = isinstance(size, Gf.Vec2i) and min(size) >= 1
     if size is not None and not valid:
@@ -97,4 +104,6 @@ def read_render_settings(stage: Usd.Stage, report: StageReport | None = None) ->
         str(camera.GetPath()) if camera else "",
         (int(size[0]), int(size[1])) if valid else None,
         policy if policy in POLICIES else DEFAULT_POLICY,
+        not authored("disableDepthOfField"),
+        not (authored("disableMotionBlur") or authored("instantaneousShutter")),
     )

@@ -199,7 +199,7 @@ class StageReader(PointInstancerReader):
             self._report.omission(prim.GetPath(), "cameras in a point instancer's prototypes are not read")
             return
         matrix = to_matrix(here.world, self._meters)
-        camera = read_camera(prim, matrix, self._time, self._meters, self._report, self._settings.policy)
+        camera = read_camera(prim, matrix, self._time, self._meters, self._report, self._settings)
         if camera is not None:
             self._cameras.append((prim.GetPath(), camera))
 

@@ -350,8 +350,7 @@ class _ScenarioReader:
             return self._listed_name(prim) if is_listed else None
         world = UsdGeom.Xformable(prim).ComputeLocalToWorldTransform(self._time)
         meters = self._units.meters
-        policy = self._settings.policy
-        camera = read_camera(prim, to_matrix(world, meters), self._time, meters, self._report, policy)
+        camera = read_camera(prim, to_matrix(world, meters), self._time, meters, self._report, self._settings)
         pose = read_pose(prim, self._time, self._units)
         if camera is None or isinstance(pose, str):
             return None
