@@ -20,13 +20,12 @@ from tiscene.usd.core.value_times import value_times
 from tiscene.usd.geometry.curve_evaluation import BASES, evaluate, evaluate_values, unused_points
 from tiscene.usd.geometry.deforming import points_at
 from tiscene.usd.geometry.primvar import (
-    COLOR,
     NO_PRIMVARS,
-    OPACITY,
     PrimvarNames,
     array_of,
     array_or_primvar,
-    read_colors,
+    default_values,
+    read_element_values,
 )
 from tiscene.usd.geometry.swept_curves import Start, Strip, ribbons, tubes
 from tiscene.usd.geometry.vertex_weld import WeldedMesh
@@ -50,7 +49,7 @@ def read_curves(
         prim: the curves.
         time: when to evaluate them.
         report: collects what is wrong, and what is not drawn.
-        names: the color and opacity that their material reads per vertex.
+        names: the primvars that their material reads.
         before: carries where tubes start to turn from one time to the next, see `tubes`; empty at the first time.
 
     Returns:
@@ -78,7 +77,7 @@ def read_curves(
         report.omission(prim.GetPath(), "curves without widths are drawn with a width of a thousandth of their extent")
         widths = np.array([np.ptp(points, axis=0).max() / 1000.0], np.float32)
     starts = np.cumsum(counts) - counts
-    colors = read_colors(prim, names, time)
+    authored = read_element_values(prim, names, time, report)
     strips: list[Strip] = []
     for count in np.unique(counts).tolist():
         curve_ids = np.flatnonzero(counts == count)
@@ -102,18 +101,17 @@ def read_curves(
             if normal is None:
                 text = f"{len(normals)} normals fit neither {len(counts)} curves nor their points; tubes are drawn"
                 report.omission(prim.GetPath(), text)
-        color = None
-        if names.has_more_than_uv:
-            color = np.zeros((*sampled.shape[:2], 8))
-            color[..., COLOR], color[..., OPACITY] = 0.18, 1.0
-        for name, columns, values in colors:
+        vertex_values = None
+        if authored or names.has_more_than_uv:
+            vertex_values = default_values(sampled.shape[:2], names)
+        for name, columns, values in authored:
             found = evaluate_values(values, rows, curve_ids, counts, basis, wrap, sampled.shape[1])
-            if color is None or found is None:
+            if vertex_values is None or found is None:
                 text = f"primvars:{name}: {len(values)} values fit neither {len(counts)} curves nor their points"
                 report.omission(prim.GetPath(), f"{text}, so that it is not used")
                 continue
-            color[..., columns] = np.clip(found, values.min(axis=0), values.max(axis=0))
-        strips.append(Strip(sampled, width[..., 0], normal, color, curve_ids))
+            vertex_values[..., columns] = np.clip(found, values.min(axis=0), values.max(axis=0))
+        strips.append(Strip(sampled, width[..., 0], normal, vertex_values, curve_ids))
     samples = sum(strip.line.shape[0] * strip.line.shape[1] for strip in strips)
     if samples > _MAX_SAMPLES:
         report.omission(prim.GetPath(), f"curves of {samples:,} samples are not drawn: the limit is {_MAX_SAMPLES:,}")
@@ -133,8 +131,16 @@ def read_curves(
     return _concatenate(surfaces, prim, report)
 
 
-def read_points(prim: Usd.Prim, time: Usd.TimeCode, report: StageReport) -> WeldedMesh | None:
+def read_points(
+    prim: Usd.Prim, time: Usd.TimeCode, report: StageReport, names: PrimvarNames = NO_PRIMVARS
+) -> WeldedMesh | None:
     """Read a sphere for each point, of the diameters `widths` (1 if unauthored, as in Hydra).
+
+    Args:
+        prim: the points.
+        time: when to evaluate them.
+        report: collects what is wrong, and what is not drawn.
+        names: the primvars that their material reads; each sphere has one value of each.
 
     Returns:
         The mesh; None, with the reason reported, if there is nothing to draw.
@@ -161,16 +167,32 @@ def read_points(prim: Usd.Prim, time: Usd.TimeCode, report: StageReport) -> Weld
     kept = np.broadcast_to(widths, len(at)) > 0.0
     rows = np.flatnonzero(kept)
     radius = np.broadcast_to(widths, len(at))[rows] / 2.0
+    values = _point_values(prim, names, time, len(at), report)
     positions = at[rows][:, None] + sphere * radius[:, None, None]
     triangles = faces + np.arange(len(rows))[:, None, None] * len(sphere)
     surface = WeldedMesh(
         positions.reshape(-1, 3).astype(np.float32),
         triangles.reshape(-1, 3).astype(np.int32),
         np.tile(sphere, (len(rows), 1)).astype(np.float32),
-        None,
+        None if values is None else np.repeat(values[rows], len(sphere), axis=0).astype(np.float32),
         np.repeat(rows, len(faces)).astype(np.int32),
     )
     return _concatenate([surface], prim, report)
+
+
+def _point_values(
+    prim: Usd.Prim, names: PrimvarNames, time: Usd.TimeCode, count: int, report: StageReport
+) -> Floats | None:
+    """Return the vertex values [count, 2 or 8] of points; None if their material reads none that are authored."""
+    authored = read_element_values(prim, names, time, report)
+    result = default_values((count,), names) if authored or names.has_more_than_uv else None
+    for name, columns, values in authored:
+        if result is None or len(values) not in (1, count):
+            text = f"primvars:{name}: {len(values)} values, but {count} points, so that it is not used"
+            report.omission(prim.GetPath(), text)
+            continue
+        result[:, columns] = values
+    return result
 
 
 def _describe_fault(counts: NDArray[np.int64], **values: Floats) -> str:

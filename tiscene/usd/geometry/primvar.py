@@ -202,14 +202,23 @@ def read_vertex_values(
     return Attribute(values, per_corner)
 
 
-def read_colors(prim: Usd.Prim, names: PrimvarNames, time: Usd.TimeCode) -> list[tuple[str, slice, NDArray[Any]]]:
-    """Read the color and opacity primvars that a material needs, without a topology.
+def read_element_values(
+    prim: Usd.Prim, names: PrimvarNames, time: Usd.TimeCode, report: StageReport
+) -> list[tuple[str, slice, NDArray[Any]]]:
+    """Read the primvars that a material needs of curves or points, without a topology.
+
+    Args:
+        prim: the curves or points.
+        names: the primvars; texture coordinates without a name are `st`.
+        time: when to evaluate them.
+        report: collects texture coordinates that are missing.
 
     Returns:
         (name, columns as in `read_vertex_values`, finite values [n, components]) of each that is authored.
     """
     result = []
-    for name, columns in ((names.color, COLOR), (names.opacity, OPACITY)):
+    parts = (names.uv or "st", UV), (names.second_uv, SECOND_UV), (names.color, COLOR), (names.opacity, OPACITY)
+    for name, columns in parts:
         primvar = UsdGeom.PrimvarsAPI(prim).FindPrimvarWithInheritance(name) if name else None
         value = primvar.ComputeFlattened(time) if primvar else None
         width = columns.stop - columns.start
@@ -217,7 +226,17 @@ def read_colors(prim: Usd.Prim, names: PrimvarNames, time: Usd.TimeCode) -> list
         values = values[:, None] if values.ndim == 1 else attribute_colors(primvar.GetAttr(), values)[:, :width]
         if len(values) and values.shape[1] == width and np.isfinite(values).all():
             result.append((name, columns, values))
+        elif name in (names.uv, names.second_uv) and name:
+            report_missing_coordinates(prim, name, (0.0, 0.0), report)
     return result
+
+
+def default_values(shape: tuple[int, ...], names: PrimvarNames) -> NDArray[np.float64]:
+    """Return vertex values [*shape, 2 or 8 columns]: texture coordinates of 0, a color of 0.18, an opacity of 1."""
+    values = np.zeros((*shape, 8 if names.has_more_than_uv else 2))
+    if names.has_more_than_uv:
+        values[..., COLOR], values[..., OPACITY] = 0.18, 1.0
+    return values
 
 
 def _component_count(primvar: UsdGeom.Primvar, time: Usd.TimeCode) -> int:

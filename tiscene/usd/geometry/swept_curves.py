@@ -31,14 +31,14 @@ class Strip:
         line: [c, m, 3].
         width: [c, m].
         normal: [c, m, 3]; None: tubes.
-        color: [c, m, 8], the columns of `primvar.read_vertex_values`; None: none are read.
+        values: [c, m, 2 or 8], the columns of `primvar.read_vertex_values`; None: none are read.
         curve_ids: [c], the curves among all.
     """
 
     line: Floats
     width: Floats
     normal: Floats | None
-    color: Floats | None
+    values: Floats | None
     curve_ids: NDArray[np.int64]
 
 
@@ -195,14 +195,15 @@ def _repeat_triangles(
 ) -> WeldedMesh:
     """Make a mesh of c curves with the same triangles; positions and normals are [c, v, 3].
 
-    sample_of_vertex: [v], the sample of the curve whose color each vertex has.
+    sample_of_vertex: [v], the sample of the curve whose values each vertex has.
     """
     curves, vertices = positions.shape[:2]
+    values = strip.values
     every = triangles + (np.arange(curves) * vertices)[:, None, None]
     return WeldedMesh(
         positions.reshape(-1, 3).astype(np.float32),
         every.reshape(-1, 3).astype(np.int32),
         normals.reshape(-1, 3).astype(np.float32),
-        None if strip.color is None else strip.color[:, sample_of_vertex].reshape(-1, 8).astype(np.float32),
+        None if values is None else values[:, sample_of_vertex].reshape(-1, values.shape[-1]).astype(np.float32),
         np.repeat(strip.curve_ids, len(triangles)).astype(np.int32),
     )

@@ -342,7 +342,7 @@ class NetworkReader:
     def _missing_coordinates(self, name: str, fallback: ShaderConnection | None) -> tuple[float, ...] | None:
         """Return a primvar reader's fallback if the mesh has not the texture coordinates that it reads."""
         value = None if fallback is None else self._numbers(fallback.value, "fallback")
-        if value is None or len(value) != 2 or not self._gprim.IsA(UsdGeom.Mesh):
+        if value is None or len(value) != 2 or not self._gprim.IsA(UsdGeom.PointBased):
             return None  # other gprims have generated coordinates
         if (name, 2) not in self.constants:
             self.constants.append((name, 2))

@@ -191,6 +191,8 @@ class MeshTable:
                 read = _READERS[str(prim.GetTypeName())]
                 if prim.IsA(UsdGeom.BasisCurves):
                     read = partial(read_curves, names=wanted[0], before={})
+                elif prim.IsA(UsdGeom.Points):
+                    read = partial(read_points, names=wanted[0])
                 surface = read(prim, self._time, self._report)
                 if times and surface is not None:
                     surface = with_shape_samples(prim, surface, times, self._report, read)
