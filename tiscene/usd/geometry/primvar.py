@@ -223,7 +223,10 @@ def read_element_values(
         value = primvar.ComputeFlattened(time) if primvar else None
         width = columns.stop - columns.start
         values = np.asarray(value if value is not None else (), np.float64)
-        values = values[:, None] if values.ndim == 1 else attribute_colors(primvar.GetAttr(), values)[:, :width]
+        if values.ndim == 1 or not primvar:
+            values = values.reshape(-1, 1)
+        else:
+            values = attribute_colors(primvar.GetAttr(), values)[:, :width]
         if len(values) and values.shape[1] == width and np.isfinite(values).all():
             result.append((name, columns, values))
         elif name in (names.uv, names.second_uv) and name:

@@ -269,6 +269,8 @@ def _merge_tiles(
 
 def _to_linear(pixels: NDArray[np.uint8] | FloatArray, space: str) -> FloatArray:
     """Return pixels [h, w, 4] of a color space as linear floats; alpha is linear already."""
-    result = pixels / np.float32(255.0) if pixels.dtype == np.uint8 else np.array(pixels, np.float32)
+    result = np.array(pixels, np.float32)
+    if pixels.dtype == np.uint8:
+        result /= np.float32(255.0)
     result[..., :3] = to_linear_rec709(result[..., :3], space)
     return result
