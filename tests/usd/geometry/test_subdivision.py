@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from tests.usd.helpers import area, facing, volume
+from tests.usd.helpers import area, facing, read, volume
 from tiscene.usd.geometry.catmull_clark import Cage, Creases, limit, refine
 from tiscene.usd.geometry.primvar import Topology
 from tiscene.usd.geometry.subdivision import subdivide
@@ -197,6 +197,28 @@ def test_vertex_uv_is_refined_as_the_points():
     uv = Attribute(POINTS[:, :2].copy(), per_corner=False)
     surface = subdivide(POINTS, CUBE, Creases.none(), ALL, uv)
     np.testing.assert_allclose(surface.uv, surface.positions[:, :2], atol=1e-6)
+
+
+@pytest.mark.parametrize(("interpolation", "expected"), [("varying", 1.0), ("vertex", 4.0 / 9.0)])
+def test_varying_uv_is_linear_over_each_face(tmp_path, interpolation, expected):
+    """A flat sheet of 2x2 faces whose texture coordinates are 1 at its center and 0 around."""
+    points, topology = grid(2)
+    center = np.abs(points[:, :2] - points[:, :2].mean(axis=0)).max(axis=1) < 1e-6
+    st = ", ".join("(1, 1)" if each else "(0, 0)" for each in center)
+    body = f"""def Mesh "M"
+{{
+    point3f[] points = {[tuple(point) for point in points.tolist()]}
+    int[] faceVertexCounts = {topology.counts.tolist()}
+    int[] faceVertexIndices = {topology.indices.tolist()}
+    texCoord2f[] primvars:st = [{st}] (interpolation = "{interpolation}")
+}}"""
+    (mesh,) = read(tmp_path, body).meshes
+    distance = np.abs(mesh.positions[:, :2] - points[center][0, :2])
+    at_center = distance.max(axis=1) < 1e-6
+    np.testing.assert_allclose(mesh.uv[at_center], expected, atol=1e-6)
+    if interpolation == "varying":
+        size = np.ptp(points[:, 0]) / 2.0
+        np.testing.assert_allclose(mesh.uv[:, 0], (1.0 - distance / size).prod(axis=1), atol=1e-5)
 
 
 def test_triangles_and_n_gons_become_quadrilaterals():

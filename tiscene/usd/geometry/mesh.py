@@ -80,6 +80,8 @@ def read_mesh(
         creases = _read_creases(mesh, topology, time, report)
         boundary = mesh.GetInterpolateBoundaryAttr().Get(time) or "edgeAndCorner"
         uv_rule = mesh.GetFaceVaryingLinearInterpolationAttr().Get(time) or "cornersPlus1"
+        if uv is not None and uv.interpolation == "varying":  # linear over each face, whatever the surface is
+            uv, uv_rule = Attribute(uv.at(topology.indices, np.arange(len(topology.indices))), True), "all"
         source = shared_path(prim)
         levels = report.budget.levels.get(source, MAX_LEVELS)
         key = content_digest(

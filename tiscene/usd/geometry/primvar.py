@@ -199,7 +199,8 @@ def read_vertex_values(
         if each is not None:
             own = each.at(points, np.arange(len(values)))
             values[:, columns] = own[:, : columns.stop - columns.start]
-    return Attribute(values, per_corner)
+    kinds = {each.interpolation for each, _ in parts if each is not None} - {"constant", "uniform"}
+    return Attribute(values, per_corner, kinds.pop() if len(kinds) == 1 else "")
 
 
 def read_element_values(
@@ -284,12 +285,10 @@ def _to_attribute(
     if indices is not None:
         values = values[indices]
     if interpolation == "constant":
-        return Attribute(np.broadcast_to(values[:1], (topology.points, width)), per_corner=False)
-    if interpolation == "faceVarying":
-        return Attribute(values, per_corner=True)
+        return Attribute(np.broadcast_to(values[:1], (topology.points, width)), False, interpolation)
     if interpolation == "uniform":
-        return Attribute(values[topology.face_of_corner], per_corner=True)
-    return Attribute(values, per_corner=False)
+        return Attribute(values[topology.face_of_corner], True, interpolation)
+    return Attribute(values, interpolation == "faceVarying", interpolation)
 
 
 def _fault(

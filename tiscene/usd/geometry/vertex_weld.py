@@ -69,10 +69,12 @@ class Attribute:
     Attributes:
         values: float [k, c], c components for each point or corner.
         per_corner: whether k counts face corners; otherwise it counts points.
+        interpolation: of the primvar that they are read from; "" for none, and for several of different ones.
     """
 
     values: FloatArray
     per_corner: bool
+    interpolation: str = ""
 
     def at(self, points: NDArray[np.integer], corners: NDArray[np.integer]) -> FloatArray:
         """Return the values [k, c] at face corners, given the corners and their points, both [k]."""
