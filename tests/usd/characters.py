@@ -104,6 +104,9 @@ def author_character(
             offsets = random.normal(size=(20, 3)).astype(np.float32) * 3
             shape.CreateOffsetsAttr(Vt.Vec3fArray.FromNumpy(offsets))
             shape.CreatePointIndicesAttr(list(range(100, 120)))
+            if normals:
+                turns = random.normal(size=(20, 3)).astype(np.float32) / 3
+                shape.CreateNormalOffsetsAttr(Vt.Vec3fArray.FromNumpy(turns))
             binding.CreateBlendShapesAttr(["bulge"])
             binding.CreateBlendShapeTargetsRel().SetTargets([shape.GetPath()])
     stage.Save()

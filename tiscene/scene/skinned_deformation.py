@@ -43,12 +43,14 @@ class BlendShapes:
         point: int32 [m], the point that it moves.
         offset: float32 [m, 3], in stage units.
         weights: float32 [s, shapes], at the samples of the poses.
+        normal_offset: float32 [m, 3], what is added to the normals at the point. None: nothing.
     """
 
     shape: NDArray[np.int32]
     point: NDArray[np.int32]
     offset: NDArray[np.float32]
     weights: NDArray[np.float32]
+    normal_offset: NDArray[np.float32] | None = None
 
     def applied(self, points: Floats, row: int) -> Floats:
         """Return points [n, 3] with the shapes of a sample added."""
@@ -93,19 +95,28 @@ class Skin:
         Normals are transformed by blended inverse transposes, as USD does, and are not unit.
         """
         points = self.points if self.shapes is None else self.shapes.applied(self.points, row)
+        normals = self._shaped_normals(row)
         if self.joints is None or self.weights is None:
-            return points, self.normals
+            return points, normals
         frame = self.mesh_from_skeleton[min(row, len(self.mesh_from_skeleton) - 1)]
         matrices = _joined(frame, _joined(self.poses.transforms[row], self.bind))
         blended = np.einsum("nk,nkij->nij", self.weights, matrices[self.joints])
         # Whatever the weights sum to, they scale the translation of the joints only.
         blended[:, :, 3] += (1.0 - self.weights.sum(axis=1))[:, None] * frame[:, 3]
         moved = np.einsum("nij,nj->ni", blended[:, :, :3], points) + blended[:, :, 3]
-        if self.normals is None or self.normal_points is None:
+        if normals is None or self.normal_points is None:
             return moved, None
         of_joints = _normal_matrices(matrices[:, :, :3])
         rotations = np.einsum("nk,nkij->nij", self.weights, of_joints[self.joints])
-        return moved, np.einsum("nij,nj->ni", rotations[self.normal_points], self.normals)
+        return moved, np.einsum("nij,nj->ni", rotations[self.normal_points], normals)
+
+    def _shaped_normals(self, row: int) -> Floats | None:
+        """Return the normals [q, 3] with the blend shapes of a sample added."""
+        shapes = self.shapes
+        if self.normals is None or self.normal_points is None or shapes is None or shapes.normal_offset is None:
+            return self.normals
+        moved = replace(shapes, offset=shapes.normal_offset).applied(np.zeros_like(self.points), row)
+        return self.normals + moved[self.normal_points]
 
     @property
     def _is_small(self) -> bool:

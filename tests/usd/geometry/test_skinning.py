@@ -140,6 +140,23 @@ def test_blend_shapes_with_inbetweens_deform_over_time(tmp_path):
     assert mesh.deformation.at(0.6)[0][1, 0] == pytest.approx(3.8)  # between 4 and 3
 
 
+def test_normal_offsets_of_blend_shapes_and_inbetweens_turn_the_normals(tmp_path):
+    """At 5 the normal of one point has turned to (0, -0.6, 0.8), at 10 to (0, 0.6, 0.8), as USD bakes it."""
+    body = FACE.replace(
+        "uniform token subdiv", "normal3f[] normals = [(0, 0, 1), (0, 0, 1), (0, 0, 1)]\nuniform token subdiv"
+    )
+    turns = "vector3f[] %snormalOffsets = [(0, %g, -0.2), (0, 0, 0)]\n"
+    lines = turns % ("", 0.6) + turns % ("inbetweens:half:", -0.6)
+    body = body.replace("inbetweens:half:offsets", "inbetweens:half").replace(
+        "uniform int[] point", f"{lines}uniform int[] point"
+    )
+    path = write(tmp_path, body, more="startTimeCode = 0\n    endTimeCode = 10\n    timeCodesPerSecond = 10")
+    (mesh,) = read_stage(path).meshes
+    for seconds, expected in ((0.0, (0, 0, 1)), (0.5, (0, -0.6, 0.8)), (1.0, (0, 0.6, 0.8))):
+        _, normals = mesh.deformation.at(seconds)
+        np.testing.assert_allclose(normals, [(0, 0, 1), expected, (0, 0, 1)], atol=1e-6)
+
+
 def test_indexing_skinned_stream_gives_same_bytes_as_iterating(tmp_path):
     import tiscene as ts
 

@@ -43,7 +43,9 @@ def test_maps_equal_refinement_and_limit(case):
     np.testing.assert_allclose(limit_map(cage).applied(values), limit(cage, values), atol=1e-12)
 
 
-@pytest.mark.parametrize("options", [{}, {"normals": True}, {"blend_shapes": True}])
+@pytest.mark.parametrize(
+    "options", [{}, {"normals": True}, {"blend_shapes": True}, {"normals": True, "blend_shapes": True}]
+)
 def test_vertices_equal_those_that_usd_bakes(tmp_path, options):
     path = author_character(tmp_path / "character.usda", samples=8, **options)
     (mesh,) = read_stage(path).meshes

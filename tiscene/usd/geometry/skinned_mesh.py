@@ -55,4 +55,5 @@ def content_of(deformation: SkinnedDeformation) -> bytes:
     values.append(skin.mesh_from_skeleton)
     if skin.shapes is not None:
         values += [skin.shapes.shape, skin.shapes.point, skin.shapes.offset, skin.shapes.weights]
+        values += [] if skin.shapes.normal_offset is None else [skin.shapes.normal_offset]
     return content_digest(values)

@@ -234,7 +234,7 @@ class _SkinReader:
             return None
         blend = UsdSkel.BlendShapeQuery(UsdSkel.BindingAPI(query.GetPrim()))
         moved, offsets = blend.ComputeBlendShapePointIndices(), blend.ComputeSubShapePointOffsets()
-        shape, point, offset = [], [], []
+        shape, point, offset, normal_offset = [], [], [], []
         for number, each in enumerate(offsets):
             values = np.asarray(each, np.float32).reshape(-1, 3)
             chosen = moved[blend.GetBlendShapeIndex(number)]
@@ -247,6 +247,8 @@ class _SkinReader:
                 shape.append(np.full(len(values), number, np.int32))
                 point.append(at.astype(np.int32))
                 offset.append(values)
+                turned = _normal_offsets(blend, number)
+                normal_offset.append(turned if len(turned) == len(values) else np.zeros_like(values))
         if not shape or not all(np.isfinite(each).all() for each in offset):
             return None
         codes = self._codes(times)
@@ -258,7 +260,10 @@ class _SkinReader:
         if not np.isfinite(weights).all():
             self._report.problem(query.GetPrim().GetPath(), "blend shapes", "a weight is not a finite number")
             return None
-        return BlendShapes(np.concatenate(shape), np.concatenate(point), np.concatenate(offset), weights)
+        turns = np.concatenate(normal_offset)
+        has_turns = bool(turns.any() and np.isfinite(turns).all())
+        columns = (np.concatenate(each) for each in (shape, point, offset))
+        return BlendShapes(*columns, weights, turns if has_turns else None)
 
     def _bake(self, skeleton: UsdSkel.SkeletonQuery, query: UsdSkel.SkinningQuery, times: Sequence[float]) -> None:
         """Author the skinned points of a prim, or the transform of a rigidly bound one."""
@@ -294,6 +299,13 @@ class _SkinReader:
             for code, value in authored.items():
                 attribute.Set(value, code if times else Usd.TimeCode.Default())
         self._report.budget.baked_skins.add(prim.GetPath())
+
+
+def _normal_offsets(blend: UsdSkel.BlendShapeQuery, number: int) -> NDArray[np.float32]:
+    """Return the normal offsets [n, 3] of a shape or an inbetween shape, by the number of its points' offsets."""
+    between, shape = blend.GetInbetween(number), blend.GetBlendShape(blend.GetBlendShapeIndex(number))
+    offsets = between.GetNormalOffsets() if between else UsdSkel.BlendShape(shape).GetNormalOffsetsAttr().Get()
+    return np.asarray(offsets or (), np.float32).reshape(-1, 3)
 
 
 def _in_one_space(skeleton: Usd.Prim, prim: Usd.Prim) -> tuple[Usd.Prim, Usd.Prim]:
