@@ -374,3 +374,23 @@ def test_description_is_named_by_file_or_folder(tmp_path):
     folder = tmp_path / "room_07"
     folder.mkdir()
     assert read(folder, "", name="scene.usda").name == "room_07"
+
+
+def test_prims_of_unknown_types_are_read_as_the_fallback_that_the_stage_names(tmp_path):
+    body = """
+    def FancyBall "Ball"
+    {
+        double radius = 2
+    }
+    def FancyLight "Lamp"
+    {
+        float inputs:width = 3
+    }
+    """
+    types = 'token[] FancyBall = ["FancierBall", "Sphere"]\ntoken[] FancyLight = ["RectLight"]'
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        description = read(tmp_path, body, more=f"fallbackPrimTypes = {{\n{types}\n}}")
+    assert np.ptp(description.meshes[0].positions, axis=0) == pytest.approx(4.0, abs=0.02)
+    (lamp,) = description.lights
+    assert lamp.width == 3.0

@@ -31,6 +31,14 @@ def with_ancestors(prim: Usd.Prim) -> Iterator[Usd.Prim]:
         prim = prim.GetParent()
 
 
+def type_of(prim: Usd.Prim) -> str:
+    """Return the type of a prim; for one that USD does not know, the first known one of its stage's fallbackPrimTypes.
+
+    "" for a prim without a type. A type without a known fallback is returned as it is authored.
+    """
+    return str(prim.GetPrimTypeInfo().GetSchemaTypeName() or prim.GetTypeName())
+
+
 def unused_path(stage: Usd.Stage, folder: Sdf.Path, identifier: str) -> Sdf.Path:
     """Return a path for a new prim below a folder, numbered if the identifier is taken."""
     path, number = folder.AppendChild(identifier), 1

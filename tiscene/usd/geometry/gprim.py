@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 from pxr import Usd
 
+from tiscene.usd.core.prims import type_of
 from tiscene.usd.core.report import StageReport
 from tiscene.usd.core.value_times import is_time_varying, value_at
 from tiscene.usd.geometry.vertex_weld import WeldedMesh
@@ -36,7 +37,7 @@ def read_gprim(prim: Usd.Prim, time: Usd.TimeCode, report: StageReport) -> Welde
         The mesh; None, with a problem reported, if a size is negative, not finite, or always zero where it must not
         be.
     """
-    kind = str(prim.GetTypeName())
+    kind = type_of(prim)
     sizes = {}
     for name in ("size", "radius", "height", "width", "length", "radiusTop", "radiusBottom"):
         attribute = prim.GetAttribute(name)

@@ -30,6 +30,7 @@ from tiscene.scene.description import (
     SphereLight,
 )
 from tiscene.scene.lights.light_kinds import UsdLightInputs, usd_reader
+from tiscene.usd.core.prims import type_of
 from tiscene.usd.core.report import StageReport
 from tiscene.usd.core.transform import is_sheared, scale_along, to_matrix, unmirrored, unscaled
 from tiscene.usd.lights.light_linking import links_of
@@ -95,7 +96,7 @@ class LightReader:
         if pose is None:
             self._report.problem(path, "light", "its transform is singular or not finite")
             return
-        kind = str(prim.GetTypeName())
+        kind = type_of(prim)
         if is_sheared(world_from_prim):
             self._report.omission(path, "a light's shear is not applied")
         scale = scale_along(world_from_prim, pose).tolist()
@@ -132,7 +133,7 @@ class LightReader:
             self._report.problem(prim.GetPath(), "light", text)
             return None
         shadows = not prim.HasAPI(UsdLux.ShadowAPI) or bool(self._input(prim, "shadow:enable", True))
-        texture = {"texture": self._texture(prim, mirrored)} if prim.GetTypeName() in _WRAPS else {}
+        texture = {"texture": self._texture(prim, mirrored)} if type_of(prim) in _WRAPS else {}
         shaping = read_shaping(prim, self._time, self._textures, self._report, mirrored=mirrored)
         links = links_of(self._report)
         controls: dict[str, Any] = texture if links is None else texture | links.of_light(prim)
@@ -159,7 +160,7 @@ class LightReader:
 
     def _emission(self, prim: Usd.Prim) -> Color | None:
         """Return the radiance before `normalize`, W/(m² sr): intensity · 2^exposure · color · color temperature."""
-        intensity = self._float(prim, "intensity", 50000.0 if prim.GetTypeName() == "DistantLight" else 1.0)
+        intensity = self._float(prim, "intensity", 50000.0 if type_of(prim) == "DistantLight" else 1.0)
         exposure = self._float(prim, "exposure", 0.0)
         color = np.asarray(self._input(prim, "color", (1.0, 1.0, 1.0)), dtype=np.float64)
         if self._input(prim, "enableColorTemperature", False):
@@ -262,7 +263,7 @@ class LightReader:
             )
         pose = pose.copy()
         pose[:3, 3] = 0.0
-        if prim.GetTypeName() == "DomeLight_1":
+        if type_of(prim) == "DomeLight_1":
             pole = prim.GetAttribute("poleAxis").Get(self._time) or "scene"
             if pole == "Z" or (pole == "scene" and self._up_axis == "Z"):
                 pose = pose @ _Y_TO_Z
@@ -326,7 +327,7 @@ class LightReader:
         asset = attribute.Get(self._time) if attribute else None
         if asset is None or not asset.path:
             return None
-        wraps, instead = _WRAPS[str(prim.GetTypeName())], "the light is rendered without it"
+        wraps, instead = _WRAPS[type_of(prim)], "the light is rendered without it"
         return self._textures.add(attribute, asset, "auto", *wraps, instead, mirrored=mirrored)
 
     def _input(self, prim: Usd.Prim, name: str, default: Any) -> Any:

@@ -14,6 +14,7 @@ from typing import Any
 from pxr import Sdf, Usd, UsdLux
 
 from tiscene.scene.description import Shaping
+from tiscene.usd.core.prims import type_of
 from tiscene.usd.core.report import StageReport
 from tiscene.usd.lights.ies import read_ies
 from tiscene.usd.lights.light_linking import LINKS, is_restricted, links_of
@@ -73,8 +74,8 @@ def read_shaping(
         report.problem(prim.GetPath(), "shaping", "it has values that are not finite numbers")
         return None
     profile = _profile(prim, time, textures, report, mirrored)
-    full_angle = 90.0 if prim.GetTypeName() in _ONE_SIDED_TYPES else 180.0
-    if prim.GetTypeName() in _UNSHAPED_TYPES or (
+    full_angle = 90.0 if type_of(prim) in _ONE_SIDED_TYPES else 180.0
+    if type_of(prim) in _UNSHAPED_TYPES or (
         profile is None and focus <= 0.0 and angle >= full_angle and (softness <= 0.0 or angle > 180.0)
     ):
         return None

@@ -16,7 +16,7 @@ from tiscene.scene.camera import Vector3
 from tiscene.scene.description import Matrix, Mesh
 from tiscene.scene.skinned_deformation import SkinnedDeformation
 from tiscene.usd.core.content import content_digest
-from tiscene.usd.core.prims import ALSO_ABSTRACT
+from tiscene.usd.core.prims import ALSO_ABSTRACT, type_of
 from tiscene.usd.core.report import StageReport
 from tiscene.usd.core.semantics import shared_path
 from tiscene.usd.core.transform import MAX_COORDINATE
@@ -43,7 +43,7 @@ _READERS = dict.fromkeys(gprim.TYPES, read_gprim) | {"BasisCurves": read_curves,
 
 def is_drawable(prim: Usd.Prim) -> bool:
     """Return whether a prim is of a type that a MeshTable reads."""
-    return bool(prim.IsA(UsdGeom.Mesh)) or str(prim.GetTypeName()) in _READERS
+    return bool(prim.IsA(UsdGeom.Mesh)) or type_of(prim) in _READERS
 
 
 class MeshTable:
@@ -188,7 +188,7 @@ class MeshTable:
             if prim.IsA(UsdGeom.Mesh):
                 surface = read_mesh(prim, self._time, self._report, wanted, of_face, times)
             else:
-                read = _READERS[str(prim.GetTypeName())]
+                read = _READERS[type_of(prim)]
                 if prim.IsA(UsdGeom.BasisCurves):
                     read = partial(read_curves, names=wanted[0], before={})
                 elif prim.IsA(UsdGeom.Points):
