@@ -134,6 +134,11 @@ def test_unsupported_camera_attributes_are_reported(tmp_path, lines, expected, c
     assert len(read_with_warning(tmp_path, camera(lines), expected).cameras) == count
 
 
+def test_back_plates_are_named(tmp_path):
+    body = camera("asset backPlate:far:image = @a.png@").replace('"Eye"', '"Eye" (apiSchemas = ["BackPlateAPI:far"])')
+    read_with_warning(tmp_path, body, "back plates of a camera are not drawn: </Eye>")
+
+
 WRONG = [
     ("float focalLength = 0", "camera: verticalAperture 15.29"),
     ("float verticalAperture = nan", "camera: verticalAperture nan"),

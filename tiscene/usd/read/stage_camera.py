@@ -106,6 +106,8 @@ def read_camera(
             report.omission(path, f"a camera's clippingRange of {near:g} to {far:g} m is not used")
     if camera.GetClippingPlanesAttr().Get(time):
         report.omission(path, "clippingPlanes of a camera cut nothing")
+    if any(str(each).startswith("BackPlateAPI:") for each in prim.GetAppliedSchemas()):
+        report.omission(path, "back plates of a camera are not drawn")
     shutter_open, shutter_close = number("shutter:open"), number("shutter:close")
     if not settings.has_motion_blur:
         shutter_open = shutter_close = 0.0
