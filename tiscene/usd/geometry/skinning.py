@@ -261,9 +261,8 @@ class _SkinReader:
             self._report.problem(query.GetPrim().GetPath(), "blend shapes", "a weight is not a finite number")
             return None
         turns = np.concatenate(normal_offset)
-        has_turns = bool(turns.any() and np.isfinite(turns).all())
-        columns = (np.concatenate(each) for each in (shape, point, offset))
-        return BlendShapes(*columns, weights, turns if has_turns else None)
+        turned = turns if turns.any() and np.isfinite(turns).all() else None
+        return BlendShapes(np.concatenate(shape), np.concatenate(point), np.concatenate(offset), weights, turned)
 
     def _bake(self, skeleton: UsdSkel.SkeletonQuery, query: UsdSkel.SkinningQuery, times: Sequence[float]) -> None:
         """Author the skinned points of a prim, or the transform of a rigidly bound one."""
