@@ -28,6 +28,17 @@ def only_mesh(description):
     return result
 
 
+def test_smooth_rule_of_triangles_is_named_where_there_are_some(tmp_path):
+    body = """
+    int[] faceVertexCounts = [%s]
+    int[] faceVertexIndices = [0, 1, 2, 3, %s]
+    point3f[] points = [(0, 0, 0), (1, 0, 0), (1, 1, 0), (0, 1, 0), (2, 0, 0)]
+    token triangleSubdivisionRule = "smooth"
+    """
+    only_mesh(read(tmp_path, mesh(body % ("4", ""))))
+    read_with_warning(tmp_path, mesh(body % ("4, 3", "1, 4, 2")), "triangleSubdivisionRule.*</M>")
+
+
 def test_quad_becomes_two_triangles(tmp_path):
     quad = only_mesh(read(tmp_path, mesh(QUAD)))
     np.testing.assert_array_equal(quad.positions, [[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0]])

@@ -63,6 +63,9 @@ def read_mesh(
     if scheme == "loop":
         report.omission(prim.GetPath(), "Loop subdivision is drawn by the Catmull-Clark rules")
     smooth = scheme in ("catmullClark", "loop")
+    rule = mesh.GetTriangleSubdivisionRuleAttr().Get(time)
+    if scheme == "catmullClark" and rule == UsdGeom.Tokens.smooth and (topology.counts == 3).any():
+        report.omission(prim.GetPath(), "triangleSubdivisionRule 'smooth' is not applied")
     normals = None if smooth else read_normals(prim, topology, time, report)
     if skin is not None:
         skin = with_normals(skin, normals, topology)

@@ -261,8 +261,8 @@ class _SkinReader:
             self._report.problem(query.GetPrim().GetPath(), "blend shapes", "a weight is not a finite number")
             return None
         turns = np.concatenate(normal_offset)
-        turned = turns if turns.any() and np.isfinite(turns).all() else None
-        return BlendShapes(np.concatenate(shape), np.concatenate(point), np.concatenate(offset), weights, turned)
+        used = turns if turns.any() and np.isfinite(turns).all() else None
+        return BlendShapes(np.concatenate(shape), np.concatenate(point), np.concatenate(offset), weights, used)
 
     def _bake(self, skeleton: UsdSkel.SkeletonQuery, query: UsdSkel.SkinningQuery, times: Sequence[float]) -> None:
         """Author the skinned points of a prim, or the transform of a rigidly bound one."""
