@@ -33,6 +33,20 @@ def test_spheres_of_points_have_texture_coordinates(tmp_path):
     np.testing.assert_array_equal(mesh.uv, np.where(mesh.positions[:, :1] < 2.0, (0.0, 1.0), (0.5, 0.25)))
 
 
+def test_spheres_of_points_have_colors_that_their_material_reads(tmp_path):
+    reader = """def Shader "Reader"
+    {
+        uniform token info:id = "UsdPrimvarReader_float3"
+        string inputs:varname = "displayColor"
+        float3 outputs:result
+    }"""
+    look = preview_material("/L", "color3f inputs:diffuseColor.connect = </L/Reader.outputs:result>", shaders=reader)
+    body = POINTS.replace('"P"', '"P" (prepend apiSchemas = ["MaterialBindingAPI"])', 1)
+    body = body.replace("    color3f", "    rel material:binding = </L>\n    color3f") + look
+    (mesh,) = read(tmp_path, body).meshes
+    np.testing.assert_array_equal(mesh.colors[:, :3], np.where(mesh.positions[:, :1] < 2.0, (1, 0, 0), (0, 0, 1)))
+
+
 def test_texture_coordinates_that_curves_lack_are_named(tmp_path):
     reader = """def Shader "Reader"
     {

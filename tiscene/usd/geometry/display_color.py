@@ -69,16 +69,17 @@ def constant_primvar(
 
 
 def varies_over_surface(gprim: Usd.Prim, name: str, time: Usd.TimeCode, *, within_faces: bool = False) -> bool:
-    """Return whether a primvar of a mesh or of curves has several values, so that it must become a vertex attribute.
+    """Return whether a primvar of a mesh, curves or points has several values, so that it must be a vertex attribute.
 
     Args:
-        gprim: the prim; False for anything but a mesh or curves.
+        gprim: the prim; False for anything but a mesh, curves or points.
         name: the primvar, without "primvars:"; False for "".
         time: when to evaluate it.
-        within_faces: whether to ignore primvars of uniform interpolation, which are constant in each face.
+        within_faces: whether to ignore primvars that are constant in each face: of uniform interpolation, or of points.
     """
     primvar = UsdGeom.PrimvarsAPI(gprim).FindPrimvarWithInheritance(name) if name else None
-    if not primvar or not (gprim.IsA(UsdGeom.Mesh) or gprim.IsA(UsdGeom.BasisCurves)) or not primvar.HasValue():
+    types = (UsdGeom.Mesh, UsdGeom.BasisCurves, *(() if within_faces else (UsdGeom.Points,)))
+    if not primvar or not any(map(gprim.IsA, types)) or not primvar.HasValue():
         return False
     if primvar.GetInterpolation() not in ("vertex", "varying", "faceVarying", *(() if within_faces else ("uniform",))):
         return False
