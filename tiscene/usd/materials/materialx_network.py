@@ -368,7 +368,7 @@ def _output_width(source: Source, category: str) -> int:
 
 
 def _color_space(file: ShaderConnection, is_color: bool) -> str:
-    """Return the color space of an image node's file, as `TextureTable.add` names it. Vectors, numbers are no colors."""
+    """Return the color space of an image node's file, as `TextureTable.add` names it: vectors are raw."""
     name = file.attribute.GetColorSpace()
     if not name:
         return "auto" if is_color else "raw"
