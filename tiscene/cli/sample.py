@@ -6,6 +6,7 @@ from __future__ import annotations
 import argparse
 
 from tiscene.cli.terminal import note, progress
+from tiscene.errors import TisceneError
 from tiscene.export.generation.generator import OF_SCENARIO, write_scenario
 from tiscene.export.generation.recipe import Recipe
 
@@ -13,13 +14,13 @@ from tiscene.export.generation.recipe import Recipe
 def run(args: argparse.Namespace) -> None:
     """Draw the scenarios, and print their files. One that cannot be drawn does not keep others from being written."""
     recipe = Recipe.load(args.recipe)
-    failed = []
+    failed: list[tuple[int, TisceneError]] = []
     with progress("drawing scenarios", args.count) as step:
         for number in range(args.count):
             try:
                 print(write_scenario(recipe, args.output, number))
-            except OF_SCENARIO as error:
-                failed.append((number, error))
+            except OF_SCENARIO as mistake:
+                failed.append((number, mistake))
             step()
     if failed:
         number, error = failed[0]

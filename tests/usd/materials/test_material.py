@@ -351,3 +351,10 @@ def test_meshes_that_share_a_material_have_their_own_primvars(tmp_path, type_, r
         meshes += mesh.replace("rel material:binding", line + "rel material:binding")
     found = materials_of(read(tmp_path, meshes + body[end:]))
     assert [found[name].diffuse_color[0] for name in "AB"] == [0.125, 0.75]
+
+
+def test_whole_numbers_are_read_from_a_primvar(tmp_path):
+    source = "int inputs:useSpecularWorkflow.connect = </Looks/L/P.outputs:result>"
+    read_by = shader("P", "UsdPrimvarReader_int", 'string inputs:varname = "specular"', "int outputs:result")
+    body = material(shader("Surface", "UsdPreviewSurface", source) + read_by, lines="int primvars:specular = 1")
+    assert only_material(read(tmp_path, body)).use_specular_workflow

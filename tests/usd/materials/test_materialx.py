@@ -273,6 +273,40 @@ def test_operations_with_constants_keep_the_file_as_the_texture(tmp_path, nodes,
             + node("extract", "float", linked("in", "picture"), given("index", "0", "integer"), name="red"),
             lambda c: np.repeat((c[..., :1] > 0.5) * 1.0, 3, axis=2),
         ),
+        (
+            node("smoothstep", "color3", linked("in", "picture"), given("low", "0.5"), given("high", "0.5")),
+            lambda c: (c >= 0.5) * 1.0,
+        ),
+        (
+            node("colorcorrect", "color3", linked("in", "picture"), given("saturation", "0.5"), given("gain", "0.5")),
+            lambda c: 0.25 * (c + c @ [[0.2722287], [0.6740818], [0.0536895]]),
+        ),
+        (
+            node("overlay", "color3", linked("fg", "picture"), given("bg", "0.75, 0.75, 0.75", "color3")),
+            lambda c: 1 - 0.5 * (1 - c),
+        ),
+        (
+            node("difference", "color3", linked("fg", "picture"), given("bg", "0.5, 0.5, 0.5", "color3"),
+                 given("mix", "0.5")),
+            lambda c: 0.25 + 0.5 * np.abs(c - 0.5),
+        ),
+        (
+            node("burn", "color3", given("fg", "0.5, 1, 1", "color3"), linked("bg", "picture")),
+            lambda c: c @ np.diag([2, 1, 1]) - [1, 0, 0],
+        ),
+        (
+            node("dodge", "color3", given("fg", "0.5, 0.5, 0", "color3"), linked("bg", "picture")),
+            lambda c: c @ np.diag([2, 2, 1]),
+        ),
+        (node("fract", "color3", linked("in", "N3")) + node("multiply", "color3", linked("in1", "picture"),
+                                                            given("in2", "5"), name="N3"), lambda c: 5 * c % 1),
+        (node("atan2", "color3", linked("iny", "picture"), given("inx", "2, 2, 2", "color3")),
+         lambda c: np.arctan2(c, 2)),
+        (node("not", "boolean", linked("in", "high", "boolean"))
+         + node("ifgreater", "boolean", linked("value1", "red", "float"), given("value2", "0.5"),
+                given("in1", "true", "boolean"), given("in2", "false", "boolean"), name="high")
+         + node("extract", "float", linked("in", "picture"), given("index", "0", "integer"), name="red"),
+         lambda c: np.repeat((c[..., :1] <= 0.5) * 1.0, 3, axis=2)),
     ],
 )  # fmt: skip
 def test_other_operations_are_computed_per_texel(tmp_path, nodes, function):

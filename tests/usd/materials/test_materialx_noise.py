@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""MaterialX's two-dimensional noises: against a scalar version, and in a network."""
+"""MaterialX's two-dimensional noises and patterns: against scalar versions, and in a network."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ import math
 import numpy as np
 import pytest
 
-from tests.usd.materials.test_materialx import color_from, given, node
+from tests.usd.materials.test_materialx import color_from, document, given, linked, material_of, node
 from tiscene.usd.materials.materialx_noise import evaluate_noise, lattice_hash
 
 MASK = 0xFFFFFFFF
@@ -86,3 +86,56 @@ def test_noise_of_a_network_is_computed_per_texel(tmp_path, category, octaves, p
         u, v = 8.0 * (column + 0.5) / size, 8.0 * (1.0 - (row + 0.5) / size)
         noise = sum(0.5**k * scalar_noise(u * 2**k, v * 2**k) for k in range(octaves))
         assert pixels[row, column, 0] == pytest.approx(0.25 * noise + pivot, abs=5e-3)
+
+
+@pytest.mark.parametrize(
+    ("nodes", "function"),
+    [
+        (node("checkerboard", "color3", given("uvtiling", "2, 3", "vector2"), given("color1", "1, 0, 0", "color3"),
+              given("color2", "0, 1, 0", "color3")),
+         lambda u, v: np.where((np.floor(2 * u) + np.floor(3 * v)) % 2 == 1, [1, 0, 0], [0, 1, 0])),
+        (node("ramp4", "color3", given("valuetl", "1, 0, 0", "color3"), given("valuetr", "0, 1, 0", "color3"),
+              given("valuebr", "0, 0, 1", "color3")),
+         lambda u, v: np.concatenate([(1 - u) * v, u * v, u * (1 - v)], axis=-1)),
+        (node("circle", "float", given("center", "0.5, 0.25", "vector2"), given("radius", "0.2")),
+         lambda u, v: np.repeat((u - 0.5) ** 2 + (v - 0.25) ** 2 <= 0.04, 3, axis=-1)),
+    ],
+)  # fmt: skip
+def test_patterns_follow_the_graphs_of_the_library(tmp_path, nodes, function):
+    """Cell (0, 0) of a checkerboard has color2."""
+    _, pixels = color_from(tmp_path, nodes)
+    at = (np.arange(512) + 0.5) / 512
+    u, v = np.meshgrid(at, at[::-1])
+    np.testing.assert_allclose(pixels, function(u[..., None], v[..., None]), atol=0.005)
+
+
+COLOR = given("in", "0.5, 0.25, 0.1, 0.4", "color4")
+
+
+@pytest.mark.parametrize(
+    ("nodes", "expected"),
+    [
+        (node("hsvadjust", "color4", COLOR, given("amount", "0, 1, 0.5", "vector3")), (0.25, 0.125, 0.05, 0.4)),
+        (node("saturate", "color4", COLOR, given("amount", "0"), given("lumacoeffs", "0, 1, 0", "color3")),
+         (0.25, 0.25, 0.25, 0.4)),
+        (node("over", "color4", given("fg", "0.5, 0, 0, 0.5", "color4"), given("bg", "0, 0.8, 0, 0.6", "color4")),
+         (0.5, 0.4, 0.0, 0.8)),
+        (node("matte", "color4", given("fg", "0.5, 0, 0, 0.5", "color4"), given("bg", "0, 0.8, 0, 0.6", "color4")),
+         (0.25, 0.4, 0.0, 0.8)),
+        (node("mask", "color4", given("fg", "0.5, 0, 0, 0.5", "color4"), given("bg", "0, 0.8, 0, 0.6", "color4")),
+         (0.0, 0.4, 0.0, 0.3)),
+    ],
+)  # fmt: skip
+def test_operations_on_colors_with_alpha(tmp_path, nodes, expected):
+    """hsvadjust of such a color lost its material."""
+    nodes += node("extract", "float", linked("in", "N", "color4"), given("index", "3", "integer"), name="alpha")
+    surface = linked("base_color", "N", "color4") + given("base", "1") + linked("metalness", "alpha", "float")
+    material = material_of(tmp_path, document(surface, nodes=nodes))
+    np.testing.assert_allclose((*material.diffuse_color, material.metallic), expected, atol=1e-6)
+
+
+@pytest.mark.parametrize(("definition", "expected"), [("and", 0.0), ("or", 1.0), ("xor", 1.0)])
+def test_logic_is_found_by_the_names_of_its_definitions(tmp_path, definition, expected):
+    nodes = node("test", "boolean", given("in1", "true", "boolean"), given("in2", "false", "boolean"))
+    nodes = nodes.replace("<test", f'<test nodedef="ND_logical_{definition}"')
+    assert material_of(tmp_path, document(linked("metalness", "N", "boolean"), nodes=nodes)).metallic == expected

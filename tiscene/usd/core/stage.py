@@ -99,7 +99,7 @@ def open_stage(path: str | Path, variants: Variants | None = None, report: Stage
                 layer.Reload(force=layer.dirty)
         report = report or StageReport(str(path))
         for file, fault in substitute_documents(stage, report.root.contains):
-            report.problem("/", "MaterialX", f"@{file}@ cannot be read: {fault}")
+            report.problem("/", "MaterialX", f"@{file}@ {fault}")
     try:
         select_variants(stage, variants or {})
     except UnknownName:

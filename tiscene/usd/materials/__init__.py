@@ -6,6 +6,7 @@
     material         the material table: bound materials and displayColor
     animated_material  materials with time samples
     preview_surface  shader networks, UsdPreviewSurface
+    materialx_file        .mtlx files as XML, with those that they include
     materialx_document    .mtlx files as USD layers
     materialx_surface     standard_surface, open_pbr_surface, gltf_pbr as materials
     materialx_bsdf        surfaces of one BSDF as open_pbr_surface
@@ -16,6 +17,7 @@
     materialx_operations  MaterialX's operations on values
     materialx_noise       two-dimensional noises
     materialx_signal      values of a network: constants, texture lookups, computed images
+    materialx_baker       values per texel, as texture lookups
     texture          the texture table: image files, UDIM tiles, color spaces
     texture_borders  check for textures without wrap mode
     image            decoding of image files

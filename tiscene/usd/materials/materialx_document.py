@@ -8,18 +8,18 @@ stage refer to these layers in memory; no file changes.
 
 from __future__ import annotations
 
+import hashlib
 import os
-import posixpath
 import re
 import xml.etree.ElementTree as ElementTree
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 from pxr import Gf, Sdf, Tf, Usd, UsdShade
 
 from dynamics.lru_cache import LRUCache
 from tiscene.usd.core.package import split_package
-from tiscene.usd.materials.image import read_file
+from tiscene.usd.materials.materialx_file import FILE, Element, anchored, read_document
 
 _TYPES = {
     "float": Sdf.ValueTypeNames.Float,
@@ -33,14 +33,21 @@ _TYPES = {
     "filename": Sdf.ValueTypeNames.Asset,
 }
 _VECTORS = {2: Gf.Vec2f, 3: Gf.Vec3f, 4: Gf.Vec4f}
+# Nodes in place of the inputs of own definitions that have a property of the mesh by default.
+_GEOMETRY = {
+    "UV0": "ND_texcoord_vector2",
+    **dict.fromkeys(("Nobject", "Nworld"), "ND_normal_vector3"),
+    **dict.fromkeys(("Tobject", "Tworld"), "ND_tangent_vector3"),
+    **dict.fromkeys(("Pobject", "Pworld"), "ND_position_vector3"),
+}
 _MAX_NODES = 20_000  # of a material; a document that expands to more is damaged
 _MAX_DEPTH = 64
 _MAX_LAYERS = 256  # kept in memory, those used last
+_MAX_NAMED = 5  # inputs named by a message
+_INPUTS = ("input", "bindinput", "parameter")  # the latter two of version 1.37 and before
 DOCUMENT = "materialx"  # in the customLayerData of a layer that was converted, the path of the .mtlx file
-_layers: LRUCache[tuple[str, float], tuple[Sdf.Layer, tuple[str, ...]]] = LRUCache(_MAX_LAYERS)
+_layers: LRUCache[tuple[str, bytes], tuple[Sdf.Layer, tuple[str, ...]]] = LRUCache(_MAX_LAYERS)
 _substituted: set[str] = set()  # identifiers of layers that refer to converted documents
-
-Element = ElementTree.Element
 
 
 def substitute_documents(stage: Usd.Stage, allowed: Any) -> list[tuple[str, str]]:
@@ -51,7 +58,7 @@ def substitute_documents(stage: Usd.Stage, allowed: Any) -> list[tuple[str, str]
         allowed: function that returns whether a file may be read.
 
     Returns:
-        The files that cannot be read, and why.
+        The files that cannot be read as a whole, and what is wrong with them.
     """
     faults = []
     for layer in stage.GetUsedLayers():
@@ -62,10 +69,10 @@ def substitute_documents(stage: Usd.Stage, allowed: Any) -> list[tuple[str, str]
             if not os.path.exists(split_package(path)[0]) or not allowed(path):
                 continue  # USD reports it as an asset that is missing
             try:
-                converted, broken = layer_of_document(path)
+                converted, broken = layer_of_document(path, allowed)
                 faults += [(path, each) for each in broken]
             except (ValueError, OSError) as error:
-                faults.append((path, str(error)))
+                faults.append((path, f"cannot be read: {error}"))
                 continue
             layer.UpdateCompositionAssetDependency(asset, converted.identifier)
             _substituted.add(layer.identifier)
@@ -77,18 +84,24 @@ def is_substituted(layer: Sdf.Layer) -> bool:
     return layer.identifier in _substituted
 
 
-def layer_of_document(path: str) -> tuple[Sdf.Layer, tuple[str, ...]]:
-    """Return a .mtlx file as an anonymous layer, the same one while the file does not change, and its broken materials.
+def layer_of_document(path: str, allowed: Any) -> tuple[Sdf.Layer, tuple[str, ...]]:
+    """Return a .mtlx file as an anonymous layer, the same one while its text does not change, and what is broken in it.
+
+    Args:
+        path: of the file.
+        allowed: function that returns whether a file that it includes may be read.
 
     Raises:
         ValueError: the file is not a MaterialX document.
     """
-    return _layers.get((path, os.path.getmtime(split_package(path)[0])), lambda: _converted(path))
+    root = read_document(path, allowed)
+    digest = hashlib.blake2b(ElementTree.tostring(root), digest_size=16).digest()
+    return _layers.get((path, digest), lambda: _converted(path, root))
 
 
-def _converted(path: str) -> tuple[Sdf.Layer, tuple[str, ...]]:
-    converter = _Converter(path)
-    return converter.layer(), tuple(converter.faults)
+def _converted(path: str, root: Element) -> tuple[Sdf.Layer, tuple[str, ...]]:
+    converter = _Converter(path, root)
+    return converter.layer(), tuple(converter.faults())
 
 
 @dataclass(frozen=True, eq=False)
@@ -101,6 +114,7 @@ class _Scope:
         prefix: of the names of its shaders.
         colorspace: of colors without one of their own.
         fileprefix: of file names.
+        file: that its elements are from.
     """
 
     nodes: dict[str, Element]
@@ -108,27 +122,40 @@ class _Scope:
     prefix: str
     colorspace: str
     fileprefix: str
+    file: str
+
+    def within(self, element: Element) -> _Scope:
+        """Return the scope inside of an element, which may have a color space, a file prefix and a file of its own."""
+        return replace(
+            self,
+            colorspace=element.get("colorspace", self.colorspace),
+            fileprefix=element.get("fileprefix", self.fileprefix),
+            file=element.get(FILE, self.file),
+        )
 
 
 class _Converter:
-    """Converts one document. `faults`: its materials that cannot be converted, and why."""
+    """Converts one document.
 
-    def __init__(self, path: str) -> None:
-        self._path = path
-        self.faults: list[str] = []
-        try:
-            root = ElementTree.fromstring(read_file(path))
-        except ElementTree.ParseError as error:
-            raise ValueError(f"it is not a MaterialX document: {error}") from None
-        if root.tag != "materialx":
-            raise ValueError(f"it is not a MaterialX document: its root element is <{root.tag}>")
+    Args:
+        path: of its file.
+        root: its root element.
+    """
+
+    def __init__(self, path: str, root: Element) -> None:
         self._root = root
+        self._broken: list[str] = []
+        self._malformed: dict[str, None] = {}  # inputs
         self._layer = Sdf.Layer.CreateAnonymous(".usda")  # a stage alone would not keep its layer
         self._layer.customLayerData = {DOCUMENT: path}
         self._stage = Usd.Stage.Open(self._layer)
-        self._top = self._scope(root, {}, "", None)
-        self._definitions = {each.get("node", ""): each for each in root.findall("nodedef")}
+        self._top = _Scope(_by_name(root), {}, "", "", "", path).within(root)
         self._graphs = {each.get("nodedef", ""): each for each in root.findall("nodegraph") if each.get("nodedef")}
+        for each in root.findall("implementation"):
+            graph = self._top.nodes.get(each.get("nodegraph", ""))
+            if graph is not None:
+                self._graphs.setdefault(each.get("nodedef", ""), graph)
+        self._definitions = [each for each in root.findall("nodedef") if each.get("name") in self._graphs]
         self._done: dict[str, UsdShade.Shader] = {}
 
     def layer(self) -> Sdf.Layer:
@@ -138,25 +165,39 @@ class _Converter:
         self._stage.SetDefaultPrim(prim)
         for element in self._root:
             if element.tag == "surfacematerial":
-                found = self._source(self._input(element, "surfaceshader"), self._top)
-                if found is not None:
-                    self._material(element, found[0])
+                given = {each.get("name"): each for each in _inputs(element, self._top.nodes)}
+                surface, moved = (
+                    self._source(given.get(name), self._top) for name in ("surfaceshader", "displacementshader")
+                )
+                if surface is not None:
+                    self._material(element, surface[0], surface[1], moved)
             elif element.tag == "material":  # of version 1.36 and before
                 for shader in element.findall("shaderref")[:1]:
-                    self._material(element, shader)
+                    self._material(element, shader, self._top)
         return self._layer
 
-    def _material(self, element: Element, surface: Element) -> None:
+    def faults(self) -> list[str]:
+        """Return what is wrong with the document: materials that are left out, and inputs that keep their defaults."""
+        names = list(self._malformed)
+        more = f" and {len(names) - _MAX_NAMED} more" if len(names) > _MAX_NAMED else ""
+        text = f"has values of another type than their inputs: {', '.join(names[:_MAX_NAMED])}{more}"
+        return [*self._broken, *([text] if names else [])]
+
+    def _material(self, element: Element, surface: Element, scope: _Scope, displacement: Any = None) -> None:
         name = Tf.MakeValidIdentifier(element.get("name", "Material"))
         material = UsdShade.Material.Define(self._stage, f"/MaterialX/Materials/{name}")
         self._done = {}
         try:
-            shader = self._shader(material.GetPath(), surface, self._top, 0)
+            shader = self._shader(material.GetPath(), surface, scope, 0)
         except ValueError as error:
-            self.faults.append(f"material {element.get('name')!r}: {error}")
+            self._broken.append(f"cannot be read: material {element.get('name')!r}: {error}")
             return
         output = shader.CreateOutput("out", Sdf.ValueTypeNames.Token)
         material.CreateSurfaceOutput("mtlx").ConnectToSource(output)
+        if displacement is not None:  # is not drawn, and reported where the material is read
+            path = material.GetPath().AppendChild(Tf.MakeValidIdentifier(displacement[0].get("name", "displacement")))
+            output = UsdShade.Shader.Define(self._stage, path).CreateOutput("out", Sdf.ValueTypeNames.Token)
+            material.CreateDisplacementOutput("mtlx").ConnectToSource(output)
 
     def _shader(self, parent: Sdf.Path, node: Element, scope: _Scope, depth: int) -> UsdShade.Shader:
         """Define the shader of a node, and those of the nodes that it is connected to."""
@@ -169,13 +210,14 @@ class _Converter:
         category = node.get("node", "") if node.tag == "shaderref" else node.tag
         kind = "surfaceshader" if node.tag == "shaderref" else node.get("type", "")
         shader.CreateIdAttr(node.get("nodedef") or f"ND_{category}_{kind}")
-        for each in (*node.findall("input"), *node.findall("bindinput"), *node.findall("parameter")):
-            self._author(shader, each, scope, depth)
+        for each in _inputs(node, scope.nodes):
+            self._author(shader, each, scope.within(node), depth)
         return shader
 
     def _author(self, shader: UsdShade.Shader, element: Element, scope: _Scope, depth: int) -> None:
         """Author an input: its value, or a connection to the shader that it gets its value from."""
-        kind = _TYPES.get(element.get("type", ""), Sdf.ValueTypeNames.String)
+        declared = element.get("type", "")
+        kind = _TYPES.get(declared, Sdf.ValueTypeNames.String)
         target = shader.CreateInput(element.get("name", "in"), kind)
         while element.get("interfacename") and element.get("interfacename") in scope.interface:
             element, scope = scope.interface[element.get("interfacename", "")]
@@ -183,16 +225,33 @@ class _Converter:
         if found is not None:
             node, inner, name = found
             source = self._shader(shader.GetPath().GetParentPath(), node, inner, depth + 1)
+            if element.get("channels"):  # of version 1.38 and before
+                given = source.CreateOutput(name, _TYPES.get(node.get("type", ""), kind))
+                path = shader.GetPath().GetParentPath().AppendChild(f"{shader.GetPath().name}_{target.GetBaseName()}")
+                source, name = UsdShade.Shader.Define(self._stage, path), "out"
+                source.CreateIdAttr(f"ND_swizzle_{node.get('type')}_{element.get('type')}")
+                source.CreateInput("in", given.GetTypeName()).ConnectToSource(given)
+                source.CreateInput("channels", Sdf.ValueTypeNames.String).Set(element.get("channels"))
             target.ConnectToSource(source.CreateOutput(name, kind))
             return
         value = element.get("value")
-        if value is None:
+        if not value:  # empty: baked documents write all inputs
+            geometry = _GEOMETRY.get(element.get("defaultgeomprop", ""))
+            if geometry is not None:
+                path = shader.GetPath().GetParentPath().AppendChild(f"default_{element.get('defaultgeomprop')}")
+                source = UsdShade.Shader.Define(self._stage, path)
+                source.CreateIdAttr(geometry)
+                target.ConnectToSource(source.CreateOutput("out", kind))
             return
         if kind == Sdf.ValueTypeNames.Asset:
             prefix = element.get("fileprefix", scope.fileprefix)
-            target.Set(Sdf.AssetPath(self._anchored(prefix + value)))
+            target.Set(Sdf.AssetPath(anchored(prefix + value, scope.file)))
         else:
-            target.Set(_parsed(value, element.get("type", "")))
+            try:
+                target.Set(_parsed(value, declared))
+            except ValueError as error:
+                self._malformed[f"{element.get('name')} of {shader.GetPath().name} ({error})"] = None
+                return
         space = element.get("colorspace") or (scope.colorspace if element.get("type") in ("color3", "color4") else "")
         if kind == Sdf.ValueTypeNames.Asset and not space:
             is_color = "color" in str(shader.GetIdAttr().Get())
@@ -217,13 +276,24 @@ class _Converter:
                 return None
             if node.tag == "nodegraph":
                 return self._graph_output(node, node, scope, output, depth)
-            definition = self._definitions.get(node.tag)
-            graph = None if definition is None else self._graphs.get(definition.get("name", ""))
-            if definition is not None and graph is not None:
-                return self._graph_output(graph, node, scope, output, depth, definition)
-            return node, scope, output
+            definition = self._definition(node)
+            if definition is None:
+                return node, scope, output
+            return self._graph_output(self._graphs[definition.get("name", "")], node, scope, output, depth, definition)
         named = scope.nodes.get(output) if element.get("output") and not element.get("value") else None
         return self._source(named, scope, depth + 1) if named is not None and named.tag == "output" else None
+
+    def _definition(self, node: Element) -> Element | None:
+        """Return the document's own definition of a node: the one that it names, else one that has its types."""
+        types = {(each.get("name"), each.get("type")) for each in node.findall("input")}
+        for each in self._definitions:
+            if node.get("nodedef", each.get("name")) != each.get("name") or node.tag != each.get("node"):
+                continue
+            inputs = {(given.get("name"), given.get("type")) for given in _inputs(each, self._top.nodes)}
+            outputs = {"multioutput", *(given.get("type") for given in each.findall("output"))}
+            if node.get("nodedef") or (types <= inputs and node.get("type") in outputs):
+                return each
+        return None
 
     def _graph_output(
         self,
@@ -244,37 +314,33 @@ class _Converter:
             depth: of nesting.
             definition: of the node that the graph implements, with the defaults of its inputs.
         """
-        interface = {each.get("name", ""): (each, self._top) for each in (() if definition is None else definition)}
-        interface |= {each.get("name", ""): (each, scope) for each in instance.findall("input")}
-        inner = self._scope(graph, interface, f"{scope.prefix}{instance.get('name', 'graph')}_", scope)
+        outer, interface, around = scope.within(instance), {}, scope
+        if definition is not None:
+            around, defaults = self._top, self._top.within(definition)
+            interface = {each.get("name", ""): (each, defaults) for each in _inputs(definition, self._top.nodes)}
+        interface |= {each.get("name", ""): (each, outer) for each in _inputs(instance, scope.nodes)}
+        prefix = f"{scope.prefix}{instance.get('name', 'graph')}_"
+        inner = replace(around.within(graph), nodes=_by_name(graph), interface=interface, prefix=prefix)
         outputs = graph.findall("output")
         chosen = next((each for each in outputs if each.get("name") == output), outputs[0] if outputs else None)
         return self._source(chosen, inner, depth + 1)
 
-    def _scope(
-        self, element: Element, interface: dict[str, tuple[Element, Any]], prefix: str, outer: _Scope | None
-    ) -> _Scope:
-        return _Scope(
-            {each.get("name", ""): each for each in element},
-            interface,
-            prefix,
-            element.get("colorspace", outer.colorspace if outer else ""),
-            element.get("fileprefix", outer.fileprefix if outer else ""),
-        )
 
-    @staticmethod
-    def _input(element: Element, name: str) -> Element | None:
-        return next((each for each in element.findall("input") if each.get("name") == name), None)
+def _by_name(element: Element) -> dict[str, Element]:
+    return {each.get("name", ""): each for each in element}
 
-    def _anchored(self, file: str) -> str:
-        """Return the absolute path of a file that the document names."""
-        file = file.replace("\\", "/")
-        if os.path.isabs(file) or not file:
-            return file
-        outer, *inner = split_package(self._path)
-        if inner:
-            return f"{outer}[{posixpath.normpath(posixpath.join(posixpath.dirname(inner[-1]), file))}]"
-        return os.path.normpath(os.path.join(os.path.dirname(self._path), file))
+
+def _inputs(element: Element, siblings: dict[str, Element]) -> list[Element]:
+    """Return the inputs of an element, then those that it inherits from siblings."""
+    found: dict[str, Element] = {}
+    chain: list[Element | None] = [element]
+    for each in chain:
+        if each is not None:
+            for given in (given for tag in _INPUTS for given in each.findall(tag)):
+                found.setdefault(given.get("name", ""), given)
+            parent = siblings.get(each.get("inherit", ""))
+            chain += [] if parent in chain else [parent]
+    return list(found.values())
 
 
 def _parsed(value: str, kind: str) -> Any:
@@ -283,15 +349,18 @@ def _parsed(value: str, kind: str) -> Any:
     Raises:
         ValueError: the text is not of that type.
     """
-    if kind == "boolean":
-        return value.strip().lower() == "true"
-    if kind == "integer":
-        return int(value)
-    if kind not in _TYPES:
-        return value
-    numbers = [float(each) for each in re.split(r"[\s,]+", value.strip()) if each]
-    if kind == "float" and len(numbers) == 1:
-        return numbers[0]
-    if kind != "float" and len(numbers) == int(kind[-1]):
-        return _VECTORS[len(numbers)](*numbers)
+    try:
+        if kind == "boolean":
+            return value.strip().lower() == "true"
+        if kind == "integer":
+            return int(value)
+        if kind not in _TYPES:
+            return value
+        numbers = [float(each) for each in re.split(r"[\s,]+", value.strip()) if each]
+        if kind == "float" and len(numbers) == 1:
+            return numbers[0]
+        if kind != "float" and len(numbers) == int(kind[-1]):
+            return _VECTORS[len(numbers)](*numbers)
+    except ValueError:
+        pass
     raise ValueError(f"{value!r} is not a {kind}")

@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 from tiscene.scene.description import Color, ExtendedLobes
 from tiscene.usd.materials.materialx_inputs import SurfaceInputs
 from tiscene.usd.materials.materialx_models import ExtendedModel, Named
+from tiscene.usd.materials.materialx_network import is_geometric
 from tiscene.usd.materials.materialx_signal import Signal, number
 
 Array = NDArray[Any]
@@ -108,9 +109,10 @@ class ExtendedSurface:
         return signal.constant is None or not bool(np.allclose(signal.constant, neutral))
 
     def _report_connected(self, name: str, instead: str) -> None:
-        """Report an input that is not applied, if it is connected."""
+        """Report an input that is not applied, if it is connected to anything but the mesh's own."""
         values = self._values
-        if name in values.authored and values.authored[name].source is not None:
+        source = values.authored[name].source if name in values.authored else None
+        if source is not None and not is_geometric(source.id):
             values.report.omission(values.path, f"{name} is not applied; {instead}")
 
     def _color(self, named: Named) -> Color:

@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The surface models of MaterialX that are read: standard_surface, open_pbr_surface, gltf_pbr and UsdPreviewSurface.
+"""The surface models of MaterialX that are read: standard_surface, open_pbr_surface, gltf_pbr, surface_unlit and
+UsdPreviewSurface.
 
 They share most of their inputs with UsdPreviewSurface, under other names and with other defaults.
 """
@@ -8,7 +9,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 Named = tuple[str, Any]
@@ -215,6 +216,24 @@ MODELS: dict[str, SurfaceModel] = {
         distance=("attenuation_distance", 0.0),
         thickness=("thickness", 0.0),
     ),
+    "ND_surface_unlit": SurfaceModel(  # emits, and reflects nothing
+        base=None,
+        color=("", _BLACK),
+        metallic=("", 0.0),
+        roughness=("", 1.0),
+        ior=("", 1.0),
+        specular=None,
+        coat=("", 0.0),
+        coat_roughness=("", 0.0),
+        emission=("emission", 1.0),
+        emissive=("emission_color", _WHITE),
+        opacity=("opacity", 1.0),
+        transmission=("transmission", 0.0),
+        subsurface=None,
+        subsurface_color=None,
+        normal="",
+        unsupported={"transmission_color": _WHITE},
+    ),
     "UsdPreviewSurface": SurfaceModel(
         base=None,
         color=("diffuseColor", (0.18, 0.18, 0.18)),
@@ -234,3 +253,7 @@ MODELS: dict[str, SurfaceModel] = {
         unsupported={"useSpecularWorkflow": 0.0},
     ),
 }
+MODELS["ND_surface_unlit_surfaceshader"] = MODELS["ND_surface_unlit"]  # of documents that name no definition
+MODELS["ND_standard_surface_surfaceshader_100"] = replace(  # of version 1.0.0
+    MODELS["ND_standard_surface_surfaceshader"], base=("base", 0.8), color=("base_color", _WHITE)
+)

@@ -19,9 +19,19 @@ from tiscene.scene.description import VERTEX_COLORS
 from tiscene.usd.core.color_space import LINEAR, SRGB, attribute_colors, color_space
 from tiscene.usd.core.report import StageReport
 from tiscene.usd.core.shader_network import ShaderConnection, Source, connections_of
+from tiscene.usd.materials.materialx_baker import Baker
 from tiscene.usd.materials.materialx_noise import NOISES_2D, evaluate_noise
 from tiscene.usd.materials.materialx_operations import OPERATIONS
-from tiscene.usd.materials.materialx_signal import Baker, Coordinates, Signal, number
+from tiscene.usd.materials.materialx_signal import (
+    Coordinates,
+    Signal,
+    affine_operation,
+    number,
+    placement,
+    rotation,
+    shift,
+    widened,
+)
 from tiscene.usd.materials.texture import TextureTable
 
 _COMPONENTS = {"x": 0, "y": 1, "z": 2, "w": 3, "r": 0, "g": 1, "b": 2, "a": 3}
@@ -30,13 +40,21 @@ _WRAPS = {"periodic": "repeat", "clamp": "clamp", "mirror": "mirror", "constant"
 _THROUGH = ("convert", "dot", "blur", "constant", "normalmap")  # nodes that pass one input on
 _MEANS = {"cellnoise2d": 0.5, "cellnoise3d": 0.5, "worleynoise2d": 0.5, "worleynoise3d": 0.5, "unifiednoise3d": 0.5}
 _NOISES = ("noise2d", "noise3d", "fractal2d", "fractal3d", *_MEANS)
-_IMAGES = ("image", "tiledimage", "gltf_image", "gltf_colorimage", "gltf_normalmap", "UsdUVTexture")
+_SIMPLIFIED = {  # nodes that are drawn as another one
+    "hextiledimage": "drawn as a tiledimage",
+    "triplanarprojection": "drawn as its filez, by the mesh's texture coordinates",
+}
+_IMAGES = ("image", "tiledimage", "gltf_image", "gltf_colorimage", "gltf_normalmap", "UsdUVTexture", *_SIMPLIFIED)
+_FOUR_CHANNELS = ("UsdUVTexture", "gltf_colorimage")  # nodes of several outputs
+_FACTORS = {"UsdUVTexture": ("scale",), "gltf_image": ("factor",), "gltf_colorimage": ("color", "geomcolor")}
+_NUMBERS = ("extract", "dotproduct", "magnitude", "distance")  # nodes of one component, whatever the type in their id
 _SPECIAL = (
     *(*_THROUGH, *_NOISES, *_IMAGES, "texcoord", "geompropvalue", "geompropvalueuniform", "geomcolor", "place2d"),
     *("rotate2d", "extract", "swizzle", "separate2", "separate3", "separate4", "combine2", "combine3", "combine4"),
     *("switch", "UsdPrimvarReader", "UsdTransform2d", "rotate3d", "heighttonormal", "bump"),
 )
 _CATEGORIES = sorted({*OPERATIONS, *_SPECIAL}, key=len, reverse=True)
+_PLACE = (("pivot", (0.0, 0.0)), ("scale", (1.0, 1.0)), ("rotate", (0.0,)), ("offset", (0.0, 0.0)))
 _MAX_DEPTH = 64
 
 
@@ -46,10 +64,16 @@ def category_of(shader: str) -> str:
     return next((each for each in _CATEGORIES if name == each or name.startswith(f"{each}_")), "")
 
 
+def is_geometric(shader: str) -> bool:
+    """Return whether a node, by its id, gives the mesh's own normal or tangent."""
+    return shader.startswith(("ND_normal_", "ND_tangent_"))
+
+
 class MaterialXNetwork:
     """Evaluates the inputs of MaterialX nodes.
 
     Args:
+        path: of the surface shader.
         textures: table for image files and computed images.
         time: when to evaluate attributes.
         report: collects nodes that are not supported.
@@ -58,18 +82,24 @@ class MaterialXNetwork:
 
     def __init__(
         self,
+        path: Sdf.Path,
         textures: TextureTable,
         time: Usd.TimeCode,
         report: StageReport,
         vertex_color: Callable[[str, int], Signal | None],
     ) -> None:
-        self.baker = Baker(textures)
+        self.baker = Baker(textures, self._report_whitened)
+        self._path = path
         self._textures = textures
         self._time = time
         self._report = report
         self._vertex_color = vertex_color
         self._known: dict[tuple[Sdf.Path, str], Signal] = {}
         self._open: list[tuple[Sdf.Path, str]] = []
+
+    def _report_whitened(self) -> None:
+        path = self._open[-1][0] if self._open else self._path
+        self._report.omission(path, "colors of vertices are only scaled and shifted; they count as white here")
 
     def value(self, connection: ShaderConnection | None, default: Any) -> Signal | None:
         """Return an input's value.
@@ -127,7 +157,7 @@ class MaterialXNetwork:
         names, function = OPERATIONS[category]
         operands = [self._required(inputs.get(name), default) for name, default in names]
         is_point = [default is None for _, default in names]
-        return _affine(category, operands) or self.baker.apply(function, *_widened(operands, is_point))
+        return affine_operation(category, operands) or self.baker.apply(function, *widened(operands, is_point))
 
     def _required(self, connection: ShaderConnection | None, default: Any) -> Signal:
         found = self.value(connection, default)
@@ -141,7 +171,11 @@ class MaterialXNetwork:
         if category in ("texcoord", "geompropvalue", "geompropvalueuniform", "UsdPrimvarReader", "geomcolor"):
             return self._primvar(category, source, inputs)
         if category in _THROUGH:
-            return self._required(inputs.get("value" if category == "constant" else "in"), 0.0)
+            found = self._required(inputs.get("value" if category == "constant" else "in"), 0.0)
+            width = _output_width(source, category)
+            if category != "convert" or found.width != 2 or width < 3 or (width == 3 and found.uv is not None):
+                return found
+            return self.baker.apply(_extended, found)
         if category in ("heighttonormal", "bump"):
             height = self._required(inputs.get("in" if category == "heighttonormal" else "height"), 0.0)
             return self.baker.normals(height, float(self.baker.mean(self._required(inputs.get("scale"), 1.0))[0]))
@@ -208,50 +242,56 @@ class MaterialXNetwork:
     def _placed(self, category: str, inputs: dict[str, ShaderConnection]) -> Signal | None:
         """Return texture coordinates after place2d, rotate2d (clockwise, degrees), rotate3d about z or UsdTransform2d.
 
-        None: a rotation of something else, or out of the plane of texture coordinates.
+        None: a rotation of something else, or out of the plane of texture coordinates, which is computed per texel.
         """
         at = self._required(inputs.get("texcoord" if category == "place2d" else "in"), None)
-        if at.uv is None:
-            return at if category != "rotate3d" else None
 
         def numbers(name: str, default: tuple[float, ...]) -> Any:
             return self.baker.mean(self._required(inputs.get(name), default).of_width(len(default)))
 
         if category == "rotate3d":
+            if at.uv is None:
+                return None
             turn, axis = numbers("amount", (0.0,))[0], numbers("axis", (0.0, 1.0, 0.0))
             if turn == 0.0:
                 return at
             if axis[2] == 0.0 or axis[:2].any():
                 return None
-            return Signal(uv=at.uv.mapped(_rotation(-math.copysign(turn, turn * axis[2]))))
+            return Signal(uv=at.uv.mapped(rotation(-math.copysign(turn, turn * axis[2]))))
         if category == "rotate2d":
-            return Signal(uv=at.uv.mapped(_rotation(-numbers("amount", (0.0,))[0])))
+            return self.baker.mapped(at, rotation(-numbers("amount", (0.0,))[0]))
         if category == "UsdTransform2d":
             move, scale = numbers("translation", (0.0, 0.0)), numbers("scale", (1.0, 1.0))
-            matrix = _shift(*move) @ _rotation(numbers("rotation", (0.0,))[0]) @ np.diag([*scale, 1.0])
-            return Signal(uv=at.uv.mapped(matrix))
-        pivot, offset = numbers("pivot", (0.0, 0.0)), numbers("offset", (0.0, 0.0))
-        scale = np.where((found := numbers("scale", (1.0, 1.0))) == 0.0, 1.0, found)
-        turn, size, move = _rotation(-numbers("rotate", (0.0,))[0]), np.diag([*(1.0 / scale), 1.0]), _shift(*-offset)
+            matrix = shift(*move) @ rotation(numbers("rotation", (0.0,))[0]) @ np.diag([*scale, 1.0])
+            return self.baker.mapped(at, matrix)
+        pivot, scale, turn, move = (numbers(name, default) for name, default in _PLACE)
         translate_first = numbers("operationorder", (0.0,))[0] == 1.0
-        middle = size @ turn @ move if translate_first else move @ turn @ size
-        return Signal(uv=at.uv.mapped(_shift(*pivot) @ middle @ _shift(*-pivot)))
+        return self.baker.mapped(at, placement(pivot, scale, turn, move, translate_first))
 
     def _image(self, category: str, source: Source, inputs: dict[str, ShaderConnection]) -> Signal:
         """Return the lookup of an image node; its default where it has no image that can be read."""
-        width = 4 if category == "UsdUVTexture" else _output_width(source, category) or 3
+        width = 4 if category in _FOUR_CHANNELS else _output_width(source, category) or 3
+        channels = tuple(range(width))
+        if category in _FOUR_CHANNELS:
+            named = source.output.removeprefix("out")
+            channels = (_COMPONENTS[named],) if named in _COMPONENTS else (0, 1, 2)
         default = inputs.get("fallback" if category == "UsdUVTexture" else "default")
-        fallback = self._required(default, 0.0).of_width(width)
-        file = inputs.get("file")
+        fallback = self._required(default, 0.0).of_width(width).select(channels)
+        file = inputs.get("filez" if category == "triplanarprojection" else "file")
+        if category in _SIMPLIFIED:
+            self._report.omission(source.shader.GetPath(), f"MaterialX node {category!r} is {_SIMPLIFIED[category]}")
         at = self._required(inputs.get("st" if category == "UsdUVTexture" else "texcoord"), None)
         if file is None or not isinstance(file.value, Sdf.AssetPath) or not file.value.path:
             self._report.omission(source.shader.GetPath(), "an image node without a file; its default is used")
             return fallback
-        coordinates = at.uv or Coordinates()
-        if at.uv is None:
-            text = "texture coordinates that are computed are not supported; the mesh's own are used"
+        coordinates = self.baker.coordinates(at)
+        if coordinates is None:
+            text = "texture coordinates that are no affine map of the mesh's are not supported; the mesh's own are used"
             self._report.omission(source.shader.GetPath(), text)
+            coordinates = Coordinates()
         coordinates = self._tiled(category, coordinates, inputs)
+        if category.startswith("gltf"):
+            coordinates = self._gltf_placed(category, source, coordinates, inputs)
         wrap_u, wrap_v = (self._wrap(inputs, axis) for axis in "uv")
         space = _color_space(file, category == "UsdUVTexture" or "color" in source.id)
         if "<UDIM>" in file.value.path:
@@ -263,9 +303,6 @@ class MaterialXNetwork:
             row = self._textures.add(file.attribute, file.value, space, wrap_u, wrap_v, "its default is used")
         if row is None:
             return fallback
-        channels = tuple(range(width)) if width > 1 else (0,)
-        if category == "UsdUVTexture":
-            channels = (_COMPONENTS[source.output],) if source.output in _COMPONENTS else (0, 1, 2)
         texture = self._textures.textures[row]
         lookup = Signal(
             row=row,
@@ -275,32 +312,45 @@ class MaterialXNetwork:
             coordinates=coordinates,
             wraps=(texture.wrap_s, texture.wrap_t),
         )
-        factor, summand = self.value(inputs.get("factor" if category.startswith("gltf") else "scale"), ""), None
+        summand = np.zeros(1)
         if category == "UsdUVTexture":
-            summand = self.value(inputs.get("bias"), "")
-        if factor is None and summand is None:
-            return lookup
-        numbers = [
-            self.baker.mean(each) if each is not None else np.array([start])
-            for each, start in ((factor, 1.0), (summand, 0.0))
-        ]
-        return lookup.affine(*(each[list(channels)] if len(each) == 4 else each for each in numbers)) or lookup
+            summand = self.baker.mean(self._required(inputs.get("bias"), 0.0).of_width(width).select(channels))
+        for name in _FACTORS.get(category, ()):
+            factor = self._required(inputs.get(name), 1.0).of_width(width).select(channels)
+            if factor.constant is None:
+                lookup = self.baker.apply(lambda a, b: a * b + summand, lookup, factor)
+            else:
+                lookup = self.baker.affine(lookup, factor.constant, summand)
+        return lookup
+
+    def _gltf_placed(
+        self, category: str, source: Source, at: Coordinates, inputs: dict[str, ShaderConnection]
+    ) -> Coordinates:
+        """Return the coordinates of glTF's image nodes: place2d with the inverse of their scale, turn and offset."""
+        pivot, scale, rotate, offset = (
+            self.baker.mean(self._required(inputs.get(name), (0.0, 1.0) if name == "pivot" else default))
+            for name, default in _PLACE
+        )
+        order = None if category == "gltf_colorimage" else inputs.get("operationorder")  # its graph does not pass it on
+        translate_first = self.baker.mean(self._required(order, 1.0 if "color4" in source.id else 0.0))[0] == 1.0
+        scale, offset = 1.0 / np.where(scale == 0.0, 1.0, scale), offset * (-1.0, 1.0)
+        return at.mapped(placement(pivot, scale, -rotate, offset, translate_first))
 
     def _tiled(self, category: str, coordinates: Coordinates, inputs: dict[str, ShaderConnection]) -> Coordinates:
         """Return the coordinates of a tiledimage: times its tiling, minus its offset."""
-        if category != "tiledimage":
+        if category not in ("tiledimage", "hextiledimage"):
             return coordinates
         tiling, offset, world, tile = (
             self.baker.mean(self._required(inputs.get(name), default).of_width(2))
             for name, default in (
-                ("uvtiling", (1.0, 1.0)),
+                ("uvtiling" if category == "tiledimage" else "tiling", (1.0, 1.0)),
                 ("uvoffset", (0.0, 0.0)),
                 ("realworldimagesize", (1.0, 1.0)),
                 ("realworldtilesize", (1.0, 1.0)),
             )
         )
         scale = tile / np.where(world == 0.0, 1.0, world)
-        return coordinates.mapped(np.diag([*scale, 1.0]) @ _shift(*-offset) @ np.diag([*tiling, 1.0]))
+        return coordinates.mapped(np.diag([*scale, 1.0]) @ shift(*-offset) @ np.diag([*tiling, 1.0]))
 
     def _wrap(self, inputs: dict[str, ShaderConnection], axis: str) -> str:
         for name in (f"{axis}addressmode", {"u": "wrapS", "v": "wrapT"}[axis]):
@@ -310,57 +360,21 @@ class MaterialXNetwork:
         return "repeat"
 
 
-def _affine(category: str, operands: list[Signal]) -> Signal | None:
-    """Return the result of an operation that keeps a lookup affine; None for all others."""
-    if category not in ("multiply", "add", "subtract", "invert", "divide", "mix", "contrast"):
-        return None
-    one, zero = np.ones(1), np.zeros(1)
-    first, second = operands[0], operands[1]
-    if category == "mix" and operands[2].constant is not None:
-        weight = operands[2].constant
-        if first.constant is not None:
-            return second.affine(weight, first.constant * (1.0 - weight))
-        return first.affine(1.0 - weight, second.constant * weight) if second.constant is not None else None
-    if category == "contrast" and second.constant is not None and operands[2].constant is not None:
-        return first.affine(second.constant, operands[2].constant * (1.0 - second.constant))
-    if category in ("mix", "contrast"):
-        return None
-    if category == "invert":
-        return first.affine(-one, second.constant) if second.constant is not None else None
-    if second.constant is not None:
-        if category == "divide":
-            return first.affine(1.0 / np.where(second.constant == 0.0, 1.0, second.constant), zero)
-        return {
-            "multiply": lambda: first.affine(second.constant, zero),
-            "add": lambda: first.affine(one, second.constant),
-            "subtract": lambda: first.affine(one, -second.constant),
-        }[category]()
-    if first.constant is None or category == "divide":
-        return None
-    if category == "multiply":
-        return second.affine(first.constant, zero)
-    return second.affine(one if category == "add" else -one, first.constant)
-
-
-def _widened(operands: list[Signal], is_point: list[bool]) -> list[Signal]:
-    """Return operands with equal numbers of components, except for single numbers and points of a pattern."""
-    width = max((each.width for each, at in zip(operands, is_point, strict=True) if not at), default=1)
-    return [
-        each if at or each.width in (1, width) else each.of_width(width)
-        for each, at in zip(operands, is_point, strict=True)
-    ]
-
-
 def _joined(values: Any) -> Any:
     shape = np.broadcast_shapes(*(each.shape[:-1] for each in values))
     return np.concatenate([np.broadcast_to(each, (*shape, each.shape[-1])) for each in values], axis=-1)
 
 
+def _extended(values: Any) -> Any:
+    """Return vectors of two components with z = 0 and w = 1."""
+    return np.concatenate([values, np.broadcast_to((0.0, 1.0), values.shape)], axis=-1)
+
+
 def _output_width(source: Source, category: str) -> int:
     """Return the components of a node's output, by the type in its id; 0 if that says nothing."""
-    if category.startswith("separate") or category in ("extract", "UsdUVTexture", "dotproduct", "magnitude"):
-        return 1 if category != "UsdUVTexture" else 0
-    if category == "normalmap":  # its id names the type of its scale
+    if category.startswith("separate") or category in _NUMBERS:
+        return 1
+    if category == "normalmap":  # its id has the type of its scale
         return 3
     kinds = source.id.removeprefix("ND_").removeprefix(category).strip("_").split("_")
     named = [_WIDTHS[each.removesuffix("FA")] for each in kinds if each.removesuffix("FA") in _WIDTHS]
@@ -376,15 +390,6 @@ def _color_space(file: ShaderConnection, is_color: bool) -> str:
     if space == SRGB:
         return "sRGB"
     return space if is_color and space != LINEAR else "raw"
-
-
-def _rotation(degrees: float) -> Any:
-    c, s = math.cos(math.radians(degrees)), math.sin(math.radians(degrees))
-    return np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
-
-
-def _shift(u: float, v: float) -> Any:
-    return np.array([[1.0, 0.0, u], [0.0, 1.0, v], [0.0, 0.0, 1.0]])
 
 
 def vertex_colors(width: int) -> Signal:

@@ -21,7 +21,7 @@ Operation = tuple[Sequence[tuple[str, Any]], Callable[..., Array]]
 def rgb_to_hsv(rgb: Array) -> Array:
     """Return hue (0..1), saturation and value of colors [..., 3]."""
     r, g, b = (rgb[..., each] for each in range(3))
-    value, low = rgb.max(axis=-1), rgb.min(axis=-1)
+    value, low = np.maximum(np.maximum(r, g), b), np.minimum(np.minimum(r, g), b)
     span = value - low
     safe = np.where(span > 0.0, span, 1.0)
     hue = np.where(value == r, (g - b) / safe, np.where(value == g, 2.0 + (b - r) / safe, 4.0 + (r - g) / safe))
@@ -39,7 +39,7 @@ def hsv_to_rgb(hsv: Array) -> Array:
 
 def luminance(color: Array, coefficients: Array) -> Array:
     """Return the luminance of colors [..., 3], in all their channels."""
-    return np.broadcast_to((color[..., :3] * coefficients[..., :3]).sum(axis=-1, keepdims=True), color.shape)
+    return np.broadcast_to((color * coefficients).sum(axis=-1, keepdims=True), color.shape)
 
 
 def saturate(color: Array, amount: Array, coefficients: Array) -> Array:
@@ -50,7 +50,7 @@ def saturate(color: Array, amount: Array, coefficients: Array) -> Array:
 
 def hsv_adjust(color: Array, amount: Array) -> Array:
     """Return colors with a hue offset, and factors of saturation and value."""
-    hsv = rgb_to_hsv(color[..., :3])
+    hsv = rgb_to_hsv(color)
     shape = np.broadcast_shapes(hsv.shape, amount.shape)
     hsv, amount = np.broadcast_to(hsv, shape), np.broadcast_to(amount, shape)
     changed = [hsv[..., 0] + amount[..., 0], hsv[..., 1] * amount[..., 1], hsv[..., 2] * amount[..., 2]]
@@ -73,9 +73,9 @@ def ranged(
 
 
 def smoothstep(value: Array, low: Array, high: Array) -> Array:
-    """Return the smooth transition from 0 at `low` to 1 at `high`."""
-    unit = np.clip((value - low) / np.where(high == low, 1.0, high - low), 0.0, 1.0)
-    return np.asarray(unit * unit * (3.0 - 2.0 * unit))
+    """Return the smooth transition from 0 at `low` to 1 at `high`, a step at `high` where that is not above `low`."""
+    unit = np.clip((value - low) / np.where(high > low, high - low, 1.0), 0.0, 1.0)
+    return np.asarray(np.where(high > low, unit * unit * (3.0 - 2.0 * unit), value >= high))
 
 
 def color_correct(
@@ -90,10 +90,9 @@ def color_correct(
     exposure: Array,
 ) -> Array:
     """Return colors after hue, saturation, gamma, lift, gain, contrast and exposure, in this order."""
-    shape = (*np.broadcast_shapes(color.shape[:-1], hue.shape[:-1], saturation.shape[:-1]), 1)
-    amount = [np.broadcast_to(each, shape) for each in (hue, saturation, np.ones(1))]
-    changed = hsv_adjust(color, np.concatenate(amount, axis=-1))
-    changed = np.maximum(changed, 0.0) ** (1.0 / np.where(gamma == 0.0, 1.0, gamma))
+    turn = np.concatenate([hue, np.ones((*hue.shape[:-1], 2))], axis=-1)
+    changed = saturate(hsv_adjust(color, turn), saturation, np.asarray(LUMINANCE))
+    changed = np.sign(changed) * np.abs(changed) ** (1.0 / np.where(gamma == 0.0, 1.0, gamma))
     changed = (changed * (1.0 - lift) + lift) * gain
     return np.asarray(((changed - pivot) * contrast + pivot) * 2.0**exposure)
 
@@ -105,6 +104,35 @@ def _chosen(test: Callable[[Array, Array], Array]) -> Operation:
 
 def _pair(function: Callable[[Array, Array], Array], first: float, second: float) -> Operation:
     return (("in1", first), ("in2", second)), function
+
+
+def _blend(function: Callable[[Array, Array, Array], Array]) -> Operation:
+    return (("bg", 0.0), ("fg", 0.0), ("mix", 1.0)), function
+
+
+def _logic(function: Callable[[Array, Array], Array]) -> Operation:
+    return (("in1", 0.0), ("in2", 0.0)), lambda a, b: np.where(function(a > 0.5, b > 0.5), 1.0, 0.0)
+
+
+def _of_color(function: Callable[..., Array]) -> Callable[..., Array]:
+    """Return a function of colors [..., 3] as one of colors that may have an alpha, which stays."""
+
+    def applied(color: Array, *others: Array) -> Array:
+        result = function(color[..., :3], *(each[..., :3] for each in others))
+        if color.shape[-1] < 4:
+            return result
+        return np.concatenate([result, np.broadcast_to(color[..., 3:], (*result.shape[:-1], 1))], axis=-1)
+
+    return applied
+
+
+def _composite(function: Callable[[Array, Array], Array]) -> Operation:
+    return _blend(lambda below, above, mix: below + (function(below, above) - below) * mix)
+
+
+def _matte(below: Array, above: Array) -> Array:
+    cover = above[..., 3:]
+    return np.concatenate([above[..., :3] * cover, cover], axis=-1) + below * (1.0 - cover)
 
 
 def _single(function: Callable[[Array], Array]) -> Operation:
@@ -130,8 +158,40 @@ def _split(axis: int) -> Operation:
 
 
 def _checkerboard(first: Array, second: Array, tiling: Array, offset: Array, at: Array) -> Array:
-    place = np.floor(at * tiling - offset)
-    return np.where(place.sum(axis=-1, keepdims=True) % 2.0 < 0.5, first, second)
+    place = np.floor(at[..., :2] * tiling[..., :2] - offset[..., :2])  # which have more components beside colors
+    return np.where(place.sum(axis=-1, keepdims=True) % 2.0 < 0.5, second, first)
+
+
+def _ramp4(top_left: Array, top_right: Array, bottom_left: Array, bottom_right: Array, at: Array) -> Array:
+    u, v = np.clip(at[..., :1], 0.0, 1.0), np.clip(at[..., 1:2], 0.0, 1.0)
+    top, bottom = top_left + (top_right - top_left) * u, bottom_left + (bottom_right - bottom_left) * u
+    return np.asarray(bottom + (top - bottom) * v)
+
+
+def _rotate3d(vector: Array, degrees: Array, axis: Array) -> Array:
+    axis = axis / np.maximum(np.linalg.norm(axis, axis=-1, keepdims=True), 1e-12)
+    turn = np.radians(degrees)
+    along = axis * (axis * vector).sum(axis=-1, keepdims=True)
+    return np.asarray(vector * np.cos(turn) + np.cross(vector, axis) * np.sin(turn) + along * (1.0 - np.cos(turn)))
+
+
+def _circle(at: Array, center: Array, radius: Array) -> Array:
+    return np.where(((at - center) ** 2).sum(axis=-1, keepdims=True) > radius**2, 0.0, 1.0)
+
+
+def _overlay(below: Array, above: Array, mix: Array) -> Array:
+    both = np.where(below >= 0.5, 1.0 - 2.0 * (1.0 - below) * (1.0 - above), 2.0 * below * above)
+    return np.asarray(below + (both - below) * mix)
+
+
+def _burn(below: Array, above: Array, mix: Array) -> Array:
+    burnt = 1.0 - (1.0 - below) / np.where(above == 0.0, 1.0, above)
+    return np.asarray(np.where(above == 0.0, 0.0, below + (burnt - below) * mix))
+
+
+def _dodge(below: Array, above: Array, mix: Array) -> Array:
+    lit = below / np.where(above == 1.0, 1.0, 1.0 - above)
+    return np.asarray(np.where(above == 1.0, 0.0, below + (lit - below) * mix))
 
 
 OPERATIONS: dict[str, Operation] = {
@@ -153,13 +213,36 @@ OPERATIONS: dict[str, Operation] = {
     "round": _single(np.round),
     "sin": _single(np.sin),
     "cos": _single(np.cos),
+    "tan": _single(np.tan),
+    "asin": _single(lambda a: np.arcsin(np.clip(a, -1.0, 1.0))),
+    "acos": _single(lambda a: np.arccos(np.clip(a, -1.0, 1.0))),
+    "atan2": ((("iny", 0.0), ("inx", 1.0)), np.arctan2),
+    "fract": _single(lambda a: a - np.floor(a)),
+    "trianglewave": _single(lambda a: 0.5 - np.abs(np.abs(a) % 1.0 - 0.5)),
+    "rotate3d": ((("in", 0.0), ("amount", 0.0), ("axis", (0.0, 1.0, 0.0))), _rotate3d),
+    "crossproduct": _pair(lambda a, b: np.cross(a[..., :3], b[..., :3]), 0.0, 0.0),
+    "distance": _pair(lambda a, b: np.linalg.norm(a - b, axis=-1, keepdims=True), 0.0, 0.0),
+    "and": _logic(np.logical_and),
+    "or": _logic(np.logical_or),
+    "xor": _logic(np.logical_xor),
+    "not": _single(lambda a: np.where(a > 0.5, 0.0, 1.0)),
+    "logical_and": _logic(np.logical_and),
+    "logical_or": _logic(np.logical_or),
+    "logical_xor": _logic(np.logical_xor),
+    "logical_not": _single(lambda a: np.where(a > 0.5, 0.0, 1.0)),
+    "inside": ((("in", 0.0), ("mask", 1.0)), lambda a, mask: a * mask),
+    "outside": ((("in", 0.0), ("mask", 0.0)), lambda a, mask: a * (1.0 - mask)),
+    "premult": _single(lambda a: np.concatenate([a[..., :3] * a[..., 3:], a[..., 3:]], axis=-1)),
+    "unpremult": _single(
+        lambda a: np.concatenate([a[..., :3] / np.where(a[..., 3:] == 0.0, 1.0, a[..., 3:]), a[..., 3:]], axis=-1)
+    ),
     "sqrt": _single(lambda a: np.sqrt(np.maximum(a, 0.0))),
     "ln": _single(lambda a: np.log(np.maximum(a, 1e-12))),
     "exp": _single(np.exp),
     "magnitude": _single(lambda a: np.linalg.norm(a, axis=-1, keepdims=True)),
     "normalize": _single(lambda a: a / np.maximum(np.linalg.norm(a, axis=-1, keepdims=True), 1e-12)),
-    "rgbtohsv": _single(rgb_to_hsv),
-    "hsvtorgb": _single(hsv_to_rgb),
+    "rgbtohsv": _single(_of_color(rgb_to_hsv)),
+    "hsvtorgb": _single(_of_color(hsv_to_rgb)),
     "clamp": ((("in", 0.0), ("low", 0.0), ("high", 1.0)), np.clip),
     "mix": ((("bg", 0.0), ("fg", 0.0), ("mix", 0.0)), lambda a, b, mix: a + (b - a) * mix),
     "remap": ((("in", 0.0), ("inlow", 0.0), ("inhigh", 1.0), ("outlow", 0.0), ("outhigh", 1.0)), remap),
@@ -177,20 +260,29 @@ OPERATIONS: dict[str, Operation] = {
     ),
     "smoothstep": ((("in", 0.0), ("low", 0.0), ("high", 1.0)), smoothstep),
     "contrast": ((("in", 0.0), ("amount", 1.0), ("pivot", 0.5)), lambda a, amount, pivot: (a - pivot) * amount + pivot),
-    "luminance": ((("in", 0.0), ("lumacoeffs", LUMINANCE)), luminance),
-    "saturate": ((("in", 0.0), ("amount", 1.0), ("lumacoeffs", LUMINANCE)), saturate),
-    "hsvadjust": ((("in", 0.0), ("amount", (0.0, 1.0, 1.0))), hsv_adjust),
+    "luminance": ((("in", 0.0), ("lumacoeffs", LUMINANCE)), _of_color(luminance)),
+    "saturate": ((("in", 0.0), ("amount", 1.0), ("lumacoeffs", LUMINANCE)), _of_color(saturate)),
+    "hsvadjust": ((("in", 0.0), ("amount", (0.0, 1.0, 1.0))), _of_color(hsv_adjust)),
     "colorcorrect": (
         (
             ("in", 1.0),
             *(("hue", 0.0), ("saturation", 1.0), ("gamma", 1.0), ("lift", 0.0), ("gain", 1.0)),
             *(("contrast", 1.0), ("contrastpivot", 0.5), ("exposure", 0.0)),
         ),
-        color_correct,
+        _of_color(color_correct),
     ),
-    "plus": ((("bg", 0.0), ("fg", 0.0), ("mix", 1.0)), lambda a, b, mix: a + b * mix),
-    "minus": ((("bg", 0.0), ("fg", 0.0), ("mix", 1.0)), lambda a, b, mix: a - b * mix),
-    "screen": ((("bg", 0.0), ("fg", 0.0), ("mix", 1.0)), lambda a, b, mix: a + (b - a * b) * mix),
+    "plus": _blend(lambda a, b, mix: a + b * mix),
+    "minus": _blend(lambda a, b, mix: a - b * mix),
+    "screen": _blend(lambda a, b, mix: a + (b - a * b) * mix),
+    "over": _composite(lambda below, above: above + below * (1.0 - above[..., 3:])),
+    "in": _composite(lambda below, above: above * below[..., 3:]),
+    "out": _composite(lambda below, above: above * (1.0 - below[..., 3:])),
+    "mask": _composite(lambda below, above: below * above[..., 3:]),
+    "matte": _composite(_matte),
+    "difference": _blend(lambda a, b, mix: a + (np.abs(a - b) - a) * mix),
+    "overlay": _blend(_overlay),
+    "burn": _blend(_burn),
+    "dodge": _blend(_dodge),
     "ifgreater": _chosen(np.greater),
     "ifgreatereq": _chosen(np.greater_equal),
     "ifequal": _chosen(np.equal),
@@ -198,6 +290,8 @@ OPERATIONS: dict[str, Operation] = {
     "ramptb": _ramp(1),
     "splitlr": _split(0),
     "splittb": _split(1),
+    "ramp4": ((("valuetl", 0.0), ("valuetr", 0.0), ("valuebl", 0.0), ("valuebr", 0.0), ("texcoord", None)), _ramp4),
+    "circle": ((("texcoord", None), ("center", (0.0, 0.0)), ("radius", 0.5)), _circle),
     "checkerboard": (
         (("color1", 1.0), ("color2", 0.0), ("uvtiling", (8.0, 8.0)), ("uvoffset", (0.0, 0.0)), ("texcoord", None)),
         _checkerboard,

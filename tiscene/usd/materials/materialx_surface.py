@@ -16,7 +16,7 @@ from tiscene.scene.description import FloatInput, Material, TextureLookup
 from tiscene.usd.materials.materialx_inputs import SurfaceInputs
 from tiscene.usd.materials.materialx_lobes import ExtendedSurface
 from tiscene.usd.materials.materialx_models import MODELS, ExtendedModel
-from tiscene.usd.materials.materialx_network import category_of
+from tiscene.usd.materials.materialx_network import category_of, is_geometric
 from tiscene.usd.materials.materialx_signal import Signal, number
 
 _NORMALS = ("normalmap", "gltf_normalmap", "bump", "heighttonormal", "image", "tiledimage", "UsdUVTexture")
@@ -42,7 +42,7 @@ class MaterialXSurface:
         self._uv_set = values.uv_set
         self._extended: ExtendedSurface | None = None
         if isinstance(self._model, ExtendedModel):
-            self._extended = ExtendedSurface(name, self._model, values, meters_per_unit)
+            self._extended = ExtendedSurface(name.removesuffix("_100"), self._model, values, meters_per_unit)
 
     def material(self, name: str, prim_path: str) -> Material:
         """Return the material with a name and path."""
@@ -146,8 +146,10 @@ class MaterialXSurface:
         source = None if connection is None else connection.source
         if connection is None or source is None:
             return None
+        if is_geometric(source.id):
+            return None
         category, strength = category_of(source.id), 1.0
-        if category in ("normalmap", "gltf_normalmap"):
+        if category == "normalmap":
             strength = self._scale_of(source.shader)
         if category not in _NORMALS:
             text = f"MaterialX node {source.id!r} is not supported as a normal; the mesh's normals are used"

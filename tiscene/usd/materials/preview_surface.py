@@ -19,7 +19,7 @@ from tiscene.usd.core.color_space import attribute_colors
 from tiscene.usd.core.report import StageReport
 from tiscene.usd.core.shader_network import ShaderConnection, Source, broken_connections, connections_of, shader_id
 from tiscene.usd.geometry.display_color import constant_primvar, varies_over_surface
-from tiscene.usd.geometry.primvar import NO_PRIMVARS, PrimvarNames, report_missing_coordinates
+from tiscene.usd.geometry.primvar import NO_PRIMVARS, report_missing_coordinates
 from tiscene.usd.materials.materialx_bsdf import OPENPBR, openpbr_inputs
 from tiscene.usd.materials.materialx_inputs import SurfaceInputs
 from tiscene.usd.materials.materialx_models import MODELS
@@ -30,6 +30,7 @@ from tiscene.usd.materials.texture import IDENTITY, Affine, TextureTable
 from tiscene.usd.materials.texture_borders import UnwrappedTexture
 
 _DEFAULT = Material("default")
+_DEFAULT_UV = "st"
 
 
 class NetworkReader:
@@ -51,6 +52,7 @@ class NetworkReader:
         self.constants: list[tuple[str, int]] = []
         self.primvars = NO_PRIMVARS
         self.unwrapped: list[UnwrappedTexture] = []
+        self._reads_default_uv = False
         self._gprim = gprim
         self._textures = textures
         self._time = time
@@ -77,7 +79,7 @@ class NetworkReader:
         bumps = inputs.get("normal")
         if bumps is not None and bumps.source is not None:  # tangents are of the first uv: it must be the normal map's
             st = connections_of(bumps.source.shader, self._time).get("st")
-            self.primvars = PrimvarNames(uv=self._coordinates(st)[1])
+            self._uv_set(self._coordinates(st)[1])
         return Material(
             name=material.GetPrim().GetName(),
             diffuse_color=self._color(inputs, "diffuseColor", default.diffuse_color),
@@ -105,7 +107,7 @@ class NetworkReader:
                 self._report.omission(material.GetPath(), "displacement is not applied")
         if name == "ND_surface":
             name, inputs = OPENPBR, openpbr_inputs(surface, self._time) or {}
-        network = MaterialXNetwork(self._textures, self._time, self._report, self._vertex_signal)
+        network = MaterialXNetwork(surface.GetPath(), self._textures, self._time, self._report, self._vertex_signal)
         values = SurfaceInputs(surface.GetPath(), inputs, network, self._report, self._uv_set)
         mapped = MaterialXSurface(name, values, UsdGeom.GetStageMetersPerUnit(surface.GetPrim().GetStage()))
         return mapped.material(str(material.GetPrim().GetName()), str(material.GetPath()))
@@ -240,9 +242,7 @@ class NetworkReader:
         """Return the value of a primvar reader: numbers, or the vertices' color or opacity where the primvar varies."""
         inputs = connections_of(source.shader, self._time)
         fallback = inputs.get("fallback")
-        width = {"UsdPrimvarReader_float": 1, "UsdPrimvarReader_float2": 2, "UsdPrimvarReader_float4": 4}.get(
-            source.id, 3
-        )
+        width = {"float": 1, "int": 1, "float2": 2, "float4": 4}.get(source.id.removeprefix("UsdPrimvarReader_"), 3)
         value = self._primvar_value(self._token(inputs, "varname", ""), width)
         return value if value is not None else self._numbers(fallback.value if fallback else None, "fallback")
 
@@ -288,10 +288,14 @@ class NetworkReader:
         return TextureLookup(row, cast(Any, channel), cast(Any, scale), cast(Any, bias), transform, chosen)
 
     def _uv_set(self, name: str) -> Literal[0, 1]:
-        """Return which of the vertices' two uv sets holds a primvar, and claim one for it. "" is the first."""
+        """Return which of the vertices' two uv sets holds a primvar, and claim one for it. "" is the mesh's default."""
         first, second = self.primvars.uv, self.primvars.second_uv
-        if first in ("", name) or not name:
-            self.primvars = replace(self.primvars, uv=name or first)
+        if not name and not first:
+            self._reads_default_uv = True
+            return 0
+        name = name or _DEFAULT_UV
+        if first == name or (not first and (name == _DEFAULT_UV or not self._reads_default_uv)):
+            self.primvars = replace(self.primvars, uv=name)
             return 0
         if second not in ("", name):
             text = f"textures read the uv sets {first!r}, {second!r} and {name!r}; {first!r} is used for the third"
