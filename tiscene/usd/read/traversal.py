@@ -35,9 +35,9 @@ from tiscene.usd.read.stage_camera import read_camera, unique_names
 from tiscene.usd.read.stage_render_settings import read_render_settings
 from tiscene.usd.read.traversal_context import TraversalContext
 
-# How the types of prims begin in which other programs keep their own data and behavior, which nothing draws.
-_METADATA_TYPES = (
-    *("HoudiniLayerInfo", "OmniGraph", "RealityKit"),
+# How the types of prims begin that have no look: other programs' own data and behavior, and actuators and tendons of robots.
+_UNSEEN_TYPES = (
+    *("HoudiniLayerInfo", "MjcActuator", "MjcKeyframe", "MjcTendon", "NewtonActuator", "OmniGraph", "RealityKit"),
     *("Preliminary_Action", "Preliminary_Behavior", "Preliminary_Trigger"),
 )
 
@@ -191,7 +191,7 @@ class StageReader(PointInstancerReader):
         kind = prim.GetTypeName()
         if prim.IsA(UsdGeom.Boundable) and not prim.IsA(UsdSkel.Root) and not prim.IsA(UsdSkel.Skeleton):
             self._report.omission(prim.GetPath(), f"prims of type {kind} {UNDRAWN}")
-        elif kind and not (kind.startswith(_METADATA_TYPES) or prim.GetPrimTypeInfo().GetSchemaType()):
+        elif kind and not (kind.startswith(_UNSEEN_TYPES) or prim.GetPrimTypeInfo().GetSchemaType()):
             self._report.omission(prim.GetPath(), f"prims of the unknown type {kind} {UNDRAWN}")
 
     def _read_camera(self, prim: Usd.Prim, here: TraversalContext) -> None:
