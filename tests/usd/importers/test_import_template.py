@@ -246,6 +246,12 @@ def test_missing_textures_are_reported(box, tmp_path):
     assert not read_template(path).description.textures
 
 
+def test_texture_in_a_folder_beside_the_models_is_found(box, tmp_path):
+    (tmp_path / "in" / "maps").rename(tmp_path / "maps")
+    box.with_suffix(".mtl").write_text(MTL.replace("Maps\\Oak.PNG", "..\\maps\\oak.png"))
+    assert read_template(import_asset(box, tmp_path / "out")).description.textures
+
+
 def test_usd_file_with_broken_parts_is_imported_without_them(tmp_path):
     """A texture that does not exist, an endless point instancer, and a transform that USD cannot read."""
     folder = tmp_path / "in"

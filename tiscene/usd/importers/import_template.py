@@ -114,7 +114,7 @@ def import_asset(
             f"{path.name}: files of type {suffix or 'unknown'} cannot be imported; expected one of {known}"
         )
     files = {each.relative_to(path.parent).as_posix(): each for each in _siblings(path)}
-    meshes = load_model(path.name, _LazyFiles(files))
+    meshes = load_model(path.name, _LazyFiles(path.parent, files))
     default_unit, default_up = CONVENTIONS[suffix]
     matrix = (default_unit if unit is None else unit) * (_Z_TO_Y if (up_axis or default_up) == "Z" else np.eye(3))
     return write_template(meshes, folder, name, label, matrix, credit, centered=centered)
@@ -355,13 +355,19 @@ def _listed(folder: Path) -> list[Path]:
 
 
 class _LazyFiles(Mapping[str, bytes]):
-    """Contents of files by name, read on access."""
+    """Contents of files by name, read on access; files elsewhere, such as ../textures/oak.png, are not listed."""
 
-    def __init__(self, files: Mapping[str, Path]) -> None:
+    def __init__(self, folder: Path, files: Mapping[str, Path]) -> None:
+        self._folder = folder
         self._files = files
 
     def __getitem__(self, name: str) -> bytes:
-        return self._files[name].read_bytes()
+        if name not in self:
+            raise KeyError(name)
+        return self._files.get(name, self._folder / name).read_bytes()
+
+    def __contains__(self, name: object) -> bool:
+        return name in self._files or os.path.isfile(self._folder / str(name))
 
     def __iter__(self) -> Any:
         return iter(self._files)
