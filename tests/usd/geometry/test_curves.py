@@ -102,6 +102,12 @@ def test_primvars_named_widths_and_normals_take_precedence_on_curves(tmp_path):
     np.testing.assert_allclose(facing(mesh.positions, mesh.triangles)[:2], [(0, 1, 0)] * 2, atol=1e-6)
 
 
+def test_curves_whose_normals_are_zero_are_tubes(tmp_path):
+    normals = f"normal3f[] normals = {[(0, 0, 0)] * 5}"
+    tube, plain = (read(tmp_path, STRAIGHT % ("[0.5]", text)).meshes[0] for text in (normals, ""))
+    np.testing.assert_array_equal(tube.positions, plain.positions)
+
+
 CUBIC = """
 def BasisCurves "C"
 {

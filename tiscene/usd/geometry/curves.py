@@ -63,6 +63,8 @@ def read_curves(
     )
     widths = array_or_primvar(curves.GetWidthsAttr(), time)
     normals = array_or_primvar(curves.GetNormalsAttr(), time, width=3)
+    if not normals.any():  # other programs write zeros where they have no normals
+        normals = normals[:0]
     fault = _describe_fault(counts, point=points, width=widths, normal=normals)
     if kind == "cubic" and basis not in BASES:
         fault = fault or f"basis {basis!r} is not known; expected one of {', '.join(BASES)}"

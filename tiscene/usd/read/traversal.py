@@ -35,7 +35,7 @@ from tiscene.usd.read.stage_camera import read_camera, unique_names
 from tiscene.usd.read.stage_render_settings import read_render_settings
 from tiscene.usd.read.traversal_context import TraversalContext
 
-# How the types of prims begin that have no look: other programs' own data and behavior, and actuators and tendons of robots.
+# How types of prims without a look begin: other programs' own data and behavior, actuators and tendons of robots.
 _UNSEEN_TYPES = (
     *("HoudiniLayerInfo", "MjcActuator", "MjcKeyframe", "MjcTendon", "NewtonActuator", "OmniGraph", "RealityKit"),
     *("Preliminary_Action", "Preliminary_Behavior", "Preliminary_Trigger"),
