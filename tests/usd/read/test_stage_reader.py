@@ -288,9 +288,6 @@ def test_omissions_are_listed_once_in_one_warning(tmp_path):
     def NurbsPatch "Patch"
     {
     }
-    def TetMesh "Jelly"
-    {
-    }
     def Volume "Smoke"
     {
     }
@@ -313,7 +310,6 @@ def test_omissions_are_listed_once_in_one_warning(tmp_path):
         "  prims of type NurbsCurves are not drawn: </Hair>, </Fur>\n"
         "  prims of type HermiteCurves are not drawn: </Dust>\n"
         "  prims of type NurbsPatch are not drawn: </Patch>\n"
-        "  prims of type TetMesh are not drawn: </Jelly>\n"
         "  prims of type Volume are not drawn: </Smoke>\n"
         "  prims of the unknown type MyFancyGprim are not drawn: </Fancy>"
     )

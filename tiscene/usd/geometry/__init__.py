@@ -13,6 +13,7 @@
     vertex_weld    welded meshes: one normal and uv per vertex
     recentering    points far from the origin of their prim, relative to their own center
     gprim          cube, sphere, cylinder, cone, capsule, plane
+    tet_mesh       surfaces of meshes of tetrahedra
     curve_evaluation  points, widths and colors along curves
     swept_curves   tubes and ribbons along polylines
     curves         curves as tubes or ribbons, points as spheres

@@ -33,7 +33,10 @@ _SHAPE_ATTRIBUTES = (
     *("points", "normals", "primvars:normals", "widths", "primvars:widths"),
     *("size", "radius", "height", "width", "length", "radiusTop", "radiusBottom"),
 )
-_TOPOLOGY_ATTRIBUTES = ("faceVertexCounts", "faceVertexIndices", "holeIndices", "curveVertexCounts", "orientation")
+_TOPOLOGY_ATTRIBUTES = (
+    *("faceVertexCounts", "faceVertexIndices", "holeIndices", "curveVertexCounts", "orientation"),
+    *("tetVertexIndices", "surfaceFaceVertexIndices"),
+)
 _UNSUPPORTED_ATTRIBUTES = ("primvars:displayColor", "primvars:displayOpacity", "subdivisionScheme")
 
 

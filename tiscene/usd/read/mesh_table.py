@@ -29,6 +29,7 @@ from tiscene.usd.geometry.primvar import SECOND_UV, UV, array_of, outside
 from tiscene.usd.geometry.recentering import far_center, recentered
 from tiscene.usd.geometry.skinned_mesh import content_of
 from tiscene.usd.geometry.skinning import skin_of
+from tiscene.usd.geometry.tet_mesh import read_tet_mesh
 from tiscene.usd.geometry.triangulate import cross
 from tiscene.usd.geometry.vertex_weld import WeldedMesh
 from tiscene.usd.lights.light_linking import links_of
@@ -38,7 +39,11 @@ from tiscene.usd.materials.material import Binding, MaterialTableBuilder
 Partition = tuple[tuple[str, ...], NDArray[np.int32] | None]  # names of parts, and the part of each face
 Subsets = Sequence[tuple[Binding, NDArray[np.int64]]]  # a material, and the faces that have it
 
-_READERS = dict.fromkeys(gprim.TYPES, read_gprim) | {"BasisCurves": read_curves, "Points": read_points}
+_READERS = dict.fromkeys(gprim.TYPES, read_gprim) | {
+    "BasisCurves": read_curves,
+    "Points": read_points,
+    "TetMesh": read_tet_mesh,
+}
 
 
 def is_drawable(prim: Usd.Prim) -> bool:
