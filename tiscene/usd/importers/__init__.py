@@ -5,6 +5,7 @@
 
     import_template  import_asset: one model file as a template
     mesh_file        model files as meshes; OBJ, PLY and STL through trimesh
+    polygons         polygons of OBJ and PLY files as triangles
     imported_mesh    triangles of one material, at rest and over time
     imported_mesh_writer  such meshes as UsdGeomMesh
     materials        materials as UsdPreviewSurface; Phong's

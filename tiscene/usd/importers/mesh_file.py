@@ -25,6 +25,7 @@ from tiscene.usd.importers import gltf
 from tiscene.usd.importers.gltf_scene import read_scene
 from tiscene.usd.importers.imported_mesh import MAPS_WITHOUT_COORDINATES, ImportedMesh, corner_normals, unit
 from tiscene.usd.importers.materials import ImportedMaterial, from_phong
+from tiscene.usd.importers.polygons import split_polygons
 
 # Meters per unit and up axis of each format, by its definition or by convention.
 CONVENTIONS = {
@@ -142,8 +143,9 @@ def _read_with_trimesh(name: str, files: Mapping[str, bytes], resolver: _FileRes
     """Read the meshes of an OBJ, PLY or STL file."""
     import trimesh
 
-    suffix = Path(name).suffix.lower().removeprefix(".")
-    scene = trimesh.load_scene(io.BytesIO(files[name]), file_type=suffix, resolver=resolver, process=False)
+    suffix = Path(name).suffix.lower()
+    file = io.BytesIO(split_polygons(suffix, files[name]))
+    scene = trimesh.load_scene(file, file_type=suffix.removeprefix("."), resolver=resolver, process=False)
     return [
         _read_mesh(node, scene.geometry[geometry], np.asarray(matrix, np.float64))
         for node in scene.graph.nodes_geometry
