@@ -39,6 +39,43 @@ def test_taxonomies(tmp_path):
     assert [each.category for each in read(tmp_path, body).objects] == ["one", "two", "a"]
 
 
+def blender(name: str, object_name: str, data: str, instanceable: bool = False) -> str:
+    """Return an object as Blender 5.0 exports it: a transform, and the mesh that is its data."""
+    return f"""
+def Xform "{name}" (instanceable = {str(instanceable).lower()})
+{{
+    custom string userProperties:blender:object_name = "{object_name}"
+    def Cube "{data}"
+    {{
+    }}
+}}"""
+
+
+def test_categories_of_a_blender_stage_without_labels_are_the_names_of_its_objects(tmp_path):
+    merged = """
+def Cube "Merged"
+{
+    custom string userProperties:blender:object_name = "Shelf 2"
+}
+def Xform "Parent"
+{
+    custom string userProperties:blender:object_name = "Group"
+    def Xform "Child"
+    {
+        def Cube "Plain_2"
+        {
+        }
+    }
+}"""
+    body = (
+        blender("Chair_001", "Chair.001", "Cube")
+        + blender("Table", "Table", "Cube_001")
+        + blender("Cone_13_0", "Cone.002", "Mesh", instanceable=True)
+        + merged
+    )
+    assert [each.category for each in read(tmp_path, body).objects] == ["Chair", "Table", "Cone", "Shelf", "Plain"]
+
+
 def omniverse(name: str, *labels: tuple[str, str], inside: str = "", schemas: str = "") -> str:
     """Return a cube with labels of Omniverse's SemanticsAPI, by (semanticType, semanticData)."""
     applied = ", ".join(

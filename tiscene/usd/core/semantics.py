@@ -11,7 +11,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from pxr import Kind, Sdf, Usd, UsdSemantics
+from pxr import Kind, Sdf, Usd, UsdGeom, UsdSemantics
 
 from tiscene.errors import UnknownName
 from tiscene.usd.core.package import split_package
@@ -19,6 +19,7 @@ from tiscene.usd.core.prims import ancestors, with_ancestors
 
 PREFERRED_TAXONOMIES = ("class", "category")
 _TYPE, _DATA = ":params:semanticType", ":params:semanticData"  # ends of names of attributes of SemanticsAPI
+_BLENDER_OBJECT = "userProperties:blender:object_name"  # attribute of objects that Blender exports
 ROOM = "room"  # taxonomy of volumes of rooms, which are no objects
 
 
@@ -90,9 +91,25 @@ def check_taxonomy(stage: Usd.Stage, taxonomy: str | None) -> None:
 
 
 def name_label(prim: Usd.Prim) -> str:
-    """Return a category derived from a prim's name: its asset's name, else its own, without a trailing number."""
-    name = str(Usd.ModelAPI(prim).GetAssetName() or prim.GetName())
-    return name.rstrip("0123456789").rstrip("_- ") or name
+    """Return a category derived from a prim's name, without a trailing number.
+
+    It is the name of its asset, else of its object in Blender, else its own.
+    """
+    name = str(Usd.ModelAPI(prim).GetAssetName() or _blender_name(prim) or prim.GetName())
+    return name.rstrip("0123456789").rstrip("_- .") or name
+
+
+def _blender_name(prim: Usd.Prim) -> str:
+    """Return the name of a prim's object in Blender, "" for none.
+
+    Blender writes an object as a transform and names the mesh below it by its data: "Cube" for whatever was made of a
+    cube. Copies by instancing have numbers behind their names.
+    """
+    for each in (prim, prim.GetParent()) if prim.IsA(UsdGeom.Gprim) else (prim,):
+        name = each.GetAttribute(_BLENDER_OBJECT)
+        if name:
+            return str(name.Get() or "")
+    return ""
 
 
 def asset_name(prim: Usd.Prim) -> str:
