@@ -196,3 +196,8 @@ def test_files_of_other_formats_say_how_they_begin(tmp_path, name, content, text
 def test_messages_hold_no_addresses(tmp_path):
     text = 'def "A" (references = @stage.usda@</A>)\n{\n}\n' + CUBE
     read_with_warning(tmp_path, text, r"Cycle detected: @[^@]*stage\.usda@</A> references")
+
+
+def test_transform_with_the_faces_of_a_mesh_is_reported(tmp_path):
+    body = f'def Cube "Cube" {{}}\ndef Xform "Merged" {{{QUAD}}}'
+    read_with_warning(tmp_path, body, r"of type Xform with the faces of a mesh.* are not drawn: </Merged>")

@@ -187,7 +187,10 @@ class StageReader(PointInstancerReader):
         return True
 
     def _report_undrawn(self, prim: Usd.Prim) -> None:
-        """Report a prim that other renderers draw and this one does not."""
+        """Report a prim that other renderers draw and this one does not, and one whose type loses its mesh."""
+        if prim.IsA(UsdGeom.Xform) and prim.HasAttribute(UsdGeom.Tokens.faceVertexIndices):  # by "Merge Parent Xform"
+            text = "prims of type Xform with the faces of a mesh, as Blender writes merged objects that move,"
+            self._report.omission(prim.GetPath(), f"{text} {UNDRAWN}")
         kind = prim.GetTypeName()
         if prim.IsA(UsdGeom.Boundable) and not prim.IsA(UsdSkel.Root) and not prim.IsA(UsdSkel.Skeleton):
             self._report.omission(prim.GetPath(), f"prims of type {kind} {UNDRAWN}")
