@@ -9,7 +9,8 @@
     materialx_file        .mtlx files as XML, with those that they include
     materialx_document    .mtlx files as USD layers
     materialx_surface     standard_surface, open_pbr_surface, gltf_pbr as materials
-    materialx_bsdf        surfaces of one BSDF as open_pbr_surface
+    materialx_bsdf        BSDFs and EDFs of a surface as weighted lobes
+    materialx_folding     weighted lobes as inputs of standard_surface
     materialx_models      names and defaults of their inputs
     materialx_inputs      inputs of a surface as numbers and textures
     materialx_lobes       inputs that UsdPreviewSurface lacks

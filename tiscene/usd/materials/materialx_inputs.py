@@ -3,8 +3,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
 from typing import Any, Literal
 
 import numpy as np
@@ -28,6 +28,7 @@ class SurfaceInputs:
         network: evaluates them.
         report: collects what is not applied.
         uv_set: returns which uv set of the vertices holds a primvar.
+        computed: values of inputs that come before the authored ones.
     """
 
     path: Sdf.Path
@@ -35,12 +36,17 @@ class SurfaceInputs:
     network: MaterialXNetwork
     report: StageReport
     uv_set: Callable[[str], Literal[0, 1]]
+    computed: Mapping[str, Signal] = field(default_factory=dict)
+
+    def gives(self, name: str) -> bool:
+        """Return whether an input is authored or computed."""
+        return name in self.computed or name in self.authored
 
     def signal(self, named: tuple[str, Any] | None) -> Signal | None:
         """Return an input's value; None: there is no such input."""
         if named is None:
             return None
-        return self.network.value(self.authored.get(named[0]), named[1])
+        return self.computed.get(named[0]) or self.network.value(self.authored.get(named[0]), named[1])
 
     def required(self, named: tuple[str, Any] | None) -> Signal:
         """Return the value of an input that the model has."""

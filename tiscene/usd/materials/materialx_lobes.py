@@ -103,7 +103,7 @@ class ExtendedSurface:
 
     def _differs(self, named: Named, neutral: Any) -> bool:
         """Return whether an input is authored and has an effect."""
-        if named[0] not in self._values.authored:
+        if not self._values.gives(named[0]):
             return not np.allclose(named[1], neutral)
         signal = self._values.required(named)
         return signal.constant is None or not bool(np.allclose(signal.constant, neutral))

@@ -175,9 +175,9 @@ class MaterialXSurface:
         """Report inputs that have an effect and no counterpart."""
         found = []
         for name, neutral in self._model.unsupported.items():
-            if name not in self._inputs:
+            if not self._values.gives(name):
                 continue
-            signal = self._network.value(self._inputs[name], neutral)
+            signal = self._values.signal((name, neutral))
             if signal is not None and not (signal.constant is not None and np.allclose(signal.constant, neutral)):
                 found.append(name)
         if found:

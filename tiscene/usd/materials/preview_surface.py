@@ -20,7 +20,8 @@ from tiscene.usd.core.report import StageReport
 from tiscene.usd.core.shader_network import ShaderConnection, Source, broken_connections, connections_of, shader_id
 from tiscene.usd.geometry.display_color import constant_primvar, varies_over_surface
 from tiscene.usd.geometry.primvar import NO_PRIMVARS, report_missing_coordinates
-from tiscene.usd.materials.materialx_bsdf import OPENPBR, openpbr_inputs
+from tiscene.usd.materials.materialx_bsdf import SURFACES, reads_surface
+from tiscene.usd.materials.materialx_folding import FOLDED, folded_inputs
 from tiscene.usd.materials.materialx_inputs import SurfaceInputs
 from tiscene.usd.materials.materialx_models import MODELS
 from tiscene.usd.materials.materialx_network import MaterialXNetwork, vertex_colors
@@ -105,10 +106,12 @@ class NetworkReader:
         for output in material.GetDisplacementOutputs():
             if output.HasConnectedSource():
                 self._report.omission(material.GetPath(), "displacement is not applied")
-        if name == "ND_surface":
-            name, inputs = OPENPBR, openpbr_inputs(surface, self._time) or {}
         network = MaterialXNetwork(surface.GetPath(), self._textures, self._time, self._report, self._vertex_signal)
-        values = SurfaceInputs(surface.GetPath(), inputs, network, self._report, self._uv_set)
+        computed: dict[str, Signal] = {}
+        if name in SURFACES:
+            name = FOLDED
+            inputs, computed = folded_inputs(surface, self._time, network, self._report)
+        values = SurfaceInputs(surface.GetPath(), inputs, network, self._report, self._uv_set, computed)
         mapped = MaterialXSurface(name, values, UsdGeom.GetStageMetersPerUnit(surface.GetPrim().GetStage()))
         return mapped.material(str(material.GetPrim().GetName()), str(material.GetPath()))
 
@@ -134,7 +137,7 @@ class NetworkReader:
                 name = shader_id(shader) if shader else ""
                 if name == "UsdPreviewSurface":
                     preview = preview or shader
-                elif name in MODELS or (name == "ND_surface" and openpbr_inputs(shader, self._time)):
+                elif name in MODELS or (name in SURFACES and reads_surface(shader, self._time)):
                     return shader
                 elif preview is None or name.startswith("ND_"):
                     unknown.append(name or ("" if shader else str(attribute.GetPrim().GetTypeName())))
