@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from PIL import Image
 
 from tests.usd.helpers import write
 from tests.usd.materials.test_materialx import (
@@ -20,6 +21,7 @@ from tests.usd.materials.test_materialx import (
     warned_material,
 )
 from tiscene.errors import StageWarning
+from tiscene.usd.materials.materialx_operations import hsv_to_rgb
 from tiscene.usd.read.stage_reader import read_stage
 
 
@@ -199,3 +201,26 @@ def test_color_spaces_are_those_of_the_library(tmp_path, space, function):
     np.testing.assert_allclose(material.diffuse_color, function(np.array([0.5, 0.4, 0.3])), atol=1e-4)
     pixels = description.textures[material.emissive_color.texture].pixels
     np.testing.assert_allclose(pixels[..., :3], np.maximum(function(PIXELS / 255.0), 0.0), atol=1e-4)
+
+
+@pytest.mark.parametrize("dtype", [np.float32, np.float64])
+def test_hues_of_any_turn_have_the_colors_of_their_remainder(dtype):
+    """Remainders of few periods are computed by subtraction, to the bit."""
+    hues = np.concatenate([np.random.default_rng(3).uniform(-0.16, 2.1, 1000), [0.0, 1.0, 2.0, -1e-9, 1.0 - 1e-9]])
+    for turned in (hues, hues * 100.0):
+        hsv = np.stack([turned, np.full_like(turned, 0.75), np.ones_like(turned)], axis=-1).astype(dtype)
+        steps = np.stack([hsv[:, 0] * 6.0 + each for each in (5.0, 3.0, 1.0)], axis=-1) % 6.0
+        expected = 1.0 - hsv[:, 1:2] * np.clip(np.minimum(steps, 4.0 - steps), 0.0, 1.0)
+        np.testing.assert_array_equal(hsv_to_rgb(hsv), expected)
+
+
+def test_images_are_computed_whole_whatever_their_rows(tmp_path):
+    """Strips of 24 rows of a picture whose last one is narrower."""
+    levels = np.random.default_rng(4).integers(0, 256, (100, 680), np.uint8)
+    Image.fromarray(levels).save(tmp_path / "tall.png")
+    squared = node("multiply", "float", linked("in1", "picture", "float"), linked("in2", "picture", "float"))
+    text = document(linked("metalness", "N", "float"), nodes=picture("float", file="tall.png") + squared)
+    description = stage_of(tmp_path, text)
+    lookup = description.materials[0].metallic
+    pixels = description.textures[lookup.texture].pixels[..., 0]
+    np.testing.assert_array_equal(pixels, np.rint((np.float32(levels) / 255) ** 2 * 255))

@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 from typing import Any, cast
 
@@ -19,6 +19,7 @@ from tiscene.usd.materials.texture import IDENTITY, Affine, Encoding, TextureTab
 _MAX_SIZE = 2048  # px, of a side of a computed image
 _CHANNELS = ("r", "g", "b", "a")
 _AFFINE = 1e-5  # largest relative error of coordinates that count as an affine map
+_STRIP = 16384  # texels of a strip
 _GRAY = 0.02  # largest difference between the components of what counts as gray
 
 
@@ -51,9 +52,14 @@ class Baker:
             self._whitened()
         space, size = self._common_space(varying)
         wraps = next((each.wraps for each in varying if each.row is not None), ("repeat", "repeat"))
-        values = [each.constant if each.constant is not None else self._sampled(each, space, size) for each in operands]
+        readers = [self._reader(each, space, size) for each in operands]
+        image: Image | None = None
         with np.errstate(all="ignore"):
-            image = np.nan_to_num(function(*values)).astype(np.float32)
+            for rows in _strips(size):
+                values = np.nan_to_num(function(*(read(rows) for read in readers)))
+                if image is None:
+                    image = np.empty((*size, values.shape[-1]), np.float32)
+                image[rows] = values
         return Signal(image=image, coordinates=space, wraps=cast(Any, wraps))
 
     def affine(self, signal: Signal, factor: ArrayLike, summand: ArrayLike = 0.0) -> Signal:
@@ -119,6 +125,15 @@ class Baker:
         size = min(size, _MAX_SIZE)
         return Coordinates(IDENTITY, primvar), (size, size)
 
+    def _reader(self, signal: Signal, space: Coordinates, size: tuple[int, int]) -> Callable[[slice], Any]:
+        """Return a function of rows that returns a signal's values there, as `_sampled`; a constant has no rows."""
+        if signal.constant is not None:
+            return lambda rows: signal.constant
+        if signal.row is not None and signal.coordinates == space and self._size(signal) == size:
+            return lambda rows: self._pixels(signal, rows)
+        values = self._sampled(signal, space, size)
+        return lambda rows: values[rows]
+
     def _sampled(self, signal: Signal, space: Coordinates, size: tuple[int, int]) -> Image:
         """Return a signal's values [h, w, c] at the texels of an image in some space."""
         if signal.uv is not None:
@@ -145,15 +160,15 @@ class Baker:
             rows, columns = self._textures.textures[signal.row].pixels.shape[:2]
         return rows, columns
 
-    def _pixels(self, signal: Signal) -> Image:
-        """Return the values of a texture or image at its own texels, [h, w, c]."""
+    def _pixels(self, signal: Signal, rows: slice = slice(None)) -> Image:
+        """Return the values of a texture or image at its own texels, or some rows of them, [h, w, c]."""
         if signal.image is not None:
-            return signal.image
+            return signal.image[rows]
         if signal.row is None or signal.scale is None or signal.bias is None:
             return np.full((1, 1, signal.width), 0.5, np.float32)
         values = np.ones((1, 1, len(signal.channels)), np.float32)
         if signal.row != VERTEX_COLORS:
-            values = _linear(self._textures.textures[signal.row])[..., list(signal.channels)]
+            values = _linear(self._textures.textures[signal.row], rows)[..., list(signal.channels)]
         return np.asarray(values * signal.scale.astype(np.float32) + signal.bias.astype(np.float32))
 
     def is_gray(self, signal: Signal) -> bool:
@@ -211,13 +226,20 @@ def _wrapped(index: NDArray[np.int64], size: int, wrap: str) -> NDArray[np.int64
     return np.clip(index, 0, size - 1)
 
 
-def _linear(texture: Texture) -> Image:
-    """Return a texture's linear RGBA, float32 [h, w, 4]."""
-    if texture.pixels.dtype != np.uint8:
-        return np.asarray(texture.pixels, np.float32)
+def _strips(size: tuple[int, int]) -> Iterator[slice]:
+    """Yield the rows of an image in strips, whose intermediate values stay in the processor's cache."""
+    count = max(_STRIP // max(size[1], 1), 1)
+    return (slice(start, min(start + count, size[0])) for start in range(0, size[0], count))
+
+
+def _linear(texture: Texture, rows: slice) -> Image:
+    """Return rows of a texture's linear RGBA, float32 [h, w, 4]."""
+    pixels = texture.pixels[rows]
+    if pixels.dtype != np.uint8:
+        return np.asarray(pixels, np.float32)
     numbers = np.arange(256, dtype=np.float32) / np.float32(255.0)
-    values = (decode_srgb(numbers) if texture.encoding == "srgb" else numbers)[texture.pixels]
-    values[..., 3] = numbers[texture.pixels[..., 3]]
+    values = (decode_srgb(numbers) if texture.encoding == "srgb" else numbers)[pixels]
+    values[..., 3] = numbers[pixels[..., 3]]
     return np.asarray(values)
 
 
@@ -227,11 +249,14 @@ def _stored(image: Image) -> tuple[Any, Encoding]:
     Colors within 0..1 become 8-bit sRGB, numbers within 0..1 raw 8 bits, everything else stays float.
     """
     low, high = float(image.min(initial=0.0)), float(image.max(initial=0.0))
-    pixels = np.ones((*image.shape[:2], 4), np.float32)
-    pixels[..., :3] = image
+    size = image.shape[0], image.shape[1]
     if low < 0.0 or high > 1.0:
+        pixels = np.ones((*size, 4), np.float32)
+        pixels[..., :3] = image
         return pixels, "raw"
     encoding: Encoding = "srgb" if image.shape[2] == 3 else "raw"
-    if encoding == "srgb":
-        pixels[..., :3] = encode_srgb(pixels[..., :3])
-    return np.rint(pixels * 255.0).astype(np.uint8), encoding
+    stored = np.full((*size, 4), 255, np.uint8)
+    for rows in _strips(size):
+        values = encode_srgb(image[rows]) if encoding == "srgb" else image[rows]
+        stored[rows, :, :3] = np.rint(values * 255.0)
+    return stored, encoding
