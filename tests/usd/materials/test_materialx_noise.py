@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""MaterialX's two-dimensional noises and patterns: against scalar versions, and in a network."""
+"""MaterialX's noises and patterns: against scalar versions, and in a network."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ import math
 import numpy as np
 import pytest
 
-from tests.usd.materials.test_materialx import color_from, document, given, linked, material_of, node
+from tests.usd.materials.test_materialx import color_from, document, given, linked, material_of, node, warned_material
 from tiscene.usd.materials.materialx_noise import evaluate_noise, lattice_hash
 
 MASK = 0xFFFFFFFF
@@ -48,6 +48,131 @@ def scalar_noise(x: float, y: float) -> float:
     low = corner(0, 0) + (corner(1, 0) - corner(0, 0)) * fade(fx)
     high = corner(0, 1) + (corner(1, 1) - corner(0, 1)) * fade(fx)
     return 0.6616 * (low + (high - low) * fade(fy))
+
+
+def scalar_hash_of_three(x: int, y: int, z: int, more: int | None = None) -> int:
+    """Return Jenkins' hash of three or four integers, in Python's own integers."""
+    start = (0xDEADBEEF + (12 if more is None else 16) + 13) & MASK
+    a, b, c = ((start + each) & MASK for each in (x, y, z))
+
+    def turned(value: int, bits: int) -> int:
+        return (value << bits | value >> (32 - bits)) & MASK
+
+    if more is not None:
+        for first, second, third in ((4, 6, 8), (16, 19, 4)):
+            a = ((a - c) & MASK) ^ turned(c, first)
+            c = (c + b) & MASK
+            b = ((b - a) & MASK) ^ turned(a, second)
+            a = (a + c) & MASK
+            c = ((c - b) & MASK) ^ turned(b, third)
+            b = (b + a) & MASK
+        a = (a + more) & MASK
+    c = ((c ^ b) - turned(b, 14)) & MASK
+    a = ((a ^ c) - turned(c, 11)) & MASK
+    b = ((b ^ a) - turned(a, 25)) & MASK
+    c = ((c ^ b) - turned(b, 16)) & MASK
+    a = ((a ^ c) - turned(c, 4)) & MASK
+    b = ((b ^ a) - turned(a, 14)) & MASK
+    return ((c ^ b) - turned(b, 24)) & MASK
+
+
+def scalar_noise_of_three(x: float, y: float, z: float) -> float:
+    """Return gradient noise of three dimensions, of one channel: a sum over corners of products of weights."""
+    cell = [math.floor(each) for each in (x, y, z)]
+    total = 0.0
+    for corner in range(8):
+        step = [corner >> k & 1 for k in range(3)]
+        h = scalar_hash_of_three(*(i + s for i, s in zip(cell, step, strict=True))) & 15
+        ox, oy, oz = (each - i - s for each, i, s in zip((x, y, z), cell, step, strict=True))
+        u = ox if h < 8 else oy
+        v = oy if h < 4 else ox if h in (12, 14) else oz
+        weight = 1.0
+        for each, i, s in zip((x, y, z), cell, step, strict=True):
+            t = each - i
+            fade = t * t * t * (t * (t * 6.0 - 15.0) + 10.0)
+            weight *= fade if s else 1.0 - fade
+        total += weight * ((-u if h & 1 else u) + (-v if h & 2 else v))
+    return 0.9820 * total
+
+
+def scalar_worley(at: tuple[float, ...]) -> list[float]:
+    """Return the distances to the points of the cells around a place of two or three dimensions, ascending."""
+    found = []
+    for index in range(3 ** len(at)):
+        cell = [math.floor(each) + index // 3**k % 3 - 1 for k, each in enumerate(at)]
+        hashes = [
+            scalar_hash_of_three(*cell, k) if len(at) == 3 else scalar_hash_of_three(cell[0], cell[1], k)
+            for k in range(len(at))
+        ]
+        found.append(math.dist(at, [i + h / MASK for i, h in zip(cell, hashes, strict=True)]))
+    return sorted(found)
+
+
+def test_noises_of_three_dimensions_match_scalar_versions() -> None:
+    at = np.random.default_rng(5).uniform(-5.0, 5.0, (40, 3))
+    expected = [scalar_noise_of_three(*each) for each in at]
+    np.testing.assert_allclose(evaluate_noise("noise3d", at, 1, ())[:, 0], expected, atol=1e-9)
+    octaves = [scalar_noise_of_three(*each) + 0.25 * scalar_noise_of_three(*(3 * each)) for each in at]
+    np.testing.assert_allclose(evaluate_noise("fractal3d", at, 1, (2, 3.0, 0.25))[:, 0], octaves, atol=1e-9)
+    cells = [scalar_hash_of_three(*(math.floor(each) for each in place)) / MASK for place in at]
+    np.testing.assert_allclose(evaluate_noise("cellnoise3d", at, 1, ())[:, 0], cells)
+
+
+@pytest.mark.parametrize("dimensions", [2, 3])
+def test_worley_noise_matches_scalar_version(dimensions) -> None:
+    """The solid style has one value for all places that are nearest to the same point."""
+    at = np.random.default_rng(6).uniform(-5.0, 5.0, (40, dimensions))
+    expected = [scalar_worley(tuple(each))[:3] for each in at]
+    np.testing.assert_allclose(evaluate_noise(f"worleynoise{dimensions}d", at, 3, (1.0, 0.0)), expected, atol=1e-9)
+    middles = np.floor(at) + 0.5
+    solid = evaluate_noise(f"worleynoise{dimensions}d", at, 1, (0.0, 1.0))
+    np.testing.assert_array_equal(solid, evaluate_noise(f"cellnoise{dimensions}d", middles, 1, ()))
+
+
+POINT = """<texcoord name="st" type="vector2"/>
+  <convert name="wide" type="vector3"><input name="in" type="vector2" nodename="st"/></convert>
+  <multiply name="eight" type="vector3"><input name="in1" type="vector3" nodename="wide"/>
+    <input name="in2" type="vector3" value="8, 8, 8"/></multiply>
+  <add name="at" type="vector3"><input name="in1" type="vector3" nodename="eight"/>
+    <input name="in2" type="vector3" value="0, 0.5, 0.3"/></add>"""
+PLACE = '<input name="position" type="vector3" nodename="at"/>'
+
+
+@pytest.mark.parametrize(
+    ("category", "more", "function"),
+    [
+        ("noise3d", given("amplitude", "0.25") + given("pivot", "0.5"),
+         lambda p: 0.5 + 0.25 * scalar_noise_of_three(*p)),
+        ("worleynoise3d", "", lambda p: scalar_worley(p)[0]),
+        ("unifiednoise3d", "", lambda p: 0.5 + 0.5 * scalar_noise_of_three(*p)),
+        ("unifiednoise3d", given("type", "2", "integer") + given("outmin", "0.5"),
+         lambda p: 0.5 + 0.5 * scalar_worley(p)[0]),
+    ],
+)  # fmt: skip
+def test_noise_of_three_dimensions_of_texture_coordinates_is_computed(tmp_path, category, more, function):
+    """At (8 u, 8 v + 0.5, 0.3)."""
+    _, pixels = color_from(tmp_path, POINT + node(category, "float", more, PLACE), "float")
+    for row, column in ((3, 5), (200, 100), (511, 300)):
+        u, v = (column + 0.5) / 512, 1.0 - (row + 0.5) / 512
+        assert pixels[row, column, 0] == pytest.approx(function((8 * u, 8 * v + 0.5, 0.3)), abs=5e-3)
+
+
+@pytest.mark.parametrize("nodes", ["", '<position name="at" type="vector3"/>'])
+def test_noise_of_the_place_in_space_is_its_mean(tmp_path, nodes):
+    place = PLACE if nodes else ""
+    text = nodes + node("fractal3d", "float", place)
+    text = document(linked("metalness", "N", "float"), nodes=text)
+    material = warned_material(tmp_path, text, "'fractal3d' is not computed; its mean is used")
+    assert material.metallic == 0.0
+
+
+def test_jitter_turns_unified_noise(tmp_path):
+    """By 90000 degrees for each unit: of 0.999, -90 degrees, clockwise. (u, v) turns to (-v, u)."""
+    jittered = given("jitter", "0.999") + given("freq", "8, 8", "vector2")
+    _, pixels = color_from(tmp_path, node("unifiednoise2d", "float", jittered), "float")
+    for row, column in ((3, 5), (200, 100)):
+        u, v = 8.0 * (column + 0.5) / 512, 8.0 * (1.0 - (row + 0.5) / 512)
+        assert pixels[row, column, 0] == pytest.approx(0.5 + 0.5 * scalar_noise(-v, u), abs=5e-3)
 
 
 def test_hash_matches_scalar_version() -> None:

@@ -16,7 +16,7 @@
     materialx_lobes       inputs that UsdPreviewSurface lacks
     materialx_network     networks of MaterialX nodes
     materialx_operations  MaterialX's operations on values
-    materialx_noise       two-dimensional noises
+    materialx_noise       noises of texture coordinates
     materialx_signal      values of a network: constants, texture lookups, computed images
     materialx_baker       values per texel, as texture lookups
     texture          the texture table: image files, UDIM tiles, color spaces

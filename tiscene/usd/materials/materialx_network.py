@@ -2,8 +2,8 @@
 """MaterialX node networks (shaders with ids such as ND_multiply_color3) as signals.
 
 Nodes that only depend on texture coordinates, image files and constants are computed (`materialx_operations`,
-`materialx_noise`). A node that is not supported, such as three-dimensional noise, is replaced by its mean, which is
-reported. (The texture baker of the MaterialX package needs OpenGL, so that it cannot run everywhere.)
+`materialx_noise`). A node that is not supported, such as noise of the place in space, is replaced by its mean, which
+is reported. (The texture baker of the MaterialX package needs OpenGL, so that it cannot run everywhere.)
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from tiscene.usd.core.color_space import LINEAR, SRGB, attribute_colors, color_s
 from tiscene.usd.core.report import StageReport
 from tiscene.usd.core.shader_network import ShaderConnection, Source, connections_of
 from tiscene.usd.materials.materialx_baker import Baker
-from tiscene.usd.materials.materialx_noise import NOISES_2D, evaluate_noise
+from tiscene.usd.materials.materialx_noise import NOISES_2D, NOISES_3D, noise_signal
 from tiscene.usd.materials.materialx_operations import OPERATIONS
 from tiscene.usd.materials.materialx_signal import (
     Coordinates,
@@ -38,8 +38,8 @@ _COMPONENTS = {"x": 0, "y": 1, "z": 2, "w": 3, "r": 0, "g": 1, "b": 2, "a": 3}
 _WIDTHS = {"float": 1, "integer": 1, "boolean": 1, "color3": 3, "vector3": 3, "color4": 4, "vector4": 4, "vector2": 2}
 _WRAPS = {"periodic": "repeat", "clamp": "clamp", "mirror": "mirror", "constant": "black"}
 _THROUGH = ("convert", "dot", "blur", "constant", "normalmap")  # nodes that pass one input on
-_MEANS = {"cellnoise2d": 0.5, "cellnoise3d": 0.5, "worleynoise2d": 0.5, "worleynoise3d": 0.5, "unifiednoise3d": 0.5}
-_NOISES = ("noise2d", "noise3d", "fractal2d", "fractal3d", *_MEANS)
+_NOISES = (*NOISES_2D, *NOISES_3D)
+_MEAN_HALF = tuple(each for each in _NOISES if each.startswith(("cell", "worley", "unified")))
 _SIMPLIFIED = {  # nodes that are drawn as another one
     "hextiledimage": "drawn as a tiledimage",
     "triplanarprojection": "drawn as its filez, by the mesh's texture coordinates",
@@ -204,24 +204,22 @@ class MaterialXNetwork:
         return [_COMPONENTS.get(source.output[-1:], 0)]
 
     def _noise(self, category: str, source: Source, inputs: dict[str, ShaderConnection]) -> Signal:
-        """Return a noise of two dimensions, computed per texel, else the mean, which is reported."""
-        width = 1 if category == "cellnoise2d" else _output_width(source, category)
-        if category in NOISES_2D and width in (1, 3):
-            octaves = ("octaves", 3.0), ("lacunarity", 2.0), ("diminish", 0.5)
-            numbers = [float(self.baker.mean(self._required(inputs.get(name), start))[0]) for name, start in octaves]
-            amplitude = None if category == "cellnoise2d" else inputs.get("amplitude")
-            raised = inputs.get("pivot") if category == "noise2d" else None
-            return self.baker.apply(
-                lambda at, factor, summand: factor * evaluate_noise(category, at, width, numbers) + summand,
-                self._required(inputs.get("texcoord"), None),
-                self._required(amplitude, 1.0),
-                self._required(raised, 0.0),
+        """Return a noise of texture coordinates, computed per texel, else the mean, which is reported."""
+        at = (
+            self.value(inputs.get("position"), "")
+            if category in NOISES_3D
+            else self._required(inputs.get("texcoord"), None)
+        )
+        if at is not None and (at.constant is None or category in NOISES_2D):
+            width = 1 if category.startswith("cell") else _output_width(source, category)
+            found = noise_signal(
+                category, at, width, lambda name, start: self._required(inputs.get(name), start), self.baker
             )
+            if found is not None:
+                return found
         text = f"MaterialX node {category!r} is not computed; its mean is used"
         self._report.omission(source.shader.GetPath(), text)
-        mean = _MEANS.get(category)
-        pivot = self._required(inputs.get("pivot"), 0.0)
-        return pivot if mean is None else number(mean)
+        return number(0.5) if category in _MEAN_HALF else self._required(inputs.get("pivot"), 0.0)
 
     def _primvar(self, category: str, source: Source, inputs: dict[str, ShaderConnection]) -> Signal | None:
         """Return texture coordinates, or another primvar: a constant or the vertices' colors."""
@@ -257,7 +255,7 @@ class MaterialXNetwork:
                 return at
             if axis[2] == 0.0 or axis[:2].any():
                 return None
-            return Signal(uv=at.uv.mapped(rotation(-math.copysign(turn, turn * axis[2]))))
+            return Signal(uv=at.uv.mapped(rotation(-math.copysign(turn, turn * axis[2]))), third=at.third)
         if category == "rotate2d":
             return self.baker.mapped(at, rotation(-numbers("amount", (0.0,))[0]))
         if category == "UsdTransform2d":

@@ -178,7 +178,7 @@ def _ramp4(top_left: Array, top_right: Array, bottom_left: Array, bottom_right: 
     return np.asarray(bottom + (top - bottom) * v)
 
 
-def _rotate3d(vector: Array, degrees: Array, axis: Array) -> Array:
+def rotate3d(vector: Array, degrees: Array, axis: Array) -> Array:
     axis = axis / np.maximum(np.linalg.norm(axis, axis=-1, keepdims=True), 1e-12)
     turn = np.radians(degrees)
     along = axis * (axis * vector).sum(axis=-1, keepdims=True)
@@ -229,7 +229,7 @@ OPERATIONS: dict[str, Operation] = {
     "atan2": ((("iny", 0.0), ("inx", 1.0)), np.arctan2),
     "fract": _single(lambda a: a - np.floor(a)),
     "trianglewave": _single(lambda a: 0.5 - np.abs(np.abs(a) % 1.0 - 0.5)),
-    "rotate3d": ((("in", 0.0), ("amount", 0.0), ("axis", (0.0, 1.0, 0.0))), _rotate3d),
+    "rotate3d": ((("in", 0.0), ("amount", 0.0), ("axis", (0.0, 1.0, 0.0))), rotate3d),
     "crossproduct": _pair(lambda a, b: np.cross(a[..., :3], b[..., :3]), 0.0, 0.0),
     "distance": _pair(lambda a, b: np.linalg.norm(a - b, axis=-1, keepdims=True), 0.0, 0.0),
     "and": _logic(np.logical_and),

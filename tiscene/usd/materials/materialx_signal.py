@@ -51,7 +51,8 @@ class Signal:
 
     Attributes:
         constant: float64 [c], the same everywhere.
-        uv: texture coordinates as a value of two components, or as a point whose third is not used.
+        uv: texture coordinates as a value of two components, or as a point.
+        third: constant third component of such a point.
         row: row of the texture table that is looked up; VERTEX_COLORS: the vertices' colors.
         channels: channels of that texture, one per component.
         scale: float64 [c], factor of each component.
@@ -63,6 +64,7 @@ class Signal:
 
     constant: Floats | None = None
     uv: Coordinates | None = None
+    third: float = 0.0
     row: int | None = None
     channels: tuple[int, ...] = ()
     scale: Floats | None = None
@@ -83,10 +85,10 @@ class Signal:
     def select(self, components: Sequence[int]) -> Signal:
         """Return a signal of some of the components, in any order and number.
 
-        Missing ones are the last, or 0 of texture coordinates.
+        Missing ones are the last, or that of the point of texture coordinates.
         """
         if self.uv is not None and list(components) != [0, 1]:
-            point = np.pad(grid(DEFAULT_SIZE, self.uv), ((0, 0), (0, 0), (0, 1)))
+            point = np.pad(grid(DEFAULT_SIZE, self.uv), ((0, 0), (0, 0), (0, 1)), constant_values=self.third)
             values = point[..., [min(each, 2) for each in components]]
             return Signal(image=values, coordinates=Coordinates(primvar=self.uv.primvar))
         rows = [min(each, self.width - 1) for each in components]
@@ -111,7 +113,8 @@ class Signal:
             return Signal(constant=_wide(self.constant, width) * factor + summand)
         if self.uv is not None and width <= 3:
             matrix = np.array([[factor[0], 0.0, summand[0]], [0.0, factor[1], summand[1]], [0.0, 0.0, 1.0]])
-            return Signal(uv=self.uv.mapped(matrix))
+            third = self.third * factor[-1] + (summand[-1] if width == 3 else 0.0)
+            return Signal(uv=self.uv.mapped(matrix), third=float(third))
         if self.row is None or self.uv is not None:
             return None
         wide = self.of_width(width)
