@@ -313,3 +313,17 @@ def test_same_material_in_both_languages_gives_the_same_picture(tmp_path):
         pictures.append(render(description, camera, (12, 8), spp=8).hdr)
     assert pictures[0].std() > 0.05
     assert pictures[0].tobytes() == pictures[1].tobytes()
+
+
+@pytest.mark.parametrize(
+    ("alpha", "expected"),
+    [("0.5", (0.25, "transparent", 0.0)), ("0.25", (0.25, "presence", 0.5))],
+)
+def test_mask_that_cuts_nothing_out_keeps_the_transmission(tmp_path, alpha, expected):
+    surface = given("transmission", "0.75") + given("alpha", alpha) + given("alpha_mode", "1", "integer")
+    text = document(surface, "gltf_pbr")
+    if expected[1] == "presence":
+        material = warned_material(tmp_path, text, "transmission of a surface that is partly absent is not drawn")
+    else:
+        material = material_of(tmp_path, text)
+    assert (material.opacity, material.opacity_mode, material.opacity_threshold) == expected

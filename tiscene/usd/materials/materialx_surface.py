@@ -92,8 +92,8 @@ class MaterialXSurface:
     def _opacity(self) -> tuple[FloatInput, Literal["transparent", "presence", "transmission"]]:
         """Return the opacity: presence of the surface, else what is not transmitted."""
         presence = self._values.required(self._model.opacity)
-        if self._model.opacity[0] == "alpha" and self._values.number("alpha_mode", 0.0) == 0.0:  # of gltf_pbr: opaque
-            presence = number(1.0)
+        if self._model.opacity[0] == "alpha" and (self._values.number("alpha_mode", 0.0) == 0.0 or self._is_unmasked()):
+            presence = number(1.0)  # of gltf_pbr: opaque
         if presence.width > 1:  # a color; its luminance, as in MaterialX's graphs
             is_gray, color = self._baker.is_gray(presence), presence.of_width(3)
             presence = color.select([0]) if is_gray else self._baker.apply(lambda a: a @ LUMINANCE[:, None], color)
@@ -113,9 +113,18 @@ class MaterialXSurface:
             mode = "presence" if self._token("opacityMode") == "presence" else "transparent"
         return self._values.float_input(presence, "opacity"), mode
 
+    def _is_unmasked(self) -> bool:
+        """Return whether a surface of gltf_pbr transmits light, and its mask cuts nothing out."""
+        alpha, transmission = self._values.required(self._model.opacity), self._values.signal(self._model.transmission)
+        transmits = transmission is not None and (transmission.constant is None or transmission.constant.any())
+        above = alpha.constant is not None and alpha.constant[0] >= self._values.number("alpha_cutoff", 0.5)
+        return bool(transmits and above and self._values.number("alpha_mode", 0.0) == 1.0)
+
     def _threshold(self) -> float:
         if self._model.transmission is None:
             return self._values.number("opacityThreshold", 0.0)
+        if self._is_unmasked():
+            return 0.0
         return self._values.number("alpha_cutoff", 0.5) if self._values.number("alpha_mode", 0.0) == 1.0 else 0.0
 
     def _token(self, name: str) -> str:
