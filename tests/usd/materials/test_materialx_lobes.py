@@ -142,11 +142,13 @@ def test_transmission_color_tints_boundaries_without_a_depth(tmp_path, model):
     assert lobes_of(tmp_path, surface, model) == ExtendedLobes(transmission_color=(0.5, 0.25, 1.0))
 
 
-def test_transmission_depth_gives_absorption_in_meters(tmp_path):
+@pytest.mark.parametrize(
+    "depth", ['value="2"', 'value="20" unit="millimeter" unittype="distance"', 'value="2" unit="centimeter"']
+)
+def test_transmission_depth_gives_absorption_in_meters(tmp_path, depth):
     """The color remains at a depth of 2 units of 1 cm: coefficients are -ln(color) / 0.02 m."""
-    surface = (
-        given("transmission", "1") + given("transmission_color", COLOR, "color3") + given("transmission_depth", "2")
-    )
+    surface = given("transmission", "1") + given("transmission_color", COLOR, "color3")
+    surface += f'<input name="transmission_depth" type="float" {depth}/>'
     (tmp_path / "doc.mtlx").write_text(document(surface))
     body = 'def Scope "Looks" (references = @./doc.mtlx@</MaterialX/Materials>)\n{\n}\n' + QUAD
     lobes = read_stage(write(tmp_path, body, meters=0.01)).materials[0].lobes

@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tiscene.scene.description import Color, ExtendedLobes
+from tiscene.usd.materials.materialx_file import METERS, UNIT
 from tiscene.usd.materials.materialx_inputs import SurfaceInputs
 from tiscene.usd.materials.materialx_models import ExtendedModel, Named
 from tiscene.usd.materials.materialx_network import is_geometric
@@ -148,16 +149,22 @@ class ExtendedSurface:
         if names.depth is not None and not is_thin and values.constant(names.depth)[0] > 0.0:
             named, depth, tint = names.tint, names.depth, number(*_WHITE)
         if named is not None and depth is not None and not is_thin:
-            found["absorption"] = self._absorption(self._color(named), float(values.constant(depth)[0]))
+            found["absorption"] = self._absorption(self._color(named), self._meters_of(depth))
         if tint.constant is None or not np.allclose(tint.constant, 1.0):
             found["transmission_color"] = values.color_input(tint, "transmission_color")
 
     def _absorption(self, color: Color, depth: float) -> Color:
-        """Return coefficients, 1/m, by which a color remains at a depth, scene units; 0: nothing is absorbed."""
+        """Return coefficients, 1/m, by which a color remains at a depth, meters; 0: nothing is absorbed."""
         if depth <= 0.0:
             return _BLACK
-        r, g, b = (-math.log(min(max(each, 1e-4), 1.0)) / (depth * self._meters) + 0.0 for each in color)
+        r, g, b = (-math.log(min(max(each, 1e-4), 1.0)) / depth + 0.0 for each in color)
         return (r, g, b)
+
+    def _meters_of(self, distance: Named) -> float:
+        """Return a distance in meters: in its own unit if it names one, else in scene units."""
+        authored = self._values.authored.get(distance[0])
+        unit = None if authored is None else authored.attribute.GetCustomDataByKey(UNIT)
+        return float(self._values.constant(distance)[0]) * METERS.get(str(unit), self._meters)
 
     def _add_translucency(self, found: dict[str, Any]) -> None:
         """Add the subsurface scattering of a sheet: diffuse light that passes it (half of it, in OpenPBR)."""
