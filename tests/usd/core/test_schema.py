@@ -32,6 +32,16 @@ def test_importing_the_reader_registers_the_schema():
     assert not output.stderr
 
 
+def test_objects_are_found_where_the_process_has_used_usd_before_tiscene():
+    code = (
+        "from pxr import Usd\nstage = Usd.Stage.CreateInMemory()\nprim = stage.DefinePrim('/Thing', 'Xform')\n"
+        "prim.AddAppliedSchema('TisceneObjectAPI')\nfrom tiscene.usd.core import schema\nschema.register()\n"
+        "print([schema.has(prim, name) for name in (schema.OBJECT, schema.MOTION)])"
+    )
+    output = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert output.stdout == "[True, False]\n"
+
+
 def test_plugin_info_and_schema_layer_list_the_same_schemas():
     types = json.loads((schema.FOLDER / "plugInfo.json").read_text())["Plugins"][0]["Info"]["Types"]
     layer = Sdf.Layer.OpenAsAnonymous(str(schema.FOLDER / "generatedSchema.usda"))

@@ -30,7 +30,7 @@ NAMESPACES = {
 
 
 def register() -> None:
-    """Register the schema with USD. It must happen before the first stage is opened, when USD builds its registry."""
+    """Register the schema with USD, which takes note of it until the first stage of the process is opened."""
     Plug.Registry().RegisterPlugins(str(FOLDER))
 
 
@@ -39,7 +39,21 @@ def has(prim: Usd.Prim, schema: str) -> bool:
 
     Properties alone count, since a program that does not know the schema cannot apply it.
     """
-    return schema in prim.GetAppliedSchemas() or bool(prim.GetAuthoredPropertiesInNamespace(NAMESPACES[schema]))
+    return schema in _applied(prim) or bool(prim.GetAuthoredPropertiesInNamespace(NAMESPACES[schema]))
+
+
+def _applied(prim: Usd.Prim) -> list[str]:
+    """Return the names of the schemas that are applied to a prim, also where USD does not know them."""
+    if _is_known():
+        return list(prim.GetAppliedSchemas())
+    names = prim.GetMetadata("apiSchemas")
+    return [] if names is None else list(names.ApplyOperations([]))
+
+
+@functools.cache
+def _is_known() -> bool:
+    """Return whether USD knows the schema. It does not if this process has used USD before it was registered."""
+    return Usd.SchemaRegistry().FindAppliedAPIPrimDefinition(OBJECT) is not None
 
 
 def authored(prim: Usd.Prim, name: str) -> Any:
