@@ -219,3 +219,38 @@ def test_edit_of_the_next_frame_is_not_anticipated_by_the_shutter():
     world.next_frame = 8
     world.move("cube", (0.5, 2.0, 0.0))
     assert world.between(7, Fraction(1))[0].world_from_object.tobytes() == before
+
+
+MOON = """#usda 1.0
+(
+    metersPerUnit = 0.01
+    upAxis = "Z"
+)
+def PhysicsScene "Physics"
+{{
+    {gravity}
+}}
+def Cube "Box" (prepend apiSchemas = ["TisceneObjectAPI", "PhysicsRigidBodyAPI"])
+{{
+    double size = 20
+}}
+"""
+
+
+@pytest.mark.parametrize(
+    ("gravity", "expected"),
+    [
+        ("", (0, 0, -9.81)),
+        ("float physics:gravityMagnitude = 981", (0, 0, -9.81)),
+        ("float physics:gravityMagnitude = 162", (0, 0, -1.62)),
+        ("vector3f physics:gravityDirection = (2, 0, 0)", (9.81, 0, 0)),
+        ("float physics:gravityMagnitude = 0", (0, 0, 0)),
+        ("float physics:gravityMagnitude = inf", (0, 0, -9.81)),
+    ],
+)
+def test_rigid_body_falls_by_the_gravity_of_the_stage(tmp_path, gravity, expected):
+    path = tmp_path / "moon.usda"
+    path.write_text(MOON.format(gravity=gravity))
+    stream = ts.Stream(path, width=8, height=6, buffers=("instance",), fps=50)
+    (box,) = stream.world.state(10).objects
+    assert box.position == pytest.approx([0.5 * each * 0.2**2 for each in expected], abs=1e-9)

@@ -78,6 +78,7 @@ __all__ = [
 
 FloatArray = NDArray[np.float32]
 IntArray = NDArray[np.int32]
+EARTH = 9.81  # m/s2: gravity of stages without their own
 _MAX_POINTS = 1 << 20  # that `mesh_boxes` transforms at once
 
 
@@ -190,6 +191,7 @@ class SceneDescription:
         rooms: Volumes of rooms.
         resolution: Width and height of the image that the stage's RenderSettings ask for, px. None: none.
         camera_paths: Prim paths of the cameras. Empty: unknown.
+        gravity: Of the stage's PhysicsScene, m/s2, world. None: that of the earth.
     """
 
     name: str
@@ -210,6 +212,7 @@ class SceneDescription:
     material_tracks: tuple[InputTrack, ...] = ()
     light_tracks: tuple[InputTrack, ...] = ()
     camera_paths: tuple[str, ...] = ()
+    gravity: Vector3 | None = None
 
     @property
     def is_dark(self) -> bool:

@@ -24,6 +24,7 @@ from tiscene.scenario.edits import Edit, EditLog
 from tiscene.scenario.joints import Joint
 from tiscene.scenario.objects import Object
 from tiscene.scenario.scenario import Scenario
+from tiscene.scene.description import EARTH
 from tiscene.world.physics.joint_tree import WORLD, PhysicsJoint, compose, inverse
 from tiscene.world.physics.part_shapes import PartShape
 from tiscene.world.physics.parts_cache import PartsCache
@@ -32,7 +33,6 @@ from tiscene.world.physics.rigid_body_simulation import PhysicsFrame, RigidBodyS
 from tiscene.world.physics.stage_parts import StageParts
 from tiscene.world.trajectories import Array, Collision, Trajectories, TrajectoryContext, between_poses, replace_rows
 
-GRAVITY = 9.81  # m/s2
 KEPT_SHAPES = 64
 MAX_SIZE = 1e5  # m, of objects: the engine fails on parts of much larger ones
 
@@ -214,8 +214,8 @@ class ScenarioPhysics:
     def _surroundings(self, frame: int) -> Surroundings:
         instances, present = self._setting.instances(frame)
         placed = self._stage_parts.placed(instances, present)
-        up = self._setting.stage.up
-        return Surroundings(placed, (-GRAVITY * up[0], -GRAVITY * up[1], -GRAVITY * up[2]))
+        x, y, z = self._setting.stage.up
+        return Surroundings(placed, self._setting.stage.gravity or (-EARTH * x, -EARTH * y, -EARTH * z))
 
     def _parts_of(self, spec: Object) -> list[PartShape]:
         """Return the parts of an object's collision surface, shared by template and scale."""

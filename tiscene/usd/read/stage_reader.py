@@ -23,6 +23,7 @@ from tiscene.usd.geometry.skinning import prepare_skinning
 from tiscene.usd.geometry.subdivision_budget import DEFAULT_TRIANGLES, limit_subdivision
 from tiscene.usd.lights.light_linking import prepare_links
 from tiscene.usd.read.extracted_prims import RemainderReader, extracted_templates
+from tiscene.usd.read.object_builder import read_gravity
 from tiscene.usd.read.room_volumes import read_room_volumes
 from tiscene.usd.read.subprocess_reader import read_in_subprocess
 from tiscene.usd.read.template import stage_templates
@@ -117,7 +118,8 @@ def read_stage(
             *extracted_templates(stage, extract, time, report, taxonomy),
         )
         description = reader.description(scene_name(Path(path)), templates)
-        description = replace(description, rooms=read_room_volumes(stage, time, report))
+        rooms, gravity = read_room_volumes(stage, time, report), read_gravity(stage)
+        description = replace(description, rooms=rooms, gravity=gravity)
         report.raise_problems(anything_left=bool(description.instances or templates))
         _report_distance(description, stage, report)
     report.warn()
