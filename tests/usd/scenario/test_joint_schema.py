@@ -121,6 +121,7 @@ def Xform "World"
         float physics:lowerLimit = -20
         float physics:upperLimit = 90
         float physics:breakForce = 5
+        float physics:breakTorque = 3.4028235e38
     }
     def PhysicsDistanceJoint "Rope"
     {
@@ -148,6 +149,7 @@ def test_joints_of_another_program_are_read_in_meters_and_their_omissions_are_na
     text = str(warned[0].message)
     for part in ("breakForce", "PhysicsDriveAPI", "PhysicsJoint is not simulated"):
         assert part in text
+    assert "breakTorque" not in text  # the largest float
     hinge, rope = content["joints"]
     assert (hinge["type"], hinge["body"], hinge["parent"], hinge["axis"]) == ("RevoluteJoint", "Door", None, "Y")
     assert (hinge["lower_limit"], hinge["upper_limit"]) == (-90.0, 20.0)  # of the door in the frame

@@ -34,6 +34,7 @@ KINDS = {
     "DistanceJoint": UsdPhysics.DistanceJoint,
 }
 TOLERANCE = 1e-4  # relative, of lengths in stage units that are stored in single precision
+_NEVER = 3.4e38  # some programs write the largest float for a force that no joint is exposed to
 _NOT_SIMULATED = {
     "physics:breakForce": "a joint that breaks",
     "physics:breakTorque": "a joint that breaks",
@@ -212,7 +213,7 @@ def _read_joint(
         return None
     for name, text in _NOT_SIMULATED.items():
         value = schema.authored(prim, name)
-        if value is not None and 0.0 <= value < math.inf:
+        if value is not None and 0.0 <= value < _NEVER:
             report.omission(prim.GetPath(), f"{text} is not simulated ({name})")
     if any(name.startswith("PhysicsDriveAPI") for name in prim.GetAppliedSchemas()):
         report.omission(prim.GetPath(), "the drive of a joint is not simulated (PhysicsDriveAPI)")
