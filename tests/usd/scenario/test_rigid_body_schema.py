@@ -7,6 +7,7 @@ import pytest
 from pxr import Usd, UsdPhysics, UsdShade
 
 import tiscene as ts
+from tiscene.errors import StageWarning
 from tiscene.usd.scenario.read import read_scenario
 
 BODY = ts.RigidBody(density=300, friction=0.4, restitution=0.7, velocity=(1, 0.1, 0), angular_velocity=(0, 2, 0))
@@ -79,3 +80,42 @@ def test_object_that_another_program_made_a_rigid_body_is_one_in_meters_and_radi
     assert body["angular_velocity"] == pytest.approx([0.0, math.pi, 0.0])
     assert body["density"] == pytest.approx(500.0)
     assert set(body) == {"type", "velocity", "angular_velocity", "density"}
+
+
+def test_kinematic_body_of_a_stage_whose_objects_are_rigid_bodies_stands_still(tmp_path):
+    path = tmp_path / "foreign.usda"
+    scenario = 'def Scope "Run" {\n    bool tiscene:scenario:physics = 1\n}\n'
+    path.write_text(FOREIGN.format(kinematic="bool physics:kinematicEnabled = 1") + scenario)
+    (box,) = ts.Scenario.load(path).objects
+    assert box.dynamic == ts.Still()
+
+
+UNREAD = """#usda 1.0
+def Cube "Plain" (prepend apiSchemas = ["TisceneObjectAPI", "PhysicsRigidBodyAPI", "PhysicsMassAPI"])
+{
+    float physics:density = 200
+}
+def Cube "Heavy" (
+    prepend apiSchemas = ["TisceneObjectAPI", "PhysicsRigidBodyAPI", "PhysicsMassAPI", "PhysicsFilteredPairsAPI"]
+)
+{
+    float physics:mass = 3
+    rel physics:filteredPairs = </Plain>
+    bool physics:startsAsleep = 1
+    def Sphere "Inner" (prepend apiSchemas = ["PhysicsRigidBodyAPI"])
+    {
+    }
+}
+"""
+
+
+def test_what_is_not_simulated_of_a_rigid_body_is_named(tmp_path):
+    path = tmp_path / "foreign.usda"
+    path.write_text(UNREAD)
+    with pytest.warns(StageWarning) as caught:
+        read_scenario(path)
+    (warning,) = caught
+    lines = str(warning.message).splitlines()[1:]
+    assert [line.rsplit(": ", 1)[1] for line in lines] == ["</Heavy>"] * 3 + ["</Heavy/Inner>"]
+    for word, line in zip(("mass", "filteredPairs", "startsAsleep", "within"), lines, strict=True):
+        assert word in line

@@ -103,6 +103,7 @@ class _ScenarioReader:
         self._time = reading_time(stage, None)
         self._settings = read_render_settings(stage)
         self._baked = baked_paths(stage)
+        self._physics = False  # whether objects without a dynamic are rigid bodies
 
     def read(self) -> AuthoredScenario:
         scenarios, prims, lights = [], [], []
@@ -120,6 +121,7 @@ class _ScenarioReader:
             prims = [each for path in listed if (each := self._target(root, path))] if listed else prims
             with self._report.guard(root.GetPath()):
                 content = self._scenario(root)
+        self._physics = content.get("physics", False)
         objects, paths = [], []
         for prim in prims:
             made = None
@@ -129,7 +131,7 @@ class _ScenarioReader:
                 objects.append(made)
                 paths.append(str(prim.GetPath()))
         self._name(objects, paths)
-        content |= read_joints(self._stage, objects, paths, content.get("physics", False), self._time, self._report)
+        content |= read_joints(self._stage, objects, paths, self._physics, self._time, self._report)
         cameras, camera, moving = stage_cameras(self._stage), None, {}
         with self._report.guard("/"):
             camera = self._camera(root, cameras)
@@ -248,7 +250,9 @@ class _ScenarioReader:
     def _dynamic(self, prim: Usd.Prim, first_frame: int = 0) -> dict[str, Any] | None:
         dynamic = read_dynamic(prim, self._units, self._report)
         dynamic = dynamic or read_keyframes(prim, self._units, self._report, first_frame)
-        return dynamic or (None if schema.has(prim, schema.MOTION) else read_rigid_body(prim, self._units))
+        if dynamic or schema.has(prim, schema.MOTION):
+            return dynamic
+        return read_rigid_body(prim, self._units, self._physics, self._report)
 
     @staticmethod
     def _name(objects: list[dict[str, Any]], paths: list[str]) -> None:

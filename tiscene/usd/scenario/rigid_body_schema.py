@@ -8,12 +8,15 @@ values of tiscene's own objects are in TisceneMotionAPI, in meters and radians, 
 
 from __future__ import annotations
 
+import itertools
 import math
 from collections.abc import Mapping
 from typing import Any
 
 from pxr import Gf, Usd, UsdPhysics, UsdShade
 
+from tiscene.usd.core import schema
+from tiscene.usd.core.report import StageReport
 from tiscene.usd.core.units import Units
 from tiscene.usd.read.object_builder import is_rigid_body
 
@@ -46,14 +49,23 @@ def write_rigid_body(prim: Usd.Prim, content: Mapping[str, Any] | None, units: U
     binding.Bind(material, UsdShade.Tokens.weakerThanDescendants, "physics")
 
 
-def read_rigid_body(prim: Usd.Prim, units: Units) -> dict[str, Any] | None:
+def read_rigid_body(prim: Usd.Prim, units: Units, physics: bool, report: StageReport) -> dict[str, Any] | None:
     """Return the JSON object of a RigidBody that is authored by UsdPhysics; None if the prim is none.
 
-    A value that is not authored, or that a RigidBody cannot have, is left out. Without a density, a mass is ignored.
+    A value that is not authored, or that a RigidBody cannot have, is left out.
+
+    Args:
+        prim: the object.
+        units: unit of length of the stage.
+        physics: whether objects without a dynamic are rigid bodies; a kinematic one is Still then.
+        report: receives what of the body is not simulated.
     """
     body = UsdPhysics.RigidBodyAPI(prim)
-    if not is_rigid_body(prim) or body.GetKinematicEnabledAttr().Get():
+    if not is_rigid_body(prim):
         return None
+    if body.GetKinematicEnabledAttr().Get():
+        return {"type": "Still"} if physics else None
+    _report_not_simulated(prim, report)
     content: dict[str, Any] = {"type": "RigidBody"}
     if body.GetVelocityAttr().HasAuthoredValue():
         content["velocity"] = [each * units.meters for each in body.GetVelocityAttr().Get()]
@@ -73,3 +85,19 @@ def read_rigid_body(prim: Usd.Prim, units: Units) -> dict[str, Any] | None:
             if attribute.HasAuthoredValue():
                 content[key] = min(max(float(attribute.Get()), 0.0), most)
     return content
+
+
+def _report_not_simulated(prim: Usd.Prim, report: StageReport) -> None:
+    """Report what other programs simulate of a rigid body, and of those within it."""
+    path, body, mass = prim.GetPath(), UsdPhysics.RigidBodyAPI(prim), UsdPhysics.MassAPI(prim)
+    own = (mass.GetMassAttr(), mass.GetCenterOfMassAttr(), mass.GetDiagonalInertiaAttr())
+    if any(each and each.HasAuthoredValue() for each in own):
+        text = "mass, center of mass and inertia of a rigid body follow from its shape and physics:density alone"
+        report.omission(path, text)
+    if schema.targets(prim, "physics:filteredPairs"):
+        report.omission(path, "a rigid body collides with its physics:filteredPairs too")
+    if body.GetStartsAsleepAttr().Get():
+        report.omission(path, "a rigid body begins to fall at once, not when it is touched (physics:startsAsleep)")
+    for each in itertools.islice(Usd.PrimRange(prim, Usd.TraverseInstanceProxies()), 1, None):
+        if is_rigid_body(each):
+            report.omission(each.GetPath(), "a rigid body within another one moves with it")
