@@ -11,6 +11,7 @@ pytest.importorskip("mujoco")
 from scipy.special import ellipk
 
 import tiscene as ts
+from tiscene.errors import StageWarning
 from tiscene.scenario.edits import Spawn
 
 BUFFERS = ("instance", "depth")
@@ -258,3 +259,32 @@ def test_pendulum_that_another_program_has_authored_on_a_stage_swings(tmp_path, 
     share = quarter - math.floor(quarter)
     np.testing.assert_allclose((1 - share) * low + share * high, down, atol=1e-3)
     assert np.linalg.norm(high - low) > 0.03
+
+
+SHAPELESS = """#usda 1.0
+(
+    metersPerUnit = 1
+    upAxis = "Y"
+)
+def Xform "Anchor" (prepend apiSchemas = ["TisceneObjectAPI", "PhysicsRigidBodyAPI"])
+{
+}
+def Cube "Box" (prepend apiSchemas = ["TisceneObjectAPI", "PhysicsRigidBodyAPI"])
+{
+}
+def PhysicsFixedJoint "Held"
+{
+    rel physics:body0 = </Anchor>
+    rel physics:body1 = </Box>
+}
+"""
+
+
+def test_joint_of_a_rigid_body_without_a_shape_is_left_out_and_named(tmp_path):
+    path = tmp_path / "shapeless.usda"
+    path.write_text(SHAPELESS)
+    with pytest.warns(StageWarning) as caught:
+        stream = ts.Stream(path, width=8, height=6, buffers=("instance",), fps=50)
+    assert "joints are left out, of objects that have no shape: Anchor" in str(caught[-1].message)
+    (box,) = stream.world.state(10).objects
+    assert box.position[1] == pytest.approx(-0.5 * 9.81 * 0.2**2, abs=1e-9)

@@ -4,12 +4,14 @@
 from __future__ import annotations
 
 import os
+import warnings
 from collections.abc import Hashable, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any, cast
 
 from tiscene import catalog
+from tiscene.errors import StageWarning
 from tiscene.frame.buffers import rendered_buffers
 from tiscene.render.render_settings import RenderSettings
 from tiscene.scenario.scenario import Scenario
@@ -95,12 +97,22 @@ class StageCache:
         return stage
 
     def without_empty_objects(self, scenario: Scenario) -> Scenario:
-        """Return a stage's own scenario without the moving prims that are left out, since they are broken or empty."""
+        """Return a stage's own scenario without the moving prims that are left out, since they are broken or empty.
+
+        Their joints are left out too, with a StageWarning.
+        """
         stage = self.stage(scenario)
         empty = {each.name for each in stage.templates if not each.description.instances}
         kept = tuple(each for each in scenario.objects if each.template not in empty)
         if len(kept) < len(scenario.objects):
-            scenario = replace(scenario, objects=kept)
+            gone = {each.id for each in scenario.objects if each.template in empty}
+            joints = tuple(each for each in scenario.joints if gone.isdisjoint((each.body, each.parent)))
+            if len(joints) < len(scenario.joints):
+                joined = {id for each in scenario.joints for id in (each.body, each.parent)}
+                names = ", ".join(sorted(gone & joined))
+                text = f"{scenario.scene}: joints are left out, of objects that have no shape: {names}"
+                warnings.warn(StageWarning(text), stacklevel=3)
+            scenario = replace(scenario, objects=kept, joints=joints)
             self._stages[self._key(scenario)] = stage
         return scenario
 
