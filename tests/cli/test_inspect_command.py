@@ -89,6 +89,30 @@ def test_report_on_a_stage_without_a_unit(tmp_path, capsys):
     assert "2 cm long (metersPerUnit is 0.01, USD's default, since the file has none)" in out
 
 
+PHYSICS = """#usda 1.0
+def PhysicsScene "Physics"
+{
+}
+def Cube "Falls" (prepend apiSchemas = ["TisceneObjectAPI", "PhysicsRigidBodyAPI"])
+{
+}
+def Cube "Stands" (prepend apiSchemas = ["PhysicsRigidBodyAPI"])
+{
+}
+def PhysicsFixedJoint "Joint"
+{
+}
+"""
+
+
+def test_report_counts_the_rigid_bodies_that_are_not_simulated(tmp_path, capsys):
+    path = tmp_path / "a.usda"
+    path.write_text(PHYSICS)
+    assert "not simulated: 1 rigid body, 1 joint" in inspected(capsys, path)
+    path.write_text(PHYSICS.replace('["PhysicsRigid', '["TisceneObjectAPI", "PhysicsRigid'))
+    assert "not simulated" not in inspected(capsys, path)
+
+
 def test_report_on_an_untrusted_file_is_of_the_rendered_content_alone(capsys):
     out = inspected(capsys, STAGES / "scatter.usda", "--untrusted")
     assert out.lstrip().startswith("Rendered (read in ")

@@ -6,6 +6,7 @@ from __future__ import annotations
 import argparse
 import dataclasses
 import json
+import re
 import time
 import warnings
 from collections import Counter
@@ -113,6 +114,10 @@ def _facts(path: Path, facts: StageFacts) -> Iterable[str]:
     if facts.unauthored_schemes:
         meshes = counted(facts.unauthored_schemes, "mesh", "es")
         yield f"  {meshes} without an authored subdivisionScheme: smooth surfaces, by USD's default catmullClark"
+    joints = sum(number for name, number in facts.types.items() if re.fullmatch(r"Physics\w*Joint", name))
+    if facts.still_bodies and (joints or "PhysicsScene" in facts.types):
+        bodies = "1 rigid body" if facts.still_bodies == 1 else f"{facts.still_bodies:,} rigid bodies"
+        yield f"  not simulated: {bodies}, {counted(joints, 'joint')}; bodies with TisceneObjectAPI are"
     for key, text in facts.license.items():
         line, *more = text.strip().splitlines() or [""]
         yield f"  {key}: {line}{' ...' if more else ''}"

@@ -10,10 +10,13 @@ from pathlib import Path
 
 from pxr import Usd, UsdGeom
 
+from tiscene.usd.core import schema
 from tiscene.usd.core.limits import RootFolder
+from tiscene.usd.core.prims import with_ancestors
 from tiscene.usd.core.semantics import taxonomies_of
 from tiscene.usd.core.stage import Variants, open_stage, quiet, readable
 from tiscene.usd.core.value_times import has_spline
+from tiscene.usd.read.object_builder import is_rigid_body
 
 
 @dataclass(frozen=True)
@@ -35,6 +38,7 @@ class StageFacts:
         animated: number of prims with time samples.
         instances: number of native instances.
         unauthored_schemes: number of meshes without an authored subdivisionScheme, which are smooth surfaces.
+        still_bodies: number of rigid bodies that no scenario of the stage moves.
         license: license texts that `tiscene import` has kept, by file name.
     """
 
@@ -51,6 +55,7 @@ class StageFacts:
     animated: int
     instances: int
     unauthored_schemes: int
+    still_bodies: int
     license: dict[str, str]
 
 
@@ -96,8 +101,16 @@ def stage_facts(path: str | Path, variants: Variants | None = None, root: str | 
                 prim.IsA(UsdGeom.Mesh) and not UsdGeom.Mesh(prim).GetSubdivisionSchemeAttr().HasAuthoredValue()
                 for prim in prims
             ),
+            still_bodies=sum(map(_is_still_body, prims)),
             license={str(key): str(value) for key, value in kept.items()} if isinstance(kept, dict) else {},
         )
+
+
+def _is_still_body(prim: Usd.Prim) -> bool:
+    """Return whether a prim is a rigid body that stands still, since it is not, nor is in, an object of a scenario."""
+    if not is_rigid_body(prim):
+        return False
+    return not any(schema.has(each, name) for each in with_ancestors(prim) for name in (schema.OBJECT, schema.MOTION))
 
 
 def _other_units(stage: Usd.Stage) -> Iterator[str]:

@@ -14,7 +14,8 @@ import numpy as np
 from pxr import Usd, UsdGeom, UsdPhysics
 
 from tiscene.scene.animation import InstanceTrack
-from tiscene.scene.description import EARTH, Collider, Instance, Matrix, SceneObject, Vector3
+from tiscene.scene.camera import Vector3
+from tiscene.scene.description import EARTH, Collider, Instance, Matrix, SceneObject
 from tiscene.usd.core.semantics import asset_name, name_label
 from tiscene.usd.core.time_samples import TransformSamples, tracks_of
 from tiscene.usd.core.transform import is_singular
