@@ -197,3 +197,31 @@ def test_limits_in_loops_and_joints_that_contradict_themselves_are_left_out_and_
     assert [type(each) for each in joints] == [ts.RevoluteJoint, ts.DistanceJoint, ts.RevoluteJoint]
     assert joints[0].upper_limit == 20.0
     assert joints[2].lower_limit is None
+
+
+UNLIMITED = """#usda 1.0
+def Cube "Box" (prepend apiSchemas = ["TisceneObjectAPI", "PhysicsRigidBodyAPI"])
+{{
+}}
+def PhysicsRevoluteJoint "Hinge"
+{{
+    rel physics:body1 = </Box>
+    float physics:lowerLimit = -{most}
+    float physics:upperLimit = {most}
+}}
+def PhysicsDistanceJoint "Rope"
+{{
+    rel physics:body1 = </Box>
+    float physics:maxDistance = {most}
+}}
+"""
+
+
+@pytest.mark.parametrize("most", ["inf", "3.4028235e38"])
+def test_infinite_and_largest_limits_are_none(tmp_path, most):
+    """A rope of infinite length refused the whole stage."""
+    path = tmp_path / "foreign.usda"
+    path.write_text(UNLIMITED.format(most=most))
+    with pytest.warns(StageWarning, match="it has neither a least nor a greatest distance: </Rope>"):
+        (hinge,) = ts.Scenario.load(path).joints
+    assert hinge.lower_limit is hinge.upper_limit is None

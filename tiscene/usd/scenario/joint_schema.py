@@ -34,7 +34,7 @@ KINDS = {
     "DistanceJoint": UsdPhysics.DistanceJoint,
 }
 TOLERANCE = 1e-4  # relative, of lengths in stage units that are stored in single precision
-_NEVER = 3.4e38  # some programs write the largest float for a force that no joint is exposed to
+_NEVER = 3.4e38  # some programs write the largest float where there is no limit
 _NOT_SIMULATED = {
     "physics:breakForce": "a joint that breaks",
     "physics:breakTorque": "a joint that breaks",
@@ -157,6 +157,8 @@ def _fault(content: Mapping[str, Any]) -> str | None:
         return f"its axis is {content['axis']!r}; it must be X, Y or Z"
     if content.get("max_distance") == 0.0:
         return "its greatest distance is 0"
+    if "max_distance" in content and content["max_distance"] is None and content["min_distance"] == 0.0:
+        return "it has neither a least nor a greatest distance"
     return None
 
 
@@ -241,12 +243,12 @@ def _read_limits(joint: Any, kind: str, flipped: bool, units: Units) -> dict[str
         low, high = (-high, -low) if flipped else (low, high)
         return {
             "axis": str(joint.GetAxisAttr().Get()),
-            "lower_limit": low if math.isfinite(low) else None,
-            "upper_limit": high if math.isfinite(high) else None,
+            "lower_limit": low if abs(low) < _NEVER * scale else None,
+            "upper_limit": high if abs(high) < _NEVER * scale else None,
         }
     if kind == "DistanceJoint":
         low, high = (float(each.Get()) * scale for each in (joint.GetMinDistanceAttr(), joint.GetMaxDistanceAttr()))
-        return {"min_distance": max(low, 0.0), "max_distance": None if high < 0.0 else high}
+        return {"min_distance": max(low, 0.0), "max_distance": high if 0.0 <= high < _NEVER * scale else None}
     return {}
 
 
