@@ -90,6 +90,45 @@ def test_kinematic_body_of_a_stage_whose_objects_are_rigid_bodies_stands_still(t
     assert box.dynamic == ts.Still()
 
 
+TURNED = """#usda 1.0
+(
+    metersPerUnit = 1
+)
+def Xform "Group"
+{
+    double3 xformOp:rotateXYZ = (0, 90, 0)
+    double3 xformOp:scale = (2, 2, 2)
+    uniform token[] xformOpOrder = ["xformOp:rotateXYZ", "xformOp:scale"]
+    def Cube "Box" (prepend apiSchemas = ["TisceneObjectAPI", "PhysicsRigidBodyAPI"])
+    {
+        vector3f physics:velocity = (0, 3, 1)
+        vector3f physics:angularVelocity = (0, 90, 180)
+        double3 xformOp:rotateXYZ = (90, 0, 0)
+        uniform token[] xformOpOrder = ["xformOp:rotateXYZ"]
+    }
+}
+"""
+
+
+def test_velocities_are_in_the_axes_of_the_prim_and_of_world_size(tmp_path):
+    """As UsdPhysics says ("local space") and Newton reads them."""
+    path = tmp_path / "turned.usda"
+    path.write_text(TURNED)
+    (box,) = ts.Scenario.load(path).objects  # x is -z of the world, y is x, z is -y
+    assert box.dynamic.velocity == pytest.approx((3, -1, 0), abs=1e-6)
+    assert box.dynamic.angular_velocity == pytest.approx((math.pi / 2, -math.pi, 0), abs=1e-6)
+
+
+def test_velocities_of_a_turned_object_are_saved_in_its_axes(tmp_path):
+    objects = [ts.Object("thrown", "Cube", (0, 2, 0), (0, 90, 0), dynamic=BODY)]
+    scenario = ts.Scenario("object_view", objects)
+    scenario.save(tmp_path / "run.usda")
+    assert ts.Scenario.load(tmp_path / "run.usda") == scenario
+    stage = Usd.Stage.Open(str(tmp_path / "run.usda"))
+    body = UsdPhysics.RigidBodyAPI(stage.GetPrimAtPath("/Scenario/Objects/thrown"))
+    assert tuple(body.GetVelocityAttr().Get()) == pytest.approx((0, 0.1, 1), abs=1e-6)
+
+
 UNREAD = """#usda 1.0
 def Cube "Plain" (prepend apiSchemas = ["TisceneObjectAPI", "PhysicsRigidBodyAPI", "PhysicsMassAPI"])
 {

@@ -252,7 +252,7 @@ class _ScenarioReader:
         dynamic = dynamic or read_keyframes(prim, self._units, self._report, first_frame)
         if dynamic or schema.has(prim, schema.MOTION):
             return dynamic
-        return read_rigid_body(prim, self._units, self._physics, self._report)
+        return read_rigid_body(prim, self._units, self._physics, self._time, self._report)
 
     @staticmethod
     def _name(objects: list[dict[str, Any]], paths: list[str]) -> None:

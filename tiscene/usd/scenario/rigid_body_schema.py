@@ -2,8 +2,9 @@
 """Rigid bodies by the schemas of UsdPhysics, which other programs read and write too.
 
 PhysicsRigidBodyAPI has the initial velocities, PhysicsMassAPI the density, PhysicsMaterialAPI friction and restitution.
-Lengths are in stage units, masses in the stage's kilogramsPerUnit, angular velocities in degrees per second. The exact
-values of tiscene's own objects are in TisceneMotionAPI, in meters and radians, and take precedence.
+Lengths are in stage units, masses in the stage's kilogramsPerUnit, angular velocities in degrees per second. Velocities
+are in the axes of the prim, before its scale. The exact values of tiscene's own objects are in TisceneMotionAPI, in
+meters and radians of the world, and take precedence.
 """
 
 from __future__ import annotations
@@ -13,7 +14,7 @@ import math
 from collections.abc import Mapping
 from typing import Any
 
-from pxr import Gf, Usd, UsdPhysics, UsdShade
+from pxr import Gf, Usd, UsdGeom, UsdPhysics, UsdShade
 
 from tiscene.usd.core import schema
 from tiscene.usd.core.report import StageReport
@@ -36,8 +37,10 @@ def write_rigid_body(prim: Usd.Prim, content: Mapping[str, Any] | None, units: U
     body = UsdPhysics.RigidBodyAPI.Apply(prim)
     body.CreateRigidBodyEnabledAttr(True)
     body.CreateKinematicEnabledAttr(False)
-    body.CreateVelocityAttr(Gf.Vec3f(*units.to_stage(content["velocity"], True)))
-    body.CreateAngularVelocityAttr(Gf.Vec3f(*map(math.degrees, content["angular_velocity"])))
+    to_prim = _rotation(prim, Usd.TimeCode.Default()).GetInverse()
+    velocity, spin = units.to_stage(content["velocity"], True), map(math.degrees, content["angular_velocity"])
+    body.CreateVelocityAttr(Gf.Vec3f(to_prim.TransformDir(Gf.Vec3d(*velocity))))
+    body.CreateAngularVelocityAttr(Gf.Vec3f(to_prim.TransformDir(Gf.Vec3d(*spin))))
     per_unit = UsdPhysics.GetStageKilogramsPerUnit(prim.GetStage())
     UsdPhysics.MassAPI.Apply(prim).CreateDensityAttr(content["density"] * units.meters**3 / per_unit)
     material = UsdShade.Material.Define(prim.GetStage(), prim.GetPath().AppendChild("PhysicsMaterial"))
@@ -49,7 +52,9 @@ def write_rigid_body(prim: Usd.Prim, content: Mapping[str, Any] | None, units: U
     binding.Bind(material, UsdShade.Tokens.weakerThanDescendants, "physics")
 
 
-def read_rigid_body(prim: Usd.Prim, units: Units, physics: bool, report: StageReport) -> dict[str, Any] | None:
+def read_rigid_body(
+    prim: Usd.Prim, units: Units, physics: bool, time: Usd.TimeCode, report: StageReport
+) -> dict[str, Any] | None:
     """Return the JSON object of a RigidBody that is authored by UsdPhysics; None if the prim is none.
 
     A value that is not authored, or that a RigidBody cannot have, is left out.
@@ -58,6 +63,7 @@ def read_rigid_body(prim: Usd.Prim, units: Units, physics: bool, report: StageRe
         prim: the object.
         units: unit of length of the stage.
         physics: whether objects without a dynamic are rigid bodies; a kinematic one is Still then.
+        time: time code at which transforms are read.
         report: receives what of the body is not simulated.
     """
     body = UsdPhysics.RigidBodyAPI(prim)
@@ -67,10 +73,13 @@ def read_rigid_body(prim: Usd.Prim, units: Units, physics: bool, report: StageRe
         return {"type": "Still"} if physics else None
     _report_not_simulated(prim, report)
     content: dict[str, Any] = {"type": "RigidBody"}
+    to_world = _rotation(prim, time)
     if body.GetVelocityAttr().HasAuthoredValue():
-        content["velocity"] = [each * units.meters for each in body.GetVelocityAttr().Get()]
+        velocity = to_world.TransformDir(Gf.Vec3d(body.GetVelocityAttr().Get()))
+        content["velocity"] = [each * units.meters for each in velocity]
     if body.GetAngularVelocityAttr().HasAuthoredValue():
-        content["angular_velocity"] = [math.radians(each) for each in body.GetAngularVelocityAttr().Get()]
+        spin = to_world.TransformDir(Gf.Vec3d(body.GetAngularVelocityAttr().Get()))
+        content["angular_velocity"] = [math.radians(each) for each in spin]
     density = UsdPhysics.MassAPI(prim).GetDensityAttr().Get() if prim.HasAPI(UsdPhysics.MassAPI) else None
     if density:
         per_unit = UsdPhysics.GetStageKilogramsPerUnit(prim.GetStage())
@@ -85,6 +94,11 @@ def read_rigid_body(prim: Usd.Prim, units: Units, physics: bool, report: StageRe
             if attribute.HasAuthoredValue():
                 content[key] = min(max(float(attribute.Get()), 0.0), most)
     return content
+
+
+def _rotation(prim: Usd.Prim, time: Usd.TimeCode) -> Gf.Rotation:
+    """Return the rotation from the axes of a prim to those of the world."""
+    return Gf.Transform(UsdGeom.Xformable(prim).ComputeLocalToWorldTransform(time)).GetRotation()
 
 
 def _report_not_simulated(prim: Usd.Prim, report: StageReport) -> None:
