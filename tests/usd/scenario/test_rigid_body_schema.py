@@ -90,6 +90,32 @@ def test_kinematic_body_of_a_stage_whose_objects_are_rigid_bodies_stands_still(t
     assert box.dynamic == ts.Still()
 
 
+MATERIAL = """#usda 1.0
+(
+    metersPerUnit = 1
+)
+def Xform "Body" (prepend apiSchemas = ["TisceneObjectAPI", "PhysicsRigidBodyAPI"])
+{
+    def Cube "Part" (prepend apiSchemas = ["PhysicsCollisionAPI", "MaterialBindingAPI"])
+    {
+        rel material:binding:physics = </Ice>
+    }
+}
+def Material "Ice" (prepend apiSchemas = ["PhysicsMaterialAPI"])
+{
+    float physics:dynamicFriction = 0.02
+    float physics:density = 900
+}
+"""
+
+
+def test_material_of_a_collider_is_that_of_its_body(tmp_path):
+    path = tmp_path / "ice.usda"
+    path.write_text(MATERIAL)
+    (body,) = ts.Scenario.load(path).objects
+    assert (body.dynamic.friction, body.dynamic.density) == pytest.approx((0.02, 900.0))
+
+
 TURNED = """#usda 1.0
 (
     metersPerUnit = 1

@@ -80,13 +80,13 @@ def read_rigid_body(
     if body.GetAngularVelocityAttr().HasAuthoredValue():
         spin = to_world.TransformDir(Gf.Vec3d(body.GetAngularVelocityAttr().Get()))
         content["angular_velocity"] = [math.radians(each) for each in spin]
+    surface = _surface(prim)
     density = UsdPhysics.MassAPI(prim).GetDensityAttr().Get() if prim.HasAPI(UsdPhysics.MassAPI) else None
+    density = density or (surface.GetDensityAttr().Get() if surface else None)
     if density:
         per_unit = UsdPhysics.GetStageKilogramsPerUnit(prim.GetStage())
         content["density"] = density * per_unit / units.meters**3
-    material, _ = UsdShade.MaterialBindingAPI(prim).ComputeBoundMaterial("physics")
-    if material and material.GetPrim().HasAPI(UsdPhysics.MaterialAPI):
-        surface = UsdPhysics.MaterialAPI(material)
+    if surface:
         for key, attribute, most in (
             ("friction", surface.GetDynamicFrictionAttr(), math.inf),
             ("restitution", surface.GetRestitutionAttr(), 0.95),
@@ -94,6 +94,15 @@ def read_rigid_body(
             if attribute.HasAuthoredValue():
                 content[key] = min(max(float(attribute.Get()), 0.0), most)
     return content
+
+
+def _surface(prim: Usd.Prim) -> UsdPhysics.MaterialAPI | None:
+    """Return the physics material of a body, or of the first prim within it that has one; None: there is none."""
+    for each in Usd.PrimRange(prim, Usd.TraverseInstanceProxies()):
+        material, _ = UsdShade.MaterialBindingAPI(each).ComputeBoundMaterial("physics")
+        if material and material.GetPrim().HasAPI(UsdPhysics.MaterialAPI):
+            return UsdPhysics.MaterialAPI(material)
+    return None
 
 
 def _rotation(prim: Usd.Prim, time: Usd.TimeCode) -> Gf.Rotation:
