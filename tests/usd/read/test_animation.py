@@ -154,25 +154,6 @@ def test_animated_gprim_sizes_deform_their_meshes(tmp_path, shape, at_half):
     assert mesh.deformation.at(0.5)[0].max() == pytest.approx(at_half, rel=0.05)
 
 
-def test_changing_topology_is_reported(tmp_path):
-    body = """
-def Mesh "Fluid"
-{
-    uniform token subdivisionScheme = "none"
-    int[] faceVertexCounts.timeSamples = { 0: [3], 10: [3, 3] }
-    int[] faceVertexIndices.timeSamples = { 0: [0, 1, 2], 10: [0, 1, 2, 0, 2, 3] }
-    point3f[] points.timeSamples = {
-        0: [(0, 0, 0), (1, 0, 0), (1, 1, 0)],
-        10: [(0, 0, 0), (1, 0, 0), (1, 1, 0), (0, 1, 0)],
-    }
-}
-"""
-    description = read_with_warning(tmp_path, body, "a Mesh whose topology changes .*: </Fluid>$")
-    assert description.meshes[0].deformation is None
-    fewer = CLOTH.replace(", (-1, 1, 2)]", "]") % ""
-    read_with_warning(tmp_path, fewer, "a Mesh whose number of points changes has time samples.*: </Cloth>$")
-
-
 MESH = 'uniform token subdivisionScheme = "none"\nint[] faceVertexCounts = [3]\nint[] faceVertexIndices = [0, 1, 2]'
 CURVE = 'uniform token type = "linear"\nint[] curveVertexCounts = [3]\nfloat[] widths = [0.1]'
 

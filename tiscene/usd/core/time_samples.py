@@ -7,6 +7,7 @@ InstanceTrack: transforms and presence of instances over time, from the samples 
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 
@@ -19,6 +20,8 @@ from tiscene.scene.description import Matrix
 from tiscene.usd.core.transform import is_singular, to_matrix
 from tiscene.usd.core.value_times import JUMP, dense_times, transform_times
 
+_ALWAYS = (-math.inf, math.inf)
+
 
 @dataclass(frozen=True)
 class AnimatedAncestors:
@@ -28,14 +31,16 @@ class AnimatedAncestors:
         movers: the topmost prim with an animated transform, and all prims below it on the way.
         base: world transform of the parent of the first mover, in stage units; None without movers.
         hiders: the prims with animated visibility.
+        shown: the first time code at which the prim itself is shown, and the first after.
     """
 
     movers: tuple[Usd.Prim, ...] = ()
     base: Gf.Matrix4d | None = None
     hiders: tuple[Usd.Prim, ...] = ()
+    shown: tuple[float, float] = _ALWAYS
 
     def __bool__(self) -> bool:
-        return bool(self.movers or self.hiders)
+        return bool(self.movers or self.hiders or self.shown != _ALWAYS)
 
     def with_child(self, prim: Usd.Prim, parent_world: Gf.Matrix4d, hides: bool) -> AnimatedAncestors:
         """Return these ancestors and one of their children.
@@ -54,6 +59,10 @@ class AnimatedAncestors:
     def hidden_by(self, prim: Usd.Prim) -> AnimatedAncestors:
         """Return these ancestors and another prim with animated visibility."""
         return replace(self, hiders=(*self.hiders, prim))
+
+    def during(self, start: float, end: float) -> AnimatedAncestors:
+        """Return these ancestors of a prim that is shown from a time code until before another one."""
+        return replace(self, shown=(start, end))
 
     def below(self, outer: Gf.Matrix4d, hiders: tuple[Usd.Prim, ...]) -> AnimatedAncestors:
         """Return these ancestors of a prototype's prim, where the prototype is at a transform and below hiders."""
@@ -75,6 +84,8 @@ class AnimatedAncestors:
             hidden = [visibility.Get(time) == UsdGeom.Tokens.invisible for time in samples]
             vanishing = [samples[row] for row in range(1, len(samples)) if hidden[row] and not hidden[row - 1]]
             times.update(time - JUMP for time in vanishing if self.movers)
+        for time in filter(math.isfinite, self.shown):
+            times.update((time - 1.0, time, *([time - JUMP] if self.movers else [])))
         return sorted(times) if len(times) > 1 else []
 
     def world(self, time: Usd.TimeCode, static: Gf.Matrix4d) -> Gf.Matrix4d:
@@ -89,8 +100,10 @@ class AnimatedAncestors:
         return world
 
     def is_visible(self, time: Usd.TimeCode) -> bool:
-        """Return whether none of the hiders is invisible at a time code."""
+        """Return whether the prim is shown, and none of the hiders invisible, at a time code."""
         invisible = UsdGeom.Tokens.invisible
+        if not self.shown[0] <= time.GetValue() < self.shown[1]:
+            return False
         return all(UsdGeom.Imageable(prim).GetVisibilityAttr().Get(time) != invisible for prim in self.hiders)
 
 

@@ -19,6 +19,7 @@
     curves         curves as tubes or ribbons, points as spheres
     draw_modes     models drawn as textured cards
     deforming      shapes with time samples
+    topology_spans  times at which a shape has one topology
     skinning       UsdSkel: what moves the points of skinned meshes
     skinned_mesh   skinned meshes at the time read, and how vertices follow their points
     display_color  displayColor and displayOpacity

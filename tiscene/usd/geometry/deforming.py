@@ -1,8 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """Deforming gprims: the time samples of a shape, and its vertices at each of them.
 
-Points, normals, widths and sizes may change over time; topology may not, because a vertex must be the same vertex in
-all frames (motion vectors and incremental rendering follow it). What cannot be played is reported as frozen.
+Points, normals, widths and sizes may change over time. A vertex must be the same vertex in all frames (motion vectors
+and incremental rendering follow it): where topology changes, each span of one topology is a mesh of its own
+(`topology_spans`). What cannot be played is reported as frozen.
 """
 
 from __future__ import annotations
@@ -21,9 +22,10 @@ from tiscene.scene.animation import Deformation
 from tiscene.scene.skinned_deformation import SkinnedDeformation
 from tiscene.usd.core.report import StageReport
 from tiscene.usd.core.time_samples import in_seconds
-from tiscene.usd.core.value_times import dense_times, is_time_varying, value_times
+from tiscene.usd.core.value_times import JUMP, dense_times, is_time_varying, value_times
 from tiscene.usd.geometry.display_color import is_constant_color
 from tiscene.usd.geometry.primvar import TEXTURE_COORDINATE_TYPES, array_of, array_or_primvar
+from tiscene.usd.geometry.topology_spans import TopologySpan, varies_within
 from tiscene.usd.geometry.vertex_weld import WeldedMesh
 
 MAX_BYTES = 4 << 30  # vertices of one gprim at all times
@@ -33,15 +35,11 @@ _SHAPE_ATTRIBUTES = (
     *("points", "normals", "primvars:normals", "widths", "primvars:widths"),
     *("size", "radius", "height", "width", "length", "radiusTop", "radiusBottom"),
 )
-_TOPOLOGY_ATTRIBUTES = (
-    *("faceVertexCounts", "faceVertexIndices", "holeIndices", "curveVertexCounts", "orientation"),
-    *("tetVertexIndices", "surfaceFaceVertexIndices"),
-)
 _UNSUPPORTED_ATTRIBUTES = ("primvars:displayColor", "primvars:displayOpacity", "subdivisionScheme")
 
 
-def shape_times(prim: Usd.Prim, report: StageReport) -> list[float]:
-    """Return the time codes at which a gprim's shape is authored; empty if it is constant or cannot be played."""
+def shape_times(prim: Usd.Prim, span: TopologySpan, report: StageReport) -> list[float]:
+    """Return the time codes of a span at which a gprim's shape is authored; empty if it is constant within it."""
     if not report.reads_animation:
         return []
     primvars = UsdGeom.PrimvarsAPI(prim).GetPrimvarsWithAuthoredValues()
@@ -49,17 +47,27 @@ def shape_times(prim: Usd.Prim, report: StageReport) -> list[float]:
     unsupported = [
         name
         for name in (*coordinates, *_UNSUPPORTED_ATTRIBUTES)
-        if any(is_time_varying(prim.GetAttribute(each)) for each in (name, f"{name}:indices"))
+        if any(varies_within(prim.GetAttribute(each), span) for each in (name, f"{name}:indices"))
         and not (name.startswith("primvars:display") and is_constant_color(prim))  # that plays as a material
     ]
     if unsupported:
         report.frozen(prim.GetPath(), f"{', '.join(unsupported)} of a {prim.GetTypeName()}")
     moving = [name for name in _SHAPE_ATTRIBUTES if is_time_varying(prim.GetAttribute(name))]
-    topology = [name for name in _TOPOLOGY_ATTRIBUTES if is_time_varying(prim.GetAttribute(name))]
-    if topology:
-        report.frozen(prim.GetPath(), f"a {prim.GetTypeName()} whose topology changes ({', '.join(topology)})")
-        return []
-    return sorted({*_drift_times(prim), *(time for name in moving for time in value_times(prim.GetAttribute(name)))})
+    times = {*_drift_times(prim), *(time for name in moving for time in value_times(prim.GetAttribute(name)))}
+    if not span.is_whole:
+        times = {time for time in times if span.holds(time)} | ({span.code.GetValue()} if times else set())
+        if times and _goes_on(prim, span.end):
+            times.add(span.end - JUMP)
+        times = times if len(times) > 1 else set()
+    return sorted(times)
+
+
+def _goes_on(prim: Usd.Prim, time: float) -> bool:
+    """Return whether USD interpolates the points of a gprim up to a time code: their number is the same at it."""
+    if not prim.IsA(UsdGeom.PointBased) or time == math.inf:
+        return False
+    points = UsdGeom.PointBased(prim).GetPointsAttr()
+    return len(points.Get(time - JUMP) or ()) == len(points.Get(time) or ())
 
 
 def points_at(based: UsdGeom.PointBased, time: Usd.TimeCode) -> NDArray[np.float32]:
@@ -107,8 +115,7 @@ def read_point_samples(
         report: collects why the points cannot be played.
 
     Returns:
-        float32 [s, count, 3]; None, with the reason reported, if their number changes, they are not finite, or they
-        take more than MAX_BYTES.
+        float32 [s, count, 3]; None, with the reason reported, if they are not finite, or take more than MAX_BYTES.
     """
     if not times:
         return None
@@ -118,9 +125,6 @@ def read_point_samples(
     samples = []
     for time in times:
         points = points_at(UsdGeom.PointBased(prim), Usd.TimeCode(time))
-        if len(points) != count:
-            report.frozen(prim.GetPath(), f"a {prim.GetTypeName()} whose number of points changes")
-            return None
         if not np.isfinite(points).all():
             report.problem(prim.GetPath(), "points", f"some at time code {time:g} are not finite numbers")
             return None

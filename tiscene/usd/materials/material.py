@@ -151,12 +151,12 @@ class MaterialTableBuilder:
             track = material_track(prim.GetStage(), row, times, read)
             self.tracks += [] if track is None else [track]
 
-    def by_element(self, gprim: Usd.Prim) -> list[tuple[Binding, NDArray[np.int64]]]:
+    def by_element(self, gprim: Usd.Prim, time: Usd.TimeCode) -> list[tuple[Binding, NDArray[np.int64]]]:
         """Return materials for a gprim whose displayColor or displayOpacity varies, with the elements that use each.
 
-        Elements are faces, points or curves. Empty if neither varies.
+        Elements are faces, points or curves. Empty if neither varies at the time.
         """
-        values = read_element_colors(gprim, self._time, self._report)
+        values = read_element_colors(gprim, time, self._report)
         if values is None:
             return []
         colors, groups = quantize_colors(values)

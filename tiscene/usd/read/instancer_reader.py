@@ -254,10 +254,12 @@ class PointInstancerReader:
             owner = objects.setdefault(point, new)
             for part, world, shown in zip(parts, worlds, visible, strict=True):
                 if not part.is_drawn:
-                    self._objects.add_collider(owner, part.mesh, world[0, row], owner.path)
+                    if not part.continues:
+                        self._objects.add_collider(owner, part.mesh, world[0, row], owner.path)
                     continue
                 samples = TransformSamples(tuple(times), world[order, row], shown[order, row]) if times else None
-                self._objects.add(owner, part.mesh, world[0, row], part.names, part.collides, samples)
+                placed = world[0, row], part.names, part.collides
+                self._objects.add(owner, part.mesh, *placed, samples, continues=part.continues)
 
     def _prototype(
         self, instancer: Usd.Prim, root: Usd.Prim, purpose: str

@@ -3,7 +3,9 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
+from dataclasses import replace
 from functools import partial
 from typing import Any
 
@@ -30,6 +32,7 @@ from tiscene.usd.geometry.recentering import far_center, recentered
 from tiscene.usd.geometry.skinned_mesh import content_of
 from tiscene.usd.geometry.skinning import skin_of
 from tiscene.usd.geometry.tet_mesh import read_tet_mesh
+from tiscene.usd.geometry.topology_spans import TopologySpan, topology_spans
 from tiscene.usd.geometry.triangulate import cross
 from tiscene.usd.geometry.vertex_weld import WeldedMesh
 from tiscene.usd.lights.light_linking import links_of
@@ -38,6 +41,7 @@ from tiscene.usd.materials.material import Binding, MaterialTableBuilder
 
 Partition = tuple[tuple[str, ...], NDArray[np.int32] | None]  # names of parts, and the part of each face
 Subsets = Sequence[tuple[Binding, NDArray[np.int64]]]  # a material, and the faces that have it
+MAX_TRIANGLES = 20_000_000  # of one gprim whose topology changes, at all times: 200 bytes each in a scene
 
 _READERS = dict.fromkeys(gprim.TYPES, read_gprim) | {
     "BasisCurves": read_curves,
@@ -74,30 +78,61 @@ class MeshTable:
         self._time = time
         self._report = report
         self._meters = meters_per_unit
+        self._spans: dict[Any, list[TopologySpan]] = {}
         self._partitions: dict[Any, Partition] = {}
         self._surfaces: dict[Any, WeldedMesh | None] = {}
         self._rows: dict[Any, int | None] = {}
         self._rows_by_content: dict[bytes, int] = {}
 
-    def row(self, prim: Usd.Prim, emitter: Binding | None = None) -> int | None:
-        """Return the row of a gprim's mesh; None, with the reason reported, if it has no triangles.
+    def rows(self, prim: Usd.Prim, emitter: Binding | None = None) -> list[tuple[int, TopologySpan]]:
+        """Return the rows of a gprim's meshes, each with when it is shown: one mesh, unless its topology changes.
+
+        Empty, with the reason reported, if it has no triangles.
 
         Args:
             prim: the gprim.
             emitter: material of a mesh light, instead of the bound one.
         """
+        result: list[tuple[int, TopologySpan]] = []
+        triangles = 0
+        for span in self.spans(prim):
+            row = self._row(prim, emitter, span)
+            if row is None:
+                continue
+            result.append((row, span))
+            triangles += len(self.meshes[row].triangles)
+            if triangles > MAX_TRIANGLES and span.end < math.inf:
+                text = f"a {prim.GetTypeName()} whose topology changes keeps the one that it has after"
+                self._report.omission(prim.GetPath(), f"{text} {MAX_TRIANGLES:,} triangles of all times together")
+                result[-1] = row, replace(span, end=math.inf)
+                break
+        return result
+
+    def spans(self, prim: Usd.Prim) -> list[TopologySpan]:
+        """Return the spans of a gprim's topology."""
+        source = shared_path(prim)
+        if source not in self._spans:
+            self._spans[source] = topology_spans(prim, self._time, self._report)
+        return self._spans[source]
+
+    def is_initial(self, prim: Usd.Prim, span: TopologySpan) -> bool:
+        """Return whether a span of a gprim's topology holds the time that the stage is read at."""
+        time = self._time
+        return span.holds(prim.GetStage().GetStartTimeCode() if time.IsEarliestTime() else time.GetValue())
+
+    def _row(self, prim: Usd.Prim, emitter: Binding | None, span: TopologySpan) -> int | None:
         whole = emitter or self._materials.binding(prim, prim)
-        subsets = [] if emitter else self._subsets(prim, whole)
+        subsets = [] if emitter else self._subsets(prim, whole, span.code)
         if not is_seen_by_camera(prim, self._time):
             whole = self._materials.unseen(whole)
             subsets = [(self._materials.unseen(binding), faces) for binding, faces in subsets]
         bindings = (whole, *(binding for binding, _ in subsets))
         links = links_of(self._report)
         link_class = 0 if links is None else links.class_of(prim)
-        key = (shared_path(prim), bindings, id(skin_of(prim, self._report)), link_class)
+        key = (shared_path(prim), bindings, id(skin_of(prim, self._report)), link_class, span)
         if key not in self._rows:
-            surface = self._surface(prim, bindings, subsets)
-            self._rows[key] = None if surface is None else self._add(prim, surface, whole, subsets, link_class)
+            surface = self._surface(prim, bindings, subsets, span)
+            self._rows[key] = None if surface is None else self._add(prim, surface, whole, subsets, link_class, span)
         return self._rows[key]
 
     def placed(self, row: int, matrices: Matrix) -> Matrix:
@@ -106,30 +141,36 @@ class MeshTable:
 
     def subset_names(self, prim: Usd.Prim) -> tuple[str, ...]:
         """Return the names of a gprim's parts: its subsets, then "" for the faces in none of them."""
-        return self._parts(prim)[0]
+        partitions = [self._parts(prim, span.code)[0] for span in self.spans(prim)]
+        return max(partitions, key=len)  # some may have no faces that are in none of them
 
-    def _parts(self, prim: Usd.Prim) -> Partition:
-        """Return the names of a gprim's parts, and the part of each face (None: there is one part).
+    def _parts(self, prim: Usd.Prim, time: Usd.TimeCode) -> Partition:
+        """Return the names of a gprim's parts at a time, and the part of each face (None: there is one part).
 
         Subsets of other families are preferred to those that bind materials. Of overlapping subsets the last counts.
         Those that refer to missing faces are left out.
         """
-        source = shared_path(prim)
-        if source not in self._partitions:
-            self._partitions[source] = self._read_parts(prim)
-        return self._partitions[source]
+        key = shared_path(prim), time
+        if key not in self._partitions:
+            self._partitions[key] = self._read_parts(prim, time)
+        return self._partitions[key]
 
-    def _read_parts(self, prim: Usd.Prim) -> Partition:
+    def _read_parts(self, prim: Usd.Prim, time: Usd.TimeCode) -> Partition:
         children = prim.GetFilteredChildren(ALSO_ABSTRACT) if prim.IsA(UsdGeom.Mesh) else ()
         subsets = [UsdGeom.Subset(child) for child in children if child.IsA(UsdGeom.Subset)]
         subsets = [each for each in subsets if each.GetElementTypeAttr().Get() == UsdGeom.Tokens.face]
         material = UsdShade.Tokens.materialBind
         subsets = [each for each in subsets if each.GetFamilyNameAttr().Get() != material] or subsets
-        faces = face_count(prim, self._time) if subsets else 0
-        found = [(each, indices) for each in subsets if (indices := self._subset_faces(each, faces)) is not None]
+        codes = [span.code for span in self.spans(prim)]  # a part that is broken at one of them is none at any
+        read = [{code: self._subset_faces(each, face_count(prim, code), code) for code in codes} for each in subsets]
+        found = [
+            (each, indices)
+            for each, at in zip(subsets, read, strict=True)
+            if all(faces is not None for faces in at.values()) and (indices := at[time]) is not None
+        ]
         if not found:
             return ("",), None
-        part_of_face = np.full(faces, len(found), dtype=np.int32)
+        part_of_face = np.full(face_count(prim, time), len(found), dtype=np.int32)
         for number, (_, indices) in enumerate(found):
             part_of_face[indices] = number
         names = tuple(subset.GetPrim().GetName() for subset, _ in found)
@@ -143,33 +184,35 @@ class MeshTable:
             matrix: 3x3 by which they are transformed.
             time: time code of their positions; None: as they are read.
         """
-        surface = self._surface(prim, (Binding(-1),), [])
+        spans = self.spans(prim)
+        span = next((each for each in spans if time is not None and each.holds(time)), spans[0])
+        surface = self._surface(prim, (Binding(-1),), [], span)
         if surface is None:
             return 0.0
         positions = surface.positions if time is None else surface.positions_at(time)
         a, b, c = (positions[surface.triangles[:, corner]].astype(np.float64) @ matrix.T for corner in range(3))
         return float(np.linalg.norm(cross(b - a, c - a), axis=1).sum() / 2.0)
 
-    def _subsets(self, prim: Usd.Prim, whole: Binding) -> Subsets:
+    def _subsets(self, prim: Usd.Prim, whole: Binding, time: Usd.TimeCode) -> Subsets:
         """Return the faces with a material of their own: by displayColor, or subsets of the family materialBind."""
         found: list[tuple[Binding, NDArray[np.int64]]] = []
         if whole.is_display_color and not whole.primvars.has_more_than_uv:
-            found += self._materials.by_element(prim)
+            found += self._materials.by_element(prim, time)
         if not prim.IsA(UsdGeom.Mesh) or not prim.GetFilteredChildren(ALSO_ABSTRACT):
             return found
-        faces = face_count(prim, self._time)
+        faces = face_count(prim, time)
         for subset in UsdShade.MaterialBindingAPI(prim).GetMaterialBindSubsets():
             if subset.GetElementTypeAttr().Get() != UsdGeom.Tokens.face:
                 self._report.omission(subset.GetPath(), "a material bound to points or edges is not applied")
                 continue
-            indices = self._subset_faces(subset, faces)
+            indices = self._subset_faces(subset, faces, time)
             if indices is not None:
                 found.append((self._materials.binding(subset.GetPrim(), prim), indices))
         return found
 
-    def _subset_faces(self, subset: UsdGeom.Subset, faces: int) -> NDArray[np.int64] | None:
+    def _subset_faces(self, subset: UsdGeom.Subset, faces: int, time: Usd.TimeCode) -> NDArray[np.int64] | None:
         """Return the faces of a subset of a mesh of `faces`; None, with the problem reported, if it has not all."""
-        indices = array_of(subset.GetIndicesAttr(), self._time, np.int64)
+        indices = array_of(subset.GetIndicesAttr(), time, np.int64)
         worst = outside(indices, faces)
         if worst is None:
             return indices
@@ -177,35 +220,43 @@ class MeshTable:
         self._report.problem(subset.GetPath(), "subset", text)
         return None
 
-    def _surface(self, prim: Usd.Prim, bindings: tuple[Binding, ...], subsets: Subsets) -> WeldedMesh | None:
-        """Return a gprim's triangles, read once per prototype and selection of texture coordinates."""
+    def _surface(
+        self, prim: Usd.Prim, bindings: tuple[Binding, ...], subsets: Subsets, span: TopologySpan
+    ) -> WeldedMesh | None:
+        """Return a gprim's triangles, read once per prototype, span and selection of texture coordinates."""
         wanted = tuple(dict.fromkeys(binding.primvars for binding in bindings))
         of_face = None
         source, skin = shared_path(prim), skin_of(prim, self._report)
-        key: Any = (source, wanted, id(skin))
+        key: Any = (source, wanted, id(skin), span)
         if len(wanted) > 1:
-            key = (source, bindings, id(skin))
-            of_face = np.full(face_count(prim, self._time), wanted.index(bindings[0].primvars))
+            key = (source, bindings, id(skin), span)
+            of_face = np.full(face_count(prim, span.code), wanted.index(bindings[0].primvars))
             for binding, indices in subsets:
                 of_face[indices] = wanted.index(binding.primvars)
         if key not in self._surfaces:
-            times = [] if skin is not None else shape_times(prim, self._report)
+            times = [] if skin is not None else shape_times(prim, span, self._report)
             if prim.IsA(UsdGeom.Mesh):
-                surface = read_mesh(prim, self._time, self._report, wanted, of_face, times)
+                surface = read_mesh(prim, span.code, self._report, wanted, of_face, times)
             else:
                 read = _READERS[type_of(prim)]
                 if prim.IsA(UsdGeom.BasisCurves):
                     read = partial(read_curves, names=wanted[0], before={})
                 elif prim.IsA(UsdGeom.Points):
                     read = partial(read_points, names=wanted[0])
-                surface = read(prim, self._time, self._report)
+                surface = read(prim, span.code, self._report)
                 if times and surface is not None:
                     surface = with_shape_samples(prim, surface, times, self._report, read)
             self._surfaces[key] = surface
         return self._surfaces[key]
 
     def _add(
-        self, prim: Usd.Prim, surface: WeldedMesh, whole: Binding, subsets: Subsets, link_class: int
+        self,
+        prim: Usd.Prim,
+        surface: WeldedMesh,
+        whole: Binding,
+        subsets: Subsets,
+        link_class: int,
+        span: TopologySpan,
     ) -> int | None:
         self._report.budget.add_mesh(len(surface.triangles))
         materials = np.full(len(surface.triangles), whole.row, dtype=np.int32)
@@ -226,7 +277,7 @@ class MeshTable:
             positions = surface.positions * np.float32(self._meters)
             x, y, z = (-self._meters * center).tolist()
             origin = (x, y, z)
-        part_of_face = self._parts(prim)[1]
+        part_of_face = self._parts(prim, span.code)[1]
         parts = None if part_of_face is None else part_of_face[surface.face]
         deformation = deformation_of(surface, prim.GetStage(), self._meters)
         uv, second_uv, colors = surface.uv, None, None

@@ -96,6 +96,8 @@ class StageObjectTable:
         names: tuple[str, ...],
         collides: bool | None,
         samples: TransformSamples | None = None,
+        *,
+        continues: bool = False,
     ) -> None:
         """Add a drawn mesh of an object.
 
@@ -106,12 +108,14 @@ class StageObjectTable:
             names: names of the mesh's parts.
             collides: whether it is a collider; None: no physics is authored on it.
             samples: its transform and presence over time; None: static.
+            continues: whether it is the shape that the mesh added before has at other times, with the same parts.
         """
         if owner.row is None:
             owner.row = len(self._objects)
             self._objects.append(owner)
         owner.colliders += collides is True
-        self._instances.append((mesh, owner, matrix, owner.add_parts(names), collides))
+        part = len(owner.parts) - len(names) if continues else owner.add_parts(names)
+        self._instances.append((mesh, owner, matrix, part, collides))
         self._samples.append(samples)
 
     def add_collider(self, owner: StageObject, mesh: int, matrix: Matrix, path: str) -> None:

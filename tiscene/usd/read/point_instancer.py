@@ -40,6 +40,7 @@ class PrototypePart:
         collides: whether it is a collider; None: no physics is authored on it.
         is_drawn: False for a collider that is not drawn.
         ancestors: animated prims that move or hide it within the prototype.
+        continues: whether it is the shape that the part before has at other times.
         nested_in: float64 4x4 from the prototype's parent to that of the outer prototype, for an instancer within a
             prototype; None: not nested.
     """
@@ -51,6 +52,7 @@ class PrototypePart:
     collides: bool | None
     is_drawn: bool = True
     ancestors: AnimatedAncestors = NOT_ANIMATED
+    continues: bool = False
     nested_in: Matrix | None = None
 
     def matrix_at(self, time: Usd.TimeCode, meters: float) -> Matrix:

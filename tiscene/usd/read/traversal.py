@@ -7,6 +7,7 @@ prototype of a point instancer is traversed, its meshes are collected as `Protot
 
 from __future__ import annotations
 
+import math
 from dataclasses import replace
 from typing import Any, Literal, cast
 
@@ -20,7 +21,7 @@ from tiscene.usd.core.report import UNDRAWN, StageReport
 from tiscene.usd.core.semantics import direct_label, is_component, is_object_instance, taxonomies_of
 from tiscene.usd.core.time_samples import TransformSamples
 from tiscene.usd.core.transform import is_singular, range_fault, to_matrix
-from tiscene.usd.core.value_times import dense_times, is_time_varying
+from tiscene.usd.core.value_times import JUMP, dense_times, is_time_varying
 from tiscene.usd.geometry.deforming import shape_times
 from tiscene.usd.geometry.skinning import why_unskinned
 from tiscene.usd.lights.animated_light import mesh_emission_over_time
@@ -229,15 +230,18 @@ class StageReader(PointInstancerReader):
         if not (normalize.Get(self._time) or is_time_varying(normalize)):
             return {}
         areas = {}
-        for time in dense_times((*here.animated.times(), *shape_times(prim, self._report))):
+        spans = self._meshes.spans(prim)
+        shapes = [time for each in spans for time in shape_times(prim, each, self._report)]
+        shapes += [time for each in spans if each.start > -math.inf for time in (each.start - JUMP, each.start)]
+        for time in dense_times((*here.animated.times(), *shapes)):
             world = to_matrix(here.animated.world(Usd.TimeCode(time), here.world), self._meters)
             areas[time] = self._meshes.area(prim, world[:3, :3], time)
         largest = max(areas.values(), default=0.0)
         return areas if largest - min(areas.values(), default=0.0) > 1e-5 * largest else {}
 
     def _read_gprim(self, prim: Usd.Prim, here: TraversalContext, emitter: Binding | None = None) -> None:
-        mesh = self._meshes.row(prim, emitter)
-        if mesh is None:
+        shapes = self._meshes.rows(prim, emitter)
+        if not shapes:
             return
         if here.is_drawn and (reason := why_unskinned(prim, self._report)) is not None:
             text = f"a mesh with joints is drawn without its skinning, since {reason}"
@@ -251,21 +255,29 @@ class StageReader(PointInstancerReader):
             self._report.omission(prim.GetPath(), "geometry that its transform flattens is not drawn")
         elif self._parts is not None:
             names = self._part_names(prim, self._prototype_root)
-            part = PrototypePart(mesh, matrix, here.label, names, collides(prim), here.is_drawn, here.animated)
-            self._parts.append(part)
+            for number, (mesh, span) in enumerate(shapes):
+                is_solid = collides(prim) if self._meshes.is_initial(prim, span) else False
+                animated = here.animated.during(span.start, span.end)
+                part = PrototypePart(mesh, matrix, here.label, names, is_solid, here.is_drawn, animated, number > 0)
+                self._parts.append(part)
         else:
             owner = here.owner or StageObject.of(prim, here.label, True, matrix, samples)
-            placed = self._meshes.placed(mesh, matrix)
             if not here.is_drawn:
-                self._objects.add_collider(owner, mesh, placed, str(prim.GetPath()))
+                mesh = shapes[0][0]
+                self._objects.add_collider(owner, mesh, self._meshes.placed(mesh, matrix), str(prim.GetPath()))
                 return
             owner.movable = owner.movable or (here.owner is None and is_rigid_body(prim))
             if here.label_is_own and not owner.is_labeled:  # the object's category is that of its first labeled part
                 owner.category, owner.is_labeled = here.label, True
             names = self._part_names(prim, Sdf.Path(owner.path))
-            if samples is not None:
-                samples = replace(samples, matrices=self._meshes.placed(mesh, samples.matrices))
-            self._objects.add(owner, mesh, placed, names, collides(prim), samples)
+            for number, (mesh, span) in enumerate(shapes):
+                is_solid = collides(prim) if self._meshes.is_initial(prim, span) else False
+                animated = here.animated.during(span.start, span.end)
+                shown = TransformSamples.of(animated, here.world, self._meters)
+                if shown is not None:
+                    shown = replace(shown, matrices=self._meshes.placed(mesh, shown.matrices))
+                placed = self._meshes.placed(mesh, matrix)
+                self._objects.add(owner, mesh, placed, names, is_solid, shown, continues=number > 0)
 
     def _part_names(self, prim: Usd.Prim, root: Sdf.Path) -> tuple[str, ...]:
         """Return the names of a gprim's parts, relative to the object or prototype at `root`."""
