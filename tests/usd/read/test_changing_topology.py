@@ -10,6 +10,7 @@ import pytest
 
 import tiscene as ts
 from tests.usd.helpers import read, read_with_warning, write
+from tiscene.errors import StageWarning
 from tiscene.usd.read import mesh_table
 from tiscene.usd.read.stage_reader import read_stage
 
@@ -219,3 +220,23 @@ def test_points_that_a_face_lacks_at_one_time_are_reported(tmp_path):
     description = read_with_warning(tmp_path, body, "Fluid> mesh: 1 face refers to point 3, but there are 3 points")
     shown = [[bool(track.at(code / 24.0)[1].any()) for track in description.tracks] for code in (4, 7, 10)]
     assert [any(each) for each in shown] == [True, False, True]
+
+
+def test_a_subset_of_faces_of_another_topology_is_reported_once_and_keeps_the_others(tmp_path):
+    subset = 'def GeomSubset "Upper"\n{\n uniform token elementType = "face"\n int[] indices = [0, 1]\n}'
+    description = read_with_warning(
+        tmp_path, FEWER % ("[3]", "[1, 2, 3]", subset), r"only at other times.*: </Fluid/Upper>$"
+    )
+    parts = [description.meshes[each.mesh].parts.tolist() for each in description.instances]
+    assert parts == [[0], [0], [0, 0]]
+    assert description.objects[0].parts == ()
+
+
+def test_a_fault_at_many_times_is_reported_once(tmp_path):
+    normals = 'normal3f[] normals = [(0, 0, 1), (0, 0, 1)] (\n interpolation = "uniform"\n)'
+    body = FEWER % ("[3, 3, 3]", "[0, 1, 2, 0, 1, 3, 1, 2, 3]", normals)
+    path = write(tmp_path, body)
+    with pytest.warns(StageWarning) as caught:
+        read_stage(path)
+    (line,) = str(caught[0].message).splitlines()[1:]
+    assert line == "  normals: 2 values, but uniform interpolation needs 3, so that it is not used: </Fluid>"

@@ -22,6 +22,7 @@ from tiscene.usd.core.limits import Limits, ReadingBudget, RootFolder
 _INTERNAL_NAMESPACE = re.compile(r"\bpxrInternal\w*::")
 _GRAMMAR_RULE = re.compile(r"\bparse error matching .*?(?= at ')")  # a C++ type of up to 500 letters
 _SESSION_LAYER = re.compile(r",?@anon:0x[0-9a-f]+:[^@]*@")  # its name has an address
+_NUMBER = re.compile(r"\b[0-9][0-9,]*\b")
 COMPOSITION = "composition"  # subject of problems of missing or unreadable files
 UNDRAWN = "are not drawn"  # ends the omission of prims of a type
 _MAX_PATHS = 5  # prims listed per line
@@ -103,6 +104,25 @@ class StageReport:
         self._problems: dict[tuple[str, str], dict[str, None]] = {}
         self._refused = False
         self._omissions: dict[str, dict[str, None]] = {}
+        self._heard: set[tuple[str, str]] | None = None  # within `over_times`: paths, with texts without their numbers
+
+    @contextlib.contextmanager
+    def over_times(self) -> Iterator[None]:
+        """Add the first only of texts that differ in their numbers alone, since one prim is read at many times."""
+        self._heard = set()
+        try:
+            yield
+        finally:
+            self._heard = None
+
+    def _is_heard(self, path: Any, text: str) -> bool:
+        """Return whether a text, but for its numbers, has been added within `over_times`."""
+        if self._heard is None:
+            return False
+        key = str(path), _NUMBER.sub("", text)
+        is_heard = key in self._heard
+        self._heard.add(key)
+        return is_heard
 
     def problem(self, path: Any, subject: str, text: str) -> None:
         """Add a problem: `</Room/Lamp> mesh: 3 faces refer to point 412, ...`. The caller leaves the part out.
@@ -114,7 +134,8 @@ class StageReport:
             subject: what of the prim is wrong and left out, such as "mesh".
             text: the problem.
         """
-        self._problems.setdefault((subject, text), {})[str(path)] = None
+        if not self._is_heard(path, text):
+            self._problems.setdefault((subject, text), {})[str(path)] = None
 
     def refuse(self, path: Any, subject: str, text: str) -> None:
         """Add a problem that refuses the stage, whatever is left of it; arguments as of `problem`."""
@@ -157,6 +178,8 @@ class StageReport:
             text: what is done to it instead.
             target: what a relationship or a connection at the path points to, if the text is about that.
         """
+        if self._is_heard(path, text):
+            return
         self._omissions.setdefault(text, {})[f"{path}" if target is None else f"{path}> to <{target}"] = None
 
     def frozen(self, path: Any, subject: str) -> None:

@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import math
 from collections.abc import Sequence
 from dataclasses import replace
@@ -93,9 +94,16 @@ class MeshTable:
             prim: the gprim.
             emitter: material of a mesh light, instead of the bound one.
         """
+        spans = self.spans(prim)
+        with self._report.over_times() if len(spans) > 1 else contextlib.nullcontext():
+            return self._read_rows(prim, emitter, spans)
+
+    def _read_rows(
+        self, prim: Usd.Prim, emitter: Binding | None, spans: Sequence[TopologySpan]
+    ) -> list[tuple[int, TopologySpan]]:
         result: list[tuple[int, TopologySpan]] = []
         triangles = 0
-        for span in self.spans(prim):
+        for span in spans:
             row = self._row(prim, emitter, span)
             if row is None:
                 continue
@@ -161,16 +169,11 @@ class MeshTable:
         subsets = [each for each in subsets if each.GetElementTypeAttr().Get() == UsdGeom.Tokens.face]
         material = UsdShade.Tokens.materialBind
         subsets = [each for each in subsets if each.GetFamilyNameAttr().Get() != material] or subsets
-        codes = [span.code for span in self.spans(prim)]  # a part that is broken at one of them is none at any
-        read = [{code: self._subset_faces(each, face_count(prim, code), code) for code in codes} for each in subsets]
-        found = [
-            (each, indices)
-            for each, at in zip(subsets, read, strict=True)
-            if all(faces is not None for faces in at.values()) and (indices := at[time]) is not None
-        ]
+        faces = face_count(prim, time) if subsets else 0
+        found = [(each, indices) for each in subsets if (indices := self._subset_faces(each, faces, time)) is not None]
         if not found:
             return ("",), None
-        part_of_face = np.full(face_count(prim, time), len(found), dtype=np.int32)
+        part_of_face = np.full(faces, len(found), dtype=np.int32)
         for number, (_, indices) in enumerate(found):
             part_of_face[indices] = number
         names = tuple(subset.GetPrim().GetName() for subset, _ in found)
@@ -211,11 +214,18 @@ class MeshTable:
         return found
 
     def _subset_faces(self, subset: UsdGeom.Subset, faces: int, time: Usd.TimeCode) -> NDArray[np.int64] | None:
-        """Return the faces of a subset of a mesh of `faces`; None, with the problem reported, if it has not all."""
+        """Return the faces of a subset of a mesh of `faces`; None, with the problem reported, if it has not all.
+
+        Of a mesh whose topology changes, those that it has. (Blender writes the subsets of the first time alone.)
+        """
         indices = array_of(subset.GetIndicesAttr(), time, np.int64)
         worst = outside(indices, faces)
         if worst is None:
             return indices
+        if not self.spans(subset.GetPrim().GetParent())[0].is_whole:
+            text = "a subset refers to faces that its mesh has only at other times; at each time, the others are used"
+            self._report.omission(subset.GetPath(), text)
+            return indices[(indices >= 0) & (indices < faces)]
         text = f"refers to face {worst}, but there are {faces} faces (0-{faces - 1})"
         self._report.problem(subset.GetPath(), "subset", text)
         return None
