@@ -76,6 +76,20 @@ def Xform "Parent"
     assert [each.category for each in read(tmp_path, body).objects] == ["Chair", "Table", "Cone", "Shelf", "Plain"]
 
 
+def test_objects_have_the_names_that_they_have_in_blender_unless_they_are_copies(tmp_path):
+    copies = "".join(
+        f"""
+def Xform "Cone_{row}_0" (instanceable = true
+    references = </M_0>)
+{{
+    custom string userProperties:blender:object_name = "Cone"
+}}"""
+        for row in range(2)
+    )
+    body = blender("M_0", "M.0", "Suzanne") + blender("M_1", "M.1", "Suzanne") + copies
+    assert [each.name for each in read(tmp_path, body).objects] == ["M.0", "M.1", "Cone_0_0", "Cone_1_0"]
+
+
 def omniverse(name: str, *labels: tuple[str, str], inside: str = "", schemas: str = "") -> str:
     """Return a cube with labels of Omniverse's SemanticsAPI, by (semanticType, semanticData)."""
     applied = ", ".join(

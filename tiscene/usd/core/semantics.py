@@ -99,6 +99,11 @@ def name_label(prim: Usd.Prim) -> str:
     return name.rstrip("0123456789").rstrip("_- .") or name
 
 
+def object_name(prim: Usd.Prim) -> str:
+    """Return the name of an object: that of its mesh's object in Blender, else its prim's, which no copy shares."""
+    return (_blender_name(prim) if prim.IsA(UsdGeom.Gprim) else "") or str(prim.GetName())
+
+
 def _blender_name(prim: Usd.Prim) -> str:
     """Return the name of a prim's object in Blender, "" for none.
 

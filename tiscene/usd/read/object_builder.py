@@ -16,7 +16,7 @@ from pxr import Usd, UsdGeom, UsdPhysics
 from tiscene.scene.animation import InstanceTrack
 from tiscene.scene.camera import Vector3
 from tiscene.scene.description import EARTH, Collider, Instance, Matrix, SceneObject
-from tiscene.usd.core.semantics import asset_name, name_label
+from tiscene.usd.core.semantics import asset_name, name_label, object_name
 from tiscene.usd.core.time_samples import TransformSamples, tracks_of
 from tiscene.usd.core.transform import is_singular
 from tiscene.usd.core.units import Units
@@ -27,7 +27,7 @@ class StageObject:
     """An object while the stage is read. It becomes a SceneObject once one of its meshes is drawn.
 
     Attributes:
-        name: name of its prim, with the id in brackets for a point of an instancer.
+        name: name of its prim or of its object in Blender, with the id in brackets for a point of an instancer.
         path: path of its prim.
         category: semantic label, "" for none.
         is_labeled: whether the label is authored on the object or within it, not inherited from a group.
@@ -66,7 +66,7 @@ class StageObject:
         """Return a new object for a prim."""
         names = name_label(prim), asset_name(prim)
         matrix = first_shown(matrix, samples)
-        return cls(prim.GetName(), str(prim.GetPath()), category, is_labeled, *names, matrix, samples)
+        return cls(object_name(prim), str(prim.GetPath()), category, is_labeled, *names, matrix, samples)
 
     def add_parts(self, names: tuple[str, ...]) -> int:
         """Add parts by their names and return the number of the first one."""
