@@ -37,6 +37,20 @@ def test_import_makes_a_template_of_a_model(model, tmp_path, capsys, monkeypatch
     assert "TISCENE_PATH" not in out
 
 
+def test_import_replaces_a_template_only_when_it_is_told_to(model, tmp_path, capsys):
+    other = tmp_path / "other" / "box.obj"
+    other.parent.mkdir()
+    other.write_text(BOX)
+    template = tmp_path / "library" / "templates" / "box" / "template.usda"
+    assert cli.main(["import", str(model), "-o", str(tmp_path / "library"), "--author", "first"]) == 0
+    again = ["import", str(other), "-o", str(tmp_path / "library"), "--author", "second"]
+    assert cli.main(again) == 2
+    assert "has a template 'Box' already: give another --name, or --overwrite it" in capsys.readouterr().err
+    assert "first" in template.read_text()
+    assert cli.main([*again, "--overwrite"]) == 0
+    assert "second" in template.read_text()
+
+
 def test_import_of_a_catalog_makes_a_template_of_each_model(furniture_catalog, tmp_path, capsys):
     assert cli.main(["import", str(furniture_catalog), "-o", str(tmp_path / "library")]) == 0
     captured = capsys.readouterr()

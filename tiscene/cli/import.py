@@ -44,9 +44,13 @@ def _import_model(args: argparse.Namespace, library: Path) -> None:
             license = Path(args.license).read_text("utf-8") if Path(args.license).is_file() else args.license
         except (OSError, UnicodeDecodeError) as error:
             raise ArgumentError(f"--license {args.license}: cannot be read as text ({error})") from error
+    folder = _folder(library, name)
+    if (folder / "template.usda").exists() and not args.overwrite:
+        taken = catalog.template_name(folder.name)
+        raise ArgumentError(f"{folder} has a template {taken!r} already: give another --name, or --overwrite it")
     path = import_asset(
         args.file,
-        _folder(library, name),
+        folder,
         name=name,
         label=args.label,
         unit=args.unit,
@@ -84,7 +88,9 @@ def _print_template(path: Path) -> None:
     print(f"  {path}")
     longest = float(np.max(high - low))
     if not _USUAL_SIZE[0] <= longest <= _USUAL_SIZE[1]:
-        print(f"  {longest:.3g} m is an unusual size for an object in a room: is --unit correct?")
+        print(
+            f"  {longest:.3g} m is an unusual size for an object in a room: is --unit correct? --overwrite imports again"
+        )
 
 
 def _folder(library: Path, name: str) -> Path:

@@ -159,6 +159,7 @@ def _import(commands: Commands) -> None:
     importer.add_argument(
         "--name", metavar="TEXT", default="", help="name, such as 'Chair 03' (default: from the file name)"
     )
+    importer.add_argument("--overwrite", action="store_true", help="replace a template of the same name")
     importer.add_argument("--label", metavar="TEXT", default="", help="semantic class, such as chair")
     importer.add_argument(
         "--unit", metavar="M", type=float, help="meters per unit of the file (default: by the format)"
