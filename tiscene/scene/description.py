@@ -79,6 +79,8 @@ __all__ = [
 FloatArray = NDArray[np.float32]
 IntArray = NDArray[np.int32]
 EARTH = 9.81  # m/s2: gravity of stages without their own
+_FLAT = 0.01  # height of a flat ground, of its width
+_GROUND = 3.0  # width of a ground that no picture is framed by, of the diagonal of all else
 _MAX_POINTS = 1 << 20  # that `mesh_boxes` transforms at once
 
 
@@ -243,13 +245,24 @@ class SceneDescription:
                 return each
         if name is not None:
             raise CameraNotFound("camera", name, [each.name for each in self.cameras], f" in scene {self.name!r}")
-        (a, b, c), (d, e, f) = self.bounds().tolist()
+        (a, b, c), (d, e, f) = self._bounds_without_ground().tolist()
         return Camera.framing((a, b, c), (d, e, f), self.up)
 
     def bounds(self) -> NDArray[np.float64]:
         """Return the bounding box of all instances, [2, 3]: lowest and highest corner, m; zeros if there are none."""
         matrices = [each.world_from_object for each in self.instances]
         return bounding_box(self, [each.mesh for each in self.instances], matrices)
+
+    def _bounds_without_ground(self) -> NDArray[np.float64]:
+        """Return the `bounds` without flat grounds so much wider than all else that it would be tiny in a picture."""
+        matrices = np.array([each.world_from_object for each in self.instances]).reshape(-1, 4, 4)
+        boxes = mesh_boxes(self.meshes, [each.mesh for each in self.instances], matrices)
+        sides = boxes[:, 1] - boxes[:, 0]
+        up = self.up.index(1.0)
+        width = np.delete(sides, up, axis=1).max(axis=1)
+        is_flat = sides[:, up] <= _FLAT * width
+        size = np.linalg.norm(np.diff(_union(boxes[~is_flat]), axis=0))
+        return _union(boxes[~is_flat | (width <= _GROUND * size)] if size > 0.0 else boxes)
 
 
 def mesh_boxes(meshes: Sequence[Mesh], rows: Sequence[int], matrices: Matrix) -> NDArray[np.float64]:
@@ -284,6 +297,11 @@ def bounding_box(
 ) -> NDArray[np.float64]:
     """Return the bounding box of meshes, each transformed by its 4x4 matrix: [2, 3], m; zeros if there are none."""
     boxes = mesh_boxes(description.meshes, meshes, np.array(matrices).reshape(-1, 4, 4))
+    return _union(boxes)
+
+
+def _union(boxes: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return the box around boxes [n, 2, 3]: [2, 3]; zeros if there are none."""
     low, high = boxes[:, 0].min(axis=0, initial=np.inf), boxes[:, 1].max(axis=0, initial=-np.inf)
     return np.stack([low, high]) if np.isfinite(low).all() else np.zeros((2, 3))
 

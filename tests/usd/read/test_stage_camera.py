@@ -32,6 +32,32 @@ def test_default_camera(tmp_path):
     assert eye.position == (0.0, 0.0, 0.0)
 
 
+@pytest.mark.parametrize(
+    ("width", "framed"),
+    [(40.0, 1.0), (5.0, 5.0)],
+    ids=["a ground much wider than all else is not", "a floor is"],
+)
+def test_a_stage_without_a_camera_is_framed(tmp_path, width, framed):
+    body = f"""
+def Cube "Robot"
+{{
+    double size = 1
+}}
+def Plane "Ground"
+{{
+    double width = {width}
+    double length = {width}
+    uniform token axis = "Y"
+}}"""
+    half = 0.5 * framed
+    assert read(tmp_path, body).camera() == ts.Camera.framing((-half, -0.5, -half), (half, 0.5, half))
+
+
+def test_a_stage_of_grounds_alone_is_framed_whole(tmp_path):
+    body = 'def Plane "Ground"\n{\n    uniform token axis = "Y"\n}'
+    assert read(tmp_path, body).camera() == ts.Camera.framing((-1.0, 0.0, -1.0), (1.0, 0.0, 1.0))
+
+
 @pytest.mark.parametrize("meters", [1.0, 0.01])
 def test_lens_is_in_tenths_of_a_scene_unit(tmp_path, meters):
     """A 50 mm lens at f/2 on a 24 mm high sensor, focused at 3 m."""
