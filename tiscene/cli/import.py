@@ -88,9 +88,7 @@ def _print_template(path: Path) -> None:
     print(f"  {path}")
     longest = float(np.max(high - low))
     if not _USUAL_SIZE[0] <= longest <= _USUAL_SIZE[1]:
-        print(
-            f"  {longest:.3g} m is an unusual size for an object in a room: is --unit correct? --overwrite imports again"
-        )
+        print(f"  {longest:.3g} m is an unusual size for an object in a room: is --unit correct? See --overwrite too")
 
 
 def _folder(library: Path, name: str) -> Path:
