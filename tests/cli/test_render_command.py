@@ -13,7 +13,7 @@ from tiscene.cli import render as render_command
 from tiscene.export import FORMATS
 from tiscene.frame.buffers import BUFFERS
 from tiscene.scene.description import SceneDescription
-from tiscene.world.lights import warn_if_dark
+from tiscene.world.lights import warn_if_dark, with_light
 
 
 def render(*arguments) -> int:
@@ -73,14 +73,14 @@ class DarkStream(FakeCommandStream):
 
     def __init__(self, source, **others) -> None:
         super().__init__(source, **others)
-        warn_if_dark(source, [SceneDescription("dark")])
+        warn_if_dark(source, with_light(SceneDescription("dark"), []))
 
 
 def test_render_warns_of_a_scene_without_light_on_stderr(tmp_path, fake, monkeypatch, capsys):
     monkeypatch.setattr(render_command, "Stream", DarkStream)
     assert render("-o", tmp_path / "seen") == 0
     out, err = capsys.readouterr()
-    assert err.startswith("tiscene: warning: somewhere: there is no light, so color will be black.")
+    assert err.startswith("tiscene: warning: somewhere: there is no light, so a white sky and a sun light it.")
     assert err.count("\n") == 1
     assert "light" not in out
 

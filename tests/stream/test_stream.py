@@ -71,15 +71,17 @@ def same(left: ts.Frame, right: ts.Frame) -> bool:
     )
 
 
-def test_a_stage_without_light_is_told_where_color_is_wanted(tmp_path):
+def test_a_stage_without_light_is_lit_and_told_where_color_is_wanted(tmp_path):
     path = tmp_path / "dark.usda"
     path.write_text('#usda 1.0\n(\n    metersPerUnit = 1\n)\ndef Cube "Box"\n{\n}\n')
-    with pytest.warns(StageWarning, match=r"dark\.usda: there is no light.*Add a light") as told:
-        ts.Stream(path)
+    with pytest.warns(StageWarning, match=r"dark\.usda: there is no light.*For another light") as told:
+        stream = ts.Stream(path, width=16, height=12, spp=1)
+    assert stream[0].rgb.any(axis=2).all()
+    assert [each.name for each in stream.world.state(0).lights] == ["Sky", "Sun"]
     assert [each.filename for each in told] == [__file__]
     ts.Stream(path, buffers=("depth", "albedo"))
     lamp = ts.Scenario(str(path), [ts.Object("lamp", "Lamp Floor 01")])
-    ts.Stream(lamp)
+    assert len(ts.Stream(lamp).world.stage.lights) == 0
     path.write_text(path.read_text() + 'def DomeLight "Sky"\n{\n}\n')
     ts.Stream(path)  # warnings are errors here
 

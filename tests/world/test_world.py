@@ -78,7 +78,7 @@ def world(*objects: ts.Object, stage: SceneDescription = STAGE, fps: float = 10.
 
 def test_descriptions_are_the_stage_and_each_template_once_in_the_order_of_need():
     made = world(ts.Object("a", "Ball"), ts.Object("b", "Chair 01"), ts.Object("c", "Ball"))
-    assert made.descriptions == [STAGE, BALL.description, CHAIR.description]
+    assert made.descriptions == [made.stage, BALL.description, CHAIR.description]
     assert made.templates == ["Ball", "Chair 01"]
     assert made.state(0).placement.mesh.tolist() == [0, 1, 1, 2, 3, 3, 4, 2]
 

@@ -176,13 +176,13 @@ def _suspicious(stage: SceneDescription, facts: StageFacts | None) -> list[str]:
         unauthored = ", USD's default, since the file has none" if facts and not facts.unit_is_authored else ""
         found.append(f"the scene is {size} long ({unit}{unauthored})")
     if stage.is_dark:
-        found.append("there is no light, so color will be black (a DomeLight is enough)")
+        found.append("there is no light, so a white sky and a sun light it")
     if not stage.instances:
         found.append("there is no geometry to render")
     elif float(np.abs(stage.bounds()).max()) > _MAX_OFFSET * longest:
         found.append("the scene is far from the origin: move it closer, since 32-bit floats are imprecise there")
     if not stage.cameras:
-        found.append("there is no camera; the default one sees the whole stage")
+        found.append("there is no camera; the default one sees all except wide grounds")
     elif longest > 0.0:
         low, high = stage.bounds()
         far = [

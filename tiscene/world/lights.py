@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import math
 import warnings
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, fields, replace
@@ -11,10 +12,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from dynamics.rotation import matrix_from_quaternion, quaternion
 from tiscene.errors import LightNotFound, StageWarning
 from tiscene.scenario.light_motion import Color, LightMotion
 from tiscene.scene.camera import quaternion_from_matrix
-from tiscene.scene.description import Light, SceneDescription
+from tiscene.scene.description import DistantLight, DomeLight, Light, SceneDescription
 from tiscene.scene.input_track import InputTrack, by_row
 from tiscene.scene.lights.light_groups import LightGroups, emission_of, with_emission
 
@@ -23,16 +25,35 @@ Array = NDArray[np.float64]
 TOO_MANY_GROUPS = 8
 
 
-def warn_if_dark(scene: str, descriptions: Iterable[SceneDescription]) -> None:
-    """Warn if no description contains a light or an emissive material."""
-    if all(each.is_dark for each in descriptions):
+def with_light(stage: SceneDescription, templates: Iterable[SceneDescription]) -> SceneDescription:
+    """Return a stage with a sky and a sun if neither it nor any template has a light or an emissive material."""
+    if not stage.is_dark or not all(each.is_dark for each in templates):
+        return stage
+    return replace(stage, lights=_DEFAULT[stage.up_axis])
+
+
+def warn_if_dark(scene: str, stage: SceneDescription) -> None:
+    """Warn if the lights of a stage are those of `with_light`."""
+    if stage.lights is _DEFAULT[stage.up_axis]:
         text = (
-            f"{scene}: there is no light, so color will be black. Add a light to the stage (such as a DomeLight), "
-            "spawn a lamp, or leave the color buffers out."
+            f"{scene}: there is no light, so a white sky and a sun light it. For another light, add one to the stage "
+            "(such as a DomeLight) or spawn a lamp."
         )
         warnings.warn(StageWarning(text), stacklevel=3)
 
 
+def _default_lights(up_axis: str) -> tuple[Light, ...]:
+    """Return a white sky, and a sun from the upper left of the camera that sees a whole stage by default."""
+    sky, sun = np.eye(4), np.eye(4)
+    sun[:3, :3] = matrix_from_quaternion(quaternion((-50.0, -10.0, 0.0)))
+    if up_axis == "Z":
+        sun[:3, :3] = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, -1.0], [0.0, 1.0, 0.0]]) @ sun[:3, :3]
+    white, irradiance = (1.0, 1.0, 1.0), (3.0, 3.0, 3.0)
+    # No prim of a stage has such a path.
+    return DomeLight("Sky", "Sky", sky, white), DistantLight("Sun", "Sun", sun, irradiance, math.radians(3.0))
+
+
+_DEFAULT = {up_axis: _default_lights(up_axis) for up_axis in ("Y", "Z")}
 _NOW, _BRIGHTEST = -1, -2  # cache keys of the stage's lights, in place of an object's row
 
 

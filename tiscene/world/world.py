@@ -27,7 +27,7 @@ from tiscene.scene.placement import Placement
 from tiscene.world.category_ids import CategoryIds
 from tiscene.world.edit_lock import one_at_a_time
 from tiscene.world.frame_evaluator import FrameEvaluator
-from tiscene.world.lights import WorldLights
+from tiscene.world.lights import WorldLights, with_light
 from tiscene.world.material_animation import MaterialAnimation
 from tiscene.world.object_edits import ObjectEdits
 from tiscene.world.object_registry import ObjectRegistry
@@ -65,9 +65,9 @@ class World(ObjectEdits):
         edit_lock: held during an edit; None: edits and states are of one thread.
 
     Attributes:
-        stage: the stage, with the scenario's overrides.
+        stage: the stage, with the scenario's overrides, and with a light in any case.
         fps: frames per second.
-        cameras: the scenario's cameras, else the stage's first, else one that frames the whole stage.
+        cameras: the scenario's cameras, else the stage's first, else one that frames the stage.
         next_frame: the frame at which edits take effect.
         start_edits: number of edits that were made at frame 0 since this world was made.
         trajectories: poses of objects, cameras and lights.
@@ -106,6 +106,9 @@ class World(ObjectEdits):
             template = load_template(name)
             return replace(template, description=with_materials(template.description, scenario.overrides))
 
+        inner = {each.name: each for each in stage.templates}
+        used = {each.template for each in scenario.objects}
+        self.stage = stage = with_light(stage, [(inner.get(name) or load(name)).description for name in used])
         self._load_template, self._trees = load, trees or (lambda: MeshTrees.built(stage.meshes))
         self._first_category_ids = category_ids or CategoryIds()
         self._build(scenario)
