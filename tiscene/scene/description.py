@@ -194,6 +194,7 @@ class SceneDescription:
         resolution: Width and height of the image that the stage's RenderSettings ask for, px. None: none.
         camera_paths: Prim paths of the cameras. Empty: unknown.
         gravity: Of the stage's PhysicsScene, m/s2, world. None: that of the earth.
+        moved: Boxes of the prims that a scenario moves, as authored: [2, 3], lowest and highest corner, m.
     """
 
     name: str
@@ -215,6 +216,7 @@ class SceneDescription:
     light_tracks: tuple[InputTrack, ...] = ()
     camera_paths: tuple[str, ...] = ()
     gravity: Vector3 | None = None
+    moved: tuple[NDArray[np.float64], ...] = ()
 
     @property
     def is_dark(self) -> bool:
@@ -254,9 +256,10 @@ class SceneDescription:
         return bounding_box(self, [each.mesh for each in self.instances], matrices)
 
     def _bounds_without_ground(self) -> NDArray[np.float64]:
-        """Return the `bounds` without flat grounds so much wider than all else that it would be tiny in a picture."""
+        """Return the box of all instances and of what a scenario moves, without grounds that would make it tiny."""
         matrices = np.array([each.world_from_object for each in self.instances]).reshape(-1, 4, 4)
         boxes = mesh_boxes(self.meshes, [each.mesh for each in self.instances], matrices)
+        boxes = np.concatenate([boxes, np.array(self.moved).reshape(-1, 2, 3)])
         sides = boxes[:, 1] - boxes[:, 0]
         up = self.up.index(1.0)
         width = np.delete(sides, up, axis=1).max(axis=1)

@@ -11,6 +11,7 @@ import pytest
 import tiscene as ts
 from tests.usd.helpers import problems_of, read, read_with_warning, write
 from tiscene.errors import CameraNotFound
+from tiscene.usd.read.stage_reader import read_stage
 
 
 def camera(lines: str = "") -> str:
@@ -56,6 +57,18 @@ def Plane "Ground"
 def test_a_stage_of_grounds_alone_is_framed_whole(tmp_path):
     body = 'def Plane "Ground"\n{\n    uniform token axis = "Y"\n}'
     assert read(tmp_path, body).camera() == ts.Camera.framing((-1.0, 0.0, -1.0), (1.0, 0.0, 1.0))
+
+
+def test_objects_that_a_scenario_moves_are_framed_as_if_they_stood(tmp_path):
+    body = """
+def Cube "Car"
+{
+    double3 xformOp:translate.timeSamples = {1: (9, 0, 1), 24: (12, 0, 1)}
+    uniform token[] xformOpOrder = ["xformOp:translate"]
+}"""
+    framed = ts.Camera.framing((8.0, -1.0, 0.0), (10.0, 1.0, 2.0))
+    path = write(tmp_path, body)
+    assert read_stage(path).camera() == read_stage(path, extract=["/Car"]).camera() == framed
 
 
 @pytest.mark.parametrize("meters", [1.0, 0.01])

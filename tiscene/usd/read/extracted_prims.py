@@ -7,6 +7,7 @@ from collections.abc import Collection
 from dataclasses import replace
 
 import numpy as np
+from numpy.typing import NDArray
 from pxr import Sdf, Usd, UsdGeom
 
 from tiscene.errors import TemplateNotFound
@@ -59,10 +60,10 @@ class _ExtractedReader(StageReader):
 
 def extracted_templates(
     stage: Usd.Stage, extract: Collection[str], time: Usd.TimeCode, report: StageReport, taxonomy: str | None = None
-) -> tuple[Template, ...]:
-    """Read each extracted prim as a template that is named by its path.
+) -> list[tuple[Template, NDArray[np.float64]]]:
+    """Read each extracted prim as a template that is named by its path, and return it with its box in the world.
 
-    The template has the axes of the prim's pose, and keeps its scale.
+    The template has the axes of the prim's pose, and keeps its scale. The box is [2, 3], m.
 
     Args:
         stage: the stage.
@@ -74,10 +75,12 @@ def extracted_templates(
     Raises:
         TemplateNotFound: there is no transformable prim at a path.
     """
-    return tuple(_template(stage, path, time, report, taxonomy) for path in sorted(set(extract)))
+    return [_template(stage, path, time, report, taxonomy) for path in sorted(set(extract))]
 
 
-def _template(stage: Usd.Stage, path: str, time: Usd.TimeCode, report: StageReport, taxonomy: str | None) -> Template:
+def _template(
+    stage: Usd.Stage, path: str, time: Usd.TimeCode, report: StageReport, taxonomy: str | None
+) -> tuple[Template, NDArray[np.float64]]:
     prim = stage.GetPrimAtPath(path) if Sdf.Path.IsValidPathString(path) else None
     if not prim or not prim.IsA(UsdGeom.Xformable):
         paths = [str(each.GetPath()) for each in stage.Traverse() if each.IsA(UsdGeom.Xformable)]
@@ -93,12 +96,14 @@ def _template(stage: Usd.Stage, path: str, time: Usd.TimeCode, report: StageRepo
             animated = animated.hidden_by(group)
     reader.walk(prim, TraversalContext(parent_world, label=label, animated=animated))
     description = reader.description(path)
+    box = description.bounds()
     if isinstance(pose, str):
         report.problem(path, "transform", pose)
     else:
         inverse = np.linalg.inv(pose_matrix(pose.position, pose.rotation))
         description = _transformed(description, np.asarray(inverse, np.float64))
-    return as_template(description, prim, name_label(prim) if reader.by_name else label, asset_name(prim), report)
+    label = name_label(prim) if reader.by_name else label
+    return as_template(description, prim, label, asset_name(prim), report), box
 
 
 def _transformed(description: SceneDescription, by: Matrix) -> SceneDescription:

@@ -113,13 +113,13 @@ def read_stage(
         limit_subdivision(stage, time, DEFAULT_TRIANGLES if subdivision is None else subdivision, report)
         reader = RemainderReader(stage, time, report, extract, taxonomy)
         reader.walk(stage.GetPseudoRoot(), TraversalContext())
-        templates = (
-            *stage_templates(stage, report, taxonomy),
-            *extracted_templates(stage, extract, time, report, taxonomy),
-        )
+        own = stage_templates(stage, report, taxonomy)
+        extracted = extracted_templates(stage, extract, time, report, taxonomy)
+        templates = (*own, *(template for template, _ in extracted))
         description = reader.description(scene_name(Path(path)), templates)
+        moved = tuple(box for template, box in extracted if template.description.instances)
         rooms, gravity = read_room_volumes(stage, time, report), read_gravity(stage)
-        description = replace(description, rooms=rooms, gravity=gravity)
+        description = replace(description, rooms=rooms, gravity=gravity, moved=moved)
         report.raise_problems(anything_left=bool(description.instances or templates))
         _report_distance(description, stage, report)
     report.warn()
