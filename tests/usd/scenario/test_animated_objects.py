@@ -280,3 +280,20 @@ def test_camera_below_a_prim_that_moves_by_the_schema_is_named(tmp_path):
         StageWarning, match="a camera below a prim of TisceneMotionAPI does not follow it: </Cart/OnCart>"
     ):
         ts.Scenario.load(write(tmp_path, body, more=RANGE))
+
+
+def test_objects_that_move_have_the_names_that_they_have_in_blender(tmp_path):
+    body = "".join(
+        f"""
+def Xform "M_{row}"
+{{
+    custom string userProperties:blender:object_name = "M.{row}"
+    double3 xformOp:translate.timeSamples = {{0: (0, {row}, 0), 24: (1, {row}, 0)}}
+    uniform token[] xformOpOrder = ["xformOp:translate"]
+    def Cube "Suzanne"
+    {{
+    }}
+}}"""
+        for row in range(2)
+    )
+    assert [each.id for each in ts.Scenario.load(write(tmp_path, body)).objects] == ["M.0", "M.1"]

@@ -22,7 +22,7 @@ from tiscene.usd.core.pose import is_same_pose, read_pose
 from tiscene.usd.core.prims import DRAWN_PURPOSES, ancestors, with_ancestors
 from tiscene.usd.core.report import StageReport
 from tiscene.usd.core.schema import authored, targets
-from tiscene.usd.core.semantics import is_component, is_object_instance
+from tiscene.usd.core.semantics import is_component, is_object_instance, object_name
 from tiscene.usd.core.stage import Variants, open_stage, quiet, readable, reading_time
 from tiscene.usd.core.transform import to_matrix
 from tiscene.usd.core.units import Units
@@ -254,13 +254,12 @@ class _ScenarioReader:
             return dynamic
         return read_rigid_body(prim, self._units, self._physics, self._time, self._report)
 
-    @staticmethod
-    def _name(objects: list[dict[str, Any]], paths: list[str]) -> None:
-        """Give objects without an id the name of their prim, or its path if that name is taken."""
+    def _name(self, objects: list[dict[str, Any]], paths: list[str]) -> None:
+        """Give objects without an id their name on the stage, or the path of their prim if that name is taken."""
         taken = {each["id"] for each in objects if each["id"]}
         for content, path in zip(objects, paths, strict=True):
             if not content["id"]:
-                name = Sdf.Path(path).name
+                name = object_name(self._stage.GetPrimAtPath(path))
                 content["id"] = name if name not in taken else path
                 taken.add(content["id"])
 
