@@ -86,6 +86,15 @@ def test_a_stage_without_light_is_lit_and_told_where_color_is_wanted(tmp_path):
     ts.Stream(path)  # warnings are errors here
 
 
+@pytest.mark.parametrize("limits", [None, ts.Limits()], ids=["in this process", "in another process"])
+def test_warnings_of_a_stage_name_the_line_that_makes_the_stream(tmp_path, limits):
+    path = tmp_path / "fog.usda"
+    path.write_text('#usda 1.0\ndef Cube "Box"\n{\n}\ndef Volume "Fog"\n{\n}\n')
+    with pytest.warns(StageWarning, match="Volume are not drawn") as told:
+        ts.Stream(path, buffers=("depth",), limits=limits)
+    assert [each.filename for each in told] == [__file__]
+
+
 def test_a_frame_by_number_is_the_frame_of_iterating():
     iterated = list(ts.Stream(moving_scenario(), frames=10, **SETTINGS))
     assert [frame.index for frame in iterated] == list(range(10))

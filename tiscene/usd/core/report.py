@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import contextlib
 import re
+import sys
 import warnings
 from collections.abc import Iterator, Sequence
 from typing import Any
@@ -67,6 +68,14 @@ def _mistyped(prim: Usd.Prim) -> str:
             found = {spec.typeName for spec in attribute.GetPropertyStack(Usd.TimeCode.Default())}
             faults += [f"{attribute.GetName()} is {each}, expected {expected}" for each in found if each != expected]
     return "; ".join(sorted(faults))
+
+
+def outer_level() -> int:
+    """Return the `stacklevel` by which the caller warns at the line that called tiscene."""
+    frame, level = sys._getframe(1), 1
+    while frame.f_back is not None and frame.f_globals.get("__name__", "").partition(".")[0] == "tiscene":
+        frame, level = frame.f_back, level + 1
+    return level
 
 
 class StageReport:
@@ -221,7 +230,7 @@ class StageReport:
         return " ".join(lines)
 
     def warn(self, problems: bool = True) -> None:
-        """Give one StageWarning that lists all problems and omissions, on behalf of the caller's caller, if any.
+        """Give one StageWarning that lists all problems and omissions, if any, at the line that called tiscene.
 
         Args:
             problems: whether to list the problems too.
@@ -231,7 +240,7 @@ class StageReport:
             lines.append(f"  {text}: {_listed(list(paths), _MAX_PATHS)}")
         if lines:
             message = f"{self.stage} is not drawn quite as authored:\n" + "\n".join(lines)
-            warnings.warn(StageWarning(message), stacklevel=3)
+            warnings.warn(StageWarning(message), stacklevel=outer_level())
 
     def _listed_problems(self) -> list[str]:
         """Return a line for each kind of problem, at most _MAX_PROBLEMS of them."""

@@ -31,6 +31,7 @@ from pxr import Sdf
 from tiscene import errors
 from tiscene.errors import StageError, StageWarning, TisceneError
 from tiscene.usd.core.limits import Limits
+from tiscene.usd.core.report import outer_level
 
 Result = TypeVar("Result")
 
@@ -183,7 +184,7 @@ class SubprocessReader:
         except (pickle.UnpicklingError, ValueError, TypeError, EOFError, AttributeError, struct.error) as error:
             raise StageError(self._path, [f"the child process returned an invalid result: {error}"]) from None
         for text in stage_warnings:
-            warnings.warn(StageWarning(str(text)), stacklevel=4)
+            warnings.warn(StageWarning(str(text)), stacklevel=outer_level())
         if kind == "result":
             return content
         name, message, stage, problems, advice = content
