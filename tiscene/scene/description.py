@@ -246,7 +246,9 @@ class SceneDescription:
             if name in (None, each.name):
                 return each
         if name is not None:
-            raise CameraNotFound("camera", name, [each.name for each in self.cameras], f" in scene {self.name!r}")
+            hint = "" if self.cameras else "It has none: give no name, or a `Camera`."
+            known = [each.name for each in self.cameras]
+            raise CameraNotFound("camera", name, known, f" in scene {self.name!r}", hint)
         (a, b, c), (d, e, f) = self._bounds_without_ground().tolist()
         return Camera.framing((a, b, c), (d, e, f), self.up)
 

@@ -54,6 +54,11 @@ def Plane "Ground"
     assert read(tmp_path, body).camera() == ts.Camera.framing((-half, -0.5, -half), (half, 0.5, half))
 
 
+def test_a_name_of_a_camera_on_a_stage_without_cameras_is_refused_with_advice(tmp_path):
+    with pytest.raises(CameraNotFound, match=r"no camera 'Main' in scene 'stage'. It has none: give no name, or a"):
+        read(tmp_path, 'def Cube "Box"\n{\n}').camera("Main")
+
+
 def test_a_stage_of_grounds_alone_is_framed_whole(tmp_path):
     body = 'def Plane "Ground"\n{\n    uniform token axis = "Y"\n}'
     assert read(tmp_path, body).camera() == ts.Camera.framing((-1.0, 0.0, -1.0), (1.0, 0.0, 1.0))
