@@ -130,12 +130,13 @@ def find_scene(scene: str | os.PathLike[str]) -> Path:
     return known[str(scene)].path
 
 
-def find_template(template: str | os.PathLike[str], *, scene: str = "") -> Path:
+def find_template(template: str | os.PathLike[str], *, scene: str = "", hint: str = "") -> Path:
     """Return the file of an object template.
 
     Args:
         template: The name of a template or the path of a USD file, with or without variants (see `template_variants`).
         scene: The scene that the template is for; used in error messages only.
+        hint: Closing sentence of an error message; "": where the names are listed.
 
     Raises:
         TemplateNotFound: No template has that name.
@@ -155,7 +156,7 @@ def find_template(template: str | os.PathLike[str], *, scene: str = "") -> Path:
     if template not in known:
         where = f" in scene {scene!r}" if scene else ""
         command = f"tiscene show {scene}" if scene else "tiscene list"
-        hint = f"`{command}` lists all {len(known)}.{_missing_folders()}"
+        hint = hint or f"`{command}` lists all {len(known)}.{_missing_folders()}"
         raise TemplateNotFound("template", str(template), known, where=where, hint=hint)
     return known[str(template)]
 

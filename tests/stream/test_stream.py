@@ -95,6 +95,15 @@ def test_warnings_of_a_stage_name_the_line_that_makes_the_stream(tmp_path, limit
     assert [each.filename for each in told] == [__file__]
 
 
+def test_the_name_of_an_object_of_the_stage_in_place_of_a_template_is_refused_with_its_path(tmp_path):
+    path = tmp_path / "desk.usda"
+    path.write_text('#usda 1.0\ndef Xform "Desk"\n{\n    def Cube "Blotter"\n    {\n    }\n}\n')
+    scenario = ts.Scenario(str(path), [ts.Object("x", "Blotter")])
+    expected = r"no template 'Blotter' in scene .*The object 'Blotter' of the stage is the template '/Desk/Blotter'\."
+    with pytest.raises(TemplateNotFound, match=expected):
+        ts.Stream(scenario, buffers=("depth",))
+
+
 def test_a_frame_by_number_is_the_frame_of_iterating():
     iterated = list(ts.Stream(moving_scenario(), frames=10, **SETTINGS))
     assert [frame.index for frame in iterated] == list(range(10))

@@ -133,7 +133,12 @@ class StageCache:
         Raises:
             TemplateNotFound, StageError: it cannot be found or read.
         """
-        file, variants = catalog.find_template(name, scene=scenario.scene), catalog.template_variants(name)[1]
+        path = next((each.prim_path for each in stage.objects if each.name == name), "")
+        hint = f"The object {name!r} of the stage is the template {path!r}." if path else ""
+        file, variants = (
+            catalog.find_template(name, scene=scenario.scene, hint=hint),
+            catalog.template_variants(name)[1],
+        )
         taxonomy, limits = self._options["taxonomy"], self._loading["limits"]
         if limits is not None:
             return read_template(file, up_axis=stage.up_axis, taxonomy=taxonomy, variants=variants, limits=limits)
