@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import argparse
 import math
+import textwrap
 from pathlib import Path
 
 import numpy as np
@@ -16,6 +17,7 @@ from tiscene.scene.description import DistantLight, Light, SceneDescription
 from tiscene.usd.read.stage_reader import read_stage
 
 MAX_NAMES = 8  # names of objects in a line
+MAX_WIDTH = 100  # characters of a line of templates
 
 
 def run(args: argparse.Namespace) -> None:
@@ -32,7 +34,7 @@ def run(args: argparse.Namespace) -> None:
     _section("Cameras", [_camera(camera) for camera in stage.cameras])
     _section("Lights", [_light(light) for light in stage.lights])
     _section("Objects", object_lines(stage), len(stage.objects))
-    _section("Templates", templates)
+    _section("Templates", textwrap.wrap(", ".join(templates), MAX_WIDTH), len(templates))
 
 
 def stage_file(source: str) -> Path:
