@@ -51,6 +51,13 @@ def test_import_replaces_a_template_only_when_it_is_told_to(model, tmp_path, cap
     assert "second" in template.read_text()
 
 
+def test_import_of_a_large_usd_model_asks_for_the_unit_of_the_file(tmp_path, capsys):
+    model = tmp_path / "hall.usda"
+    model.write_text('#usda 1.0\n(\n    metersPerUnit = 1\n)\ndef Cube "Hall"\n{\n    double size = 50\n}\n')
+    assert cli.main(["import", str(model), "-o", str(tmp_path / "library")]) == 0
+    assert "50 m is an unusual size for an object in a room: is its metersPerUnit correct?" in capsys.readouterr().out
+
+
 def test_import_of_a_catalog_makes_a_template_of_each_model(furniture_catalog, tmp_path, capsys):
     assert cli.main(["import", str(furniture_catalog), "-o", str(tmp_path / "library")]) == 0
     captured = capsys.readouterr()

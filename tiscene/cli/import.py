@@ -14,7 +14,7 @@ import numpy as np
 from tiscene import catalog
 from tiscene.cli.terminal import counted, progress
 from tiscene.errors import ArgumentError
-from tiscene.usd.importers.import_template import import_asset
+from tiscene.usd.importers.import_template import USD_SUFFIXES, import_asset
 from tiscene.usd.importers.sweet_home_3d import FurnitureCatalog
 from tiscene.usd.read.template import read_template
 
@@ -59,7 +59,7 @@ def _import_model(args: argparse.Namespace, library: Path) -> None:
         license=license,
         author=args.author,
     )
-    _print_template(path)
+    _print_template(path, Path(args.file))
 
 
 def _import_catalog(file: Path, library: Path) -> None:
@@ -78,8 +78,8 @@ def _import_catalog(file: Path, library: Path) -> None:
     print(f"{imported} of {len(furniture.entries)} models of {file.name} are in {library / 'templates'}")
 
 
-def _print_template(path: Path) -> None:
-    """Print name, size and triangles of a template. Reading it also checks it."""
+def _print_template(path: Path, source: Path) -> None:
+    """Print name, size and triangles of a template of a model file. Reading it also checks it."""
     description = read_template(path).description
     low, high = description.bounds()
     triangles = sum(len(mesh.triangles) for mesh in description.meshes)
@@ -88,7 +88,8 @@ def _print_template(path: Path) -> None:
     print(f"  {path}")
     longest = float(np.max(high - low))
     if not _USUAL_SIZE[0] <= longest <= _USUAL_SIZE[1]:
-        print(f"  {longest:.3g} m is an unusual size for an object in a room: is --unit correct? See --overwrite too")
+        unit = "its metersPerUnit" if source.suffix.lower() in USD_SUFFIXES else "--unit"
+        print(f"  {longest:.3g} m is an unusual size for an object in a room: is {unit} correct? See --overwrite too")
 
 
 def _folder(library: Path, name: str) -> Path:
