@@ -13,6 +13,7 @@
     stage_camera       UsdGeomCamera
     stage_render_settings  camera, resolution and conform policy of RenderSettings
     room_volumes       volumes of rooms
+    gravity            gravity, by the PhysicsScene
     extracted_prims    prims that a scenario moves, as templates
     template           templates from files and from /Templates
     kept_templates     templates that were read last

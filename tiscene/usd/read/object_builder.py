@@ -7,19 +7,16 @@ is decided by UsdPhysics (`StageObjectTable`).
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass, field
 
 import numpy as np
-from pxr import Usd, UsdGeom, UsdPhysics
+from pxr import Usd, UsdPhysics
 
 from tiscene.scene.animation import InstanceTrack
-from tiscene.scene.camera import Vector3
-from tiscene.scene.description import EARTH, Collider, Instance, Matrix, SceneObject
+from tiscene.scene.description import Collider, Instance, Matrix, SceneObject
 from tiscene.usd.core.semantics import asset_name, name_label, object_name
 from tiscene.usd.core.time_samples import TransformSamples, tracks_of
 from tiscene.usd.core.transform import is_singular
-from tiscene.usd.core.units import Units
 
 
 @dataclass
@@ -191,22 +188,6 @@ def collides(prim: Usd.Prim) -> bool | None:
     if not prim.HasAPI(UsdPhysics.CollisionAPI):
         return None
     return UsdPhysics.CollisionAPI(prim).GetCollisionEnabledAttr().Get() is not False
-
-
-def read_gravity(stage: Usd.Stage) -> Vector3 | None:
-    """Return the gravity of a stage's first PhysicsScene, m/s2; None: it has none, or that of the earth by default."""
-    scene = next((UsdPhysics.Scene(prim) for prim in stage.Traverse() if prim.IsA(UsdPhysics.Scene)), None)
-    if scene is None:
-        return None
-    strength = float(str(np.float32(scene.GetGravityMagnitudeAttr().Get())))  # 9.81 in single precision is 9.81
-    direction = np.array(scene.GetGravityDirectionAttr().Get(), np.float64)
-    length = float(np.linalg.norm(direction))
-    if not math.isfinite(length) or not -math.inf <= strength < math.inf or (strength < 0.0 and length == 0.0):
-        return None
-    strength = EARTH if strength < 0.0 else Units.of(stage).to_json(strength, True)
-    down = [0.0, -1.0, 0.0] if UsdGeom.GetStageUpAxis(stage) == "Y" else [0.0, 0.0, -1.0]
-    x, y, z = (strength * (direction / length if length > 0.0 else np.array(down))).tolist()
-    return x, y, z
 
 
 def is_rigid_body(prim: Usd.Prim) -> bool:

@@ -23,7 +23,7 @@ from tiscene.usd.geometry.skinning import prepare_skinning
 from tiscene.usd.geometry.subdivision_budget import DEFAULT_TRIANGLES, limit_subdivision
 from tiscene.usd.lights.light_linking import prepare_links
 from tiscene.usd.read.extracted_prims import RemainderReader, extracted_templates
-from tiscene.usd.read.object_builder import read_gravity
+from tiscene.usd.read.gravity import read_gravity
 from tiscene.usd.read.room_volumes import read_room_volumes
 from tiscene.usd.read.subprocess_reader import read_in_subprocess
 from tiscene.usd.read.template import stage_templates
