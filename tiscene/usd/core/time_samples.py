@@ -130,22 +130,33 @@ class TransformSamples:
         return bool((self.matrices != self.matrices[:1]).any()) or not bool(self.present.all())
 
     @classmethod
-    def of(cls, ancestors: AnimatedAncestors, static: Gf.Matrix4d, meters: float) -> TransformSamples | None:
+    def of(
+        cls,
+        ancestors: AnimatedAncestors,
+        static: Gf.Matrix4d,
+        meters: float,
+        known: dict[float, tuple[Matrix, bool]] | None = None,
+    ) -> TransformSamples | None:
         """Return the samples of a prim with these ancestors; None if it never changes.
 
         Args:
             ancestors: animated ancestors, the prim itself included.
             static: its world transform if none of them moves, in stage units.
             meters: meters per stage unit.
+            known: transforms of the prim by time code, and whether they flatten it; added to.
         """
         times = ancestors.times()
         if not times:
             return None
-        codes = [Usd.TimeCode(time) for time in times]
-        matrices = np.array([to_matrix(ancestors.world(code, static), meters) for code in codes])
+        known = {} if known is None else known
+        for time in times:
+            if time not in known:
+                matrix = to_matrix(ancestors.world(Usd.TimeCode(time), static), meters)
+                known[time] = matrix, is_singular(matrix)
+        matrices, flat = zip(*(known[time] for time in times), strict=True)
         # What its transform flattens is not drawn.
-        visible = [ancestors.is_visible(code) and not is_singular(m) for code, m in zip(codes, matrices, strict=True)]
-        samples = cls(tuple(times), matrices, np.array(visible, bool))
+        visible = [ancestors.is_visible(Usd.TimeCode(t)) and not each for t, each in zip(times, flat, strict=True)]
+        samples = cls(tuple(times), np.array(matrices), np.array(visible, bool))
         return samples if samples.changes else None
 
 

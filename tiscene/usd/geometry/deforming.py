@@ -38,28 +38,31 @@ _SHAPE_ATTRIBUTES = (
 _UNSUPPORTED_ATTRIBUTES = ("primvars:displayColor", "primvars:displayOpacity", "subdivisionScheme")
 
 
-def shape_times(prim: Usd.Prim, span: TopologySpan, report: StageReport) -> list[float]:
-    """Return the time codes of a span at which a gprim's shape is authored; empty if it is constant within it."""
+def shape_times(prim: Usd.Prim, spans: Sequence[TopologySpan], report: StageReport) -> dict[TopologySpan, list[float]]:
+    """Return the time codes of each span at which a gprim's shape is authored; empty if it is constant within it."""
     if not report.reads_animation:
-        return []
+        return {span: [] for span in spans}
     primvars = UsdGeom.PrimvarsAPI(prim).GetPrimvarsWithAuthoredValues()
     coordinates = [each.GetName() for each in primvars if each.GetTypeName() in TEXTURE_COORDINATE_TYPES]
     unsupported = [
         name
         for name in (*coordinates, *_UNSUPPORTED_ATTRIBUTES)
-        if any(varies_within(prim.GetAttribute(each), span) for each in (name, f"{name}:indices"))
+        if any(varies_within(prim.GetAttribute(each), spans) for each in (name, f"{name}:indices"))
         and not (name.startswith("primvars:display") and is_constant_color(prim))  # that plays as a material
     ]
     if unsupported:
         report.frozen(prim.GetPath(), f"{', '.join(unsupported)} of a {prim.GetTypeName()}")
     moving = [name for name in _SHAPE_ATTRIBUTES if is_time_varying(prim.GetAttribute(name))]
     times = {*_drift_times(prim), *(time for name in moving for time in value_times(prim.GetAttribute(name)))}
-    if not span.is_whole:
-        times = {time for time in times if span.holds(time)} | ({span.code.GetValue()} if times else set())
-        if times and _goes_on(prim, span.end):
-            times.add(span.end - JUMP)
-        times = times if len(times) > 1 else set()
-    return sorted(times)
+    return {span: sorted(times) if span.is_whole else _times_within(prim, span, times) for span in spans}
+
+
+def _times_within(prim: Usd.Prim, span: TopologySpan, times: set[float]) -> list[float]:
+    """Return those of a shape's time codes that are in a span, its first one, and the last before it ends."""
+    within = {time for time in times if span.holds(time)} | ({span.code.GetValue()} if times else set())
+    if times and _goes_on(prim, span.end):
+        within.add(span.end - JUMP)
+    return sorted(within) if len(within) > 1 else []
 
 
 def _goes_on(prim: Usd.Prim, time: float) -> bool:

@@ -7,6 +7,7 @@ USD holds topology from sample to sample. Each span is read as a mesh of its own
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -79,12 +80,13 @@ def topology_spans(prim: Usd.Prim, time: Usd.TimeCode, report: StageReport) -> l
     return [each for each in spans if each.code.GetValue() not in empty] or whole
 
 
-def varies_within(attribute: Usd.Attribute, span: TopologySpan) -> bool:
-    """Return whether an attribute has different values at different times of a span."""
-    if span.is_whole:
+def varies_within(attribute: Usd.Attribute, spans: Sequence[TopologySpan]) -> bool:
+    """Return whether an attribute has different values at different times of one of a gprim's spans."""
+    if spans[0].is_whole:
         return is_time_varying(attribute)
-    first = attribute.Get(span.code) if attribute else None
-    return any(span.holds(time) and attribute.Get(time) != first for time in value_times(attribute))
+    starts = {span.code.GetValue() for span in spans}
+    times = [time for time in value_times(attribute) if time not in starts]
+    return any(attribute.Get(time) != attribute.Get(span.code) for span in spans for time in times if span.holds(time))
 
 
 def _point_count(prim: Usd.Prim, time: float) -> int:

@@ -80,6 +80,7 @@ class MeshTable:
         self._report = report
         self._meters = meters_per_unit
         self._spans: dict[Any, list[TopologySpan]] = {}
+        self._times: dict[Any, dict[TopologySpan, list[float]]] = {}
         self._partitions: dict[Any, Partition] = {}
         self._surfaces: dict[Any, WeldedMesh | None] = {}
         self._rows: dict[Any, int | None] = {}
@@ -122,6 +123,13 @@ class MeshTable:
         if source not in self._spans:
             self._spans[source] = topology_spans(prim, self._time, self._report)
         return self._spans[source]
+
+    def shape_times(self, prim: Usd.Prim) -> dict[TopologySpan, list[float]]:
+        """Return the time codes of each span of a gprim's topology at which its shape is authored."""
+        source = shared_path(prim)
+        if source not in self._times:
+            self._times[source] = shape_times(prim, self.spans(prim), self._report)
+        return self._times[source]
 
     def is_initial(self, prim: Usd.Prim, span: TopologySpan) -> bool:
         """Return whether a span of a gprim's topology holds the time that the stage is read at."""
@@ -244,7 +252,7 @@ class MeshTable:
             for binding, indices in subsets:
                 of_face[indices] = wanted.index(binding.primvars)
         if key not in self._surfaces:
-            times = [] if skin is not None else shape_times(prim, span, self._report)
+            times = [] if skin is not None else self.shape_times(prim)[span]
             if prim.IsA(UsdGeom.Mesh):
                 surface = read_mesh(prim, span.code, self._report, wanted, of_face, times)
             else:

@@ -22,7 +22,6 @@ from tiscene.usd.core.semantics import direct_label, is_component, is_object_ins
 from tiscene.usd.core.time_samples import TransformSamples
 from tiscene.usd.core.transform import is_singular, range_fault, to_matrix
 from tiscene.usd.core.value_times import JUMP, dense_times, is_time_varying
-from tiscene.usd.geometry.deforming import shape_times
 from tiscene.usd.geometry.skinning import why_unskinned
 from tiscene.usd.lights.animated_light import mesh_emission_over_time
 from tiscene.usd.lights.light import LightReader, is_light, is_light_only
@@ -231,7 +230,7 @@ class StageReader(PointInstancerReader):
             return {}
         areas = {}
         spans = self._meshes.spans(prim)
-        shapes = [time for each in spans for time in shape_times(prim, each, self._report)]
+        shapes = [time for times in self._meshes.shape_times(prim).values() for time in times]
         shapes += [time for each in spans if each.start > -math.inf for time in (each.start - JUMP, each.start)]
         for time in dense_times((*here.animated.times(), *shapes)):
             world = to_matrix(here.animated.world(Usd.TimeCode(time), here.world), self._meters)
@@ -270,10 +269,11 @@ class StageReader(PointInstancerReader):
             if here.label_is_own and not owner.is_labeled:  # the object's category is that of its first labeled part
                 owner.category, owner.is_labeled = here.label, True
             names = self._part_names(prim, Sdf.Path(owner.path))
+            known: dict[float, tuple[Matrix, bool]] = {}
             for number, (mesh, span) in enumerate(shapes):
                 is_solid = collides(prim) if self._meshes.is_initial(prim, span) else False
                 animated = here.animated.during(span.start, span.end)
-                shown = TransformSamples.of(animated, here.world, self._meters)
+                shown = TransformSamples.of(animated, here.world, self._meters, known)
                 if shown is not None:
                     shown = replace(shown, matrices=self._meshes.placed(mesh, shown.matrices))
                 placed = self._meshes.placed(mesh, matrix)
