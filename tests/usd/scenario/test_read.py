@@ -290,3 +290,42 @@ def test_randomly_damaged_scenarios_are_read_or_refused(tmp_path, count, stopped
     outcomes = read_all("tiscene.scenario.scenario:Scenario.load", files, seconds=20.0, total=180.0)
     assert {READ, REFUSED} <= set(outcomes)
     assert outcomes.count(STOPPED) <= stopped  # a damaged count can keep USD itself busy
+
+
+ROBOT = """#usda 1.0
+(
+    metersPerUnit = 1
+)
+def Xform "Robot" (
+    kind = "component"
+)
+{
+    def Cube "Base"
+    {
+    }
+    def Xform "Arm" (prepend apiSchemas = ["TisceneObjectAPI"])
+    {
+        double3 xformOp:translate = (0, 2, 0)
+        double3 xformOp:translate.timeSamples = { 0: (0, 2, 0), 10: (0, 3, 0) }
+        uniform token[] xformOpOrder = ["xformOp:translate"]
+        def Cube "Hand"
+        {
+            double3 xformOp:translate.timeSamples = { 0: (0, 0, 0), 10: (0, 3, 0) }
+            uniform token[] xformOpOrder = ["xformOp:translate"]
+        }
+    }
+    def Cube "Head"
+    {
+        double3 xformOp:translate.timeSamples = { 0: (0, 9, 0), 10: (0, 8, 0) }
+        uniform token[] xformOpOrder = ["xformOp:translate"]
+    }
+}
+"""
+
+
+def test_object_of_a_schema_within_a_component_is_an_object_of_its_own(tmp_path):
+    """Converters of robots make one component of all bodies. Only what a schema names leaves it."""
+    path = tmp_path / "robot.usda"
+    path.write_text(ROBOT)
+    (arm,) = Scenario.load(path).objects
+    assert (arm.template, arm.position) == ("/Robot/Arm", (0.0, 2.0, 0.0))

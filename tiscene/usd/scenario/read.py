@@ -179,7 +179,10 @@ class _ScenarioReader:
         return UsdGeom.Imageable(prim).ComputePurpose() in DRAWN_PURPOSES
 
     def _walk(self) -> Iterator[tuple[Usd.Prim, bool]]:
-        """Yield each prim and whether it is an object of the scenario. Prims within an object are left out."""
+        """Yield each prim and whether it is an object of the scenario.
+
+        Prims within an object are left out, but for those within an object of the stage that a schema makes objects.
+        """
         prims = iter(Usd.PrimRange(self._stage.GetPseudoRoot()))
         for prim in prims:
             is_stage_object = is_object = False
@@ -188,6 +191,17 @@ class _ScenarioReader:
                 is_object = self._is_object(prim)
             yield prim, is_object
             if is_stage_object or is_object:
+                prims.PruneChildren()
+            if is_stage_object and not is_object and not prim.IsInstance():
+                yield from ((each, True) for each in self._made_objects(prim))
+
+    def _made_objects(self, root: Usd.Prim) -> Iterator[Usd.Prim]:
+        """Yield the prims within an object of the stage that a schema makes objects of the scenario."""
+        prims = iter(Usd.PrimRange(root))
+        for prim in prims:
+            if prim.IsA(UsdGeom.Xformable) and (schema.has(prim, schema.OBJECT) or schema.has(prim, schema.MOTION)):
+                if self._is_object(prim):
+                    yield prim
                 prims.PruneChildren()
 
     def _is_object(self, prim: Usd.Prim) -> bool:
