@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from tests.usd.helpers import write
-from tiscene.errors import StageError, TemplateNotFound
+from tiscene.errors import StageError, StageWarning, TemplateNotFound
 from tiscene.usd.read.stage_reader import read_stage
 
 HOUSE = """
@@ -79,3 +79,17 @@ def test_extracting_an_unknown_path_raises_template_not_found(tmp_path, name):
 def test_extracting_a_prim_without_geometry_is_a_problem(tmp_path):
     with pytest.raises(StageError, match="</House/Nothing> template: it holds no geometry"):
         read_stage(write(tmp_path, HOUSE), extract=["/House/Nothing"], strict=True)
+
+
+def test_a_mesh_without_faces_that_moves_is_named_once(tmp_path):
+    body = """
+def Mesh "Empty"
+{
+}
+def Cube "Box"
+{
+}"""
+    with pytest.warns(StageWarning) as told:
+        read_stage(write(tmp_path, body), extract=["/Empty"])
+    (line,) = str(told[0].message).splitlines()[1:]
+    assert line == "  a mesh without faces: </Empty>"

@@ -191,6 +191,10 @@ class StageReport:
             return
         self._omissions.setdefault(text, {})[f"{path}" if target is None else f"{path}> to <{target}"] = None
 
+    def omits(self, path: Any) -> bool:
+        """Return whether there is an omission of a prim or of one below it."""
+        return any(f"{each}/".startswith(f"{path}/") for paths in self._omissions.values() for each in paths)
+
     def frozen(self, path: Any, subject: str) -> None:
         """Add animation that is not played: the subject keeps its value at the time read."""
         if self.reads_animation:

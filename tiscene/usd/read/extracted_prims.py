@@ -18,7 +18,7 @@ from tiscene.usd.core.report import StageReport
 from tiscene.usd.core.semantics import asset_name, inherited_label, name_label
 from tiscene.usd.core.time_samples import NOT_ANIMATED, transformed
 from tiscene.usd.core.units import Units
-from tiscene.usd.read.template import as_template
+from tiscene.usd.read.template import NOTHING_DRAWN, as_template
 from tiscene.usd.read.traversal import StageReader
 from tiscene.usd.read.traversal_context import TraversalContext
 
@@ -103,7 +103,9 @@ def _template(
         inverse = np.linalg.inv(pose_matrix(pose.position, pose.rotation))
         description = _transformed(description, np.asarray(inverse, np.float64))
     label = name_label(prim) if reader.by_name else label
-    return as_template(description, prim, label, asset_name(prim), report), box
+    if not description.instances and not report.omits(path):
+        report.problem(path, "template", NOTHING_DRAWN)
+    return as_template(description, prim, label, asset_name(prim)), box
 
 
 def _transformed(description: SceneDescription, by: Matrix) -> SceneDescription:

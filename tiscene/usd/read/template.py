@@ -26,6 +26,7 @@ from tiscene.usd.read.traversal import StageReader
 from tiscene.usd.read.traversal_context import TraversalContext
 
 TEMPLATES_PRIM = "/Templates"
+NOTHING_DRAWN = "it holds no geometry that would be drawn"  # problem of a template
 
 
 def read_template(
@@ -149,10 +150,13 @@ def template_of(
         reader.up_axis = "Y" if up_axis == "Y" else "Z"
     label = name_label(prim) if reader.by_name else inherited_label(prim, time, taxonomy)
     reader.walk(prim, TraversalContext(world), ALSO_ABSTRACT)
-    return as_template(reader.description(name), prim, label, asset_name(prim) or name, report)
+    description = reader.description(name)
+    if not description.instances:
+        report.problem(prim.GetPath(), "template", NOTHING_DRAWN)
+    return as_template(description, prim, label, asset_name(prim) or name)
 
 
-def as_template(description: SceneDescription, prim: Usd.Prim, label: str, asset: str, report: StageReport) -> Template:
+def as_template(description: SceneDescription, prim: Usd.Prim, label: str, asset: str) -> Template:
     """Return a description as the template of a prim, with its name.
 
     Args:
@@ -160,10 +164,7 @@ def as_template(description: SceneDescription, prim: Usd.Prim, label: str, asset
         prim: the prim.
         label: the category; "" for that of the first labeled part.
         asset: name of the asset, "" for none.
-        report: receives a problem if the description has no geometry.
     """
-    if not description.instances:
-        report.problem(prim.GetPath(), "template", "it holds no geometry that would be drawn")
     category = label or next((each.category for each in description.objects if each.category), "")
     whole = as_one(description, prim.GetName(), str(prim.GetPath()), category, asset)
     return Template(description.name, category, whole)
