@@ -359,3 +359,19 @@ def test_changed_document_is_read_again(tmp_path):
     assert (first.metallic, second.metallic) == (0.25, 0.75)
     with pytest.raises(StageError, match="missing"):
         read_stage(write(tmp_path, 'def "A" (references = @./missing.usda@)\n{\n}'))
+
+
+def test_definition_that_inherits_its_output_comes_before_that_of_the_older_version(tmp_path):
+    """As the library's file of standard_surface, whose version 1.0.1 only has other defaults."""
+    nodes = (
+        '<nodedef name="ND_dye" node="dye" inherit="ND_dye_100">' + given("gain", "0.25") + "</nodedef>"
+        '<nodedef name="ND_dye_100" node="dye">' + given("gain", "0.5")
+        + '<output name="out" type="color3" /></nodedef>'
+        '<implementation name="I1" nodedef="ND_dye" nodegraph="NG_dye" />'
+        '<implementation name="I2" nodedef="ND_dye_100" nodegraph="NG_dye" />'
+        '<nodegraph name="NG_dye"><multiply name="both" type="color3">' + given("in1", "1, 1, 1", "color3")
+        + '<input name="in2" type="float" interfacename="gain" /></multiply>'
+        + '<output name="out" type="color3" nodename="both" /></nodegraph><dye name="N" type="color3" />'
+    )  # fmt: skip
+    surface = linked("base_color", "N") + given("base", "1")
+    assert material_of(tmp_path, document(surface, nodes=nodes)).diffuse_color == (0.25, 0.25, 0.25)

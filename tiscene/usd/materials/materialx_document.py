@@ -292,7 +292,8 @@ class _Converter:
             if node.get("nodedef", each.get("name")) != each.get("name") or node.tag != each.get("node"):
                 continue
             inputs = {(given.get("name"), given.get("type")) for given in _inputs(each, self._top.nodes)}
-            outputs = {"multioutput", *(given.get("type") for given in each.findall("output"))}
+            kinds = [x.get("type") for own in _lineage(each, self._top.nodes) for x in own.findall("output")]
+            outputs = {"multioutput", *kinds}
             if node.get("nodedef") or (types <= inputs and node.get("type") in outputs):
                 return each
         return None
@@ -335,14 +336,18 @@ def _by_name(element: Element) -> dict[str, Element]:
 def _inputs(element: Element, siblings: dict[str, Element]) -> list[Element]:
     """Return the inputs of an element, then those that it inherits from siblings."""
     found: dict[str, Element] = {}
-    chain: list[Element | None] = [element]
-    for each in chain:
-        if each is not None:
-            for given in (given for tag in _INPUTS for given in each.findall(tag)):
-                found.setdefault(given.get("name", ""), given)
-            parent = siblings.get(each.get("inherit", ""))
-            chain += [] if parent in chain else [parent]
+    for each in _lineage(element, siblings):
+        for given in (given for tag in _INPUTS for given in each.findall(tag)):
+            found.setdefault(given.get("name", ""), given)
     return list(found.values())
+
+
+def _lineage(element: Element, siblings: dict[str, Element]) -> list[Element]:
+    """Return an element, then those that it inherits from."""
+    found = [element]
+    while (parent := siblings.get(found[-1].get("inherit", ""))) is not None and parent not in found:
+        found.append(parent)
+    return found
 
 
 def _parsed(value: str, kind: str) -> Any:
