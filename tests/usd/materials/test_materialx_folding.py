@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from tests.usd.materials.test_materialx import document, given, linked, material_of, node
+from tests.usd.materials.test_materialx import document, given, linked, material_of, node, warned_material
 from tests.usd.materials.test_materialx_blender import link, read, shader
 from tiscene.errors import StageWarning
 from tiscene.scene.description import ExtendedLobes, Material, TextureLookup
@@ -170,3 +170,19 @@ def test_document_of_layered_bsdfs_is_read(tmp_path):
     material = material_of(tmp_path, text)
     np.testing.assert_allclose(material.diffuse_color, (0.25, 0.125, 0.5), rtol=1e-6)
     assert material.roughness == pytest.approx(0.5)
+
+
+@pytest.mark.parametrize("absorption", [0.0, 1.0])
+def test_medium_below_a_layer_is_left_out_and_named_if_it_has_an_effect(tmp_path, absorption):
+    """As the library's graph of open_pbr_surface, which layers transmission over a medium."""
+    nodes = node("dielectric_bsdf", "BSDF", given("scatter_mode", "T", "string"), given("ior", "1.25"), name="top")
+    nodes += node("absorption_vdf", "VDF", given("absorption", f"{absorption}, 0, 0", "vector3"), name="inside")
+    nodes += node("layer", "BSDF", linked("top", "top", "BSDF"), linked("base", "inside", "VDF"), name="both")
+    nodes += node("dielectric_bsdf", "BSDF", given("ior", "1.25"), name="reflection")
+    nodes += node("layer", "BSDF", linked("top", "reflection", "BSDF"), linked("base", "both", "BSDF"), name="all")
+    text = document(linked("bsdf", "all", "BSDF"), nodes=nodes, model="surface")
+    if absorption:
+        material = warned_material(tmp_path, text, "one material: media inside are left out")
+    else:
+        material = material_of(tmp_path, text)
+    assert (material.opacity, material.ior, material.clearcoat) == (0.0, 1.25, 0.0)

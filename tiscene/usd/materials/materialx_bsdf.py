@@ -42,9 +42,10 @@ _BRANCHES = {  # of an id: inputs that are BSDFs or EDFs
     **{f"ND_add_{kind}": ("in1", "in2") for kind in ("bsdf", "edf")},
     **{f"ND_multiply_{kind}": ("in1",) for kind in ("bsdf", "edf")},
     "ND_layer_bsdf": ("top", "base"),
-    "ND_layer_vdf": ("top",),
+    "ND_layer_vdf": ("top", "base"),
     "ND_generalized_schlick_edf": ("base",),
 }
+_MEDIA = ("ND_anisotropic_vdf", "ND_absorption_vdf")
 _MAX_DEPTH = 64
 _TRANSMISSION: dict[Any, Kind] = {"RT": "glass", "T": "refraction"}
 _GOLD = (0.183, 0.421, 1.373), (3.424, 2.346, 1.770)  # MaterialX's default index of refraction and extinction
@@ -81,8 +82,8 @@ def reads_surface(surface: UsdShade.Shader, time: Usd.TimeCode) -> bool:
 
 def _is_known(source: Source, time: Usd.TimeCode, depth: int) -> bool:
     node = _definition(source)
-    if node in _LEAVES or node not in _BRANCHES or depth > _MAX_DEPTH:
-        return node in _LEAVES
+    if node in (*_LEAVES, *_MEDIA) or node not in _BRANCHES or depth > _MAX_DEPTH:
+        return node in (*_LEAVES, *_MEDIA)
     inputs = connections_of(source.shader, time)
     above = [inputs[name].source for name in _BRANCHES[node] if name in inputs]
     sources = [each for each in above if each is not None]
@@ -92,7 +93,7 @@ def _is_known(source: Source, time: Usd.TimeCode, depth: int) -> bool:
 def _definition(source: Source) -> str:
     """Return the id of a node's definition: "ND_mix_bsdf" of "ND_mix_BSDF", which documents are read as."""
     name = source.id
-    for kind in ("bsdf", "edf"):
+    for kind in ("bsdf", "edf", "vdf"):
         name = name.removesuffix(f"_{kind.upper()}") if name.endswith(f"_{kind}_{kind.upper()}") else name
         name = name.replace(f"_{kind.upper()}", f"_{kind}")
     return name.removesuffix("F").removesuffix("C") if name.startswith("ND_multiply_") else name
@@ -119,6 +120,10 @@ class LobeReader:
         if source is None:
             return []
         node, inputs = _definition(source), given(connections_of(source.shader, self._time))
+        if node in _MEDIA:
+            if not all(is_zero(self._value(inputs, name, 0.0)) for name in ("absorption", "scattering")):
+                self._note("media inside are left out")
+            return []
         if node in _LEAVES:
             weight = self._value(inputs, "weight", 1.0).of_width(1)
             return [] if is_zero(weight) else [self._leaf(node, inputs, weight)]
@@ -133,11 +138,8 @@ class LobeReader:
         if node.startswith("ND_multiply"):
             factor = self._value(inputs, "in2", 1.0)
             return self._scaled(first, factor) if factor.width == 1 else self._colored(first, factor)
-        if node == "ND_layer_bsdf":
+        if node.startswith("ND_layer"):
             return self._layered(first, others[0])
-        if node == "ND_layer_vdf":
-            self._note("media inside are left out")
-            return first
         self._note("emission is uniform")
         return self._colored(first, self._value(inputs, "color0", (1.0, 1.0, 1.0)))
 
