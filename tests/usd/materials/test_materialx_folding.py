@@ -104,6 +104,18 @@ def test_added_lobes_that_reflect_too_much_are_darkened(tmp_path):
     np.testing.assert_allclose(material.diffuse_color, np.array([0.8, 0.6, 1.2]) / 1.6, rtol=1e-6)
 
 
+def test_added_pictures_keep_their_brightest_texel_within_1(tmp_path):
+    """A picture of 0 and 0.8 that is half of each; its brightest channel is its part of the light."""
+    Image.fromarray(np.uint8([[0, 204]])).save(tmp_path / "mask.png")
+    image = shader("mask", "ND_image_color3", 'asset file = @mask.png@ (colorSpace = "lin_rec709_scene")')
+    sheet = shader("sheet", "ND_translucent_bsdf", link("color3f color", "mask"))
+    added = shader("B", "ND_add_bsdf", link("token in1", "sheet"), link("token in2", "metal"))
+    with pytest.warns(StageWarning, match="reflect more light than falls on them"):
+        lobes = lobes_of(folded(tmp_path, added, image, sheet, METAL))
+    assert isinstance(lobes.translucent_color, TextureLookup)
+    np.testing.assert_allclose(lobes.translucent_color.scale[:3], 1.25, rtol=1e-6)
+
+
 def layer(name: str, top: str, base: str) -> str:
     return shader(name, "ND_layer_bsdf", link("token top", top), link("token base", base))
 

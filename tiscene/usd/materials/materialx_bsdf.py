@@ -157,9 +157,9 @@ class LobeReader:
         """Return a reflectance by its color at normal incidence as that of an index of refraction with a tint."""
         if lobe.kind != "schlick":
             return lobe
-        mean = float(np.clip(self._baker.mean(lobe.color).max(), 0.0, 0.998))
-        root = mean**0.5
-        color = self._baker.affine(lobe.color, 1.0 / max(mean, 1e-6))
+        most = min(max(brightest(self._network, lobe.color), 1e-6), 0.998)
+        root = most**0.5
+        color = self._baker.affine(lobe.color, 1.0 / most)
         return replace(lobe, kind="gloss", color=color, ior=number((1.0 + root) / (1.0 - root)))
 
     def _leaf(self, node: str, inputs: Inputs, weight: Signal) -> WeightedLobe:
@@ -239,6 +239,13 @@ def product(network: MaterialXNetwork, first: Signal, second: Signal) -> Signal:
             return network.baker.affine(signal, factor.constant)
     width = max(first.width, second.width)
     return network.baker.apply(lambda a, b: a * b, first.of_width(width), second.of_width(width))
+
+
+def brightest(network: MaterialXNetwork, signal: Signal) -> float:
+    """Return the largest value of a signal."""
+    baked = network.baker.apply(lambda values: values, signal)
+    values = baked.constant if baked.constant is not None else baked.image
+    return float(np.max(values)) if values is not None else 1.0
 
 
 def is_zero(signal: Signal) -> bool:

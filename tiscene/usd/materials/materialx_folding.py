@@ -17,7 +17,17 @@ from pxr import Usd, UsdShade
 
 from tiscene.usd.core.report import StageReport
 from tiscene.usd.core.shader_network import ShaderConnection, connections_of
-from tiscene.usd.materials.materialx_bsdf import OPAQUE, Inputs, Kind, LobeReader, WeightedLobe, given, is_zero, product
+from tiscene.usd.materials.materialx_bsdf import (
+    OPAQUE,
+    Inputs,
+    Kind,
+    LobeReader,
+    WeightedLobe,
+    brightest,
+    given,
+    is_zero,
+    product,
+)
 from tiscene.usd.materials.materialx_network import MaterialXNetwork
 from tiscene.usd.materials.materialx_signal import Signal, number
 
@@ -76,8 +86,8 @@ class _Folding:
             "subsurface_color": self._mean_color(sheets),
             "specular": self._share(self._weight([*gloss, *glass]), [metalness]),
             "specular_color": self._mean_color(gloss),
-            "coat": self._weight(coats),
-            "sheen_color": self._color(sheens),
+            "coat": self._share(self._weight(coats), []),
+            "sheen_color": self._share(self._color(sheens), []),
             "emission_color": self._color(emission),
             **{name: number(1.0) for name in ("base", "sheen", "emission")},
             "specular_roughness": number(0.3),
@@ -119,7 +129,7 @@ class _Folding:
             return lobes
         bright = []
         for each in lobes:
-            most = max(float(self._baker.mean(each.color).max()), 1e-6)
+            most = max(brightest(self._network, each.color), 1e-6)
             weight, color = self._baker.affine(each.weight, most), self._baker.affine(each.color, 1.0 / most)
             bright.append(replace(each, weight=weight, color=color))
         excess = self._excess(bright)
@@ -130,9 +140,7 @@ class _Folding:
 
     def _excess(self, lobes: Sequence[WeightedLobe]) -> float:
         """Return the largest sum of the weights; 1 for what is hardly above."""
-        total = self._weight(lobes)
-        values = total.constant if total.constant is not None else self._baker.apply(lambda a: a, total).image
-        largest = float(np.max(values)) if values is not None else 1.0
+        largest = brightest(self._network, self._weight(lobes))
         return largest if largest > 1.0 + _EQUAL else min(largest, 1.0)
 
     def _is_faint(self, metal: Sequence[WeightedLobe]) -> bool:
@@ -143,7 +151,7 @@ class _Folding:
     def _reflections(self, metal: Sequence[WeightedLobe]) -> tuple[WeightedLobe, float]:
         """Return the gloss of a dielectric that reflects at normal incidence what metals do; and how much."""
         color = self._color(metal)
-        most = min(max(float(self._baker.mean(color).max()), 1e-6), 0.9)
+        most = min(max(brightest(self._network, color), 1e-6), 0.9)
         root = most**0.5
         tint, roughness = self._baker.affine(color, 1.0 / most), self._mean(metal, "roughness")
         return WeightedLobe("gloss", number(1.0), tint, roughness, number((1.0 + root) / (1.0 - root))), most
@@ -194,11 +202,12 @@ class _Folding:
     def _share(self, part: Signal, others: Sequence[Signal]) -> Signal:
         """Return a part over what the others leave."""
         several = [each for each in others if not is_zero(each)]
-        if not several:
+        if not several and brightest(self._network, part) <= 1.0:
             return part
 
         def share(value: NDArray[Any], *taken: NDArray[Any]) -> NDArray[Any]:
-            return np.asarray(np.clip(value / np.maximum(1.0 - sum(taken), 1e-6), 0.0, 1.0))
+            left = np.maximum(1.0 - sum(taken), 1e-6)
+            return np.asarray(np.clip(value / left, 0.0, 1.0))
 
         return self._constant(self._baker.apply(share, part, *several))
 
