@@ -56,7 +56,9 @@ class Baker:
         image: Image | None = None
         with np.errstate(all="ignore"):
             for rows in _strips(size):
-                values = np.nan_to_num(function(*(read(rows) for read in readers)))
+                values = function(*(read(rows) for read in readers))
+                if not np.isfinite(values).all():
+                    values = np.nan_to_num(values)
                 if image is None:
                     image = np.empty((*size, values.shape[-1]), np.float32)
                 image[rows] = values
