@@ -9,7 +9,8 @@ is reported. (The texture baker of the MaterialX package needs OpenGL, so that i
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -88,18 +89,14 @@ class MaterialXNetwork:
         report: StageReport,
         vertex_color: Callable[[str, int], Signal | None],
     ) -> None:
-        self.baker = Baker(textures, self._report_whitened)
-        self._path = path
         self._textures = textures
         self._time = time
         self._report = report
         self._vertex_color = vertex_color
         self._known: dict[tuple[Sdf.Path, str], Signal] = {}
         self._open: list[tuple[Sdf.Path, str]] = []
-
-    def _report_whitened(self) -> None:
-        path = self._open[-1][0] if self._open else self._path
-        self._report.omission(path, "colors of vertices are only scaled and shifted; they count as white here")
+        # A method would refer to the network, which would then keep its images until they are collected as garbage.
+        self.baker = Baker(textures, partial(_report_whitened, path, self._open, report))
 
     def value(self, connection: ShaderConnection | None, default: Any) -> Signal | None:
         """Return an input's value.
@@ -356,6 +353,11 @@ class MaterialXNetwork:
             if mode is not None and mode.value is not None:
                 return _WRAPS.get(str(mode.value), str(mode.value))
         return "repeat"
+
+
+def _report_whitened(surface: Sdf.Path, open_nodes: Sequence[tuple[Sdf.Path, str]], report: StageReport) -> None:
+    path = open_nodes[-1][0] if open_nodes else surface
+    report.omission(path, "colors of vertices are only scaled and shifted; they count as white here")
 
 
 def _joined(values: Any) -> Any:
