@@ -69,6 +69,16 @@ class Baker:
         a, b = (np.atleast_1d(np.asarray(each, np.float64)) for each in (factor, summand))
         return signal.affine(a, b) or self.apply(lambda values: a * values + b, signal)
 
+    def product(self, first: Signal, second: Signal) -> Signal:
+        """Return the product of two signals of any widths: a lookup if one is, and the other is constant."""
+        for factor, signal in ((first, second), (second, first)):
+            if factor.constant is not None:
+                if (factor.constant == 1.0).all() and factor.width <= signal.width:
+                    return signal
+                return self.affine(signal, factor.constant)
+        width = max(first.width, second.width)
+        return self.apply(lambda a, b: a * b, first.of_width(width), second.of_width(width))
+
     def normals(self, height: Signal, scale: float) -> Signal:
         """Return the normal map, within 0..1, of heights: MaterialX's heighttonormal, by central differences.
 
@@ -184,6 +194,12 @@ class Baker:
             return signal.constant
         values = grid(DEFAULT_SIZE, signal.uv) if signal.uv is not None else self._pixels(signal)
         return np.asarray(values.reshape(-1, values.shape[2]).mean(axis=0, dtype=np.float64))
+
+    def largest(self, signal: Signal) -> float:
+        """Return the largest value of a signal."""
+        baked = self.apply(lambda values: values, signal)
+        values = baked.constant if baked.constant is not None else baked.image
+        return float(np.max(values)) if values is not None else 1.0
 
     def lookup(self, signal: Signal, width: int, name: str, uv_set: Callable[[str], Any]) -> TextureLookup | Floats:
         """Return a signal as a material input: numbers, or a texture lookup.

@@ -107,11 +107,11 @@ class LobeReader:
         time: when to read them.
 
     Attributes:
-        notes: what is not applied.
+        notes: what is not applied, each once.
     """
 
     def __init__(self, network: MaterialXNetwork, time: Usd.TimeCode) -> None:
-        self.notes: list[str] = []
+        self.notes: dict[str, None] = {}
         self._network, self._baker, self._time = network, network.baker, time
 
     def lobes(self, connection: ShaderConnection | None) -> list[WeightedLobe]:
@@ -121,16 +121,16 @@ class LobeReader:
             return []
         node, inputs = _definition(source), given(connections_of(source.shader, self._time))
         if node in _MEDIA:
-            if not all(is_zero(self._value(inputs, name, 0.0)) for name in ("absorption", "scattering")):
-                self._note("media inside are left out")
+            if not all(self._value(inputs, name, 0.0).is_zero for name in ("absorption", "scattering")):
+                self.notes["media inside are left out"] = None
             return []
         if node in _LEAVES:
             weight = self._value(inputs, "weight", 1.0).of_width(1)
-            return [] if is_zero(weight) else [self._leaf(node, inputs, weight)]
+            return [] if weight.is_zero else [self._leaf(node, inputs, weight)]
         if node.startswith("ND_mix"):
             weight = self._apply(lambda value: np.clip(value, 0.0, 1.0), self._value(inputs, "mix", 0.0).of_width(1))
             factors = {"bg": self._baker.affine(weight, -1.0, 1.0), "fg": weight}
-            parts = {name: factor for name, factor in factors.items() if not is_zero(factor)}
+            parts = {name: factor for name, factor in factors.items() if not factor.is_zero}
             return [x for name, factor in parts.items() for x in self._scaled(self.lobes(inputs.get(name)), factor)]
         first, *others = (self.lobes(inputs.get(name)) for name in _BRANCHES[node])
         if node.startswith("ND_add"):
@@ -140,7 +140,7 @@ class LobeReader:
             return self._scaled(first, factor) if factor.width == 1 else self._colored(first, factor)
         if node.startswith("ND_layer"):
             return self._layered(first, others[0])
-        self._note("emission is uniform")
+        self.notes["emission is uniform"] = None
         return self._colored(first, self._value(inputs, "color0", (1.0, 1.0, 1.0)))
 
     def _layered(self, top: Sequence[WeightedLobe], base: list[WeightedLobe]) -> list[WeightedLobe]:
@@ -157,7 +157,7 @@ class LobeReader:
         """Return a reflectance by its color at normal incidence as that of an index of refraction with a tint."""
         if lobe.kind != "schlick":
             return lobe
-        most = min(max(brightest(self._network, lobe.color), 1e-6), 0.998)
+        most = min(max(self._baker.largest(lobe.color), 1e-6), 0.998)
         root = most**0.5
         color = self._baker.affine(lobe.color, 1.0 / most)
         return replace(lobe, kind="gloss", color=color, ior=number((1.0 + root) / (1.0 - root)))
@@ -169,16 +169,16 @@ class LobeReader:
         ior = self._value(inputs, "ior", 1.5) if kind == "gloss" else number(1.5)
         if kind in ("metal", "schlick", "gloss"):
             roughness = self._microfacets(inputs)
-            if not is_zero(self._value(inputs, "thinfilm_thickness", 0.0)):
-                self._note("thin films are left out")
+            if not self._value(inputs, "thinfilm_thickness", 0.0).is_zero:
+                self.notes["thin films are left out"] = None
         else:
             roughness = self._value(inputs, "roughness", 0.3 if kind == "sheen" else 0.0)
         if node in ("ND_dielectric_bsdf", "ND_generalized_schlick_bsdf") and "scatter_mode" in inputs:
             kind = _TRANSMISSION.get(inputs["scatter_mode"].value, kind)
         if node == "ND_subsurface_bsdf":
-            self._note("subsurface scattering is drawn as diffuse reflection of its color")
+            self.notes["subsurface scattering is drawn as diffuse reflection of its color"] = None
         if node in ("ND_conical_edf", "ND_measured_edf"):
-            self._note("emission is uniform")
+            self.notes["emission is uniform"] = None
         return WeightedLobe(kind, weight, color, roughness.of_width(1), ior.of_width(1), inputs.get("normal"))
 
     def _conductor(self, inputs: Inputs) -> Signal:
@@ -199,15 +199,15 @@ class LobeReader:
         source = inputs["roughness"].source if "roughness" in inputs else None
         if source is not None and source.id.startswith("ND_roughness_anisotropy"):
             above = given(connections_of(source.shader, self._time))
-            if not is_zero(self._value(above, "anisotropy", 0.0)):
-                self._note("anisotropy is left out")
+            if not self._value(above, "anisotropy", 0.0).is_zero:
+                self.notes["anisotropy is left out"] = None
             return self._value(above, "roughness", 0.0)
         if source is not None and source.id.startswith("ND_roughness_dual"):
             above = given(connections_of(source.shader, self._time))
             return self._value(above, "roughness", (0.0, 0.0)).select([0])
         alphas = self._value(inputs, "roughness", (0.05, 0.05)).of_width(2)
         if alphas.constant is not None and alphas.constant[0] != alphas.constant[1]:
-            self._note("anisotropy is left out")
+            self.notes["anisotropy is left out"] = None
         return self._apply(lambda value: np.sqrt(np.maximum(value.mean(axis=-1, keepdims=True), 0.0)), alphas)
 
     def _value(self, inputs: Inputs, name: str, default: Any) -> Signal:
@@ -219,38 +219,11 @@ class LobeReader:
         return self._baker.apply(function, *operands)
 
     def _scaled(self, lobes: list[WeightedLobe], factor: Signal) -> list[WeightedLobe]:
-        weighted = [replace(each, weight=product(self._network, factor.of_width(1), each.weight)) for each in lobes]
-        return [each for each in weighted if not is_zero(each.weight)]
+        weighted = [replace(each, weight=self._baker.product(factor.of_width(1), each.weight)) for each in lobes]
+        return [each for each in weighted if not each.weight.is_zero]
 
     def _colored(self, lobes: list[WeightedLobe], factor: Signal) -> list[WeightedLobe]:
-        return [replace(each, color=product(self._network, factor.of_width(3), each.color)) for each in lobes]
-
-    def _note(self, text: str) -> None:
-        if text not in self.notes:
-            self.notes.append(text)
-
-
-def product(network: MaterialXNetwork, first: Signal, second: Signal) -> Signal:
-    """Return the product of two signals of any widths: a lookup if one of them is constant."""
-    for factor, signal in ((first, second), (second, first)):
-        if factor.constant is not None:
-            if (factor.constant == 1.0).all() and factor.width <= signal.width:
-                return signal
-            return network.baker.affine(signal, factor.constant)
-    width = max(first.width, second.width)
-    return network.baker.apply(lambda a, b: a * b, first.of_width(width), second.of_width(width))
-
-
-def brightest(network: MaterialXNetwork, signal: Signal) -> float:
-    """Return the largest value of a signal."""
-    baked = network.baker.apply(lambda values: values, signal)
-    values = baked.constant if baked.constant is not None else baked.image
-    return float(np.max(values)) if values is not None else 1.0
-
-
-def is_zero(signal: Signal) -> bool:
-    """Return whether a signal is 0 everywhere."""
-    return signal.constant is not None and not signal.constant.any()
+        return [replace(each, color=self._baker.product(factor.of_width(3), each.color)) for each in lobes]
 
 
 def given(inputs: Inputs) -> Inputs:

@@ -17,17 +17,8 @@ from pxr import Usd, UsdShade
 
 from tiscene.usd.core.report import StageReport
 from tiscene.usd.core.shader_network import ShaderConnection, connections_of
-from tiscene.usd.materials.materialx_bsdf import (
-    OPAQUE,
-    Inputs,
-    Kind,
-    LobeReader,
-    WeightedLobe,
-    brightest,
-    given,
-    is_zero,
-    product,
-)
+from tiscene.usd.materials.materialx_baker import Baker
+from tiscene.usd.materials.materialx_bsdf import OPAQUE, Inputs, Kind, LobeReader, WeightedLobe, given
 from tiscene.usd.materials.materialx_network import MaterialXNetwork
 from tiscene.usd.materials.materialx_signal import Signal, number
 
@@ -43,7 +34,7 @@ def folded_inputs(
     reader = LobeReader(network, time)
     lobes = reader.lobes(inputs.get("bsdf"))
     emission = reader.lobes(inputs.get("edf"))
-    folding = _Folding(network, reader.notes)
+    folding = _Folding(network.baker, reader.notes)
     computed = folding.inputs(lobes, emission, network.value(inputs.get("opacity"), 1.0) or number(1.0))
     if reader.notes:
         report.omission(surface.GetPath(), f"BSDFs are drawn as one material: {'; '.join(reader.notes)}")
@@ -54,8 +45,8 @@ def folded_inputs(
 
 
 class _Folding:
-    def __init__(self, network: MaterialXNetwork, notes: list[str]) -> None:
-        self._network, self._baker, self._notes = network, network.baker, notes
+    def __init__(self, baker: Baker, notes: dict[str, None]) -> None:
+        self._baker, self._notes = baker, notes
 
     def inputs(
         self, lobes: Sequence[WeightedLobe], emission: Sequence[WeightedLobe], opacity: Signal
@@ -65,7 +56,7 @@ class _Folding:
         if clear := [each for each in base if _is_clear(each)]:
             missing = self._weight(clear)
             base = [replace(x, weight=self._share(x.weight, [missing])) for x in base if not _is_clear(x)]
-            opacity = product(self._network, self._baker.affine(missing, -1.0, 1.0), opacity)
+            opacity = self._baker.product(self._baker.affine(missing, -1.0, 1.0), opacity)
         coats, sheens, gloss = ([x for x in lobes if x.kind == kind] for kind in ("coat", "sheen", "gloss"))
         diffuse, metal = self._of(base, "diffuse"), self._of(base, "metal", "schlick")
         glass, sheets = self._of(base, "glass", "refraction"), self._of(base, "sheet")
@@ -106,12 +97,12 @@ class _Folding:
         if metalness.constant is not None and metalness.constant[0] >= 1.0:
             found["specular"] = number(1.0)
         if self._of(glass, "refraction") and not gloss:
-            self._note("what refracts light reflects it as well")
+            self._notes["what refracts light reflects it as well"] = None
         if sheets:
             found["thin_walled"] = number(1.0)
         if diffuse and metal and not self._are_equal([each.color for each in (*diffuse, *metal)]):
             if all(each.weight.constant is not None for each in metal):
-                self._note("metal and diffuse reflection share one color")
+                self._notes["metal and diffuse reflection share one color"] = None
         return found
 
     def normal(self, lobes: Sequence[WeightedLobe]) -> ShaderConnection | None:
@@ -129,18 +120,18 @@ class _Folding:
             return lobes
         bright = []
         for each in lobes:
-            most = max(brightest(self._network, each.color), 1e-6)
+            most = max(self._baker.largest(each.color), 1e-6)
             weight, color = self._baker.affine(each.weight, most), self._baker.affine(each.color, 1.0 / most)
             bright.append(replace(each, weight=weight, color=color))
         excess = self._excess(bright)
         if excess <= 1.0:
             return bright
-        self._note("they reflect more light than falls on them, and are darkened")
+        self._notes["they reflect more light than falls on them, and are darkened"] = None
         return [replace(each, weight=self._baker.affine(each.weight, 1.0 / excess)) for each in bright]
 
     def _excess(self, lobes: Sequence[WeightedLobe]) -> float:
         """Return the largest sum of the weights; 1 for what is hardly above."""
-        largest = brightest(self._network, self._weight(lobes))
+        largest = self._baker.largest(self._weight(lobes))
         return largest if largest > 1.0 + _EQUAL else min(largest, 1.0)
 
     def _is_faint(self, metal: Sequence[WeightedLobe]) -> bool:
@@ -151,7 +142,7 @@ class _Folding:
     def _reflections(self, metal: Sequence[WeightedLobe]) -> tuple[WeightedLobe, float]:
         """Return the gloss of a dielectric that reflects at normal incidence what metals do; and how much."""
         color = self._color(metal)
-        most = min(max(brightest(self._network, color), 1e-6), 0.9)
+        most = min(max(self._baker.largest(color), 1e-6), 0.9)
         root = most**0.5
         tint, roughness = self._baker.affine(color, 1.0 / most), self._mean(metal, "roughness")
         return WeightedLobe("gloss", number(1.0), tint, roughness, number((1.0 + root) / (1.0 - root))), most
@@ -164,7 +155,7 @@ class _Folding:
         """Return the sum of colors times weights."""
         if not lobes:
             return number(0.0, 0.0, 0.0)
-        return self._sum([product(self._network, each.weight, each.color).of_width(3) for each in lobes])
+        return self._sum([self._baker.product(each.weight, each.color).of_width(3) for each in lobes])
 
     def _mean_color(self, lobes: Sequence[WeightedLobe]) -> Signal:
         return self._mean(lobes, "color") if lobes else number(1.0, 1.0, 1.0)
@@ -175,7 +166,7 @@ class _Folding:
         if self._are_equal(values):
             return values[0]
         if attribute != "color":
-            self._note(f"lobes share the mean of their {'roughness' if attribute == 'roughness' else 'IOR'}")
+            self._notes[f"lobes share the mean of their {'roughness' if attribute == 'roughness' else 'IOR'}"] = None
         weights = [each.weight for each in lobes]
         width = max(each.width for each in values)
 
@@ -201,8 +192,8 @@ class _Folding:
 
     def _share(self, part: Signal, others: Sequence[Signal]) -> Signal:
         """Return a part over what the others leave."""
-        several = [each for each in others if not is_zero(each)]
-        if not several and brightest(self._network, part) <= 1.0:
+        several = [each for each in others if not each.is_zero]
+        if not several and self._baker.largest(part) <= 1.0:
             return part
 
         def share(value: NDArray[Any], *taken: NDArray[Any]) -> NDArray[Any]:
@@ -227,10 +218,6 @@ class _Folding:
         if image is None or (image.max(axis=(0, 1)) - image.min(axis=(0, 1))).max() > _EQUAL:
             return signal
         return Signal(constant=self._baker.mean(signal))
-
-    def _note(self, text: str) -> None:
-        if text not in self._notes:
-            self._notes.append(text)
 
 
 def _is_clear(lobe: WeightedLobe) -> bool:

@@ -67,13 +67,7 @@ class SurfaceInputs:
 
     def product(self, factor: Signal | None, signal: Signal) -> Signal:
         """Return a signal times a factor; None: 1."""
-        if factor is None:
-            return signal
-        for first, second in ((factor, signal), (signal, factor)):
-            if first.constant is not None and (found := second.affine(first.constant, np.zeros(1))) is not None:
-                return found
-        width = max(factor.width, signal.width)
-        return self.network.baker.apply(lambda a, b: a * b, factor.of_width(width), signal.of_width(width))
+        return signal if factor is None else self.network.baker.product(factor, signal)
 
     def number(self, name: str, default: float) -> float:
         """Return an input that must be a number and may be missing."""

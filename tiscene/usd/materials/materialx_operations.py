@@ -179,6 +179,7 @@ def _ramp4(top_left: Array, top_right: Array, bottom_left: Array, bottom_right: 
 
 
 def rotate3d(vector: Array, degrees: Array, axis: Array) -> Array:
+    """Return vectors [..., 3] turned clockwise about an axis."""
     axis = axis / np.maximum(np.linalg.norm(axis, axis=-1, keepdims=True), 1e-12)
     turn = np.radians(degrees)
     along = axis * (axis * vector).sum(axis=-1, keepdims=True)

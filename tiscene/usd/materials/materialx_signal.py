@@ -82,6 +82,11 @@ class Signal:
             return int(self.image.shape[2])
         return 2 if self.uv is not None else len(self.channels)
 
+    @property
+    def is_zero(self) -> bool:
+        """Whether the value is 0 everywhere."""
+        return self.constant is not None and not self.constant.any()
+
     def select(self, components: Sequence[int]) -> Signal:
         """Return a signal of some of the components, in any order and number.
 
