@@ -46,6 +46,11 @@ def value_at(attribute: Usd.Attribute, time: Usd.TimeCode) -> Any:
     return value
 
 
+def time_code_number(prim: Usd.Prim, time: Usd.TimeCode) -> float:
+    """Return a time code as a number: the earliest one is the start of the prim's stage."""
+    return float(prim.GetStage().GetStartTimeCode() if time.IsEarliestTime() else time.GetValue())
+
+
 def has_spline(attribute: Usd.Attribute) -> bool:
     """Return whether an attribute's value comes from a spline."""
     return bool(attribute) and attribute.HasSpline()

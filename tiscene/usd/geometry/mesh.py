@@ -18,6 +18,7 @@ from tiscene.usd.core.content import content_digest
 from tiscene.usd.core.report import StageReport
 from tiscene.usd.core.semantics import shared_path
 from tiscene.usd.core.time_samples import in_seconds
+from tiscene.usd.core.value_times import time_code_number
 from tiscene.usd.geometry.catmull_clark import Creases
 from tiscene.usd.geometry.deforming import points_at, read_point_samples
 from tiscene.usd.geometry.primvar import PrimvarNames, Topology, array_of, outside, read_normals, read_vertex_values
@@ -69,7 +70,7 @@ def read_mesh(
     normals = None if smooth else read_normals(prim, topology, time, report)
     if skin is not None:
         skin = with_normals(skin, normals, topology)
-        points, normals = posed(skin, normals, in_seconds(prim.GetStage(), [_code(time, prim)])[0])
+        points, normals = posed(skin, normals, in_seconds(prim.GetStage(), [time_code_number(prim, time)])[0])
     position_samples = None if skin is not None else read_point_samples(prim, times, len(points), report)
     uv = _read_values(prim, topology, time, report, primvars, primvars_of_face)
     visible = np.ones(len(topology.counts), dtype=bool)
@@ -131,11 +132,6 @@ def read_mesh(
     if mesh.GetOrientationAttr().Get(time) == UsdGeom.Tokens.leftHanded:
         surface = _reverse_winding(surface, flip_normals=smooth)
     return replace(surface, times=times if position_samples is not None else (), skin=skin)
-
-
-def _code(time: Usd.TimeCode, prim: Usd.Prim) -> float:
-    """Return a time code as a number."""
-    return float(prim.GetStage().GetStartTimeCode() if time.IsEarliestTime() else time.GetValue())
 
 
 def _normals_over_time(

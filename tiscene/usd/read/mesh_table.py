@@ -23,6 +23,7 @@ from tiscene.usd.core.prims import ALSO_ABSTRACT, type_of
 from tiscene.usd.core.report import StageReport
 from tiscene.usd.core.semantics import shared_path
 from tiscene.usd.core.transform import MAX_COORDINATE
+from tiscene.usd.core.value_times import time_code_number
 from tiscene.usd.geometry import gprim
 from tiscene.usd.geometry.curves import read_curves, read_points
 from tiscene.usd.geometry.deforming import deformation_of, shape_times, with_shape_samples
@@ -133,8 +134,7 @@ class MeshTable:
 
     def is_initial(self, prim: Usd.Prim, span: TopologySpan) -> bool:
         """Return whether a span of a gprim's topology holds the time that the stage is read at."""
-        time = self._time
-        return span.holds(prim.GetStage().GetStartTimeCode() if time.IsEarliestTime() else time.GetValue())
+        return span.holds(time_code_number(prim, self._time))
 
     def _row(self, prim: Usd.Prim, emitter: Binding | None, span: TopologySpan) -> int | None:
         whole = emitter or self._materials.binding(prim, prim)

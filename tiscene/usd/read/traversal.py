@@ -272,8 +272,10 @@ class StageReader(PointInstancerReader):
             known: dict[float, tuple[Matrix, bool]] = {}
             for number, (mesh, span) in enumerate(shapes):
                 is_solid = collides(prim) if self._meshes.is_initial(prim, span) else False
-                animated = here.animated.during(span.start, span.end)
-                shown = TransformSamples.of(animated, here.world, self._meters, known)
+                shown = samples
+                if not span.is_whole:
+                    animated = here.animated.during(span.start, span.end)
+                    shown = TransformSamples.of(animated, here.world, self._meters, known)
                 if shown is not None:
                     shown = replace(shown, matrices=self._meshes.placed(mesh, shown.matrices))
                 placed = self._meshes.placed(mesh, matrix)
