@@ -14,14 +14,23 @@ from tiscene.usd.materials.materialx_noise import evaluate_noise, lattice_hash
 MASK = 0xFFFFFFFF
 
 
-def scalar_hash(x: int, y: int) -> int:
-    """Return Jenkins' hash of two integers, in Python's own integers."""
-    a = b = c = (0xDEADBEEF + 8 + 13) & MASK
-    a, b = (a + x) & MASK, (b + y) & MASK
+def scalar_hash(*places: int) -> int:
+    """Return Jenkins' hash of two to four integers, in Python's own integers."""
+    start = (0xDEADBEEF + 4 * len(places) + 13) & MASK
+    a, b, c = ((start + each) & MASK for each in (*places, 0)[:3])
 
     def turned(value: int, bits: int) -> int:
         return (value << bits | value >> (32 - bits)) & MASK
 
+    if len(places) == 4:
+        for first, second, third in ((4, 6, 8), (16, 19, 4)):
+            a = ((a - c) & MASK) ^ turned(c, first)
+            c = (c + b) & MASK
+            b = ((b - a) & MASK) ^ turned(a, second)
+            a = (a + c) & MASK
+            c = ((c - b) & MASK) ^ turned(b, third)
+            b = (b + a) & MASK
+        a = (a + places[3]) & MASK
     c = ((c ^ b) - turned(b, 14)) & MASK
     a = ((a ^ c) - turned(c, 11)) & MASK
     b = ((b ^ a) - turned(a, 25)) & MASK
@@ -50,39 +59,13 @@ def scalar_noise(x: float, y: float) -> float:
     return 0.6616 * (low + (high - low) * fade(fy))
 
 
-def scalar_hash_of_three(x: int, y: int, z: int, more: int | None = None) -> int:
-    """Return Jenkins' hash of three or four integers, in Python's own integers."""
-    start = (0xDEADBEEF + (12 if more is None else 16) + 13) & MASK
-    a, b, c = ((start + each) & MASK for each in (x, y, z))
-
-    def turned(value: int, bits: int) -> int:
-        return (value << bits | value >> (32 - bits)) & MASK
-
-    if more is not None:
-        for first, second, third in ((4, 6, 8), (16, 19, 4)):
-            a = ((a - c) & MASK) ^ turned(c, first)
-            c = (c + b) & MASK
-            b = ((b - a) & MASK) ^ turned(a, second)
-            a = (a + c) & MASK
-            c = ((c - b) & MASK) ^ turned(b, third)
-            b = (b + a) & MASK
-        a = (a + more) & MASK
-    c = ((c ^ b) - turned(b, 14)) & MASK
-    a = ((a ^ c) - turned(c, 11)) & MASK
-    b = ((b ^ a) - turned(a, 25)) & MASK
-    c = ((c ^ b) - turned(b, 16)) & MASK
-    a = ((a ^ c) - turned(c, 4)) & MASK
-    b = ((b ^ a) - turned(a, 14)) & MASK
-    return ((c ^ b) - turned(b, 24)) & MASK
-
-
 def scalar_noise_of_three(x: float, y: float, z: float) -> float:
     """Return gradient noise of three dimensions, of one channel: a sum over corners of products of weights."""
     cell = [math.floor(each) for each in (x, y, z)]
     total = 0.0
     for corner in range(8):
         step = [corner >> k & 1 for k in range(3)]
-        h = scalar_hash_of_three(*(i + s for i, s in zip(cell, step, strict=True))) & 15
+        h = scalar_hash(*(i + s for i, s in zip(cell, step, strict=True))) & 15
         ox, oy, oz = (each - i - s for each, i, s in zip((x, y, z), cell, step, strict=True))
         u = ox if h < 8 else oy
         v = oy if h < 4 else ox if h in (12, 14) else oz
@@ -100,10 +83,7 @@ def scalar_worley(at: tuple[float, ...]) -> list[float]:
     found = []
     for index in range(3 ** len(at)):
         cell = [math.floor(each) + index // 3**k % 3 - 1 for k, each in enumerate(at)]
-        hashes = [
-            scalar_hash_of_three(*cell, k) if len(at) == 3 else scalar_hash_of_three(cell[0], cell[1], k)
-            for k in range(len(at))
-        ]
+        hashes = [scalar_hash(*cell, k) for k in range(len(at))]
         found.append(math.dist(at, [i + h / MASK for i, h in zip(cell, hashes, strict=True)]))
     return sorted(found)
 
@@ -114,7 +94,7 @@ def test_noises_of_three_dimensions_match_scalar_versions() -> None:
     np.testing.assert_allclose(evaluate_noise("noise3d", at, 1, ())[:, 0], expected, atol=1e-9)
     octaves = [scalar_noise_of_three(*each) + 0.25 * scalar_noise_of_three(*(3 * each)) for each in at]
     np.testing.assert_allclose(evaluate_noise("fractal3d", at, 1, (2, 3.0, 0.25))[:, 0], octaves, atol=1e-9)
-    cells = [scalar_hash_of_three(*(math.floor(each) for each in place)) / MASK for place in at]
+    cells = [scalar_hash(*(math.floor(each) for each in place)) / MASK for place in at]
     np.testing.assert_allclose(evaluate_noise("cellnoise3d", at, 1, ())[:, 0], cells)
 
 

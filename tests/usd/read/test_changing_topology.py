@@ -3,18 +3,17 @@
 
 from __future__ import annotations
 
-import warnings
-
 import numpy as np
 import pytest
 
 import tiscene as ts
 from tests.usd.helpers import read, read_with_warning, write
+from tests.usd.read.test_animation import RANGE
+from tests.usd.read.test_animation import stream as plain_stream
 from tiscene.errors import StageWarning
 from tiscene.usd.read import mesh_table
 from tiscene.usd.read.stage_reader import read_stage
 
-RANGE = "startTimeCode = 0\n    endTimeCode = 10\n    timeCodesPerSecond = 10"
 OCCLUSION = ("forward_occlusion", "backward_occlusion")
 LABELS = (*OCCLUSION, "instance", "semantic", "part", "depth", "normal", "forward_flow", "scene_flow")
 PLAIN = 'uniform token subdivisionScheme = "none"'
@@ -72,11 +71,7 @@ MOVED = """
 
 
 def stream(path, **others):
-    with warnings.catch_warnings():
-        warnings.simplefilter("error")
-        camera = ts.Camera(position=(0.0, 0.0, 10.0))
-        options = {"width": 64, "height": 48, "fps": 10.0, "buffers": LABELS, "camera": camera} | others
-        return ts.Stream(path, **options)
+    return plain_stream(path, **{"buffers": LABELS, **others})
 
 
 def assert_shows_the_stage(path, frames, codes=range(11), per_code=1):
