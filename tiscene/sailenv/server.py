@@ -111,13 +111,16 @@ class Server:
         except Exception:
             logger.exception("%s dropped after an error in tiscene", client)
         finally:
+            if grace > 0.0:
+                writer.close()  # which keeps the socket until all is sent
+                asyncio.get_running_loop().call_later(grace, _drop_unsent, writer.transport)
+            else:
+                writer.transport.abort()
             self._clients.discard(task)
             if client.agent is not None:
                 with contextlib.suppress(RuntimeError, asyncio.CancelledError):  # the server is stopping
                     await asyncio.shield(self.call(self.worlds.delete, client.agent))
                 self._wake_waiting()
-            writer.close()  # which keeps the socket until all is sent
-            asyncio.get_running_loop().call_later(grace, writer.transport.abort)
 
     async def call(self, function: Callable[..., Result], *arguments: Any) -> Result:
         """Call a function on the thread that owns the worlds, and return its result."""
@@ -149,6 +152,12 @@ class Server:
         """Wake the tasks that wait for other clients."""
         self._progress.set()
         self._progress = asyncio.Event()
+
+
+def _drop_unsent(transport: asyncio.WriteTransport) -> None:
+    """Abort a connection that is closed once all is sent, if something is left to send: one that has ended cannot."""
+    if transport.get_write_buffer_size() > 0:
+        transport.abort()
 
 
 class _Protocol(asyncio.StreamReaderProtocol):
