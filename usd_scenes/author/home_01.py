@@ -83,7 +83,7 @@ def build() -> Home:
     for name, (hinge, yaw) in LEAVES.items():
         room.put("Doors", entrance.open_leaf("Leaf", 0.88), hinge, (0.0, yaw, 0.0), name)
     exposure = {"day": 2.7, "evening": 3.3, "night": 3.6}
-    room.camera("Main", (0.55, 1.50, -1.55), (4.40, 1.02, -0.10), fov=54.0, exposure=exposure)
+    room.camera("Main", (-3.0, 1.45, -1.90), (3.7, 0.95, -1.08), fov=39.0, exposure=exposure)
     room.camera("Agent", (4.94, 1.8, 0.30), turn=(-14.0, 0.0, 0.0), fov=60.0, exposure=exposure, focus=2.4)
     room.camera("Hall", (5.35, 1.50, 0.55), (4.80, 1.02, -4.40), fov=58.0, exposure=exposure)
     room.camera("Kitchen", (6.35, 1.50, -8.60), (4.86, 1.00, -4.70), fov=58.0, exposure=exposure)
