@@ -12,6 +12,7 @@ import pytest
 pytest.importorskip("mujoco")
 
 from dynamics import RigidBody
+from dynamics.rotation import conjugate, multiply, rotate
 from tests.world.physics.fake_physics_world import FakePhysicsWorld, ball, box, dropped, pose
 from tiscene.errors import ScenarioError
 from tiscene.world.physics.part_shapes import PartShape
@@ -193,3 +194,33 @@ def test_shape_without_volume_is_named(movers, static, owner):
     simulation = FakePhysicsWorld([(ball(0.1), pose(y=1.0), RigidBody())], static, movers).simulation()
     with pytest.raises(ScenarioError, match=f"^{owner} has a shape that cannot be simulated: .*coplanar"):
         simulation.frame(1)
+
+
+def moved_part(part, offset):
+    """Return a part at another place in the axes of its body."""
+    return PartShape(part.kind, part.center + offset, part.half, part.points + offset)
+
+
+@pytest.mark.parametrize("offset", [(0.0, 0.0, 0.0), (0.1, -0.2, 0.3)])
+@pytest.mark.parametrize(("spin", "tolerance"), [((3.0, 4.0, 0.0), 2e-5), ((12.0, 16.0, 5.0), 4e-4)])
+def test_tumbling_body_keeps_energy_and_momentum(spin, tolerance, offset):
+    """A box of three different sides, thrown so that it turns about all of its axes; its center of mass falls."""
+    fps, half, velocity = 500, np.array([0.1, 0.25, 0.5]), np.array([1.0, 20.0, 3.0])
+    thrown = RigidBody(velocity=tuple(velocity), angular_velocity=spin)
+    simulation = FakePhysicsWorld([(moved_part(box(*half), offset), pose(), thrown)], fps=fps).simulation()
+    inertia = (half @ half - half**2) / 3.0  # per mass
+    first = inertia * spin
+    energy = 0.5 * np.array(spin) @ first
+    center_velocity = velocity + np.cross(spin, offset)
+    for frame in range(0, 10 * fps, fps // 10):
+        before, after = (simulation.frame(each).poses[0] for each in (frame, frame + 1))
+        turn = multiply(conjugate(before[3:]), after[3:])
+        angle = 2.0 * math.atan2(np.linalg.norm(turn[1:]), turn[0])
+        axis = turn[1:] / np.linalg.norm(turn[1:])
+        rate = fps * angle * axis
+        halfway = multiply(before[3:], [math.cos(angle / 4.0), *(math.sin(angle / 4.0) * axis)])
+        assert 0.5 * rate @ (inertia * rate) == pytest.approx(energy, rel=tolerance)
+        np.testing.assert_allclose(rotate(halfway, inertia * rate), first, atol=tolerance * np.linalg.norm(first))
+        time = frame / fps
+        fallen = center_velocity * time - np.array([0.0, 0.5 * 9.81 * time**2, 0.0])
+        np.testing.assert_allclose(before[:3] + rotate(before[3:], offset) - offset, fallen, atol=1e-8)

@@ -9,6 +9,7 @@
     joints_in_engine       coordinates of free and of joined bodies in the model
     stage_parts            meshes of a stage as convex parts
     parts_cache            convex parts on disk
+    free_rotation          bodies that tumble
     convex_parts           surfaces as convex parts
     part_shapes            boxes, spheres, cylinders and hulls
 """

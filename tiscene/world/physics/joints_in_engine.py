@@ -144,6 +144,10 @@ class JointsInEngine:
             start = int(model.body_dofadr[body])
             self._velocities.append(slice(start, start + int(model.body_dofnum[body])) if joint >= 0 else slice(0, 0))
 
+    def body(self, row: int) -> int:
+        """Return the number of a body in the compiled model."""
+        return self._bodies[row]
+
     # State
 
     def update(self) -> None:

@@ -13,7 +13,7 @@ import math
 import re
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, NoReturn
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,6 +21,7 @@ from numpy.typing import NDArray
 from dynamics.rigid_body import RigidBody
 from dynamics.rotation import matrix_from_quaternion
 from tiscene.errors import ScenarioError
+from tiscene.world.physics.free_rotation import FreeRotation
 from tiscene.world.physics.joint_tree import PhysicsJoint, joint_tree
 from tiscene.world.physics.joints_in_engine import JointsInEngine
 from tiscene.world.physics.part_shapes import PartShape
@@ -80,6 +81,7 @@ class PhysicsModel:
         bodies: The bodies in the order of their rows.
         walled: Whether there are walls.
         joints: Poses and motions of the bodies, and how they hang on others.
+        gravity: Acceleration [6] of bodies that fall freely.
         lag: How much earlier than poses velocities are, s. Free bodies are integrated by steps of velocity and position
             in turn (leapfrog), which is exact for free fall; joints by the Runge-Kutta method, which keeps energy.
     """
@@ -121,6 +123,7 @@ class PhysicsModel:
         if links:
             option.integrator = mujoco.mjtIntegrator.mjINT_RK4
         self.lag = 0.0 if links else 0.5 * step
+        self.gravity = np.array([*around.gravity, 0.0, 0.0, 0.0])
         stage: list[int] = []
         for number, pose, parts in around.placed:
             for part in parts:
@@ -156,6 +159,8 @@ class PhysicsModel:
         self._model.stat.meaninertia = sum(masses) / len(masses) if masses else 1.0
         self._data = mujoco.MjData(self._model)
         self.joints.bind(self._model, self._data)
+        free = [row for row, body in enumerate(self.bodies) if body.rigid is not None and not links]
+        self._rotation = FreeRotation(mujoco, self._model, [self.joints.body(row) for row in free])
         self._owners = [("stage", number) for number in stage]
         for body in self._model.geom_bodyid[len(stage) :].tolist():
             kind, _, row = self._model.body(body).name.partition("_")
@@ -234,6 +239,22 @@ class PhysicsModel:
         """Forget the state before, of which contacts would keep a trace."""
         self._engine.mj_resetData(self._model, self._data)
 
+    def start_motion(self, row: int, pose: Array, *, still: bool = False) -> Array:
+        """Return the motion [6] with which a rigid body begins, `lag` before its pose.
+
+        Args:
+            row: The body.
+            pose: Its pose [7].
+            still: Begin at rest, whatever its initial velocities.
+        """
+        rigid = self.bodies[row].rigid
+        assert rigid is not None
+        velocity = np.zeros(3) if still else np.array(rigid.velocity)
+        spin = np.zeros(3) if still else np.array(rigid.angular_velocity)
+        own = matrix_from_quaternion(pose[3:]).T @ spin
+        motion = self._rotation.earlier(self.joints.body(row), pose, np.concatenate([velocity, own]))
+        return motion - self.lag * self.gravity
+
     def accelerate(self, row: int, change: Array) -> None:
         """Change the motion of a mover by `change` [6] in the next step, which those that hang on it feel."""
         self.joints.push(row, CARRIER_MASS * change / self._model.opt.timestep)
@@ -279,6 +300,9 @@ class PhysicsModel:
         """
         for kind in self._failures:
             self._data.warning[kind].number = REPORTED
+        too_fast = self._rotation.apply(self._data)
+        if too_fast is not None:
+            self._fail(too_fast)
         self._engine.mj_step(self._model, self._data)
         self._check_stability()
         touching = []
@@ -295,27 +319,14 @@ class PhysicsModel:
             warning = self._data.warning[kind]
             if warning.number not in (0, REPORTED):  # the engine has set all to 0, then counted its failure
                 joint = int(np.searchsorted(starts, warning.lastinfo, side="right")) - 1
-                row = int(self._model.body(self._model.jnt_bodyid[joint]).name.removeprefix("body_"))
-                raise ScenarioError(f"{self._named(row)} is too small, light or fast to be simulated; {ENLARGE}")
+                self._fail(int(self._model.jnt_bodyid[joint]))
+
+    def _fail(self, body: int) -> NoReturn:
+        row = int(self._model.body(body).name.removeprefix("body_"))
+        raise ScenarioError(f"{self._named(row)} is too small, light or fast to be simulated; {ENLARGE}")
 
     def _named(self, row: int) -> str:
         return f"object {self.bodies[row].name!r}"
-
-
-def start_motion(rigid: RigidBody, pose: Array, gravity: Sequence[float], lag: float, *, still: bool = False) -> Array:
-    """Return the motion [6] with which a rigid body begins.
-
-    Args:
-        rigid: The body.
-        pose: Its pose [7].
-        gravity: m/s2.
-        lag: As of `PhysicsModel`.
-        still: Begin at rest, whatever its initial velocities.
-    """
-    velocity = np.zeros(3) if still else np.array(rigid.velocity)
-    spin = np.zeros(3) if still else np.array(rigid.angular_velocity)
-    own = matrix_from_quaternion(pose[3:]).T @ spin
-    return np.concatenate([velocity - lag * np.asarray(gravity), own])
 
 
 def _damping_of(restitution: float) -> float:

@@ -22,7 +22,7 @@ from dynamics.rotation import conjugate, matrix_from_quaternion, multiply
 from dynamics.whole_changes import WholeChanges, as_a_whole
 from tiscene.errors import requires_extra
 from tiscene.world.physics.joint_tree import PhysicsJoint
-from tiscene.world.physics.physics_model import STEP, Array, PhysicsBody, PhysicsModel, Surroundings, start_motion
+from tiscene.world.physics.physics_model import STEP, Array, PhysicsBody, PhysicsModel, Surroundings
 
 CHECKPOINT = 16  # initial number of frames between checkpoints
 MAX_CHECKPOINTS = 512
@@ -211,12 +211,6 @@ class RigidBodySimulation(WholeChanges):
         }
         return {**moved, **joined}
 
-    def _gravity(self) -> Sequence[float]:
-        if self._loaded is None:
-            key, make = self._world.surroundings(0)
-            self._loaded = key, make()
-        return self._loaded[1].gravity
-
     def _advance(self, frame: int, saved: _Saved) -> _Saved:
         """Simulate from a frame to the next."""
         self.simulated_frames += 1
@@ -270,7 +264,7 @@ class RigidBodySimulation(WholeChanges):
         paths = self._mover_paths(frame, bodies, model)
         for row, path in paths.items():
             model.joints.place(row, *path.at(0, self._steps, self._step))
-        begun, gravity = [], self._gravity()
+        begun = []
         for row in model.joints.order(len(bodies)):
             body = bodies[row]
             if body.rigid is None:
@@ -278,16 +272,16 @@ class RigidBodySimulation(WholeChanges):
             joined = model.joints.joined(row)
             if body.number in teleports:
                 pose = teleports[body.number]
-                model.joints.place(row, pose, start_motion(body.rigid, pose, gravity, model.lag, still=True))
+                model.joints.place(row, pose, model.start_motion(row, pose, still=True))
                 begun.append(row)
             elif saved.key != key:
                 if body.number in saved.rigid:
                     pose, motion = saved.rigid[body.number]
                     if saved.lag != model.lag:
-                        motion = motion + (saved.lag - model.lag) * np.array([*gravity, 0.0, 0.0, 0.0])
+                        motion = motion + (saved.lag - model.lag) * model.gravity
                 else:
                     pose = self._world.start(body.number)
-                    motion = start_motion(body.rigid, pose, gravity, model.lag)
+                    motion = model.start_motion(row, pose)
                     pose = _inside(pose, body, walls[0]) if body.limited and not joined else pose
                     begun.append(row)
                 model.joints.place(row, pose, motion)
