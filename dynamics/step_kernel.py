@@ -45,7 +45,7 @@ from dynamics.body_layout import (
     WALL_PUSH,
     WALL_PUSHED,
 )
-from dynamics.contact import NOTHING, OBSTACLE, SKIN, WAIT
+from dynamics.contact import FAR, NOTHING, OBSTACLE, SKIN, TOLERANCE, WAIT
 from dynamics.integrate import advance, look_ahead, propose
 from dynamics.kernel_types import Doubles1, Doubles2, Floats1, Floats2, Ints1, Ints2, Template
 from dynamics.sweep_bodies import WALLS, sweep_walls_and_movers
@@ -57,6 +57,7 @@ from dynamics.tree_access import Tree, vec3, vector_at
 CATCH_UP_FACTOR = 2.0
 CATCH_UP_SPEED, CATCH_UP_TURN = 1.0, 3.0  # m/s, rad/s
 WALL_PUSH_SPEED = 3.0  # m/s at which walls push in bodies that are outside
+PUSH_ROUNDS = 8  # of projections onto all walls
 MAX_TOTAL_PUSH = 2e-3  # m: largest push of a follower out of penetrations in a substep
 MAX_ATTEMPTS = 24  # of motions in one substep
 
@@ -80,6 +81,20 @@ def fly_freely(bodies: Template, body: ti.i32):
 
 
 @ti.func
+def depth_outside(
+    bodies: Template, integers: Template, groups: Template, spheres: Template, normal, body: ti.i32, height
+):
+    """Return how far a body reaches outside of a wall, m; `height` is that of its origin inside of it."""
+    depth = -FAR
+    first = integers[body, FIRST_GROUP]
+    for group in range(first, first + integers[body, GROUP_COUNT]):
+        for sphere in range(groups[group, 1], groups[group, 1] + groups[group, 2]):
+            arm = rotate_to_world(bodies, body, vector_at(spheres, sphere, 0))
+            depth = ti.max(depth, spheres[sphere, 3] - height - normal.dot(arm))
+    return depth
+
+
+@ti.func
 def set_wall_push(
     bodies: Template,
     integers: Template,
@@ -93,17 +108,22 @@ def set_wall_push(
     displacement = vec3d(0.0)
     origin = read3_f32(bodies, body, POSITION)
     reach = ti.cast(bodies[body, RADIUS], ti.f32)
-    first = integers[body, FIRST_GROUP]
     for wall in range(WALLS):
         normal = vector_at(planes, wall, 0)
         height = normal.dot(origin) + planes[wall, 3] - SKIN
         if height < reach:
-            depth = 0.0
-            for group in range(first, first + integers[body, GROUP_COUNT]):
-                for sphere in range(groups[group, 1], groups[group, 1] + groups[group, 2]):
-                    arm = rotate_to_world(bodies, body, vector_at(spheres, sphere, 0))
-                    depth = ti.max(depth, spheres[sphere, 3] - height - normal.dot(arm))
+            depth = ti.max(depth_outside(bodies, integers, groups, spheres, normal, body, height), 0.0)
             displacement += ti.cast(depth * normal, ti.f64)
+    # The way inside of one wall may lead outside of others: project onto each of them in turn.
+    rounds = ti.select(displacement.norm() > 0.0, PUSH_ROUNDS, 0)
+    for _ in range(rounds):
+        for wall in range(WALLS):
+            normal = vector_at(planes, wall, 0)
+            height = normal.dot(origin + ti.cast(displacement, ti.f32)) + planes[wall, 3] - SKIN
+            if height < reach:
+                depth = depth_outside(bodies, integers, groups, spheres, normal, body, height)
+                if depth > TOLERANCE:
+                    displacement += ti.cast(depth * normal, ti.f64)
     far = displacement.norm()
     if far > length:
         displacement *= length / far

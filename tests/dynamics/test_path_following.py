@@ -93,6 +93,24 @@ def test_walls_hold_limited_movers_only():
     np.testing.assert_allclose(poses[-1, 2, :3], (0.0, 5.0 + 1.5 * 299 / 25, 0.0), atol=1e-9)
 
 
+def test_bouncers_that_start_far_outside_a_frustum_enter_it():
+    """Behind its far wall, the way towards that wall leads through the side walls, which draw near."""
+    s, c = np.sqrt(0.5), np.sqrt(0.5)
+    planes = np.array(
+        [[c, 0, -s, 0], [-c, 0, -s, 0], [0, c, -s, 0], [0, -c, -s, 0], [0, 0, -1, -0.1], [0, 0, 1, 6]], float
+    )  # about -z, 90 degrees wide
+    starts = [(0, 0, -12), (5, 0, -14), (-9, 9, -10), (4, 9, -3), (0, 0, 5), (3, -8, -6.5)]
+    movers = [
+        bouncer(f"{row}_{k}", position, direction=direction)
+        for row, position in enumerate(starts)
+        for k, direction in enumerate([(1, 0.3, 0), (-0.2, -1, -0.4)])
+    ]
+    poses = SteppedSimulation(movers, fps=25, walls=lambda time: planes).frame(280).poses
+    for mover, pose in zip(movers, poses, strict=True):
+        centers, radii = spheres_at(CUBE, pose)
+        assert (centers @ planes[:, :3].T + planes[:, 3] - radii[:, None]).min() > -1e-3, mover.body.name
+
+
 def test_moving_walls_push_movers():
     def walls(time):
         x = 0.8 * float(time)
