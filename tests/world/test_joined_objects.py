@@ -12,7 +12,7 @@ from scipy.special import ellipk
 
 import tiscene as ts
 from tiscene.errors import StageWarning
-from tiscene.scenario.edits import Spawn
+from tiscene.scenario.edits import Move, Spawn
 
 BUFFERS = ("instance", "depth")
 FALL = 60.0  # degrees from the lowest point
@@ -115,6 +115,29 @@ def test_move_of_a_joined_object_shows_closed_joints_at_once():
     stream.world.move("hook", (1, 3, -3))
     a = np.subtract(places(10)[:3], (1, 3, -3))
     assert np.linalg.norm(a) == pytest.approx(0.5, abs=1e-6)
+
+
+@pytest.mark.parametrize("dynamic", [ts.Still(), ts.RigidBody()])
+@pytest.mark.parametrize("frame", [0, 4])
+def test_move_of_a_holder_takes_along_what_slides_on_it(frame, dynamic):
+    """At the frame at which its joint begins, or another object appears, it stayed behind, beyond its limit."""
+    objects = [
+        ts.Object("rail", "Cube", (0, 2, -3), scale=0.2, dynamic=dynamic, collide=False),
+        ts.Object("cart", "Cube", (0.5, 2, -3), scale=0.2, dynamic=ts.RigidBody(), collide=False),
+    ]
+    joint = ts.PrismaticJoint("cart", "rail", axis="Y", lower_limit=-0.3, upper_limit=0.3)
+    other = ts.Object("other", "Cube", (5, 2, -3), dynamic=ts.RigidBody(), first_frame=frame)
+    edits = [Spawn(frame, other), Move(frame, "rail", (1, 3, -3), (0, 0, 90))]
+    stream = stream_of(ts.Scenario("object_view", objects, joints=[joint], edits=edits))
+
+    def cart(number):
+        rows = {row.name: np.array(row.position) for row in stream.world.state(number).objects}
+        return rows["cart"] - rows["rail"]
+
+    fallen = -0.5 * 9.81 * 0.04**2 if frame and dynamic == ts.Still() else 0.0
+    turned = (-fallen, 0.5, 0.0)
+    np.testing.assert_allclose(cart(frame), turned, atol=1e-4)
+    np.testing.assert_allclose(cart(frame + 1), turned, atol=5e-3)
 
 
 def test_despawning_one_of_two_joined_objects_frees_the_other():

@@ -118,7 +118,7 @@ class PhysicsTrajectories(Trajectories):
         """Return the poses of objects that are no rigid bodies, at a frame and as planned for the next."""
         return Trajectories._at(self, frame, rows, "poses"), Trajectories._at(self, frame + 1, rows, "arrivals")
 
-    def kinematic_begin(self, frame: int, row: int) -> Array:
+    def kinematic_arrival(self, frame: int, row: int) -> Array:
         """Return the pose [7] of an object that is no rigid body at a frame, before the edits of that frame."""
         begin: Array = Trajectories._at(self, frame, (row,), "arrivals")[0]
         return begin
@@ -188,7 +188,7 @@ class ScenarioPhysics:
         spec = self._log.histories[row].spec
         if isinstance(spec.dynamic, RigidBody):
             return self.start(row)
-        return self._trajectories.kinematic_begin(spec.first_frame, row)
+        return self._trajectories.kinematic_arrival(spec.first_frame, row)
 
     def surroundings(self, frame: int) -> tuple[Hashable, Callable[[], Surroundings]]:
         return self._trajectories.stage_epoch(frame), lambda: self._surroundings(frame)
@@ -204,6 +204,9 @@ class ScenarioPhysics:
             if move is not None and move.frame == frame:
                 found[row] = np.array([*move.position, *quaternion(move.rotation)])
         return found
+
+    def arrival(self, frame: int, number: int) -> Array:
+        return self._trajectories.kinematic_arrival(frame, number)
 
     def mover_poses(self, frame: int, numbers: Sequence[int]) -> tuple[Array, Array]:
         return self._trajectories.kinematic_poses(frame, tuple(numbers))

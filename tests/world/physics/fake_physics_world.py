@@ -67,6 +67,9 @@ class FakePhysicsWorld:
     def teleports(self, frame):
         return self.moved.get(frame, {})
 
+    def arrival(self, frame, number):
+        return self.movers[number - len(self.rigid)][1](frame / self.fps)
+
     def mover_poses(self, frame, numbers):
         chosen = [self.movers[number - len(self.rigid)][1] for number in numbers]
         return tuple(np.array([path((frame + step) / self.fps) for path in chosen]) for step in (0, 1))

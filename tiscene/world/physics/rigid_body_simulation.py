@@ -55,6 +55,9 @@ class PhysicsWorld(Protocol):
     def teleports(self, frame: int) -> Mapping[int, Array]:
         """Return the poses [7] to which rigid bodies are moved at a frame, by number."""
 
+    def arrival(self, frame: int, number: int) -> Array:
+        """Return the pose [7] of a mover at a frame, before it is moved at that frame."""
+
     def mover_poses(self, frame: int, numbers: Sequence[int]) -> tuple[Array, Array]:
         """Return the poses [n, 7] of movers at a frame, and those planned for the next."""
 
@@ -262,32 +265,33 @@ class RigidBodySimulation(WholeChanges):
         else:
             model.reset()
         paths = self._mover_paths(frame, bodies, model)
-        for row, path in paths.items():
-            model.joints.place(row, *path.at(0, self._steps, self._step))
-        begun = []
-        for row in model.joints.order(len(bodies)):
-            body = bodies[row]
-            if body.rigid is None:
-                continue
-            joined = model.joints.joined(row)
-            if body.number in teleports:
-                pose = teleports[body.number]
+        places = {row: path.at(0, self._steps, self._step) for row, path in paths.items()}
+        order = [row for row in model.joints.order(len(bodies)) if bodies[row].rigid is not None]
+        begun = [row for row in order if bodies[row].number in teleports or bodies[row].number not in saved.rigid]
+        if saved.key != key:
+            for row, (pose, motion) in places.items():  # before it is moved: what hangs on it comes along then
+                is_moved = model.joints.carries(row) and bodies[row].number in teleports
+                model.joints.place(row, self._world.arrival(frame, bodies[row].number) if is_moved else pose, motion)
+            for row in order:
+                pose, motion = self._begin(model, row, saved)
+                is_free = bodies[row].limited and not model.joints.joined(row) and bodies[row].number not in saved.rigid
+                model.joints.place(row, _inside(pose, bodies[row], walls[0]) if is_free else pose, motion)
+        for row, (pose, motion) in places.items():
+            model.joints.place(row, pose, motion)
+        for row in order:
+            if bodies[row].number in teleports:
+                pose = teleports[bodies[row].number]
                 model.joints.place(row, pose, model.start_motion(row, pose, still=True))
-                begun.append(row)
-            elif saved.key != key:
-                if body.number in saved.rigid:
-                    pose, motion = saved.rigid[body.number]
-                    if saved.lag != model.lag:
-                        motion = motion + (saved.lag - model.lag) * model.gravity
-                else:
-                    pose = self._world.start(body.number)
-                    motion = model.start_motion(row, pose)
-                    pose = _inside(pose, body, walls[0]) if body.limited and not joined else pose
-                    begun.append(row)
-                model.joints.place(row, pose, motion)
-            elif body.number not in saved.rigid:
-                begun.append(row)
         return _Prepared(key, model, bodies, paths, walls, begun)
+
+    def _begin(self, model: PhysicsModel, row: int, saved: _Saved) -> tuple[Array, Array]:
+        """Return pose [7] and motion [6] with which a rigid body begins in a new model."""
+        number = model.bodies[row].number
+        if number in saved.rigid:
+            pose, motion = saved.rigid[number]
+            return pose, motion + (saved.lag - model.lag) * model.gravity
+        pose = self._world.start(number)
+        return pose, model.start_motion(row, pose)
 
     def _mover_paths(self, frame: int, bodies: Sequence[PhysicsBody], model: PhysicsModel) -> dict[int, _MoverPath]:
         """Return the ways of the movers from a frame to the next, by row."""
