@@ -20,6 +20,7 @@ from dynamics.errors import ArgumentError, ArgumentTypeError
 Value = TypeVar("Value")
 Check = Callable[[Any, str], Value]
 LARGEST = 3.4e38  # of a coordinate: scenes are rendered in single precision
+MAX_POSITION = 1e9  # m, of what moves: kernels of collisions fail on much larger ones
 
 
 def set_checked(instance: Any, **checks: Check[Any]) -> None:
@@ -112,6 +113,14 @@ def vector(value: Any, name: str) -> tuple[float, float, float]:
     if max(map(abs, result)) > LARGEST:
         raise ArgumentError(f"{name}={value!r}: must be numbers of at most {LARGEST:g}")
     return cast("tuple[float, float, float]", result)
+
+
+def position(value: Any, name: str) -> tuple[float, float, float]:
+    """Return `value` as three floats that bodies can be placed at, m."""
+    result = vector(value, name)
+    if max(map(abs, result)) > MAX_POSITION:
+        raise ArgumentError(f"{name}={value!r}: must be numbers from -{MAX_POSITION:g} to {MAX_POSITION:g} m")
+    return result
 
 
 def vectors(value: Any, name: str) -> tuple[tuple[float, float, float], ...]:

@@ -14,7 +14,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from dynamics.argument_checks import direction, flag, numbers, positive, set_checked, vector
+from dynamics.argument_checks import direction, flag, numbers, position, positive, set_checked
 from dynamics.clocks import common_multiple, exact
 from dynamics.dynamic import (
     ROTATION,
@@ -62,7 +62,7 @@ class Orbit(ClosedForm):
     axis: Vector = (0.0, 1.0, 0.0)
 
     def __post_init__(self) -> None:
-        set_checked(self, center=vector, period=positive, axis=direction)
+        set_checked(self, center=position, period=positive, axis=direction)
 
     @property
     def loop_time(self) -> float:
@@ -92,7 +92,7 @@ class LookAt(ClosedForm):
     up: Vector = (0.0, 1.0, 0.0)
 
     def __post_init__(self) -> None:
-        set_checked(self, target=vector, up=direction, motion=check_closed_form)
+        set_checked(self, target=position, up=direction, motion=check_closed_form)
 
     @property
     def loop_time(self) -> float:

@@ -9,6 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from dynamics.argument_checks import position
 from dynamics.bodies import Body
 from dynamics.sphere_proxy import Shape
 
@@ -42,6 +43,9 @@ class Mover:
         last_frame: Last such frame; None: forever.
         moves: Teleports in the order of their frames. After one, a static body stays there, a body on a path returns to
             its path, and a bouncing body continues from there. A list may grow; see `SteppedSimulation.amend`.
+
+    Raises:
+        ArgumentError: For a body that is placed too far away.
     """
 
     body: Body
@@ -50,6 +54,9 @@ class Mover:
     first_frame: int = 0
     last_frame: int | None = None
     moves: Sequence[Teleport] = ()
+
+    def __post_init__(self) -> None:
+        position(self.body.position, f"position of {self.body.name!r}")
 
 
 @dataclass(frozen=True)

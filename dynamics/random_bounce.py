@@ -9,8 +9,9 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
-from dynamics.argument_checks import direction, not_negative, set_checked, whole
+from dynamics.argument_checks import MAX_POSITION, direction, not_negative, set_checked, whole
 from dynamics.dynamic import Dynamic, Vector
+from dynamics.errors import ArgumentError
 
 
 @dataclass(frozen=True)
@@ -23,7 +24,7 @@ class UniformMovementRandomBounce(Dynamic):
     timings that wait for a loop refuse it.
 
     Args:
-        speed: m/s.
+        speed: m/s, at most 1e9.
         angular_speed: Largest angular speed, rad/s.
         start_direction: Initial direction, world, of any length.
         seed: Any integer.
@@ -36,6 +37,8 @@ class UniformMovementRandomBounce(Dynamic):
 
     def __post_init__(self) -> None:
         set_checked(self, speed=not_negative, angular_speed=not_negative, start_direction=direction, seed=whole)
+        if self.speed > MAX_POSITION:
+            raise ArgumentError(f"speed={self.speed!r}: must be at most {MAX_POSITION:g} m/s")
 
     @property
     def loop_time(self) -> float:

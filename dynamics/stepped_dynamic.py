@@ -23,7 +23,6 @@ from dynamics.waypoints import Waypoint
 
 CHECKPOINT = 64  # initial number of steps between checkpoints
 MAX_CHECKPOINTS = 1024
-MAX_COORDINATE = 1e9  # m: kernels of collisions fail on much larger ones
 
 
 class Stepped(Dynamic):
@@ -113,10 +112,10 @@ class SteppedStates:
         pose = self._dynamic.pose(self._state(number))
         if not isinstance(pose, Waypoint):
             raise ArgumentTypeError(f"{self._name}: pose() returned {pose!r}: must be a Waypoint(position, rotation)")
-        if max(map(abs, pose.position)) > MAX_COORDINATE:
+        if max(map(abs, pose.position)) > argument_checks.MAX_POSITION:
             raise ArgumentError(
                 f"{self._name}: pose() is at {pose.position} m after {number * self._step:g} s, more than "
-                f"{MAX_COORDINATE:g} m away; if the simulation diverges, a smaller `step` helps"
+                f"{argument_checks.MAX_POSITION:g} m away; if the simulation diverges, a smaller `step` helps"
             )
         return np.array([*pose.position, *quaternion(pose.rotation)])
 

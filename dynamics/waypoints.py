@@ -181,6 +181,7 @@ def check_waypoints(waypoints: object) -> tuple[Waypoint, ...]:
     for index, waypoint in enumerate(result):
         if not isinstance(waypoint, Waypoint):
             raise ArgumentTypeError(f"waypoints[{index}]={waypoint!r}: must be a Waypoint(position, rotation)")
+        argument_checks.position(waypoint.position, f"waypoints[{index}].position")
     if len(result) < 2:
         raise ArgumentError(f"waypoints: a path needs 2 or more, not {len(result)}; use Still() for a static body")
     return result

@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import math
+import re
 import sys
 from dataclasses import dataclass
 from fractions import Fraction
@@ -11,7 +12,21 @@ from fractions import Fraction
 import numpy as np
 import pytest
 
-from dynamics import ArgumentError, ArgumentTypeError, DictTimings, UniformMovementRandomBounce, argument_checks
+from dynamics import (
+    ArgumentError,
+    ArgumentTypeError,
+    Body,
+    DictTimings,
+    Keyframes,
+    LinearWaypoints,
+    LookAt,
+    Orbit,
+    Still,
+    UniformMovementRandomBounce,
+    Waypoint,
+    argument_checks,
+)
+from dynamics.colliding_bodies import Mover
 
 
 @pytest.mark.parametrize("value", [2, 2.0, np.float32(2), np.int8(2), Fraction(4, 2)])
@@ -83,6 +98,24 @@ def test_numbers_without_an_order_and_bytes_are_no_vector(value):
 def test_vector_that_single_precision_cannot_hold_is_refused(value):
     with pytest.raises(ArgumentError, match=r"must be numbers of at most 3\.4e"):
         argument_checks.vector((0.0, value, 0.0), "x")
+
+
+@pytest.mark.parametrize("far", [2e9, -3e38])
+@pytest.mark.parametrize(
+    ("argument", "make"),
+    [
+        ("waypoints[1].position", lambda at: LinearWaypoints([Waypoint((0, 0, 0)), Waypoint(at)])),
+        ("waypoints[0].position", lambda at: Keyframes([0, 1], [Waypoint(at), Waypoint((0, 0, 0))])),
+        ("center", Orbit),
+        ("target", LookAt),
+        ("position of 'a'", lambda at: Mover(Body(Still(), at, name="a"))),
+        ("speed", lambda at: UniformMovementRandomBounce(abs(at[1]))),
+    ],
+)
+def test_place_that_collisions_cannot_reach_is_refused_by_argument(argument, make, far):
+    """Kernels did not end, or positions were rounded to nothing."""
+    with pytest.raises(ArgumentError, match=f"^{re.escape(argument)}=.*: must be .*1e\\+09 m"):
+        make((0.0, far, 0.0))
 
 
 def test_numpy_numbers_are_stored_as_plain_numbers():

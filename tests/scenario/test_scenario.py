@@ -14,12 +14,13 @@ import tiscene as ts
 from dynamics import Composite, Dynamic, Keyframes, LookAt, Orbit, Timing
 from tiscene.errors import ArgumentError, ExportError, MissingFile, ScenarioError
 from tiscene.scenario import serialization
+from tiscene.scenario.edits import Move
 from tiscene.scenario.objects import Frustum, Object
 from tiscene.scenario.overrides import CameraOverride, LightOverride, MaterialOverride, ObjectOverride
 from tiscene.scenario.scenario import FIELDS, Scenario
 
 HERE = ts.Waypoint((0.1, 1 / 3, -2e-7), (10, 20, 30))
-THERE = ts.Waypoint((1, 0, 1e22), (0.1, 0.2, 0.3, 0.4))
+THERE = ts.Waypoint((1, 0, 1e-22), (0.1, 0.2, 0.3, 0.4))
 AROUND = ts.Waypoint((1, 2, 3))
 ENDLESS = Keyframes((0, 1), (HERE, AROUND))
 
@@ -133,6 +134,9 @@ def test_life_spans_include_both_ends():
         (r"id='a\\ud800': must be a string .*without lone surrogates", lambda: Object("a\ud800", "Cube")),
         ("template=None: must be a string", lambda: Object("a", None)),
         ("position=.*must be 3 numbers, not 2", lambda: Object("a", "Cube", (1, 2))),
+        (r"position=.*must be numbers from -1e\+09", lambda: Object("a", "Cube", (0, 2e9, 0))),
+        (r"position=.*must be numbers from -1e\+09", lambda: ts.PrismaticJoint("a", position=(0, 2e9, 0))),
+        (r"position=.*must be numbers from -1e\+09", lambda: Move(0, "a", (0, 2e9, 0))),
         ("rotation=.*must be 3 or 4 numbers, not 1", lambda: Object("a", "Cube", rotation=(1,))),
         ("rotation=.*must not be zero", lambda: Object("a", "Cube", rotation=(0, 0, 0, 0))),
         ("dynamic='fast': must be a dynamic, such as", lambda: Object("a", "Cube", dynamic="fast")),

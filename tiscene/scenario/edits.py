@@ -10,7 +10,7 @@ from dataclasses import dataclass, field
 from typing import Any, TypeVar
 
 from dynamics import Still
-from dynamics.argument_checks import index, positive, rotation, set_checked, text, vector
+from dynamics.argument_checks import index, position, positive, rotation, set_checked, text, vector
 from tiscene.errors import ScenarioError, scenario_errors
 from tiscene.scenario.lifespan_index import LifespanIndex
 from tiscene.scenario.objects import Frustum, Object
@@ -84,7 +84,7 @@ class Move:
 
     def __post_init__(self) -> None:
         with scenario_errors():
-            set_checked(self, frame=index, id=text, position=vector, rotation=rotation)
+            set_checked(self, frame=index, id=text, position=position, rotation=rotation)
 
 
 @dataclass(frozen=True)

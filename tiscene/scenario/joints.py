@@ -20,11 +20,11 @@ from dynamics.argument_checks import (
     not_negative,
     number,
     optional,
+    position,
     positive,
     rotation,
     set_checked,
     text,
-    vector,
 )
 from dynamics.joint_loops import closing_joints
 from tiscene.errors import ScenarioError, scenario_errors
@@ -65,7 +65,7 @@ class Joint:
             set_checked(self, body=text, parent=optional(text))
             if self.parent == self.body:
                 raise ScenarioError(f"parent={self.parent!r}: must be another object than body")
-            set_checked(self, position=vector, parent_position=optional(vector))
+            set_checked(self, position=position, parent_position=optional(position))
             set_checked(self, rotation=rotation, parent_rotation=optional(rotation), collide=flag)
 
 

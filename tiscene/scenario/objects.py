@@ -9,7 +9,7 @@ from numbers import Real
 from typing import Any
 
 from dynamics import Dynamic, RigidBody, Still
-from dynamics.argument_checks import flag, index, number, optional, rotation, set_checked, text, vector
+from dynamics.argument_checks import flag, index, number, optional, position, rotation, set_checked, text, vector
 from tiscene.errors import ScenarioError, scenario_errors
 from tiscene.scene.camera import Vector3
 
@@ -48,7 +48,7 @@ class Object:
 
     def __post_init__(self) -> None:
         with scenario_errors():
-            set_checked(self, id=text, template=text, position=vector, rotation=rotation)
+            set_checked(self, id=text, template=text, position=position, rotation=rotation)
             check_dynamic(self.dynamic, "dynamic")
             set_checked(self, first_frame=index, last_frame=optional(index))
             if self.last_frame is not None and self.last_frame < self.first_frame:

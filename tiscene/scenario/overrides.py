@@ -10,7 +10,18 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any
 
-from dynamics.argument_checks import flag, not_negative, number, optional, positive, rotation, set_checked, text, vector
+from dynamics.argument_checks import (
+    flag,
+    not_negative,
+    number,
+    optional,
+    position,
+    positive,
+    rotation,
+    set_checked,
+    text,
+    vector,
+)
 from tiscene.errors import ScenarioError, scenario_errors
 from tiscene.scene.camera import Quaternion, Vector3
 
@@ -93,7 +104,7 @@ class ObjectOverride:
 
     def __post_init__(self) -> None:
         with scenario_errors():
-            set_checked(self, prim=text, position=optional(vector), rotation=optional(rotation), visible=flag)
+            set_checked(self, prim=text, position=optional(position), rotation=optional(rotation), visible=flag)
 
 
 @dataclass(frozen=True)
