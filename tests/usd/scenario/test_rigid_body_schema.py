@@ -161,15 +161,41 @@ def Cube "Plain" (prepend apiSchemas = ["TisceneObjectAPI", "PhysicsRigidBodyAPI
     float physics:density = 200
 }
 def Cube "Heavy" (
-    prepend apiSchemas = ["TisceneObjectAPI", "PhysicsRigidBodyAPI", "PhysicsMassAPI", "PhysicsFilteredPairsAPI"]
+    prepend apiSchemas = ["TisceneObjectAPI", "PhysicsRigidBodyAPI", "PhysicsMassAPI", "PhysicsFilteredPairsAPI",
+        "MaterialBindingAPI"]
 )
 {
     float physics:mass = 3
     rel physics:filteredPairs = </Plain>
+    rel material:binding:physics = </Ice>
     bool physics:startsAsleep = 1
-    def Sphere "Inner" (prepend apiSchemas = ["PhysicsRigidBodyAPI"])
+    def Sphere "Inner" (prepend apiSchemas = ["PhysicsRigidBodyAPI", "MaterialBindingAPI"])
     {
+        rel material:binding:physics = </Stone>
     }
+}
+def Cube "Light" (prepend apiSchemas = ["TisceneObjectAPI", "PhysicsRigidBodyAPI", "PhysicsMassAPI"])
+{
+    float3 physics:diagonalInertia = (1, 1, 3)
+    def Sphere "Part" (prepend apiSchemas = ["PhysicsCollisionAPI", "PhysicsMassAPI"])
+    {
+        float physics:mass = 2
+    }
+}
+def Material "Ice" (prepend apiSchemas = ["PhysicsMaterialAPI"])
+{
+    float physics:dynamicFriction = 0.1
+    float physics:staticFriction = 0.3
+}
+def Material "Stone" (prepend apiSchemas = ["PhysicsMaterialAPI"])
+{
+}
+def PhysicsCollisionGroup "Idle" (prepend apiSchemas = ["CollectionAPI:colliders"])
+{
+}
+def PhysicsCollisionGroup "Ghosts" (prepend apiSchemas = ["CollectionAPI:colliders"])
+{
+    rel physics:filteredGroups = </Ghosts>
 }
 """
 
@@ -180,7 +206,65 @@ def test_what_is_not_simulated_of_a_rigid_body_is_named(tmp_path):
     with pytest.warns(StageWarning) as caught:
         read_scenario(path)
     (warning,) = caught
-    lines = str(warning.message).splitlines()[1:]
-    assert [line.rsplit(": ", 1)[1] for line in lines] == ["</Heavy>"] * 3 + ["</Heavy/Inner>"]
-    for word, line in zip(("mass", "filteredPairs", "startsAsleep", "within"), lines, strict=True):
-        assert word in line
+    found = [line.strip().rsplit(": ", 1)[::-1] for line in str(warning.message).splitlines()[1:]]
+    expected = [
+        ("</Heavy>", "filteredPairs"),
+        ("</Heavy>", "startsAsleep"),
+        ("</Heavy>", "2 physics materials"),
+        ("</Heavy/Inner>", "within another"),
+        ("</Ice>", "dynamicFriction, 0.1, counts"),
+        ("</Light>", "diagonalInertia is not applied"),
+        ("</Light/Part>", "mass of a part"),
+        ("</Ghosts>", "collision group"),
+    ]
+    assert sorted(path for path, _ in found) == sorted(path for path, _ in expected)
+    for path, word in expected:
+        assert any(path == each and word in text for each, text in found), (path, word, found)
+
+
+MASS = """#usda 1.0
+(
+    metersPerUnit = 0.01
+    kilogramsPerUnit = 2
+)
+def Cube "Box" (prepend apiSchemas = ["TisceneObjectAPI", "PhysicsRigidBodyAPI", "PhysicsMassAPI"])
+{
+    double3 xformOp:scale = (1, 2, 1)
+    uniform token[] xformOpOrder = ["xformOp:scale"]
+    float physics:mass = 3
+    float physics:density = 0.00025
+    point3f physics:centerOfMass = (10, 20, -10)
+    float3 physics:diagonalInertia = (10000, 20000, 15000)
+    quatf physics:principalAxes = (0.5, 0.5, 0.5, 0.5)
+}
+def Cube "Plain" (prepend apiSchemas = ["TisceneObjectAPI", "PhysicsRigidBodyAPI", "PhysicsMassAPI"])
+{
+}
+"""
+
+
+def test_mass_of_another_program_is_read_in_kilograms_and_meters(tmp_path):
+    path = tmp_path / "mass.usda"
+    path.write_text(MASS)
+    box, plain = ts.Scenario.load(path).objects
+    assert box.dynamic.mass == pytest.approx(6.0)
+    assert box.dynamic.density == pytest.approx(500.0)
+    assert box.dynamic.center_of_mass == pytest.approx((0.1, 0.4, -0.1))  # the scale counts, as for joints
+    assert box.dynamic.diagonal_inertia == pytest.approx((2.0, 4.0, 3.0))
+    assert box.dynamic.principal_axes == (0.5, 0.5, 0.5, 0.5)
+    assert plain.dynamic == ts.RigidBody()
+
+
+def test_mass_survives_a_round_trip_and_is_found_by_other_programs(tmp_path):
+    body = ts.RigidBody(
+        mass=6.5, center_of_mass=(0.1, 0.4, -0.1), diagonal_inertia=(2, 4, 3), principal_axes=(0.5, 0.5, 0.5, 0.5)
+    )
+    scenario = ts.Scenario("object_view", [ts.Object("a", "Cube", (0, 1, 0), scale=(1, 2, 1), dynamic=body)])
+    scenario.save(tmp_path / "run.usda")
+    assert ts.Scenario.load(tmp_path / "run.usda") == scenario
+    stage = Usd.Stage.Open(str(tmp_path / "run.usda"))
+    mass = UsdPhysics.MassAPI(stage.GetPrimAtPath("/Scenario/Objects/a"))
+    assert mass.GetMassAttr().Get() == pytest.approx(6.5)
+    assert tuple(mass.GetCenterOfMassAttr().Get()) == pytest.approx((0.1, 0.2, -0.1))
+    assert tuple(mass.GetDiagonalInertiaAttr().Get()) == pytest.approx((2, 4, 3))
+    assert tuple(mass.GetPrincipalAxesAttr().Get().imaginary) == (0.5, 0.5, 0.5)

@@ -11,8 +11,8 @@ import pytest
 
 pytest.importorskip("mujoco")
 
-from dynamics import RigidBody
-from dynamics.rotation import conjugate, multiply, rotate
+from dynamics import ArgumentError, RigidBody
+from dynamics.rotation import conjugate, multiply, quaternion, rotate
 from tests.world.physics.fake_physics_world import FakePhysicsWorld, ball, box, dropped, pose
 from tiscene.errors import ScenarioError
 from tiscene.world.physics.part_shapes import PartShape
@@ -224,3 +224,54 @@ def test_tumbling_body_keeps_energy_and_momentum(spin, tolerance, offset):
         time = frame / fps
         fallen = center_velocity * time - np.array([0.0, 0.5 * 9.81 * time**2, 0.0])
         np.testing.assert_allclose(before[:3] + rotate(before[3:], offset) - offset, fallen, atol=1e-8)
+
+
+def test_bodies_of_given_mass_keep_their_momentum_when_they_collide():
+    thrown = RigidBody(mass=6.0, velocity=(2.0, 0.0, 0.0), restitution=0.5)
+    bodies = [(ball(0.1), pose(), thrown), (ball(0.1), pose(x=0.5), RigidBody(mass=1.5, density=3.0, restitution=0.5))]
+    simulation = FakePhysicsWorld(bodies).simulation()
+    one, other = (simulation.frame(30).poses - simulation.frame(29).poses)[:, 0] * 25
+    assert other > 1.1 * one > 0.0
+    assert 6.0 * one + 1.5 * other == pytest.approx(12.0, rel=1e-9)
+
+
+def test_body_turns_about_its_given_center_of_mass():
+    center = np.array([0.05, -0.1, 0.2])
+    body = RigidBody(center_of_mass=tuple(center), velocity=(0.0, 6.0, 0.0), angular_velocity=(1.0, 3.0, -2.0))
+    simulation = FakePhysicsWorld([(ball(0.1), pose(), body)]).simulation()
+    upwards = 6.0 + np.cross(body.angular_velocity, center)[1]
+    sideways = np.cross(body.angular_velocity, center)[[0, 2]]
+    for frame in (5, 17, 25):
+        position, turn = simulation.frame(frame).poses[0, :3], simulation.frame(frame).poses[0, 3:]
+        time = frame / 25
+        moved = np.array([sideways[0] * time, upwards * time - 0.5 * 9.81 * time**2, sideways[1] * time])
+        np.testing.assert_allclose(position + rotate(turn, center), center + moved, atol=1e-8)
+
+
+def test_body_of_given_inertia_wobbles_as_a_symmetric_top():
+    """Its axis turns about its angular momentum L at |L| / I, for the moment I across the axis."""
+    across, along, spin = 2.0, 3.0, np.array([0.5, 0.0, 4.0])
+    axes = quaternion((0.0, 90.0, 0.0))  # the third principal axis is x
+    rate = rotate(axes, spin)
+    body = RigidBody(diagonal_inertia=(across, across, along), principal_axes=tuple(axes), angular_velocity=tuple(rate))
+    simulation = FakePhysicsWorld([(ball(0.1), pose(), body)]).simulation()
+    momentum = rotate(axes, spin * (across, across, along))
+    axis = rotate(axes, (0.0, 0.0, 1.0))
+    for frame in (10, 60, 120):
+        angle = np.linalg.norm(momentum) / across * frame / 25
+        turn = [math.cos(0.5 * angle), *(math.sin(0.5 * angle) * momentum / np.linalg.norm(momentum))]
+        np.testing.assert_allclose(rotate(simulation.frame(frame).poses[0, 3:], axis), rotate(turn, axis), atol=1e-4)
+
+
+@pytest.mark.parametrize(
+    ("named", "message"),
+    [
+        ({"mass": 0.0}, "mass=0.0: must be greater than 0"),
+        ({"diagonal_inertia": (1, 1, 3)}, r"diagonal_inertia=\(1, 1, 3\): none may be larger than the sum"),
+        ({"diagonal_inertia": (1, 0, 1)}, r"diagonal_inertia=\(1, 0, 1\): must be greater than 0"),
+        ({"center_of_mass": (0, 1e10, 0)}, "center_of_mass=.*: must be numbers from"),
+    ],
+)
+def test_mass_that_no_body_has_is_refused(named, message):
+    with pytest.raises(ArgumentError, match="^" + message):
+        RigidBody(**named)

@@ -1,21 +1,22 @@
 # SPDX-License-Identifier: Apache-2.0
 """Rigid bodies by the schemas of UsdPhysics, which other programs read and write too.
 
-PhysicsRigidBodyAPI has the initial velocities, PhysicsMassAPI the density, PhysicsMaterialAPI friction and restitution.
-Lengths are in stage units, masses in the stage's kilogramsPerUnit, angular velocities in degrees per second. Velocities
-are in the axes of the prim, before its scale. The exact values of tiscene's own objects are in TisceneMotionAPI, in
-meters and radians of the world, and take precedence.
+PhysicsRigidBodyAPI has the initial velocities, PhysicsMassAPI density, mass and inertia, PhysicsMaterialAPI friction
+and restitution. Lengths are in stage units, masses in the stage's kilogramsPerUnit, angular velocities in degrees per
+second. Velocities are in the axes of the prim, before its scale. The exact values of tiscene's own objects are in
+TisceneMotionAPI, in meters and radians of the world, and take precedence.
 """
 
 from __future__ import annotations
 
-import itertools
 import math
 from collections.abc import Mapping
 from typing import Any
 
 from pxr import Gf, Usd, UsdGeom, UsdPhysics, UsdShade
 
+from dynamics import ArgumentError, RigidBody
+from dynamics.rotation import quaternion
 from tiscene.usd.core import schema
 from tiscene.usd.core.report import StageReport
 from tiscene.usd.core.units import Units
@@ -37,12 +38,11 @@ def write_rigid_body(prim: Usd.Prim, content: Mapping[str, Any] | None, units: U
     body = UsdPhysics.RigidBodyAPI.Apply(prim)
     body.CreateRigidBodyEnabledAttr(True)
     body.CreateKinematicEnabledAttr(False)
-    to_prim = _rotation(prim, Usd.TimeCode.Default()).GetInverse()
+    to_prim = _transform(prim, Usd.TimeCode.Default()).GetRotation().GetInverse()
     velocity, spin = units.to_stage(content["velocity"], True), map(math.degrees, content["angular_velocity"])
     body.CreateVelocityAttr(Gf.Vec3f(to_prim.TransformDir(Gf.Vec3d(*velocity))))
     body.CreateAngularVelocityAttr(Gf.Vec3f(to_prim.TransformDir(Gf.Vec3d(*spin))))
-    per_unit = UsdPhysics.GetStageKilogramsPerUnit(prim.GetStage())
-    UsdPhysics.MassAPI.Apply(prim).CreateDensityAttr(content["density"] * units.meters**3 / per_unit)
+    _write_mass(prim, content, units)
     material = UsdShade.Material.Define(prim.GetStage(), prim.GetPath().AppendChild("PhysicsMaterial"))
     surface = UsdPhysics.MaterialAPI.Apply(material.GetPrim())
     surface.CreateStaticFrictionAttr(content["friction"])
@@ -73,7 +73,7 @@ def read_rigid_body(
         return {"type": "Still"} if physics else None
     _report_not_simulated(prim, report)
     content: dict[str, Any] = {"type": "RigidBody"}
-    to_world = _rotation(prim, time)
+    to_world = _transform(prim, time).GetRotation()
     if body.GetVelocityAttr().HasAuthoredValue():
         velocity = to_world.TransformDir(Gf.Vec3d(body.GetVelocityAttr().Get()))
         content["velocity"] = [each * units.meters for each in velocity]
@@ -81,11 +81,7 @@ def read_rigid_body(
         spin = to_world.TransformDir(Gf.Vec3d(body.GetAngularVelocityAttr().Get()))
         content["angular_velocity"] = [math.radians(each) for each in spin]
     surface = _surface(prim)
-    density = UsdPhysics.MassAPI(prim).GetDensityAttr().Get() if prim.HasAPI(UsdPhysics.MassAPI) else None
-    density = density or (surface.GetDensityAttr().Get() if surface else None)
-    if density:
-        per_unit = UsdPhysics.GetStageKilogramsPerUnit(prim.GetStage())
-        content["density"] = density * per_unit / units.meters**3
+    content |= _read_mass(prim, surface, units, time, report)
     if surface:
         for key, attribute, most in (
             ("friction", surface.GetDynamicFrictionAttr(), math.inf),
@@ -96,31 +92,105 @@ def read_rigid_body(
     return content
 
 
+def _write_mass(prim: Usd.Prim, content: Mapping[str, Any], units: Units) -> None:
+    mass = UsdPhysics.MassAPI.Apply(prim)
+    per_unit = UsdPhysics.GetStageKilogramsPerUnit(prim.GetStage())
+    mass.CreateDensityAttr(content["density"] * units.meters**3 / per_unit)
+    if content["mass"] is not None:
+        mass.CreateMassAttr(content["mass"] / per_unit)
+    if content["center_of_mass"] is not None:
+        scale = _transform(prim, Usd.TimeCode.Default()).GetScale()
+        center = units.to_stage(content["center_of_mass"], True)
+        mass.CreateCenterOfMassAttr(Gf.Vec3f(*(each / size for each, size in zip(center, scale, strict=True))))
+    if content["diagonal_inertia"] is not None:
+        moments = [each / (per_unit * units.meters**2) for each in content["diagonal_inertia"]]
+        mass.CreateDiagonalInertiaAttr(Gf.Vec3f(*moments))
+        mass.CreatePrincipalAxesAttr(Gf.Quatf(*quaternion(content["principal_axes"]).tolist()))
+
+
+def _read_mass(
+    prim: Usd.Prim, surface: UsdPhysics.MaterialAPI | None, units: Units, time: Usd.TimeCode, report: StageReport
+) -> dict[str, Any]:
+    """Return what is authored of the mass of a body; its own density counts before that of its material."""
+    own, content = UsdPhysics.MassAPI(prim), {}
+    per_unit = UsdPhysics.GetStageKilogramsPerUnit(prim.GetStage())
+    mass, density = own.GetMassAttr().Get() or 0.0, own.GetDensityAttr().Get() or 0.0
+    if mass > 0.0:
+        content["mass"] = mass * per_unit
+    if not density and surface:
+        density = surface.GetDensityAttr().Get()
+    if density > 0.0:
+        content["density"] = density * per_unit / units.meters**3
+    center = own.GetCenterOfMassAttr().Get()
+    if own.GetCenterOfMassAttr().HasAuthoredValue() and all(map(math.isfinite, center)):
+        scale = _transform(prim, time).GetScale()
+        content["center_of_mass"] = [each * units.meters * size for each, size in zip(center, scale, strict=True)]
+    moments = [each * per_unit * units.meters**2 for each in own.GetDiagonalInertiaAttr().Get() or (0.0,)]
+    if any(moments):
+        axes = own.GetPrincipalAxesAttr().Get()
+        try:
+            x, y, z = moments
+            RigidBody(diagonal_inertia=(x, y, z))
+        except ArgumentError as error:
+            report.omission(prim.GetPath(), f"physics:diagonalInertia is not applied: {error}")
+        else:
+            content["diagonal_inertia"] = moments
+            if axes.GetLength() > 0.0:
+                content["principal_axes"] = [axes.GetReal(), *axes.GetImaginary()]
+    return content
+
+
+def report_collision_groups(stage: Usd.Stage, report: StageReport) -> None:
+    """Report collision groups that keep bodies from colliding: those of a scenario collide."""
+    for prim in stage.Traverse():
+        if prim.IsA(UsdPhysics.CollisionGroup) and schema.targets(prim, "physics:filteredGroups"):
+            report.omission(
+                prim.GetPath(), "rigid bodies collide whatever their collision group (physics:filteredGroups)"
+            )
+
+
 def _surface(prim: Usd.Prim) -> UsdPhysics.MaterialAPI | None:
     """Return the physics material of a body, or of the first prim within it that has one; None: there is none."""
-    for each in Usd.PrimRange(prim, Usd.TraverseInstanceProxies()):
-        material, _ = UsdShade.MaterialBindingAPI(each).ComputeBoundMaterial("physics")
-        if material and material.GetPrim().HasAPI(UsdPhysics.MaterialAPI):
-            return UsdPhysics.MaterialAPI(material)
-    return None
+    found = map(_material, Usd.PrimRange(prim, Usd.TraverseInstanceProxies()))
+    return next((each for each in found if each is not None), None)
 
 
-def _rotation(prim: Usd.Prim, time: Usd.TimeCode) -> Gf.Rotation:
-    """Return the rotation from the axes of a prim to those of the world."""
-    return Gf.Transform(UsdGeom.Xformable(prim).ComputeLocalToWorldTransform(time)).GetRotation()
+def _material(prim: Usd.Prim) -> UsdPhysics.MaterialAPI | None:
+    """Return the physics material that is bound to a prim; None: there is none."""
+    material, _ = UsdShade.MaterialBindingAPI(prim).ComputeBoundMaterial("physics")
+    has_one = material and material.GetPrim().HasAPI(UsdPhysics.MaterialAPI)
+    return UsdPhysics.MaterialAPI(material) if has_one else None
+
+
+def _transform(prim: Usd.Prim, time: Usd.TimeCode) -> Gf.Transform:
+    """Return the transform from the axes of a prim to those of the world."""
+    return Gf.Transform(UsdGeom.Xformable(prim).ComputeLocalToWorldTransform(time))
 
 
 def _report_not_simulated(prim: Usd.Prim, report: StageReport) -> None:
     """Report what other programs simulate of a rigid body, and of those within it."""
-    path, body, mass = prim.GetPath(), UsdPhysics.RigidBodyAPI(prim), UsdPhysics.MassAPI(prim)
-    own = (mass.GetMassAttr(), mass.GetCenterOfMassAttr(), mass.GetDiagonalInertiaAttr())
-    if any(each and each.HasAuthoredValue() for each in own):
-        text = "mass, center of mass and inertia of a rigid body follow from its shape and physics:density alone"
-        report.omission(path, text)
+    path, body = prim.GetPath(), UsdPhysics.RigidBodyAPI(prim)
     if schema.targets(prim, "physics:filteredPairs"):
         report.omission(path, "a rigid body collides with its physics:filteredPairs too")
     if body.GetStartsAsleepAttr().Get():
         report.omission(path, "a rigid body begins to fall at once, not when it is touched (physics:startsAsleep)")
-    for each in itertools.islice(Usd.PrimRange(prim, Usd.TraverseInstanceProxies()), 1, None):
-        if is_rigid_body(each):
+    materials = set()
+    has_mass = bool(UsdPhysics.MassAPI(prim).GetMassAttr().Get())
+    for each in Usd.PrimRange(prim, Usd.TraverseInstanceProxies()):
+        if each != prim and is_rigid_body(each):
             report.omission(each.GetPath(), "a rigid body within another one moves with it")
+        part = UsdPhysics.MassAPI(each)
+        if each != prim and not has_mass and any((part.GetMassAttr().Get(), part.GetDensityAttr().Get())):
+            text = "the mass of a part of a rigid body is not applied; give the body its mass (PhysicsMassAPI)"
+            report.omission(each.GetPath(), text)
+        material = _material(each)
+        if material is not None:
+            materials.add(material.GetPath())
+    if len(materials) > 1:
+        report.omission(path, f"of the {len(materials)} physics materials of a rigid body only the first counts")
+    surface = _surface(prim)
+    if surface and surface.GetStaticFrictionAttr().HasAuthoredValue():
+        resting, sliding = surface.GetStaticFrictionAttr().Get(), surface.GetDynamicFrictionAttr().Get()
+        if not math.isclose(resting, sliding, rel_tol=1e-6):
+            text = f"physics:dynamicFriction, {sliding:g}, counts for a body at rest too, not physics:staticFriction"
+            report.omission(surface.GetPath(), text)

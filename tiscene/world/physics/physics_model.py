@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, NoReturn
 
@@ -19,7 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynamics.rigid_body import RigidBody
-from dynamics.rotation import matrix_from_quaternion
+from dynamics.rotation import matrix_from_quaternion, quaternion
 from tiscene.errors import ScenarioError
 from tiscene.world.physics.free_rotation import FreeRotation
 from tiscene.world.physics.joint_tree import PhysicsJoint, joint_tree
@@ -143,14 +143,9 @@ class PhysicsModel:
                     conaffinity=0,
                     friction=[0.0] * 3,
                 )
-        try:
-            self._model = spec.compile()
-        except ValueError as error:
-            found = re.search(r"'body_(\d+)(/\d+)?'", str(error))  # a body, or one of its meshes
-            owner = "a part of the stage" if found is None else self._named(int(found[1]))
-            if found is None or found[2]:
-                raise ScenarioError(f"{owner} has a shape that cannot be simulated: {error}") from error
-            raise ScenarioError(f"{owner} is too small or light to be simulated; {ENLARGE}") from error
+        self._model = self._compiled(spec)
+        if self._set_masses(made):
+            self._model = self._compiled(spec)
         masses = [
             float(self._model.body(f"body_{row}").mass[0])
             for row, body in enumerate(self.bodies)
@@ -197,6 +192,31 @@ class PhysicsModel:
         for part in body.parts:
             self._add(spec, made, part, **named)
         return made
+
+    def _compiled(self, spec: Any) -> Any:
+        try:
+            return spec.compile()
+        except ValueError as error:
+            found = re.search(r"'body_(\d+)(/\d+)?'", str(error))  # a body, or one of its meshes
+            owner = "a part of the stage" if found is None else self._named(int(found[1]))
+            if found is None or found[2]:
+                raise ScenarioError(f"{owner} has a shape that cannot be simulated: {error}") from error
+            raise ScenarioError(f"{owner} is too small or light to be simulated; {ENLARGE}") from error
+
+    def _set_masses(self, made: Mapping[int, Any]) -> bool:
+        """Set the masses and moments of inertia that are not those of shapes; return whether there are any."""
+        any_given = False
+        for row, each in enumerate(self.bodies):
+            rigid, body = each.rigid, self._model.body(f"body_{row}")
+            if rigid is None or (rigid.mass, rigid.center_of_mass, rigid.diagonal_inertia) == (None, None, None):
+                continue
+            any_given, own = True, float(body.mass[0])
+            made[row].explicitinertial, made[row].mass = True, own if rigid.mass is None else rigid.mass
+            made[row].ipos = body.ipos if rigid.center_of_mass is None else rigid.center_of_mass
+            made[row].inertia, made[row].iquat = body.inertia * (made[row].mass / own), body.iquat
+            if rigid.diagonal_inertia is not None:
+                made[row].inertia, made[row].iquat = rigid.diagonal_inertia, quaternion(rigid.principal_axes)
+        return any_given
 
     def _add(self, spec: Any, body: Any, part: PartShape, pose: Array | None = None, **named: Any) -> None:
         """Add a part to a body, at a pose or in the axes of the body."""
