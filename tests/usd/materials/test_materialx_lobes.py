@@ -54,6 +54,17 @@ def test_inputs_without_effect_add_no_lobes(tmp_path, model, surface):
     assert lobes_of(tmp_path, surface, model) is None
 
 
+@pytest.mark.parametrize(("model", "factor"), [("open_pbr_surface", 0.25), ("standard_surface", 1.0)])
+def test_specular_weight_of_openpbr_scales_metal(tmp_path, model, factor):
+    """As in MaterialX's graphs: the weight of OpenPBR's metal, and of no metal of standard_surface."""
+    names = {"open_pbr_surface": ("base_metalness", "specular_weight"), "standard_surface": ("metalness", "specular")}
+    surface = given("base_color", COLOR, "color3") + given(names[model][0], "1") + given(names[model][1], "0.25")
+    if model == "standard_surface":
+        surface += given("base", "1")
+    material = material_of(tmp_path, document(surface, model))
+    assert material.diffuse_color == pytest.approx((0.5 * factor, 0.25 * factor, factor))
+
+
 def test_sheen_and_coat_color(tmp_path):
     surface = given("sheen", "0.5") + given("sheen_color", COLOR, "color3") + given("coat_color", "1, 0, 0", "color3")
     surface += given("coat", "0.5")

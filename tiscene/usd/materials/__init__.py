@@ -15,6 +15,9 @@
     materialx_inputs      inputs of a surface as numbers and textures
     materialx_lobes       inputs that UsdPreviewSurface lacks
     materialx_network     networks of MaterialX nodes
+    materialx_nodes       categories and widths of nodes, by the ids of their definitions
+    materialx_images      image nodes
+    materialx_units       units of inputs
     materialx_operations  MaterialX's operations on values
     materialx_noise       noises of texture coordinates
     materialx_signal      values of a network: constants, texture lookups, computed images

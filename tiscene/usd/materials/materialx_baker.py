@@ -51,10 +51,14 @@ class Baker:
         if any(each.row == VERTEX_COLORS for each in varying):
             self._whitened()
         space, size = self._common_space(varying)
-        wraps = next((each.wraps for each in varying if each.row is not None), ("repeat", "repeat"))
+        placed = sorted((each for each in varying if each.coordinates == space), key=lambda each: each.row is None)
+        wraps = next((each.wraps for each in placed if each.uv is None), ("repeat", "repeat"))
         readers = [self._reader(each, space, size) for each in operands]
         image: Image | None = None
+        border: Floats | None = None
         with np.errstate(all="ignore"):
+            if "black" in wraps:
+                border = np.nan_to_num(function(*(self._border(each) for each in operands)).astype(np.float64))
             for rows in _strips(size):
                 values = function(*(read(rows) for read in readers))
                 if not np.isfinite(values).all():
@@ -62,7 +66,7 @@ class Baker:
                 if image is None:
                     image = np.empty((*size, values.shape[-1]), np.float32)
                 image[rows] = values
-        return Signal(image=image, coordinates=space, wraps=cast(Any, wraps))
+        return Signal(image=image, coordinates=space, wraps=cast(Any, wraps), border=border)
 
     def affine(self, signal: Signal, factor: ArrayLike, summand: ArrayLike = 0.0) -> Signal:
         """Return `factor * signal + summand`: a lookup if the signal is one, else computed per texel."""
@@ -96,7 +100,7 @@ class Baker:
         slopes = np.stack([along_u, along_v], axis=-1) @ baked.coordinates.matrix()[:2, :2] * (scale / 16.0)
         normal = np.concatenate([-slopes, np.ones((rows, columns, 1))], axis=-1)
         normal /= np.linalg.norm(normal, axis=-1, keepdims=True)
-        return replace(baked, image=(0.5 + 0.5 * normal).astype(np.float32))
+        return replace(baked, image=(0.5 + 0.5 * normal).astype(np.float32), border=np.array([0.5, 0.5, 1.0]))
 
     def mapped(self, signal: Signal, matrix: Floats) -> Signal:
         """Return coordinates multiplied from the left by a 3x3 matrix."""
@@ -160,7 +164,18 @@ class Baker:
         at = grid(size[0], signal.coordinates).astype(np.float64)
         columns = _wrapped(np.floor(at[..., 0] * width).astype(np.int64), width, signal.wraps[0])
         rows = _wrapped(np.floor((1.0 - at[..., 1]) * height).astype(np.int64), height, signal.wraps[1])
-        return np.asarray(pixels[rows, columns])
+        found = np.asarray(pixels[rows, columns])
+        for axis, wrap in enumerate(signal.wraps):
+            if wrap == "black":
+                found[(at[..., axis] < 0.0) | (at[..., axis] > 1.0)] = self._border(signal)
+        return found
+
+    def _border(self, signal: Signal) -> Floats:
+        """Return the value of a signal outside of its image, whose wrap mode is "black"; its mean for another one."""
+        if signal.constant is not None or "black" not in signal.wraps:
+            return self.mean(signal)
+        border = signal.bias if signal.row is not None else signal.border
+        return np.zeros(signal.width) if border is None else border
 
     def _size(self, signal: Signal) -> tuple[int, int]:
         """Return the size [h, w] of a texture or image."""
@@ -227,12 +242,15 @@ class Baker:
                 return TextureLookup(signal.row, cast(Any, channel), scales, biases, place.transform, chosen)
         baked = self.apply(lambda values: values, signal)
         assert baked.image is not None
-        pixels, encoding = _stored(baked.image)
+        border = np.zeros(1) if baked.border is None else baked.border
+        pixels, encoding = _stored(baked.image - border.astype(np.float32) if border.any() else baked.image)
         key = f"materialx {encoding} {hashlib.blake2b(pixels.tobytes(), digest_size=16).hexdigest()} {pixels.shape}"
         row = self._textures.add_image(key, name, pixels, encoding, baked.wraps)
         place, channel = baked.coordinates, "rgb" if width == 3 else "r"
-        chosen = uv_set(place.primvar)
-        return TextureLookup(row, cast(Any, channel), uv_transform=place.transform, uv_set=chosen)
+        chosen, summands = uv_set(place.primvar), np.zeros(4)
+        summands[:width] = border
+        bias = cast(Any, tuple(summands.tolist()))
+        return TextureLookup(row, cast(Any, channel), bias=bias, uv_transform=place.transform, uv_set=chosen)
 
 
 def _wrapped(index: NDArray[np.int64], size: int, wrap: str) -> NDArray[np.int64]:

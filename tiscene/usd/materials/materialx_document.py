@@ -19,7 +19,8 @@ from pxr import Gf, Sdf, Tf, Usd, UsdShade
 
 from dynamics.lru_cache import LRUCache
 from tiscene.usd.core.package import split_package
-from tiscene.usd.materials.materialx_file import FILE, METERS, UNIT, Element, anchored, read_document
+from tiscene.usd.materials.materialx_file import FILE, Element, anchored, read_document
+from tiscene.usd.materials.materialx_units import ANGLES, METERS, UNIT
 
 _TYPES = {
     "float": Sdf.ValueTypeNames.Float,
@@ -252,7 +253,7 @@ class _Converter:
             except ValueError as error:
                 self._malformed[f"{element.get('name')} of {shader.GetPath().name} ({error})"] = None
                 return
-        if element.get("unit") in METERS:
+        if element.get("unit") in (*METERS, *ANGLES):
             target.GetAttr().SetCustomDataByKey(UNIT, element.get("unit"))
         space = element.get("colorspace") or (scope.colorspace if element.get("type") in ("color3", "color4") else "")
         if kind == Sdf.ValueTypeNames.Asset and not space:

@@ -14,19 +14,6 @@ from tiscene.usd.materials.image import read_file
 _INCLUDE = "{http://www.w3.org/2001/XInclude}include"
 _INHERITED = ("colorspace", "fileprefix")  # by the elements inside of one that has them
 FILE = "sourceUri"  # attribute of included elements: their own file
-UNIT = "unit"  # in the customData of a converted input, its unit of distance
-METERS = {  # of a unit of distance
-    "nanometer": 1e-9,
-    "micron": 1e-6,
-    "millimeter": 1e-3,
-    "centimeter": 0.01,
-    "inch": 0.0254,
-    "foot": 0.3048,
-    "yard": 0.9144,
-    "meter": 1.0,
-    "kilometer": 1000.0,
-    "mile": 1609.344,
-}
 
 Element = ElementTree.Element
 

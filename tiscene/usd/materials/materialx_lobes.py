@@ -16,11 +16,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tiscene.scene.description import Color, ExtendedLobes
-from tiscene.usd.materials.materialx_file import METERS, UNIT
 from tiscene.usd.materials.materialx_inputs import SurfaceInputs
 from tiscene.usd.materials.materialx_models import ExtendedModel, Named
-from tiscene.usd.materials.materialx_network import is_geometric
+from tiscene.usd.materials.materialx_nodes import is_geometric
 from tiscene.usd.materials.materialx_signal import Signal, number
+from tiscene.usd.materials.materialx_units import meters_per_unit
 
 Array = NDArray[Any]
 _WHITE, _BLACK = (1.0, 1.0, 1.0), (0.0, 0.0, 0.0)
@@ -34,13 +34,11 @@ class ExtendedSurface:
         model: name of its model.
         names: names and defaults of the model's inputs.
         values: its inputs.
-        meters_per_unit: of the stage.
     """
 
-    def __init__(self, model: str, names: ExtendedModel, values: SurfaceInputs, meters_per_unit: float) -> None:
+    def __init__(self, model: str, names: ExtendedModel, values: SurfaceInputs) -> None:
         self._model, self._names, self._values = model, names, values
         self._apply = values.network.baker.apply
-        self._meters = meters_per_unit
 
     def lobes(self, base: Signal, roughness: Signal) -> tuple[ExtendedLobes | None, Signal]:
         """Return the lobes, None where none has an effect, and the roughness that they need.
@@ -60,6 +58,16 @@ class ExtendedSurface:
             roughness = self._add_anisotropy(found, strength, roughness)
         lobes = ExtendedLobes(**found)
         return (None if lobes == _NEUTRAL else lobes), roughness
+
+    def metal_color(self, base: Signal) -> Signal:
+        """Return the base color times the specular weight, where it is that of metal: OpenPBR's weight scales both."""
+        names, values = self._names, self._values
+        if self._model != "ND_open_pbr_surface_surfaceshader" or not self._differs(names.specular, 1.0):
+            return base
+        if not self._differs(names.metallic, 0.0):
+            return base
+        weights = (values.required(each).of_width(1) for each in (names.metallic, names.specular))
+        return values.product(self._apply(lambda metal, weight: 1.0 + metal * (weight - 1.0), *weights), base)
 
     def sheet_color(self, base: Signal) -> Signal:
         """Return the color that a translucent sheet reflects, before what passes is taken off.
@@ -162,9 +170,9 @@ class ExtendedSurface:
 
     def _meters_of(self, distance: Named) -> float:
         """Return a distance in meters: in its own unit if it names one, else in scene units."""
-        authored = self._values.authored.get(distance[0])
-        unit = None if authored is None else authored.attribute.GetCustomDataByKey(UNIT)
-        return float(self._values.constant(distance)[0]) * METERS.get(str(unit), self._meters)
+        given = self._values.authored.get(distance[0])
+        unit = 1.0 if given is None else meters_per_unit(given.attribute)
+        return float(self._values.constant(distance)[0]) * unit
 
     def _add_translucency(self, found: dict[str, Any]) -> None:
         """Add the subsurface scattering of a sheet: diffuse light that passes it (half of it, in OpenPBR)."""

@@ -15,6 +15,18 @@ from numpy.typing import NDArray
 Array = NDArray[Any]
 LUMINANCE = (0.2722287, 0.6740818, 0.0536895)  # default lumacoeffs of the specification (ACEScg)
 
+_POWERS = np.arange(3.0, -1.0, -1.0)
+_CHROMATICITY = np.array(
+    [  # coefficients of the powers of 1000 K over the temperature, which give x; of x, which give y
+        (-0.2661239, -0.2343580, 0.8776956, 0.179910),
+        (-3.0258469, 2.1070379, 0.2226347, 0.240390),
+        (-1.1063814, -1.34811020, 2.18555832, -0.20219683),
+        (-0.9549476, -1.37418593, 2.09137015, -0.16748867),
+        (3.0817580, -5.87338670, 3.75112997, -0.37001483),
+    ]
+)
+_XYZ_TO_REC709 = np.array([(3.2406, -0.9689, 0.0557), (-1.5372, 1.8758, -0.2040), (-0.4986, 0.0415, 1.0570)])
+
 Operation = tuple[Sequence[tuple[str, Any]], Callable[..., Array]]
 
 
@@ -107,8 +119,8 @@ def color_correct(
     return np.asarray(((changed - pivot) * contrast + pivot) * 2.0**exposure)
 
 
-def _chosen(test: Callable[[Array, Array], Array]) -> Operation:
-    inputs = (("value1", 1.0), ("value2", 0.0), ("in1", 0.0), ("in2", 0.0))
+def _chosen(test: Callable[[Array, Array], Array], yes: float = 0.0) -> Operation:
+    inputs = (("value1", 0.0 if test is np.equal else 1.0), ("value2", 0.0), ("in1", yes), ("in2", 0.0))
     return inputs, lambda a, b, yes, no: np.asarray(np.where(test(a, b), yes, no))
 
 
@@ -178,6 +190,49 @@ def _ramp4(top_left: Array, top_right: Array, bottom_left: Array, bottom_right: 
     return np.asarray(bottom + (top - bottom) * v)
 
 
+_STOPS = ((0.0, 0.0, 0.0, 1.0), *((1.0, 1.0, 1.0, 1.0),) * 9)  # default colors of a ramp
+
+
+def _gradient(
+    x: Array, low: Array, high: Array, first: Array, last: Array, kind: Array, before: Array, row: Array, count: Array
+) -> Array:
+    """Return one interval of a ramp: linear, smooth or a step, above its start; `before` is the color below it."""
+    linear = (np.clip(x, low, high) - low) / np.where(high == low, 1.0, high - low)
+    mixed = first + (last - first) * np.where(kind > 0.5, smoothstep(x, low, high), linear)
+    color = np.where(kind > 1.5, np.where(high > x, first, last), mixed)
+    return np.where((x > low) & (row < count), color, before)
+
+
+def _ramp_of_colors(at: Array, shape: Array, kind: Array, count: Array, *stops: Array) -> Array:
+    """Return a ramp of colors along u, around the middle, or by the distance from it: in a circle or a box."""
+    centered = at - 0.5
+    angle = np.arctan2(centered[..., :1], centered[..., 1:2]) / (2.0 * np.pi) + 0.5
+    distances = 1.414 * np.linalg.norm(centered, axis=-1, keepdims=True), 2.0 * np.abs(centered).max(-1, keepdims=True)
+    x = np.select([shape < 0.5, shape < 1.5, shape < 2.5], [at[..., :1], angle, distances[0]], distances[1])
+    places, colors = stops[: len(_STOPS)], stops[len(_STOPS) :]
+    result = colors[0]
+    for row in range(1, len(_STOPS)):
+        ends = places[row - 1], places[row]
+        result = _gradient(x, *ends, colors[row - 1], colors[row], kind, result, np.array([row]), count)
+    return result
+
+
+def blackbody(kelvin: Array) -> Array:
+    """Return the linear Rec. 709 color [..., 3], of luminance 1, of a black body of 800 to 25,000 kelvins.
+
+    The chromaticity is by the cubic approximations of Kang et al. 2002.
+    """
+    kelvin = np.clip(kelvin, 800.0, 25000.0)
+    rows = (
+        np.where(kelvin < 4000.0, _CHROMATICITY[0], _CHROMATICITY[1]),
+        np.where(kelvin < 2222.0, _CHROMATICITY[2], np.where(kelvin < 4000.0, _CHROMATICITY[3], _CHROMATICITY[4])),
+    )
+    x = (rows[0] * (1000.0 / kelvin) ** _POWERS).sum(axis=-1, keepdims=True)
+    y = (rows[1] * x**_POWERS).sum(axis=-1, keepdims=True)
+    color = np.concatenate([x / y, np.ones_like(x), (1.0 - x - y) / y], axis=-1) @ _XYZ_TO_REC709
+    return np.asarray(np.maximum(color, 0.0))
+
+
 def rotate3d(vector: Array, degrees: Array, axis: Array) -> Array:
     """Return vectors [..., 3] turned clockwise about an axis."""
     axis = axis / np.maximum(np.linalg.norm(axis, axis=-1, keepdims=True), 1e-12)
@@ -204,6 +259,8 @@ def _dodge(below: Array, above: Array, mix: Array) -> Array:
     lit = below / np.where(above == 1.0, 1.0, 1.0 - above)
     return np.asarray(np.where(above == 1.0, 0.0, below + (lit - below) * mix))
 
+
+_TESTS = {"ifgreater": np.greater, "ifgreatereq": np.greater_equal, "ifequal": np.equal}
 
 OPERATIONS: dict[str, Operation] = {
     "multiply": _pair(lambda a, b: a * b, 0.0, 1.0),
@@ -294,14 +351,30 @@ OPERATIONS: dict[str, Operation] = {
     "overlay": _blend(_overlay),
     "burn": _blend(_burn),
     "dodge": _blend(_dodge),
-    "ifgreater": _chosen(np.greater),
-    "ifgreatereq": _chosen(np.greater_equal),
-    "ifequal": _chosen(np.equal),
+    **{name: _chosen(test) for name, test in _TESTS.items()},
+    # Those of boolean outputs have no values to choose from.
+    **{f"{name}_boolean{kind}": _chosen(test, 1.0) for name, test in _TESTS.items() for kind in ("", "I", "B")},
     "ramplr": _ramp(0),
     "ramptb": _ramp(1),
     "splitlr": _split(0),
     "splittb": _split(1),
     "ramp4": ((("valuetl", 0.0), ("valuetr", 0.0), ("valuebl", 0.0), ("valuebr", 0.0), ("texcoord", None)), _ramp4),
+    "ramp_gradient": (
+        (
+            *(("x", 0.0), ("interval1", 0.0), ("interval2", 1.0), ("color1", _STOPS[0]), ("color2", _STOPS[1])),
+            *(("interpolation", 1.0), ("prev_color", _STOPS[0]), ("interval_num", 1.0), ("num_intervals", 2.0)),
+        ),
+        _gradient,
+    ),
+    "ramp": (
+        (
+            *(("texcoord", None), ("type", 0.0), ("interpolation", 1.0), ("num_intervals", 2.0)),
+            *((f"interval{row + 1}", float(row > 0)) for row in range(len(_STOPS))),
+            *((f"color{row + 1}", color) for row, color in enumerate(_STOPS)),
+        ),
+        _ramp_of_colors,
+    ),
+    "blackbody": ((("temperature", 5000.0),), blackbody),
     "circle": ((("texcoord", None), ("center", (0.0, 0.0)), ("radius", 0.5)), _circle),
     "checkerboard": (
         (("color1", 1.0), ("color2", 0.0), ("uvtiling", (8.0, 8.0)), ("uvoffset", (0.0, 0.0)), ("texcoord", None)),

@@ -8,7 +8,7 @@ the texture. Everything else is computed per texel, in the space of the texture 
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from typing import cast
 
@@ -60,6 +60,7 @@ class Signal:
         image: float32 [h, w, c], computed values, row 0 at the top.
         coordinates: where a texture or image is looked up.
         wraps: wrap modes of the texture or image.
+        border: float64 [c], the value outside of an image whose wrap mode is "black"; None: 0.
     """
 
     constant: Floats | None = None
@@ -72,6 +73,7 @@ class Signal:
     image: Image | None = None
     coordinates: Coordinates = Coordinates()
     wraps: tuple[Wrap, Wrap] = ("repeat", "repeat")
+    border: Floats | None = None
 
     @property
     def width(self) -> int:
@@ -100,7 +102,8 @@ class Signal:
         if self.constant is not None:
             return replace(self, constant=self.constant[rows])
         if self.image is not None:
-            return replace(self, image=self.image[..., rows])
+            border = None if self.border is None else self.border[rows]
+            return replace(self, image=self.image[..., rows], border=border)
         if self.row is not None and self.scale is not None and self.bias is not None:
             channels = tuple(self.channels[each] for each in rows)
             return replace(self, channels=channels, scale=self.scale[rows], bias=self.bias[rows])
@@ -109,6 +112,17 @@ class Signal:
     def of_width(self, width: int) -> Signal:
         """Return the signal with a number of components: one is repeated, further ones are dropped or repeated."""
         return self if self.width == width else self.select([0] * width if self.width == 1 else range(width))
+
+    def extended(self, width: int, apply: Callable[..., Signal]) -> Signal:
+        """Return two or three components with further ones: z is 0, w and alpha are 1; `apply` is the baker's."""
+        if self.width not in (2, 3) or width <= self.width:
+            return self
+        further = np.array([0.0, 0.0, 0.0, 1.0])[self.width : width]
+        if self.row is None or self.scale is None or self.bias is None:
+            return apply(lambda values: np.concatenate([values, np.ones_like(values[..., :1]) * further], -1), self)
+        channels = self.channels + self.channels[-1:] * len(further)
+        scale, bias = np.append(self.scale, 0.0 * further), np.append(self.bias, further)
+        return replace(self, channels=channels, scale=scale, bias=bias)
 
     def affine(self, factor: Floats, summand: Floats) -> Signal | None:
         """Return `factor * signal + summand`; None if it must be computed per texel."""

@@ -16,7 +16,7 @@ from tiscene.scene.description import FloatInput, Material, TextureLookup
 from tiscene.usd.materials.materialx_inputs import SurfaceInputs
 from tiscene.usd.materials.materialx_lobes import ExtendedSurface
 from tiscene.usd.materials.materialx_models import MODELS, ExtendedModel
-from tiscene.usd.materials.materialx_network import category_of, is_geometric
+from tiscene.usd.materials.materialx_nodes import category_of, is_geometric
 from tiscene.usd.materials.materialx_signal import Signal, number
 
 _NORMALS = ("normalmap", "gltf_normalmap", "bump", "heighttonormal", "image", "tiledimage", "UsdUVTexture")
@@ -28,10 +28,9 @@ class MaterialXSurface:
     Args:
         name: of its model, in `MODELS`.
         values: its inputs.
-        meters_per_unit: of the stage.
     """
 
-    def __init__(self, name: str, values: SurfaceInputs, meters_per_unit: float) -> None:
+    def __init__(self, name: str, values: SurfaceInputs) -> None:
         self._path = values.path
         self._model = MODELS[name]
         self._values = values
@@ -42,7 +41,7 @@ class MaterialXSurface:
         self._uv_set = values.uv_set
         self._extended: ExtendedSurface | None = None
         if isinstance(self._model, ExtendedModel):
-            self._extended = ExtendedSurface(name.removesuffix("_100"), self._model, values, meters_per_unit)
+            self._extended = ExtendedSurface(name.removesuffix("_100"), self._model, values)
 
     def material(self, name: str, prim_path: str) -> Material:
         """Return the material with a name and path."""
@@ -56,6 +55,8 @@ class MaterialXSurface:
             color = self._extended.sheet_color(color)
         else:
             color = self._with_subsurface(color)
+        if self._extended is not None:
+            color = self._extended.metal_color(color)
         emissive = self._values.product(self._values.signal(model.emission), self._values.required(model.emissive))
         if self._extended is not None:
             emissive = self._extended.emission_above_coat(emissive)

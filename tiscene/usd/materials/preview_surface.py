@@ -112,8 +112,7 @@ class NetworkReader:
             name = FOLDED
             inputs, computed = folded_inputs(surface, self._time, network, self._report)
         values = SurfaceInputs(surface.GetPath(), inputs, network, self._report, self._uv_set, computed)
-        mapped = MaterialXSurface(name, values, UsdGeom.GetStageMetersPerUnit(surface.GetPrim().GetStage()))
-        return mapped.material(str(material.GetPrim().GetName()), str(material.GetPath()))
+        return MaterialXSurface(name, values).material(str(material.GetPrim().GetName()), str(material.GetPath()))
 
     def _vertex_signal(self, name: str, width: int) -> Signal | None:
         """Return a primvar of a MaterialX network: the vertices' values where it varies, else its constant value."""

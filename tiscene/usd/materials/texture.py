@@ -30,6 +30,8 @@ Affine = tuple[float, float, float, float, float, float]
 IDENTITY: Affine = (1.0, 0.0, 0.0, 0.0, 1.0, 0.0)
 _HALF_MAX = 65504.0  # largest finite float16
 _MAX_SHEET = 1 << 28  # texels of an image of UDIM tiles that are far apart; 1 GiB of 8-bit ones
+_MAX_ENLARGED = 2048  # px, of a side of an image whose pixels are blocks
+_MAX_BLOCK = 16  # px, of a block
 _FALLBACK = "its fallback is used"
 _WRAPS = ("repeat", "clamp", "mirror", "black")
 
@@ -60,6 +62,7 @@ class TextureTable:
         instead: str = _FALLBACK,
         *,
         mirrored: bool = False,
+        enlarged: bool = False,
     ) -> int | None:
         """Read the texture that an attribute names.
 
@@ -72,6 +75,7 @@ class TextureTable:
             wrap_t: the same for wrapT.
             instead: what is used if the file cannot be read, for the message.
             mirrored: whether left and right of the image are exchanged.
+            enlarged: whether its pixels become blocks, so that interpolation leaves them their edges.
 
         Returns:
             The row of the texture; None, which is reported, if the file is missing or cannot be read.
@@ -89,6 +93,10 @@ class TextureTable:
         encoding, name = self._encoding(color_space, picture, prim_path), Path(split_package(path)[-1]).name
         if mirrored:
             path, picture = f"{path} mirrored", ImageData(picture.pixels[:, ::-1], picture.srgb)
+        times = min(_MAX_ENLARGED // max(picture.pixels.shape[:2]), _MAX_BLOCK) if enlarged else 1
+        if times > 1:
+            pixels = picture.pixels.repeat(times, axis=0).repeat(times, axis=1)
+            path, picture = f"{path} enlarged", ImageData(pixels, picture.srgb)
         return self._row(path, picture, encoding, (self._wrap(wrap_s, prim_path), self._wrap(wrap_t, prim_path)), name)
 
     def add_udim(
