@@ -172,5 +172,5 @@ def test_surface_of_emission_emits(tmp_path):
 @pytest.mark.parametrize("kind", ["ND_mix_bsdf", "ND_chiang_hair_bsdf"])
 def test_unknown_bsdfs_and_mixtures_of_nothing_are_reported(tmp_path, kind):
     surface = shader("S", "ND_surface", link("token bsdf", "B"))
-    with pytest.warns(StageWarning, match="shader 'ND_surface' is not supported; displayColor is used"):
+    with pytest.warns(StageWarning, match=f"shader '{kind}' is not supported; displayColor is used"):
         read(tmp_path, surface, shader("B", kind, "float roughness = 0"))

@@ -198,3 +198,42 @@ def test_medium_below_a_layer_is_left_out_and_named_if_it_has_an_effect(tmp_path
     else:
         material = material_of(tmp_path, text)
     assert (material.opacity, material.ior, material.clearcoat) == (0.0, 1.25, 0.0)
+
+
+BUMPS = shader("bumps", "ND_normalmap_float", link("float3 in", "map"))
+BUMPS += shader("map", "ND_image_vector3", "asset file = @p.png@")
+BUMPY = link("float3 normal", "bumps")
+
+
+def test_normals_that_differ_between_lobes_are_named(tmp_path):
+    bumpy = shader("red", "ND_oren_nayar_diffuse_bsdf", "color3f color = (0.8, 0.2, 0.4)", BUMPY)
+    with pytest.warns(StageWarning, match="lobes share the first normal map"):
+        material = folded(tmp_path, mixed("red", "blue"), bumpy, BLUE, BUMPS)
+    assert material.normal is not None
+
+
+def test_coat_over_bumps_has_their_normal_which_is_named(tmp_path):
+    coat = shader("coat", "ND_dielectric_bsdf", "float ior = 1.75", "float weight = 0.5")
+    gloss = shader("gloss", "ND_dielectric_bsdf", "float ior = 1.25", ROUGH, BUMPY)
+    bumpy = shader("red", "ND_oren_nayar_diffuse_bsdf", "color3f color = (0.8, 0.2, 0.4)", BUMPY)
+    layers = layer("B", "coat", "M"), layer("M", "gloss", "red")
+    with pytest.warns(StageWarning, match="one material: the coat has the normal of the surface"):
+        folded(tmp_path, *layers, coat, gloss, bumpy, BUMPS)
+
+
+def test_normals_that_are_the_same_are_not_named(tmp_path, recwarn):
+    mesh = shader("own", "ND_normal_vector3", 'string space = "world"')
+    plain = shader("red", "ND_oren_nayar_diffuse_bsdf", "color3f color = (0.8, 0.2, 0.4)", link("float3 normal", "own"))
+    assert folded(tmp_path, mixed("red", "blue"), plain, BLUE, mesh).normal is None
+    assert not recwarn.list
+
+
+@pytest.mark.parametrize(("levels", "is_named"), [((0, 255), False), ((64, 192), True)])
+def test_share_of_metal_from_a_texture_is_named_where_it_is_neither_all_nor_nothing(
+    tmp_path, recwarn, levels, is_named
+):
+    Image.fromarray(np.uint8([levels] * 2)).save(tmp_path / "mask.png")
+    links = link("token bg", "red"), link("token fg", "metal"), link("float mix", "mask")
+    image = shader("mask", "ND_image_float", "asset file = @mask.png@")
+    folded(tmp_path, shader("B", "ND_mix_bsdf", *links), image, RED, METAL)
+    assert ["share one color" in str(each.message) for each in recwarn.list] == [True] * is_named

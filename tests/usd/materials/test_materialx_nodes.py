@@ -23,6 +23,7 @@ from tests.usd.materials.test_materialx import (
     warned_material,
 )
 from tests.usd.materials.test_materialx_blender import read, shader
+from tiscene.errors import StageWarning
 from tiscene.scene.description import TextureLookup
 from tiscene.usd.materials.materialx_operations import blackbody
 from tiscene.usd.read.stage_reader import read_stage
@@ -208,3 +209,65 @@ def test_missing_tiles_have_the_default(tmp_path):
     (tmp_path / "doc.mtlx").write_text(document(linked("base_color", "N"), nodes=nodes))
     (texture,) = read_stage(write(tmp_path, REFERENCE)).textures
     assert texture.pixels[0, :, :3].tolist() == [[255, 0, 0], [0, 255, 0], [0, 255, 0], [255, 0, 0]]
+
+
+def normal_map(*inputs: str, scale: str = "") -> str:
+    """Return a normal map of the picture, as the node N."""
+    definition = "ND_normalmap_vector2" if "vector2" in scale else "ND_normalmap_float"
+    bumps = node("normalmap", "vector3", linked("in", "picture", "vector3"), scale, *inputs)
+    return picture("vector3") + bumps.replace("<normalmap", f'<normalmap nodedef="{definition}"')
+
+
+def test_normal_map_has_a_scale_for_each_axis(tmp_path):
+    nodes = normal_map(scale=given("scale", "0.5, 0.25", "vector2"))
+    normal = material_of(tmp_path, document(linked("normal", "N", "vector3"), nodes=nodes)).normal
+    assert (normal.scale[:3], normal.bias[:3]) == ((1.0, 0.5, 2.0), (-0.5, -0.25, -1.0))
+
+
+def test_computed_scale_of_a_normal_map_is_applied(tmp_path):
+    nodes = normal_map(scale=linked("scale", "half", "float")) + node(
+        "multiply", "float", given("in1", "2"), given("in2", "0.25"), name="half"
+    )
+    normal = material_of(tmp_path, document(linked("normal", "N", "vector3"), nodes=nodes)).normal
+    assert normal.scale[:3] == (1.0, 1.0, 2.0)
+
+
+@pytest.mark.parametrize(("nodes", "text", "is_kept"), [
+    (normal_map(given("space", "object", "string")), "another space than that of tangents", False),
+    (
+        normal_map(linked("normal", "detail", "vector3")) + picture("vector3", name="detail"),
+        "normal of a normal map are not applied; the mesh's are used: </Looks/Mat/N>",
+        True,
+    ),
+    (
+        normal_map(linked("tangent", "side", "vector3"), linked("bitangent", "up", "vector3"))
+        + picture("vector3", name="side") + node("bitangent", "vector3", name="up"),
+        "tangent of a normal map are not applied",
+        True,
+    ),
+    (
+        node("normalmap", "vector3", given("in", "0.9, 0.5, 0.9", "vector3")),
+        "constant normal other than",
+        False,
+    ),
+])  # fmt: skip
+def test_frames_of_normal_maps_other_than_that_of_the_mesh_are_named(tmp_path, nodes, text, is_kept):
+    material = warned_material(tmp_path, document(linked("normal", "N", "vector3"), nodes=nodes), text)
+    assert (material.normal is not None) == is_kept
+
+
+def test_volume_of_a_document_is_named_and_leaves_the_display_color(tmp_path):
+    text = document("", nodes=node("volume", "volumeshader", name="fog")).replace(
+        "</surfacematerial>", "</surfacematerial>" + node("volumematerial", "material",
+        linked("volumeshader", "fog", "volumeshader"), name="Fog"))  # fmt: skip
+    (tmp_path / "doc.mtlx").write_text(text)
+    with pytest.warns(StageWarning, match=r"the volume of a material is not drawn: </Looks/Fog>"):
+        description = read_stage(write(tmp_path, REFERENCE.replace("/Looks/Mat", "/Looks/Fog")))
+    assert description.materials[0].prim_path == ""
+
+
+def test_surface_of_the_back_is_named(tmp_path):
+    text = document("").replace(
+        "</surfacematerial>", linked("backsurfaceshader", "SR", "surfaceshader") + "</surfacematerial>"
+    )
+    assert warned_material(tmp_path, text, "the surface of the back of a material is not drawn").name == "Mat"

@@ -72,22 +72,26 @@ class WeightedLobe:
     normal: ShaderConnection | None = None
 
 
-def reads_surface(surface: UsdShade.Shader, time: Usd.TimeCode) -> bool:
-    """Return whether all BSDFs and EDFs of a surface, and any, are known."""
+def unknown_part(surface: UsdShade.Shader, time: Usd.TimeCode) -> str | None:
+    """Return the id of the first BSDF or EDF of a surface that is not known; its own if it has none; None: no such."""
     inputs = connections_of(surface, time)
-    found = [inputs[name].source for name in ("bsdf", "edf") if name in inputs]
-    sources = [each for each in found if each is not None]
-    return bool(sources) and all(_is_known(each, time, 0) for each in sources)
+    sources = [each for name in ("bsdf", "edf") if name in inputs and (each := inputs[name].source) is not None]
+    if not sources:
+        return str(surface.GetShaderId())
+    return next((name for each in sources if (name := _unknown(each, time, 0)) is not None), None)
 
 
-def _is_known(source: Source, time: Usd.TimeCode, depth: int) -> bool:
+def _unknown(source: Source, time: Usd.TimeCode, depth: int) -> str | None:
     node = _definition(source)
-    if node in (*_LEAVES, *_MEDIA) or node not in _BRANCHES or depth > _MAX_DEPTH:
-        return node in (*_LEAVES, *_MEDIA)
+    if node in (*_LEAVES, *_MEDIA):
+        return None
+    if node not in _BRANCHES or depth > _MAX_DEPTH:
+        return source.id
     inputs = connections_of(source.shader, time)
-    above = [inputs[name].source for name in _BRANCHES[node] if name in inputs]
-    sources = [each for each in above if each is not None]
-    return bool(sources) and all(_is_known(each, time, depth + 1) for each in sources)
+    sources = [each for name in _BRANCHES[node] if name in inputs and (each := inputs[name].source) is not None]
+    if not sources:
+        return source.id
+    return next((name for each in sources if (name := _unknown(each, time, depth + 1)) is not None), None)
 
 
 def _definition(source: Source) -> str:

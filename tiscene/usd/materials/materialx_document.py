@@ -45,6 +45,8 @@ _MAX_NODES = 20_000  # of a material; a document that expands to more is damaged
 _MAX_DEPTH = 64
 _MAX_LAYERS = 256  # kept in memory, those used last
 _MAX_NAMED = 5  # inputs named by a message
+_SURFACE = "surface"
+_UNDRAWN = ("displacement", "volume", "backsurface")  # further shaders of a material
 _INPUTS = ("input", "bindinput", "parameter")  # the latter two of version 1.37 and before
 DOCUMENT = "materialx"  # in the customLayerData of a layer that was converted, the path of the .mtlx file
 _layers: LRUCache[tuple[str, bytes], tuple[Sdf.Layer, tuple[str, ...]]] = LRUCache(_MAX_LAYERS)
@@ -135,6 +137,9 @@ class _Scope:
         )
 
 
+_Found = tuple[Element, _Scope, str]  # a node, its scope and the name of its output
+
+
 class _Converter:
     """Converts one document.
 
@@ -165,16 +170,16 @@ class _Converter:
         self._stage.DefinePrim("/MaterialX/Materials", "Scope")
         self._stage.SetDefaultPrim(prim)
         for element in self._root:
-            if element.tag == "surfacematerial":
-                given = {each.get("name"): each for each in _inputs(element, self._top.nodes)}
-                surface, moved = (
-                    self._source(given.get(name), self._top) for name in ("surfaceshader", "displacementshader")
-                )
-                if surface is not None:
-                    self._material(element, surface[0], surface[1], moved)
+            if element.tag in ("surfacematerial", "volumematerial"):
+                given = {
+                    str(each.get("name")).removesuffix("shader"): each for each in _inputs(element, self._top.nodes)
+                }
+                sources = {kind: self._source(given.get(kind), self._top) for kind in (_SURFACE, *_UNDRAWN)}
+                if any(sources.values()):
+                    self._material(element, sources.pop(_SURFACE), sources)
             elif element.tag == "material":  # of version 1.36 and before
                 for shader in element.findall("shaderref")[:1]:
-                    self._material(element, shader, self._top)
+                    self._material(element, (shader, self._top, "out"), {})
         return self._layer
 
     def faults(self) -> list[str]:
@@ -184,21 +189,24 @@ class _Converter:
         text = f"has values of another type than their inputs: {', '.join(names[:_MAX_NAMED])}{more}"
         return [*self._broken, *([text] if names else [])]
 
-    def _material(self, element: Element, surface: Element, scope: _Scope, displacement: Any = None) -> None:
+    def _material(self, element: Element, surface: _Found | None, others: dict[str, _Found | None]) -> None:
+        """Define a material with its surface; `others` are not drawn, and reported where the material is read."""
         name = Tf.MakeValidIdentifier(element.get("name", "Material"))
         material = UsdShade.Material.Define(self._stage, f"/MaterialX/Materials/{name}")
         self._done = {}
-        try:
-            shader = self._shader(material.GetPath(), surface, scope, 0)
-        except ValueError as error:
-            self._broken.append(f"cannot be read: material {element.get('name')!r}: {error}")
-            return
-        output = shader.CreateOutput("out", Sdf.ValueTypeNames.Token)
-        material.CreateSurfaceOutput("mtlx").ConnectToSource(output)
-        if displacement is not None:  # is not drawn, and reported where the material is read
-            path = material.GetPath().AppendChild(Tf.MakeValidIdentifier(displacement[0].get("name", "displacement")))
-            output = UsdShade.Shader.Define(self._stage, path).CreateOutput("out", Sdf.ValueTypeNames.Token)
-            material.CreateDisplacementOutput("mtlx").ConnectToSource(output)
+        if surface is not None:
+            try:
+                shader = self._shader(material.GetPath(), surface[0], surface[1], 0)
+            except ValueError as error:
+                self._broken.append(f"cannot be read: material {element.get('name')!r}: {error}")
+                return
+            output = shader.CreateOutput("out", Sdf.ValueTypeNames.Token)
+            material.CreateSurfaceOutput("mtlx").ConnectToSource(output)
+        for kind, found in others.items():
+            if found is not None:
+                path = material.GetPath().AppendChild(Tf.MakeValidIdentifier(found[0].get("name", kind)))
+                output = UsdShade.Shader.Define(self._stage, path).CreateOutput("out", Sdf.ValueTypeNames.Token)
+                material.CreateOutput(f"mtlx:{kind}", Sdf.ValueTypeNames.Token).ConnectToSource(output)
 
     def _shader(self, parent: Sdf.Path, node: Element, scope: _Scope, depth: int) -> UsdShade.Shader:
         """Define the shader of a node, and those of the nodes that it is connected to."""
@@ -263,7 +271,7 @@ class _Converter:
         elif space:
             target.GetAttr().SetColorSpace(space)
 
-    def _source(self, element: Element | None, scope: _Scope, depth: int = 0) -> tuple[Element, _Scope, str] | None:
+    def _source(self, element: Element | None, scope: _Scope, depth: int = 0) -> _Found | None:
         """Return the node that an input or output is connected to, its scope and the name of its output."""
         if element is None:
             return None
@@ -307,7 +315,7 @@ class _Converter:
         output: str,
         depth: int,
         definition: Element | None = None,
-    ) -> tuple[Element, _Scope, str] | None:
+    ) -> _Found | None:
         """Return the node behind an output of a node graph.
 
         Args:

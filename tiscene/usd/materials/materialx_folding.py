@@ -20,9 +20,11 @@ from tiscene.usd.core.shader_network import ShaderConnection, connections_of
 from tiscene.usd.materials.materialx_baker import Baker
 from tiscene.usd.materials.materialx_bsdf import OPAQUE, Inputs, Kind, LobeReader, WeightedLobe, given
 from tiscene.usd.materials.materialx_network import MaterialXNetwork
+from tiscene.usd.materials.materialx_nodes import is_geometric
 from tiscene.usd.materials.materialx_signal import Signal, number
 
 FOLDED = "ND_standard_surface_surfaceshader"  # the model of the inputs
+_BETWEEN = 0.02  # mean of `_between` of a mask that is hardly more than its edges
 _EQUAL = 1e-3  # largest difference between the texels of what counts as constant
 
 
@@ -36,10 +38,11 @@ def folded_inputs(
     emission = reader.lobes(inputs.get("edf"))
     folding = _Folding(network.baker, reader.notes)
     computed = folding.inputs(lobes, emission, network.value(inputs.get("opacity"), 1.0) or number(1.0))
+    normal = folding.normal(lobes)
     if reader.notes:
         report.omission(surface.GetPath(), f"BSDFs are drawn as one material: {'; '.join(reader.notes)}")
     connections: Inputs = {"thin_walled": inputs["thin_walled"]} if "thin_walled" in inputs else {}
-    if (normal := folding.normal(lobes)) is not None:
+    if normal is not None:
         connections["normal"] = normal
     return connections, computed
 
@@ -101,14 +104,20 @@ class _Folding:
         if sheets:
             found["thin_walled"] = number(1.0)
         if diffuse and metal and not self._are_equal([each.color for each in (*diffuse, *metal)]):
-            if all(each.weight.constant is not None for each in metal):
+            if self._baker.mean(self._baker.apply(_between, metalness))[0] > _BETWEEN:
                 self._notes["metal and diffuse reflection share one color"] = None
         return found
 
     def normal(self, lobes: Sequence[WeightedLobe]) -> ShaderConnection | None:
-        """Return the authored normal of the lobes; the first where they differ."""
-        under = [each for each in lobes if each.kind != "coat"]
-        return next((each.normal for each in under if each.normal is not None and each.normal.source is not None), None)
+        """Return the authored normal of the lobes; the first where they differ, which is noted."""
+        coats = [each for each in lobes if each.kind == "coat"]
+        maps = [_normal_map(each) for each in lobes if each.kind not in ("coat", "emission")]
+        found = next((each for each in maps if each is not None), None)
+        if any(not _is_same(each, found) for each in maps):
+            self._notes["lobes share the first normal map"] = None
+        elif any(not _is_same(_normal_map(each), found) for each in coats):
+            self._notes["the coat has the normal of the surface"] = None
+        return found
 
     @staticmethod
     def _of(lobes: Sequence[WeightedLobe], *kinds: Kind) -> list[WeightedLobe]:
@@ -218,6 +227,24 @@ class _Folding:
         if image is None or (image.max(axis=(0, 1)) - image.min(axis=(0, 1))).max() > _EQUAL:
             return signal
         return Signal(constant=self._baker.mean(signal))
+
+
+def _between(share: NDArray[Any]) -> NDArray[Any]:
+    """Return how far a share is from all and nothing, 0..1."""
+    return 4.0 * share * (1.0 - share)
+
+
+def _normal_map(lobe: WeightedLobe) -> ShaderConnection | None:
+    """Return the normal of a lobe; None for the mesh's own."""
+    source = None if lobe.normal is None else lobe.normal.source
+    return None if source is None or is_geometric(source.id) else lobe.normal
+
+
+def _is_same(first: ShaderConnection | None, second: ShaderConnection | None) -> bool:
+    """Return whether two normals come from the same output."""
+    return (None if first is None else first.attribute.GetPath()) == (
+        None if second is None else second.attribute.GetPath()
+    )
 
 
 def _is_clear(lobe: WeightedLobe) -> bool:

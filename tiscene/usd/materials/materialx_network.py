@@ -60,6 +60,10 @@ class MaterialXNetwork:
         time: when to evaluate attributes.
         report: collects nodes that are not supported.
         vertex_color: returns whether the gprim's primvar of a name varies, and its constant value otherwise.
+
+    Attributes:
+        time: as given.
+        baker: computes per texel.
     """
 
     def __init__(
@@ -70,8 +74,9 @@ class MaterialXNetwork:
         report: StageReport,
         vertex_color: Callable[[str, int], Signal | None],
     ) -> None:
+        self.time = time
+        self._path = path
         self._textures = textures
-        self._time = time
         self._report = report
         self._vertex_color = vertex_color
         self._known: dict[tuple[Sdf.Path, str], Signal] = {}
@@ -116,8 +121,16 @@ class MaterialXNetwork:
             self._open.pop()
         return self._known[key]
 
+    def numbers(self, inputs: dict[str, ShaderConnection], name: str, default: tuple[float, ...]) -> Floats:
+        """Return an input that must be constant; a texture is reported and replaced by its mean."""
+        signal = self._required(inputs.get(name), default)
+        if signal.constant is None:
+            text = f"{name} cannot come from a texture; its mean is used"
+            self._report.omission(self._open[-1][0] if self._open else self._path, text)
+        return self.baker.mean(signal.of_width(len(default)))
+
     def _evaluate(self, source: Source) -> Signal:
-        inputs = connections_of(source.shader, self._time)
+        inputs = connections_of(source.shader, self.time)
         category = category_of(source.id)
         result = self._special(category, source, inputs)
         if result is None and category in OPERATIONS:
@@ -148,7 +161,7 @@ class MaterialXNetwork:
         """Return the output of a node that is not a function of values alone; None for other nodes."""
         if category in IMAGES:
             node = ImageNode(
-                category, source, inputs, self._required, self._numbers, self.baker, self._textures, self._report
+                category, source, inputs, self._required, self.numbers, self.baker, self._textures, self._report
             )
             return node.signal()
         if category in ("texcoord", "geompropvalue", "geompropvalueuniform", "UsdPrimvarReader", "geomcolor"):
@@ -160,7 +173,7 @@ class MaterialXNetwork:
             return found.extended(width, self.baker.apply) if category == "convert" and not is_point else found
         if category in ("heighttonormal", "bump"):
             height = self._required(inputs.get("in" if category == "heighttonormal" else "height"), 0.0)
-            return self.baker.normals(height, float(self._numbers(inputs, "scale", (1.0,))[0]))
+            return self.baker.normals(height, float(self.numbers(inputs, "scale", (1.0,))[0]))
         if category in NOISES:
             return self._noise(category, source, inputs)
         if category in ("place2d", "rotate2d", "rotate3d", "UsdTransform2d"):
@@ -179,17 +192,9 @@ class MaterialXNetwork:
             return self.baker.apply(_switched, which, *widened(operands, [False] * _MAX_BRANCHES))
         return None
 
-    def _numbers(self, inputs: dict[str, ShaderConnection], name: str, default: tuple[float, ...]) -> Floats:
-        """Return an input that must be constant; a texture is reported and replaced by its mean."""
-        signal = self._required(inputs.get(name), default)
-        if signal.constant is None:
-            text = f"{name} cannot come from a texture; its mean is used"
-            self._report.omission(self._open[-1][0], text)
-        return self.baker.mean(signal.of_width(len(default)))
-
     def _components(self, category: str, source: Source, inputs: dict[str, ShaderConnection]) -> list[int]:
         if category == "extract":
-            return [int(self._numbers(inputs, "index", (0.0,))[0])]
+            return [int(self.numbers(inputs, "index", (0.0,))[0])]
         if category == "swizzle":
             channels = inputs.get("channels")
             return [COMPONENTS.get(each, 0) for each in str(channels.value if channels else "")] or [0]
@@ -216,7 +221,7 @@ class MaterialXNetwork:
     def _primvar(self, category: str, source: Source, inputs: dict[str, ShaderConnection]) -> Signal | None:
         """Return texture coordinates, or another primvar: a constant or the vertices' colors."""
         if category == "texcoord":
-            index = int(self._numbers(inputs, "index", (0.0,))[0])
+            index = int(self.numbers(inputs, "index", (0.0,))[0])
             return Signal(uv=Coordinates(primvar="" if index == 0 else f"st{index}"))
         named = inputs.get("varname" if category == "UsdPrimvarReader" else "geomprop")
         name = "displayColor" if category == "geomcolor" else str(named.value if named and named.value else "")
@@ -236,7 +241,7 @@ class MaterialXNetwork:
         """
         at = self._required(inputs.get("texcoord" if category == "place2d" else "in"), None)
 
-        numbers = partial(self._numbers, inputs)
+        numbers = partial(self.numbers, inputs)
         if category == "rotate3d":
             if at.uv is None:
                 return None

@@ -6,13 +6,15 @@ Inputs without a counterpart are reported where they have an effect: `unsupporte
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import Literal
 
 import numpy as np
-from pxr import UsdShade
+from pxr import Sdf
 
 from tiscene.scene.color import LUMINANCE
 from tiscene.scene.description import FloatInput, Material, TextureLookup
+from tiscene.usd.core.shader_network import ShaderConnection, connections_of
 from tiscene.usd.materials.materialx_inputs import SurfaceInputs
 from tiscene.usd.materials.materialx_lobes import ExtendedSurface
 from tiscene.usd.materials.materialx_models import MODELS, ExtendedModel
@@ -20,6 +22,7 @@ from tiscene.usd.materials.materialx_nodes import category_of, is_geometric
 from tiscene.usd.materials.materialx_signal import Signal, number
 
 _NORMALS = ("normalmap", "gltf_normalmap", "bump", "heighttonormal", "image", "tiledimage", "UsdUVTexture")
+_FLAT = (0.5, 0.5, 1.0), (0.0, 0.0, 0.0)  # constant normal maps that give the mesh's normals
 
 
 class MaterialXSurface:
@@ -158,28 +161,38 @@ class MaterialXSurface:
             return None
         if is_geometric(source.id):
             return None
-        category, strength = category_of(source.id), 1.0
-        if category == "normalmap":
-            strength = self._scale_of(source.shader)
+        category, strength, path = category_of(source.id), np.ones(2), source.shader.GetPath()
         if category not in _NORMALS:
             text = f"MaterialX node {source.id!r} is not supported as a normal; the mesh's normals are used"
-            self._report.omission(source.shader.GetPath(), text)
+            self._report.omission(path, text)
             return None
+        if category in ("normalmap", "bump"):
+            inputs = connections_of(source.shader, self._network.time)
+            if "space" in inputs and inputs["space"].value not in ("", "tangent"):
+                text = "a normal map in another space than that of tangents is not applied; the mesh's normals are used"
+                self._report.omission(path, text)
+                return None
+            self._report_frame(inputs, path)
+            if category == "normalmap":
+                strength = self._network.numbers(inputs, "scale", (1.0, 1.0))
         signal = self._network.output(source).of_width(3)
         if signal.constant is not None:
+            if not any(np.allclose(signal.constant, each, atol=0.01) for each in _FLAT):
+                self._report.omission(path, "a constant normal other than (0.5, 0.5, 1) is not applied")
             return None
         is_unit = signal.bias is not None and bool((signal.bias < 0.0).any())  # already within -1..1
         mapped = signal if is_unit else self._baker.affine(signal, 2.0, -1.0)
-        if strength != 1.0:
-            mapped = self._baker.affine(mapped, (strength, strength, 1.0))
+        if (strength != 1.0).any():
+            mapped = self._baker.affine(mapped, (*strength, 1.0))
         found = self._baker.lookup(mapped, 3, "normal", self._uv_set)
         return found if isinstance(found, TextureLookup) else None
 
-    def _scale_of(self, shader: UsdShade.Shader) -> float:
-        value = shader.GetInput("scale").Get() if shader.GetInput("scale") else None
-        if value is None:
-            return 1.0
-        return float(value) if not hasattr(value, "__len__") else float(value[0])
+    def _report_frame(self, inputs: Mapping[str, ShaderConnection], path: Sdf.Path) -> None:
+        """Report a normal map around another normal or along other tangents than the mesh's."""
+        sources = {name: inputs[name].source for name in ("normal", "tangent", "bitangent") if name in inputs}
+        names = [name for name, source in sources.items() if source is not None and not is_geometric(source.id)]
+        if names:
+            self._report.omission(path, f"{' and '.join(names)} of a normal map are not applied; the mesh's are used")
 
     def _report_unsupported(self) -> None:
         """Report inputs that have an effect and no counterpart."""

@@ -20,7 +20,7 @@ from tiscene.usd.core.report import StageReport
 from tiscene.usd.core.shader_network import ShaderConnection, Source, broken_connections, connections_of, shader_id
 from tiscene.usd.geometry.display_color import constant_primvar, varies_over_surface
 from tiscene.usd.geometry.primvar import NO_PRIMVARS, report_missing_coordinates
-from tiscene.usd.materials.materialx_bsdf import SURFACES, reads_surface
+from tiscene.usd.materials.materialx_bsdf import SURFACES, unknown_part
 from tiscene.usd.materials.materialx_folding import FOLDED, folded_inputs
 from tiscene.usd.materials.materialx_inputs import SurfaceInputs
 from tiscene.usd.materials.materialx_models import MODELS
@@ -32,6 +32,7 @@ from tiscene.usd.materials.texture_borders import UnwrappedTexture
 
 _DEFAULT = Material("default")
 _DEFAULT_UV = "st"
+_UNDRAWN = {"volume": "volume", "backsurface": "surface of the back"}  # outputs of materials
 
 
 class NetworkReader:
@@ -61,6 +62,10 @@ class NetworkReader:
 
     def read(self, material: UsdShade.Material) -> Material | None:
         """Return the material; None, with the reason reported, if it has no surface shader that is supported."""
+        for output in material.GetOutputs(onlyAuthored=True):
+            what = _UNDRAWN.get(output.GetBaseName().rpartition(":")[2])
+            if what is not None and output.HasConnectedSource():
+                self._report.omission(material.GetPath(), f"the {what} of a material is not drawn")
         surface = self._surface(material)
         if surface is None:
             return None
@@ -103,9 +108,8 @@ class NetworkReader:
         self, material: UsdShade.Material, surface: UsdShade.Shader, name: str, inputs: dict[str, ShaderConnection]
     ) -> Material:
         """Return the material of a MaterialX surface shader."""
-        for output in material.GetDisplacementOutputs():
-            if output.HasConnectedSource():
-                self._report.omission(material.GetPath(), "displacement is not applied")
+        if any(output.HasConnectedSource() for output in material.GetDisplacementOutputs()):
+            self._report.omission(material.GetPath(), "displacement is not applied")
         network = MaterialXNetwork(surface.GetPath(), self._textures, self._time, self._report, self._vertex_signal)
         computed: dict[str, Signal] = {}
         if name in SURFACES:
@@ -136,7 +140,12 @@ class NetworkReader:
                 name = shader_id(shader) if shader else ""
                 if name == "UsdPreviewSurface":
                     preview = preview or shader
-                elif name in MODELS or (name in SURFACES and reads_surface(shader, self._time)):
+                elif name in SURFACES:
+                    part = unknown_part(shader, self._time)
+                    if part is None:
+                        return shader
+                    unknown.append(part)
+                elif name in MODELS:
                     return shader
                 elif preview is None or name.startswith("ND_"):
                     unknown.append(name or ("" if shader else str(attribute.GetPrim().GetTypeName())))
