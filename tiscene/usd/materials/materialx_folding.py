@@ -76,7 +76,7 @@ class _Folding:
             "metalness": metalness,
             "transmission": self._share(transmission, [metalness]),
             "transmission_color": self._mean_color(glass),
-            "subsurface": self._share(sheet, [metalness]),
+            "subsurface": self._share(sheet, [metalness, transmission]),
             "subsurface_color": self._mean_color(sheets),
             "specular": self._share(self._weight([*gloss, *glass]), [metalness]),
             "specular_color": self._mean_color(gloss),
