@@ -146,3 +146,29 @@ def test_file_primvar_and_transform_come_from_the_interface(tmp_path):
     (texture,) = description.textures
     assert (texture.wrap_s, texture.wrap_t, texture.encoding) == ("repeat", "mirror", "srgb")
     assert description.meshes[0].uv[:, 0].max() == 0.5
+
+
+@pytest.mark.parametrize(("space", "encoding"), [("raw", "raw"), ("sRGB", "srgb"), ("auto", "srgb")])
+def test_texture_beside_a_node_of_materialx_keeps_its_color_space(tmp_path, space, encoding):
+    """One node of MaterialX makes the whole network one of MaterialX; raw colors were decoded as sRGB there."""
+    Image.new("RGB", (2, 2), (255, 128, 0)).save(tmp_path / "p.png")
+    nodes = f"""
+    def Shader "N"
+    {{
+        uniform token info:id = "ND_constant_color3"
+        color3f inputs:value = (1, 0, 0)
+        color3f outputs:out
+    }}
+    def Shader "T"
+    {{
+        uniform token info:id = "UsdUVTexture"
+        asset inputs:file = @p.png@
+        token inputs:sourceColorSpace = "{space}"
+        float outputs:g
+    }}
+    """
+    text = material("A", ".connect = </A/N.outputs:out>", nodes) + mesh(lines=DIRECT)
+    text = text.replace("inputs:roughness = 0.25", "inputs:roughness.connect = </A/T.outputs:g>")
+    description = read_stage(write(tmp_path, text))
+    assert description.materials[0].diffuse_color == RED
+    assert [each.encoding for each in description.textures] == [encoding]

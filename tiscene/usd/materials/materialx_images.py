@@ -71,7 +71,8 @@ class ImageNode:
         if ignored := [name for name in _IGNORED if name in self.inputs and self.inputs[name].value]:
             self.report.omission(path, f"{' and '.join(ignored)} of an image are not applied")
         coordinates = self._coordinates()
-        space = _color_space(file, preview or "color" in self.source.id)
+        space = self._token("sourceColorSpace") if preview else ""
+        space = space or _color_space(file, preview or "color" in self.source.id)
         if "<UDIM>" in file.value.path:
             missing = self.baker.mean(default.of_width(4)) if width == 4 else (*self.baker.mean(default), 1.0)
             found = self.textures.add_udim(file.attribute, file.value, space, tuple(np.resize(missing, 4).tolist()))
