@@ -8,7 +8,7 @@ import math
 import numpy as np
 import pytest
 
-from tests.usd.helpers import area, facing, problems_of, read, read_with_warning, volume
+from tests.usd.helpers import area, facing, preview_material, problems_of, read, read_with_warning, volume
 
 CLOSED = [
     ('def Cube "G" { double size = 3 }', 27.0, 54.0),
@@ -106,3 +106,93 @@ def test_equal_gprims_share_a_mesh(tmp_path):
     description = read(tmp_path, body)
     assert [instance.mesh for instance in description.instances] == [0, 0, 1]
     assert [record.name for record in description.objects] == ["A", "B", "C"]
+
+
+# Hydra's mesh of a cube of size 2, and of a plane of width and length 2.
+CUBE_POINTS = "(1,1,1), (-1,1,1), (-1,-1,1), (1,-1,1), (-1,-1,-1), (-1,1,-1), (1,1,-1), (1,-1,-1)"
+CUBE_INDICES = "0,1,2,3, 4,5,6,7, 0,6,5,1, 4,7,3,2, 0,3,7,6, 4,2,1,5"
+MESHES = {
+    "Cube": f"point3f[] points = [{CUBE_POINTS}]\n int[] faceVertexIndices = [{CUBE_INDICES}]\n"
+    "int[] faceVertexCounts = [4, 4, 4, 4, 4, 4]",
+    "Plane": "point3f[] points = [(1,1,0), (-1,1,0), (-1,-1,0), (1,-1,0)]\n int[] faceVertexIndices = [0,1,2,3]\n"
+    "int[] faceVertexCounts = [4]",
+}
+COUNTS = {"Cube": {"uniform": 6, "vertex": 8, "varying": 8, "faceVarying": 24}, "Plane": {"uniform": 1, "vertex": 4}}
+
+
+def corner_values(description, instance):
+    """Return place, color and uv of each triangle corner of an instance, sorted."""
+    mesh = description.meshes[description.instances[instance].mesh]
+    at = mesh.triangles.reshape(-1)
+    looks = [description.materials[row].diffuse_color for row in np.repeat(mesh.materials, 3)]
+    colors = mesh.colors[at][:, :3] if mesh.colors is not None else np.array(looks)
+    centers = np.repeat(mesh.positions[mesh.triangles].mean(axis=1) @ [9, 3, 1], 3)
+    rows = np.column_stack([np.round(centers, 3), mesh.positions[at], colors, mesh.uv[at]])
+    return rows[np.lexsort(rows.T[::-1])]
+
+
+@pytest.mark.parametrize(("kind", "interpolation"), [(k, i) for k, counts in COUNTS.items() for i in counts])
+def test_primvars_of_cubes_and_planes_are_those_of_hydras_mesh(tmp_path, kind, interpolation):
+    random = np.random.default_rng(3)
+    count = COUNTS[kind][interpolation]
+    colors = [tuple(each) for each in random.uniform(size=(count, 3)).round(3).tolist()]
+    uv = [tuple(each) for each in random.uniform(size=(count, 2)).round(3).tolist()]
+    primvars = f'color3f[] primvars:displayColor = {colors} (interpolation = "{interpolation}")\n'
+    primvars += f'texCoord2f[] primvars:st = {uv} (interpolation = "{interpolation}")\n'
+    mesh = f'def Mesh "M"\n{{\n uniform token subdivisionScheme = "none"\n{MESHES[kind]}\n{primvars}}}\n'
+    description = read(tmp_path, f'def {kind} "G"\n{{\n{primvars}}}\n' + mesh)
+    found = corner_values(description, 0)
+    # The diagonals of the faces differ: compare corners of a face once each.
+    unique = [np.unique(np.round(rows[:, 1:], 5), axis=0) for rows in (found, corner_values(description, 1))]
+    np.testing.assert_allclose(*unique, atol=1e-5)
+
+
+def test_material_of_a_cube_reads_its_primvars(tmp_path):
+    material = preview_material(
+        "/Look",
+        "color3f inputs:diffuseColor.connect = </Look/Reader.outputs:result>",
+        shaders='def Shader "Reader"\n{\n uniform token info:id = "UsdPrimvarReader_float3"\n'
+        'string inputs:varname = "Cd"\n float3 outputs:result\n}',
+    )
+    colors = [(row / 8, 0, 1 - row / 8) for row in range(8)]
+    body = f"""def Cube "G" (prepend apiSchemas = ["MaterialBindingAPI"])
+{{
+    color3f[] primvars:Cd = {colors} (interpolation = "vertex")
+    rel material:binding = </Look>
+}}
+"""
+    (mesh,) = read(tmp_path, material + body).meshes
+    points = np.array(eval(f"[{CUBE_POINTS}]"))
+    for position, color in zip(mesh.positions, mesh.colors, strict=True):
+        (row,) = np.flatnonzero((points == position).all(axis=1))
+        np.testing.assert_allclose(color[:3], colors[row], atol=1e-6)
+
+
+def test_texture_coordinates_of_round_shapes_are_reported(tmp_path):
+    body = 'def Sphere "G"\n{\n texCoord2f[] primvars:st = [(0, 0)] (interpolation = "vertex")\n}\n'
+    (mesh,) = read_with_warning(tmp_path, body, "primvars:st of a Sphere is not used.*</G>").meshes
+    assert mesh.uv.max() == 1.0
+
+
+def test_primvar_that_does_not_fit_a_cube_is_reported(tmp_path):
+    color = 'color3f[] primvars:displayColor = [(1, 0, 0), (0, 1, 0)] (interpolation = "uniform")'
+    text = "primvars:displayColor: 2 values, but uniform interpolation needs 6"
+    description = read_with_warning(tmp_path, f'def Cube "G"\n{{\n {color}\n}}\n', text)
+    assert {description.materials[row].diffuse_color for row in description.meshes[0].materials} == {(0.18,) * 3}
+
+
+def test_cube_that_grows_keeps_the_colors_of_its_faces(tmp_path):
+    colors = [(row / 6, 0, 0) for row in range(6)]
+    body = f"""def Cube "G"
+{{
+    double size.timeSamples = {{ 0: 1, 10: 2 }}
+    color3f[] primvars:displayColor = {colors} (interpolation = "uniform")
+}}
+"""
+    description = read(tmp_path, body, more="timeCodesPerSecond = 10")
+    (mesh,) = description.meshes
+    assert mesh.deformation is not None
+    red = [description.materials[row].diffuse_color[0] for row in mesh.materials]
+    axes = facing(mesh.positions, mesh.triangles) @ [1, 2, 3]
+    order = [3, -3, 2, -2, 1, -1]
+    np.testing.assert_allclose(red, [order.index(round(axis)) / 6 for axis in axes], atol=1e-6)

@@ -48,3 +48,31 @@ def test_tetrahedra_without_a_surface_are_reported(tmp_path):
     read_with_warning(
         tmp_path, BODY % (f" = {POINTS}", "") + 'def Cube "C"\n{\n}\n', "TetMesh without anything to draw"
     )
+
+
+@pytest.mark.parametrize(("interpolation", "count"), [("vertex", 5), ("uniform", 6), ("faceVarying", 18)])
+@pytest.mark.parametrize("tets", [AUTHORED, AUTHORED + '\nuniform token orientation = "leftHanded"'])
+def test_colors_of_tetrahedra_are_those_of_points_faces_and_corners(tmp_path, interpolation, count, tets):
+    """They are equal to those of a mesh of the same faces."""
+    colors = [tuple(each) for each in np.random.default_rng(5).uniform(size=(count, 3)).round(3).tolist()]
+    color = f'color3f[] primvars:displayColor = {colors} (interpolation = "{interpolation}")'
+    faces = AUTHORED[AUTHORED.index("[(") :].replace("(", "").replace(")", "")
+    mesh = f"""def Mesh "M"
+{{
+    uniform token subdivisionScheme = "none"
+    point3f[] points = {POINTS}
+    int[] faceVertexIndices = {faces}
+    int[] faceVertexCounts = [3, 3, 3, 3, 3, 3]
+    {color}
+    {"uniform token orientation" + tets.partition("orientation")[2] if "left" in tets else ""}
+}}
+"""
+    description = read(tmp_path, BODY % (f" = {POINTS}", f"{tets}\n{color}") + mesh)
+    found = []
+    for each in description.instances:
+        read_mesh = description.meshes[each.mesh]
+        looks = [description.materials[row].diffuse_color for row in read_mesh.materials]
+        at = read_mesh.positions[read_mesh.triangles]
+        found.append((at, looks if read_mesh.colors is None else read_mesh.colors[read_mesh.triangles]))
+    np.testing.assert_array_equal(found[0][0], found[1][0])
+    np.testing.assert_array_equal(found[0][1], found[1][1])

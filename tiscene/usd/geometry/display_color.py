@@ -12,9 +12,10 @@ from numpy.typing import NDArray
 from pxr import Usd, UsdGeom
 
 from tiscene.usd.core.color_space import attribute_colors
+from tiscene.usd.core.prims import type_of
 from tiscene.usd.core.report import StageReport
 from tiscene.usd.core.value_times import value_times
-from tiscene.usd.geometry.primvar import Topology, primvar_topology, read_primvar
+from tiscene.usd.geometry.primvar import SHAPE_TOPOLOGIES, Topology, primvar_topology, read_primvar
 from tiscene.usd.geometry.vertex_weld import sum_rows
 
 Floats = NDArray[np.floating]
@@ -69,17 +70,18 @@ def constant_primvar(
 
 
 def varies_over_surface(gprim: Usd.Prim, name: str, time: Usd.TimeCode, *, within_faces: bool = False) -> bool:
-    """Return whether a primvar of a mesh, curves or points has several values, so that it must be a vertex attribute.
+    """Return whether a primvar has several values on faces, points or curves, so that it must be a vertex attribute.
 
     Args:
-        gprim: the prim; False for anything but a mesh, curves or points.
+        gprim: the prim; False for a round shape, which has no faces.
         name: the primvar, without "primvars:"; False for "".
         time: when to evaluate it.
         within_faces: whether to ignore primvars that are constant in each face: of uniform interpolation, or of points.
     """
     primvar = UsdGeom.PrimvarsAPI(gprim).FindPrimvarWithInheritance(name) if name else None
-    types = (UsdGeom.Mesh, UsdGeom.BasisCurves, *(() if within_faces else (UsdGeom.Points,)))
-    if not primvar or not any(map(gprim.IsA, types)) or not primvar.HasValue():
+    types = (UsdGeom.Mesh, UsdGeom.TetMesh, UsdGeom.BasisCurves, *(() if within_faces else (UsdGeom.Points,)))
+    has_elements = any(map(gprim.IsA, types)) or type_of(gprim) in SHAPE_TOPOLOGIES
+    if not primvar or not has_elements or not primvar.HasValue():
         return False
     if primvar.GetInterpolation() not in ("vertex", "varying", "faceVarying", *(() if within_faces else ("uniform",))):
         return False

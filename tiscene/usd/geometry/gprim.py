@@ -1,22 +1,33 @@
 # SPDX-License-Identifier: Apache-2.0
 """UsdGeom's parametric gprims as triangles: cube, sphere, cylinder, cone, capsule, plane.
 
-Round shapes are surfaces of revolution with exact smooth normals and uv. `TYPES` maps prim types to their functions.
+Round shapes are surfaces of revolution with exact smooth normals and uv. A cube and a plane have the primvars that are
+authored for their faces and points; elsewhere uv is generated. `TYPES` maps prim types to their functions.
 """
 
 from __future__ import annotations
 
 import math
 from collections.abc import Callable
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from pxr import Usd
+from pxr import Usd, UsdGeom
 
 from tiscene.usd.core.prims import type_of
 from tiscene.usd.core.report import StageReport
 from tiscene.usd.core.value_times import is_time_varying, value_at
+from tiscene.usd.geometry.primvar import (
+    NO_PRIMVARS,
+    SECOND_UV,
+    SHAPE_TOPOLOGIES,
+    UV,
+    PrimvarNames,
+    read_uv,
+    read_vertex_values,
+)
 from tiscene.usd.geometry.vertex_weld import WeldedMesh
 
 Floats = NDArray[np.float64]
@@ -28,10 +39,23 @@ _VANISHING = 1e-30  # stage units; in place of an animated 0, which would have o
 _AXES = {"X": (2, 0, 1), "Y": (1, 2, 0), "Z": (0, 1, 2)}  # the columns of a shape about z that become x, y, z
 _CORNERS = np.array([[-1.0, -1.0], [1.0, -1.0], [1.0, 1.0], [-1.0, 1.0]])  # of a quadrilateral
 _QUAD = np.array([[0, 1, 2], [0, 2, 3]])  # its triangles
+# The corner in SHAPE_TOPOLOGIES that each vertex is.
+_CORNER_OF_VERTEX = {
+    "Cube": np.array([23, 20, 21, 22, 18, 19, 16, 17, 15, 12, 13, 14, 10, 11, 8, 9, 7, 4, 5, 6, 2, 3, 0, 1]),
+    "Plane": np.array([2, 3, 0, 1]),
+}
 
 
-def read_gprim(prim: Usd.Prim, time: Usd.TimeCode, report: StageReport) -> WeldedMesh | None:
+def read_gprim(
+    prim: Usd.Prim, time: Usd.TimeCode, report: StageReport, names: PrimvarNames = NO_PRIMVARS
+) -> WeldedMesh | None:
     """Read a parametric gprim as triangles with smooth normals and uv.
+
+    Args:
+        prim: the gprim.
+        time: when to evaluate it.
+        report: collects what is wrong, and what is not drawn.
+        names: the primvars that its material reads.
 
     Returns:
         The mesh; None, with a problem reported, if a size is negative, not finite, or always zero where it must not
@@ -58,7 +82,30 @@ def read_gprim(prim: Usd.Prim, time: Usd.TimeCode, report: StageReport) -> Welde
         order = (2, 1, 0)  # width along z, length along y
     if kind == "Plane" and str(axis) == "Y":
         order = (0, 2, 1)
-    return _permute_axes(surface, order)
+    return _with_primvars(_permute_axes(surface, order), prim, names, time, report)
+
+
+def _with_primvars(
+    surface: WeldedMesh, prim: Usd.Prim, names: PrimvarNames, time: Usd.TimeCode, report: StageReport
+) -> WeldedMesh:
+    """Return a shape with the faces and the primvars that are authored for it."""
+    kind = type_of(prim)
+    if kind not in SHAPE_TOPOLOGIES:
+        name = names.uv or "st"
+        primvar = UsdGeom.PrimvarsAPI(prim).FindPrimvarWithInheritance(name)
+        if primvar and primvar.HasAuthoredValue():
+            text = f"primvars:{name} of a {kind} is not used: round shapes have texture coordinates of their own"
+            report.omission(prim.GetPath(), text)
+        return surface
+    topology, corners = SHAPE_TOPOLOGIES[kind], _CORNER_OF_VERTEX[kind]
+    read = read_vertex_values(prim, names, names.has_more_than_uv, topology, time, report)
+    values = surface.uv if read is None else read.at(topology.indices[corners], corners)
+    assert values is not None
+    for name, columns in ((names.uv, UV), (names.second_uv, SECOND_UV)):
+        if columns.stop <= values.shape[1] and read_uv(prim, name, topology, time, report) is None:
+            values[:, columns] = surface.uv
+    face = topology.face_of_corner[corners[surface.triangles[:, 0]]].astype(np.int32)
+    return replace(surface, uv=values, face=face)
 
 
 def _permute_axes(surface: WeldedMesh, order: tuple[int, int, int]) -> WeldedMesh:

@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from pxr import Sdf, Usd, UsdGeom
 
 from tiscene.usd.core.color_space import attribute_colors
+from tiscene.usd.core.prims import type_of
 from tiscene.usd.core.report import StageReport
 from tiscene.usd.geometry.vertex_weld import Attribute
 
@@ -85,6 +86,18 @@ class Topology:
         }.get(interpolation)
 
 
+# Hydra's order of the faces of a cube is +z, -z, +y, -y, +x, -x; that of the points of a plane is ++, -+, --, +- in
+# the directions of its width and length.
+SHAPE_TOPOLOGIES = {
+    "Cube": Topology(
+        8,
+        np.full(6, 4, np.int32),
+        np.array([0, 1, 2, 3, 4, 5, 6, 7, 0, 6, 5, 1, 4, 7, 3, 2, 0, 3, 7, 6, 4, 2, 1, 5], np.int32),
+    ),
+    "Plane": Topology(4, np.full(1, 4, np.int32), np.arange(4, dtype=np.int32)),
+}
+
+
 def array_of(attribute: Usd.Attribute, time: Usd.TimeCode, dtype: Any, width: int | None = 1) -> NDArray[Any]:
     """Return an attribute's array as numpy, without a copy where the dtype agrees.
 
@@ -147,7 +160,8 @@ def read_uv(prim: Usd.Prim, name: str, topology: Topology, time: Usd.TimeCode, r
     primvar = api.FindPrimvarWithInheritance(name or "st")
     if not (primvar and primvar.HasAuthoredValue()):
         if name:
-            report_missing_coordinates(prim, name, (0.0, 0.0), report)
+            if prim.IsA(UsdGeom.PointBased):  # other gprims have coordinates of their own
+                report_missing_coordinates(prim, name, (0.0, 0.0), report)
             return None
         others = [p for p in api.GetPrimvarsWithAuthoredValues() if p.GetTypeName() in TEXTURE_COORDINATE_TYPES]
         if not others:
@@ -311,7 +325,11 @@ def _fault(
 
 
 def primvar_topology(prim: Usd.Prim, time: Usd.TimeCode) -> Topology:
-    """Return the elements that a gprim's primvars belong to: faces of a mesh; each point or each curve as one face."""
+    """Return the elements that a gprim's primvars belong to: faces of a mesh, or of the surface of tetrahedra; each
+    point or each curve as one face.
+
+    Faces and points of a cube and of a plane are those of the meshes that Hydra makes of them; round shapes have none.
+    """
     if prim.IsA(UsdGeom.Mesh):
         mesh = UsdGeom.Mesh(prim)
         counts = array_of(mesh.GetFaceVertexCountsAttr(), time, np.int32)
@@ -323,4 +341,11 @@ def primvar_topology(prim: Usd.Prim, time: Usd.TimeCode) -> Topology:
     if prim.IsA(UsdGeom.BasisCurves):
         counts = array_of(UsdGeom.BasisCurves(prim).GetCurveVertexCountsAttr(), time, np.int32)
         return Topology(int(counts.sum()), counts, np.arange(counts.sum(), dtype=np.int32))
-    return Topology(0, np.zeros(0, np.int32), np.zeros(0, np.int32))
+    if prim.IsA(UsdGeom.TetMesh):
+        tets = UsdGeom.TetMesh(prim)
+        faces = array_of(tets.GetSurfaceFaceVertexIndicesAttr(), time, np.int32, width=3)
+        if len(faces) == 0:
+            faces = np.asarray(UsdGeom.TetMesh.ComputeSurfaceFaces(tets, time), np.int32).reshape(-1, 3)
+        points = len(array_of(tets.GetPointsAttr(), time, None, width=3))
+        return Topology(points, np.full(len(faces), 3, np.int32), faces.reshape(-1))
+    return SHAPE_TOPOLOGIES.get(type_of(prim), Topology(0, np.zeros(0, np.int32), np.zeros(0, np.int32)))

@@ -256,11 +256,9 @@ class MeshTable:
             if prim.IsA(UsdGeom.Mesh):
                 surface = read_mesh(prim, span.code, self._report, wanted, of_face, times)
             else:
-                read = _READERS[type_of(prim)]
+                read = partial(_READERS[type_of(prim)], names=wanted[0])
                 if prim.IsA(UsdGeom.BasisCurves):
-                    read = partial(read_curves, names=wanted[0], before={})
-                elif prim.IsA(UsdGeom.Points):
-                    read = partial(read_points, names=wanted[0])
+                    read = partial(read, before={})
                 surface = read(prim, span.code, self._report)
                 if times and surface is not None:
                     surface = with_shape_samples(prim, surface, times, self._report, read)
