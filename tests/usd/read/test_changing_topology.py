@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 import tiscene as ts
-from tests.usd.helpers import read, read_with_warning, write
+from tests.usd.helpers import preview_material, read, read_with_warning, write
 from tests.usd.read.test_animation import RANGE
 from tests.usd.read.test_animation import stream as plain_stream
 from tiscene.errors import StageWarning
@@ -235,3 +235,35 @@ def test_a_fault_at_many_times_is_reported_once(tmp_path):
         read_stage(path)
     (line,) = str(caught[0].message).splitlines()[1:]
     assert line == "  normals: 2 values, but uniform interpolation needs 3, so that it is not used: </Fluid>"
+
+
+def test_subsets_of_faces_with_time_samples_have_their_materials_at_each_time(tmp_path):
+    subset = """
+    def GeomSubset "Red" (prepend apiSchemas = ["MaterialBindingAPI"])
+    {
+        uniform token elementType = "face"
+        uniform token familyName = "materialBind"
+        int[] indices.timeSamples = { 0: [0], 5: [1], 8: [] }
+        rel material:binding = </Red>
+    }"""
+    mesh = f"""
+def Mesh "Floor"
+{{
+    {PLAIN}
+    int[] faceVertexCounts = [3, 3]
+    int[] faceVertexIndices = [0, 1, 2, 0, 2, 3]
+    point3f[] points.timeSamples = {{ 0: {QUAD}, 10: {LEANING} }}
+    {subset}
+}}
+"""
+    red = preview_material("/Red", "color3f inputs:diffuseColor = (1, 0, 0)")
+    path = write(tmp_path, red + mesh, more=RANGE)
+    frames = stream(path, buffers=(*LABELS, "albedo"))
+    assert_shows_the_stage(path, frames)
+    for k in range(11):
+        still = stream(path, buffers=("albedo",), time_code=float(k))[0]
+        np.testing.assert_allclose(frames[k].albedo, still.albedo, atol=1e-6)
+    shares = [(frames[k].albedo[..., 0] == 1.0).mean() for k in (0, 5, 8)]
+    assert shares[0] > 0.02
+    assert shares[1] > 0.02
+    assert shares[2] == 0.0

@@ -26,6 +26,7 @@ from tiscene.usd.geometry.primvar import (
     array_or_primvar,
     default_values,
     read_element_values,
+    token_of,
 )
 from tiscene.usd.geometry.swept_curves import Start, Strip, ribbons, tubes
 from tiscene.usd.geometry.vertex_weld import WeldedMesh
@@ -58,10 +59,9 @@ def read_curves(
     curves = UsdGeom.BasisCurves(prim)
     points = points_at(curves, time)
     counts = array_of(curves.GetCurveVertexCountsAttr(), time, np.int64)
-    kind, basis, wrap = (
-        str(attribute.Get(time)) for attribute in (curves.GetTypeAttr(), curves.GetBasisAttr(), curves.GetWrapAttr())
-    )
-    widths = array_or_primvar(curves.GetWidthsAttr(), time)
+    kind, wrap = (token_of(attribute, time, report) for attribute in (curves.GetTypeAttr(), curves.GetWrapAttr()))
+    basis = str(curves.GetBasisAttr().Get(time))
+    widths = _widths(curves.GetWidthsAttr(), time, report)
     normals = array_or_primvar(curves.GetNormalsAttr(), time, width=3)
     if not normals.any():  # other programs write zeros where they have no normals
         normals = normals[:0]
@@ -149,7 +149,7 @@ def read_points(
     """
     points = UsdGeom.Points(prim)
     at = points_at(points, time)
-    widths = array_or_primvar(points.GetWidthsAttr(), time)
+    widths = _widths(points.GetWidthsAttr(), time, report)
     if len(at) == 0:
         return _concatenate([], prim, report)
     if len(widths) == 0:
@@ -180,6 +180,14 @@ def read_points(
         np.repeat(rows, len(faces)).astype(np.int32),
     )
     return _concatenate([surface], prim, report)
+
+
+def _widths(attribute: Usd.Attribute, time: Usd.TimeCode, report: StageReport) -> Floats:
+    """Return the `widths` of curves or points; empty if they have none."""
+    widths = array_or_primvar(attribute, time)
+    if (widths < 0.0).any():
+        report.omission(attribute.GetPrim().GetPath(), "widths below 0 count as 0")
+    return np.maximum(widths, np.float32(0.0))
 
 
 def _point_values(

@@ -35,7 +35,10 @@ _SHAPE_ATTRIBUTES = (
     *("points", "normals", "primvars:normals", "widths", "primvars:widths"),
     *("size", "radius", "height", "width", "length", "radiusTop", "radiusBottom"),
 )
-_UNSUPPORTED_ATTRIBUTES = ("primvars:displayColor", "primvars:displayOpacity", "subdivisionScheme")
+_UNSUPPORTED_ATTRIBUTES = (
+    *("primvars:displayColor", "primvars:displayOpacity", "subdivisionScheme"),
+    *("creaseIndices", "creaseLengths", "creaseSharpnesses", "cornerIndices", "cornerSharpnesses"),
+)
 
 
 def shape_times(prim: Usd.Prim, spans: Sequence[TopologySpan], report: StageReport) -> dict[TopologySpan, list[float]]:

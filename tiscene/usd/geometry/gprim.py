@@ -27,6 +27,7 @@ from tiscene.usd.geometry.primvar import (
     PrimvarNames,
     read_uv,
     read_vertex_values,
+    token_of,
 )
 from tiscene.usd.geometry.vertex_weld import WeldedMesh
 
@@ -76,11 +77,11 @@ def read_gprim(
     if kind == "Capsule_1" and sizes["radiusTop"] != sizes["radiusBottom"]:
         report.omission(prim.GetPath(), "a capsule of two radii is drawn with their mean")
     surface = TYPES[kind](sizes)
-    axis = prim.GetAttribute("axis").Get(time) if prim.HasAttribute("axis") else "Z"
-    order = _AXES.get(str(axis), _AXES["Z"])
-    if kind == "Plane" and str(axis) == "X":
+    axis = token_of(prim.GetAttribute("axis"), time, report) if prim.HasAttribute("axis") else "Z"
+    order = _AXES[axis]
+    if kind == "Plane" and axis == "X":
         order = (2, 1, 0)  # width along z, length along y
-    if kind == "Plane" and str(axis) == "Y":
+    if kind == "Plane" and axis == "Y":
         order = (0, 2, 1)
     return _with_primvars(_permute_axes(surface, order), prim, names, time, report)
 

@@ -21,7 +21,15 @@ from tiscene.usd.core.time_samples import in_seconds
 from tiscene.usd.core.value_times import time_code_number
 from tiscene.usd.geometry.catmull_clark import Creases
 from tiscene.usd.geometry.deforming import points_at, read_point_samples
-from tiscene.usd.geometry.primvar import PrimvarNames, Topology, array_of, outside, read_normals, read_vertex_values
+from tiscene.usd.geometry.primvar import (
+    PrimvarNames,
+    Topology,
+    array_of,
+    outside,
+    read_normals,
+    read_vertex_values,
+    token_of,
+)
 from tiscene.usd.geometry.skinned_mesh import control_of, posed, with_normals
 from tiscene.usd.geometry.skinning import skin_of
 from tiscene.usd.geometry.subdivision import MAX_LEVELS, subdivide
@@ -60,7 +68,7 @@ def read_mesh(
     skin = skin_of(prim, report)
     if skin is not None and len(skin.points) != len(points):
         skin = None
-    scheme = mesh.GetSubdivisionSchemeAttr().Get(time) or "catmullClark"
+    scheme = token_of(mesh.GetSubdivisionSchemeAttr(), time, report)
     if scheme == "loop":
         report.omission(prim.GetPath(), "Loop subdivision is drawn by the Catmull-Clark rules")
     smooth = scheme in ("catmullClark", "loop")
@@ -82,8 +90,8 @@ def read_mesh(
     visible[holes] = False
     if smooth:
         creases = _read_creases(mesh, topology, time, report)
-        boundary = mesh.GetInterpolateBoundaryAttr().Get(time) or "edgeAndCorner"
-        uv_rule = mesh.GetFaceVaryingLinearInterpolationAttr().Get(time) or "cornersPlus1"
+        boundary = token_of(mesh.GetInterpolateBoundaryAttr(), time, report)
+        uv_rule = token_of(mesh.GetFaceVaryingLinearInterpolationAttr(), time, report)
         if uv is not None and uv.interpolation == "varying":  # linear over each face, whatever the surface is
             uv, uv_rule = Attribute(uv.at(topology.indices, np.arange(len(topology.indices))), True), "all"
         source = shared_path(prim)
@@ -129,7 +137,7 @@ def read_mesh(
             text += ': its interpolateBoundary "none" leaves out every face with a point on its boundary'
         report.omission(prim.GetPath(), text)
         return None
-    if mesh.GetOrientationAttr().Get(time) == UsdGeom.Tokens.leftHanded:
+    if token_of(mesh.GetOrientationAttr(), time, report) == UsdGeom.Tokens.leftHanded:
         surface = _reverse_winding(surface, flip_normals=smooth)
     return replace(surface, times=times if position_samples is not None else (), skin=skin)
 

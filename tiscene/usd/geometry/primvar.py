@@ -131,6 +131,17 @@ def array_or_primvar(attribute: Usd.Attribute, time: Usd.TimeCode, width: int | 
     return values[np.asarray(primvar.GetIndices(time))] if primvar.IsIndexed() else values
 
 
+def token_of(attribute: Usd.Attribute, time: Usd.TimeCode, report: StageReport) -> str:
+    """Return a token of a schema. One that the schema does not allow is reported; its fallback is used."""
+    value = attribute.Get(time)
+    fallback = str(attribute.GetPrim().GetPrimDefinition().GetAttributeFallbackValue(attribute.GetName()))
+    if value is None or value in (attribute.GetMetadata("allowedTokens") or (value,)):
+        return fallback if value is None else str(value)
+    text = f"{attribute.GetName()} {value!r} is not known; {fallback!r} is used"
+    report.omission(attribute.GetPrim().GetPath(), text)
+    return fallback
+
+
 def outside(indices: NDArray[np.integer], count: int) -> int | None:
     """Return an index that is not within 0..count - 1, the largest if that is one; None if there is none."""
     if len(indices) and indices.max() >= count:

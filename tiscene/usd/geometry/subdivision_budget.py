@@ -119,7 +119,7 @@ def _surfaces(stage: Usd.Stage, time: Usd.TimeCode) -> Iterable[UsdGeom.Mesh]:
 
 
 def _is_smooth(mesh: UsdGeom.Mesh, time: Usd.TimeCode) -> bool:
-    return (mesh.GetSubdivisionSchemeAttr().Get(time) or "catmullClark") in ("catmullClark", "loop")
+    return mesh.GetSubdivisionSchemeAttr().Get(time) not in ("none", "bilinear")
 
 
 def _cages(

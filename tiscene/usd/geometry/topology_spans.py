@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Gprims whose topology or number of points changes: the spans of time within which their vertices are the same ones.
+"""Gprims whose topology, number of points or subsets change: spans of time within which their vertices are the same.
 
 USD holds topology from sample to sample. Each span is read as a mesh of its own, which is shown during the span.
 """
@@ -13,6 +13,7 @@ from typing import Any
 
 from pxr import Usd, UsdGeom
 
+from tiscene.usd.core.prims import ALSO_ABSTRACT
 from tiscene.usd.core.report import StageReport
 from tiscene.usd.core.value_times import is_time_varying, value_times
 from tiscene.usd.geometry.skinning import skin_of
@@ -59,6 +60,8 @@ def topology_spans(prim: Usd.Prim, time: Usd.TimeCode, report: StageReport) -> l
     if not report.reads_animation or skin_of(prim, report) is not None:
         return whole
     attributes = [prim.GetAttribute(name) for name in _TOPOLOGY_ATTRIBUTES]
+    subsets = (child for child in prim.GetFilteredChildren(ALSO_ABSTRACT) if child.IsA(UsdGeom.Subset))
+    attributes += [UsdGeom.Subset(each).GetIndicesAttr() for each in subsets]
     varying = [attribute for attribute in attributes if is_time_varying(attribute)]
     times = {time for each in varying for time in value_times(each)}
     if prim.IsA(UsdGeom.PointBased):

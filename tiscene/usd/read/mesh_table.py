@@ -209,10 +209,13 @@ class MeshTable:
         found: list[tuple[Binding, NDArray[np.int64]]] = []
         if whole.is_display_color and not whole.primvars.has_more_than_uv:
             found += self._materials.by_element(prim, time)
-        if not prim.IsA(UsdGeom.Mesh) or not prim.GetFilteredChildren(ALSO_ABSTRACT):
+        if not prim.GetFilteredChildren(ALSO_ABSTRACT):
             return found
         faces = face_count(prim, time)
         for subset in UsdShade.MaterialBindingAPI(prim).GetMaterialBindSubsets():
+            if not prim.IsA(UsdGeom.Mesh):
+                self._report.omission(subset.GetPath(), f"a material of a part of a {type_of(prim)} is not applied")
+                continue
             if subset.GetElementTypeAttr().Get() != UsdGeom.Tokens.face:
                 self._report.omission(subset.GetPath(), "a material bound to points or edges is not applied")
                 continue
