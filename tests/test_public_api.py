@@ -25,6 +25,7 @@ PUBLIC = [
     "Frame",
     "Frustum",
     "Keyframes",
+    "LensKeyframes",
     "LightMotion",
     "LightOverride",
     "Limits",

@@ -61,6 +61,7 @@ _MODULES = {
     "Frame": "tiscene.frame.frame",
     "Frustum": "tiscene.scenario.objects",
     "Keyframes": "dynamics",
+    "LensKeyframes": "tiscene.scene.lens_keyframes",
     "LightMotion": "tiscene.scenario.light_motion",
     "LightOverride": "tiscene.scenario.overrides",
     "Limits": "tiscene.usd.core.limits",

@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import itertools
 from dataclasses import replace
 from typing import Any
 
@@ -11,6 +12,7 @@ import pytest
 
 import tiscene as ts
 from tiscene.render.integrators.incremental.incremental_pass import IncrementalPass
+from tiscene.render.integrators.panorama.panorama_pass import PanoramaPass
 from tiscene.render.view import View
 
 SIZE = {"width": 32, "height": 24}
@@ -19,10 +21,13 @@ FAST: dict[str, Any] = {"quality": "fast", "buffers": ("hdr", *LABELS), **SIZE}
 HERE = (0.0, 1.2, 0.5)
 
 
-@pytest.fixture(scope="module", params=["turns", "walks"])
+@pytest.fixture(scope="module", params=["turns", "walks", "zooms"])
 def scenario(request: pytest.FixtureRequest) -> ts.Scenario:
-    """A ball that bounces, and a camera that turns or walks to and fro."""
+    """A ball that bounces, and a camera that turns or walks to and fro, or zooms in."""
     ball = ts.Object("ball", "Ball 01", (0.0, 1.0, 0.6), dynamic=ts.UniformMovementRandomBounce(speed=1.0, seed=3))
+    if request.param == "zooms":
+        lens = ts.LensKeyframes((0.0, 1.0), vertical_fov=(1.0, 0.6))
+        return ts.Scenario("solid_benchmark", [ball], camera=ts.Camera(HERE, (0.996, -0.087, 0.0, 0.0), lens=lens))
     if request.param == "turns":
         ends = [ts.Waypoint(HERE, (-10.0, yaw, 0.0)) for yaw in (0, 60, 0)]
     else:
@@ -68,6 +73,25 @@ def test_pinhole_cameras_that_turn_or_walk_are_rendered_over_panoramas() -> None
     found = [View(camera, each, camera, 32, 24).pinhole_moves for each in (camera, turned, moved, thick, flat)]
     assert found == [False, True, True, False, False]
     assert View(camera, camera, camera, 32, 24, is_dynamic=True).pinhole_moves
+
+
+def test_a_panorama_serves_a_range_of_fields_of_view(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A zoom from 1 to 1/1.9 traces cells for at most three widths of pixels, and a pause in it none."""
+    made = []
+    new = PanoramaPass._new_panorama
+
+    def recorded(self: PanoramaPass, *arguments: Any) -> Any:
+        made.append(arguments[2])
+        return new(self, *arguments)
+
+    monkeypatch.setattr(PanoramaPass, "_new_panorama", recorded)
+    monkeypatch.setattr(IncrementalPass, "prepare", lambda *_, **__: pytest.fail("a base image was rendered"))
+    lens = ts.LensKeyframes((0.0, 0.2, 0.6, 0.8), vertical_fov=(1.1, 0.9, 0.9, 0.642))
+    with ts.Stream(ts.Scenario("solid_benchmark", camera=ts.Camera(HERE, lens=lens)), **FAST) as stream:
+        frames = list(itertools.islice(stream, 25))
+    assert 2 <= len(made) == len({settings.faces for settings in made}) <= 3
+    for frame in frames[7:14]:
+        np.testing.assert_array_equal(frame.hdr, frames[6].hdr)
 
 
 def test_a_camera_that_walks_by_edits_and_stops_stays_with_its_anchor() -> None:

@@ -84,6 +84,8 @@ def _periods(scenario: Scenario) -> Iterator[tuple[str, Fraction, Fraction | flo
     for camera in scenario.cameras:
         if isinstance(camera, Camera) and camera.dynamic is not None and camera.dynamic.loop_time:
             yield CAMERA, Fraction(0), camera.dynamic.loop_time
+        if isinstance(camera, Camera) and camera.lens is not None and camera.lens.times[-1] > 0.0:
+            yield CAMERA, Fraction(0), math.inf
     for light in scenario.lights:
         if light.dynamic is not None and light.dynamic.loop_time:
             yield light.light, Fraction(0), light.dynamic.loop_time

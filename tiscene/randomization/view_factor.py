@@ -69,7 +69,7 @@ def with_view(scenario: Scenario, value: Any, draws: Callable[[str], Draws]) -> 
             lens[name] = round(own.between(name, 0, *getattr(ranges, name)), DECIMALS)
     pose: dict[str, Any] = {"position": position, "rotation": (w, x, y, z)}
     if isinstance(first, Camera):
-        return _watched(scenario, replace(first, **pose, **lens))
+        return _watched(scenario, first.fixed(**pose, **lens))
     overrides: list[Override] = [
         each for each in scenario.overrides if not (isinstance(each, CameraOverride) and each.prim in ("", first))
     ]

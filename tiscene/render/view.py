@@ -73,6 +73,7 @@ class View:
             illuminate the scene; SKY shows them.
         is_dynamic: Whether the camera moves at other times, even if it stands still around this frame.
         walks: World axes (0, 1, 2) along which it is known to walk at other times.
+        zooms: Whether its field of view changes, at this frame or at other times.
 
     Raises:
         ArgumentError: If the image is empty or too large.
@@ -87,12 +88,15 @@ class View:
     background: tuple[float, float, float] = SKY
     is_dynamic: bool = False
     walks: Axes = Axes()  # noqa: RUF009  # immutable
+    zooms: bool = False
     _device: dict[str, Any] = field(default_factory=dict, init=False, repr=False, compare=False)
 
     def __post_init__(self) -> None:
         check_image_size(self.width, self.height)
         for name in ("previous", "current", "next"):
             object.__setattr__(self, name, getattr(self, name).framed(self.width / self.height))
+        zooms = self.zooms or len({camera.vertical_fov for camera in self.cameras}) > 1
+        object.__setattr__(self, "zooms", zooms)
 
     @property
     def cameras(self) -> tuple[Camera, Camera, Camera]:
@@ -101,17 +105,17 @@ class View:
 
     @property
     def is_still(self) -> bool:
-        """Whether the camera stands still around the frame."""
-        return self.previous == self.current == self.next
+        """Whether the camera stands still around the frame, and its lens shows the same."""
+        return self.previous.optics == self.current.optics == self.next.optics
 
     @property
     def pinhole_moves(self) -> bool:
-        """Whether the camera is a pinhole that moves, around the frame or at other times.
+        """Whether the camera is a pinhole that moves or zooms, around the frame or at other times.
 
         A camera that stops is seen as it was while it moved: nothing else has to be traced first, and the picture does
         not change when it stops.
         """
-        return self.is_pinhole and (self.is_dynamic or bool(self.walks) or not self.is_still)
+        return self.is_pinhole and (self.is_dynamic or bool(self.walks) or self.zooms or not self.is_still)
 
     @property
     def is_pinhole(self) -> bool:

@@ -58,7 +58,7 @@ class SceneProfile:
             fps: Frames per second.
             background: 8-bit sRGB color of pixels that show no object; None for the sky.
         """
-        start = replace(start_camera(stage), vertical_fov=Camera.vertical_fov, aspect=None)
+        start = replace(start_camera(stage), vertical_fov=Camera.vertical_fov, aspect=None, lens=None)
         start = replace(start, far=frame_views.FAR, lens_radius=0.0)
         camera = authored.camera if isinstance(authored.camera, Camera) and authored.camera.dynamic else None
         track = CameraTrack(stage, camera)

@@ -109,10 +109,9 @@ class SetFrustumWalls:
     def __post_init__(self) -> None:
         with scenario_errors():
             set_checked(self, frame=index)
-            if not isinstance(self.camera, Camera) or self.camera.dynamic is not None:
-                raise ScenarioError(
-                    f"camera={self.camera!r}: must be a Camera without a dynamic; to move walls, set them again"
-                )
+            if not isinstance(self.camera, Camera) or self.camera.dynamic is not None or self.camera.lens is not None:
+                text = "must be a Camera without a dynamic and without keyframes of its lens"
+                raise ScenarioError(f"camera={self.camera!r}: {text}; to move walls, set them again")
             set_checked(self, aspect=positive)
 
 

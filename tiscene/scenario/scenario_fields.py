@@ -16,6 +16,7 @@ from tiscene.scenario.objects import Frustum, Object, check_dynamic, check_each
 from tiscene.scenario.overrides import CameraOverride, LightOverride, MaterialOverride, ObjectOverride, Override
 from tiscene.scenario.serialization import DerivedClasses
 from tiscene.scene.camera import Camera
+from tiscene.scene.lens_keyframes import LensKeyframes
 
 
 def classes(*classes: type) -> dict[str, type]:
@@ -44,6 +45,7 @@ FIELDS: dict[str, Mapping[str, type]] = {
     "edits": classes(Despawn, SetFrustumWalls, Move, PlaceCamera, Spawn),
     "frustum": classes(Frustum),
     "joints": classes(DistanceJoint, FixedJoint, PrismaticJoint, RevoluteJoint, SphericalJoint),
+    "lens": classes(LensKeyframes),
     "lights": classes(LightMotion),
     "motion": _DYNAMICS,
     "object": classes(Object),

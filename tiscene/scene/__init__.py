@@ -12,6 +12,7 @@
     assembly              objects of several meshes; bounding boxes
     room_volume           volumes of rooms, and which room a point is in
     camera                Camera: pose, lens, exposure
+    lens_keyframes        lenses over time
     walking               axes along which a camera walks
     color                 sRGB transfer function
     placement             transforms of all instances around one frame

@@ -15,6 +15,7 @@ from dynamics.argument_checks import LARGEST, is_series
 from dynamics.rotation import matrix_from_quaternion
 from tiscene.errors import ArgumentError
 from tiscene.scene.animation import quaternions
+from tiscene.scene.lens_keyframes import LensKeyframes
 
 Vector3 = tuple[float, float, float]
 Quaternion = tuple[float, float, float, float]
@@ -51,6 +52,7 @@ class Camera:
             the aperture / focal length) of a perspective camera, m of an orthographic one. Lines stay as they are in a
             picture without an offset, unlike in that of a turned camera.
         dynamic: Motion of the camera, any `dynamics.Dynamic`. None: a fixed camera.
+        lens: Values of the other attributes over time, but for the pose: zooms, focus pulls. None: a fixed lens.
     """
 
     position: Vector3 = (0.0, 1.6, 4.0)
@@ -69,6 +71,7 @@ class Camera:
     conform: str = "expandAperture"
     aperture_offset: tuple[float, float] = (0.0, 0.0)
     dynamic: Any = field(default=None, hash=False)
+    lens: LensKeyframes | None = field(default=None, hash=False)
 
     def __post_init__(self) -> None:
         def refuse(name: str, rule: str) -> ArgumentError:
@@ -117,6 +120,21 @@ class Camera:
             raise refuse("shutter_open", f"must be -1 <= open <= close <= 1 frames, shutter_close={self.shutter_close}")
         if not 0.0 < self.near < self.far:
             raise refuse("near", f"must be 0 < near < far, far={self.far}")
+        if self.lens is not None:
+            self._check_lens(self.lens)
+
+    def _check_lens(self, lens: Any) -> None:
+        """Raise an ArgumentError if keyframes of the lens do not fit the camera."""
+        if not isinstance(lens, LensKeyframes):
+            raise ArgumentError(f"camera {self.name!r}: lens={lens!r}: must be LensKeyframes or None")
+        if lens.orthographic_height and self.orthographic_height is None:
+            text = "lens.orthographic_height: the camera is a perspective one; give it an orthographic_height too"
+            raise ArgumentError(f"camera {self.name!r}: {text}")
+        for time, values in zip(lens.times, lens.moments, strict=True):
+            try:
+                replace(self, lens=None, **values)
+            except ArgumentError as error:
+                raise ArgumentError(f"{error}, of its lens at {time:g} s") from error
 
     @classmethod
     def look_at(cls, position: Vector3, target: Vector3, up: Vector3 = (0.0, 1.0, 0.0), **others: Any) -> Camera:
@@ -167,6 +185,20 @@ class Camera:
     def with_pose(self, position: Vector3, rotation: Quaternion) -> Camera:
         """Return the camera with another position, m, and rotation."""
         return replace(self, position=position, rotation=rotation)
+
+    def at(self, seconds: float) -> Camera:
+        """Return the camera with its lens at a time, s, fixed; its pose and `dynamic` stay as they are."""
+        return self if self.lens is None else replace(self, lens=None, **self.lens.at(seconds))
+
+    def fixed(self, **values: Any) -> Camera:
+        """Return the camera with other values, which then do not vary over time."""
+        return replace(self, lens=self.lens and self.lens.without(values), **values)
+
+    @property
+    def optics(self) -> tuple[Any, ...]:
+        """What the image depends on. Two cameras with equal optics show the same, in different exposures perhaps."""
+        framing = self.vertical_fov, self.orthographic_height, self.aspect, self.conform, self.aperture_offset
+        return self.position, self.rotation, framing, self.lens_radius, self.lens_radius and self.focus_distance
 
     def framed(self, aspect: float) -> Camera:
         """Return the camera as images of one shape show it, with the height that its `conform` policy gives.

@@ -228,11 +228,11 @@ class ViewRenderer(WholeChanges):
         samples, moving = None, None
         if colored and prepared.light is None:
             samples, moving = self._shared_light(state, view, camera_row, incremental)
-        exposure = view.current.exposure
-        if exposure is None:
-            exposure = self.exposure(*main_size) if "rgb" in buffers else 0.0
+        own = [each.exposure for each in (view.current, state.cameras[0].current) if each.exposure is not None]
+        if own:
+            exposure = own[0] + self._compensation
         else:
-            exposure += self._compensation
+            exposure = self.exposure(*main_size) if "rgb" in buffers else 0.0
         renderer = self._renderer(view)
         rendered = renderer.render(
             view,
@@ -314,8 +314,8 @@ class ViewRenderer(WholeChanges):
         """
         is_shared = self.settings.incremental and not COLORS.isdisjoint(rendered_buffers(buffers))
         walks = self.world.camera_walks(state.frame, row) if is_shared else Axes()
-        is_dynamic = self.world.camera_is_dynamic(state.frame, row)
-        return View(*state.cameras[row], width=width, height=height, is_dynamic=is_dynamic, walks=walks)
+        is_dynamic, zooms = self.world.camera_is_dynamic(state.frame, row), self.world.camera_zooms(row)
+        return View(*state.cameras[row], width, height, is_dynamic=is_dynamic, walks=walks, zooms=zooms)
 
     def _shared_light(
         self, state: WorldState, view: View, camera_row: int | None, incremental: bool | None = None

@@ -53,6 +53,11 @@ class CameraEdits(ABC):
         """Return whether a camera, given by its row, moves at any time, as known at a frame; see `View.is_dynamic`."""
         return self._cameras.is_dynamic(frame, row)
 
+    def camera_zooms(self, row: int) -> bool:
+        """Return whether the field of view of a camera, given by its row, changes at any time; see `View.zooms`."""
+        lens = self._cameras.cameras[row].lens
+        return lens is not None and lens.zooms
+
     def camera_walks(self, frame: int, row: int) -> Axes:
         """Return along which axes a camera, given by its row, walks, as known at a frame; see `View.walks`."""
         return self._cameras.walks(frame, row)

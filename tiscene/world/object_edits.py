@@ -35,9 +35,11 @@ class ObjectEdits(CameraEdits):
     """Base class of a world with objects that can be edited.
 
     Attributes:
+        fps: frames per second.
         trajectories: poses of objects, cameras and lights.
     """
 
+    fps: float
     trajectories: PhysicsTrajectories
     _scenario: Scenario
     _log: EditLog
@@ -165,7 +167,8 @@ class ObjectEdits(CameraEdits):
             raise ScenarioError(f"frustum={frustum!r}: must be a Frustum or None")
         if not isinstance(camera, Camera | None):
             raise ScenarioError(f"camera={camera!r}: must be a Camera or None")
-        camera = replace(camera or self.camera_at(self.next_frame), dynamic=None)
+        now = self.camera_at(self.next_frame) if camera is None else camera.at(self.next_frame / self.fps)
+        camera = replace(now, dynamic=None)
         self._edit(SetFrustumWalls(self.next_frame, frustum, camera, self._aspect if aspect is None else aspect))
 
     def _live_name(self, object: int | str) -> str:

@@ -161,7 +161,7 @@ def _seen(camera: Camera, override: CameraOverride) -> Camera:
     given = {name: value for name in names if (value := getattr(override, name)) is not None}
     if override.rotation is not None:
         given["rotation"] = tuple(quaternion(override.rotation).tolist())
-    return replace(camera, **given)
+    return camera.fixed(**given)
 
 
 def _arranged(stage: SceneDescription, override: ObjectOverride) -> SceneDescription:

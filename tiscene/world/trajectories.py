@@ -331,6 +331,7 @@ class Trajectories:
             frustum, camera, aspect = last.frustum, last.camera, last.aspect
         if frustum is None:
             return None
+        camera = camera.at(float(time))
         if camera.dynamic is not None:
             x, y, z, a, b, c, d = self.closed_form.poses(time)[self._unspawned].tolist()
             camera = camera.with_pose((x, y, z), (a, b, c, d))

@@ -142,7 +142,7 @@ class World(ObjectEdits):
             instances=self._stage_objects.instances,
         )
         self.trajectories = PhysicsTrajectories(scenario, self._log, setting)
-        self._cameras = WorldCameras(self.cameras, self._log, self.trajectories, stage.camera_names)
+        self._cameras = WorldCameras(self.cameras, self._log, self.trajectories, fps, stage.camera_names)
         first = registry.id_of(0)
         self.view_history = ViewHistory(self._log, self.trajectories, self._cameras, first, fps, aspect, self.edit_lock)
         eye, placed = self.cameras[0].position, self._stage_objects.instances

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""WorldCameras: poses of the cameras at each frame, by their trajectories and by edits that place them.
+"""WorldCameras: the cameras at each frame, by their lenses' keyframes, their trajectories and edits that place them.
 
 A camera that an edit has placed has left its trajectory: it stays until the next edit. Edits are not anticipated.
 """
@@ -32,6 +32,7 @@ class WorldCameras:
         cameras: the cameras at their start.
         log: the edit log, which may grow.
         trajectories: poses along trajectories.
+        fps: frames per second.
         names: names of the stage's cameras by prim path.
 
     Raises:
@@ -41,6 +42,7 @@ class WorldCameras:
     cameras: Sequence[Camera]
     log: EditLog
     trajectories: Trajectories
+    fps: float
     names: Mapping[str, str]
 
     def __post_init__(self) -> None:
@@ -59,7 +61,7 @@ class WorldCameras:
 
     def at(self, time: Fraction | int, row: int, as_of: int) -> Camera:
         """Return a camera at a time in frames, as planned when frame `as_of` was made."""
-        camera = self.cameras[row]
+        camera = self._with_lens(row, time)
         edit = self.log.camera(camera.name, min(math.floor(time), as_of))
         if edit is not None:
             return camera.with_pose(edit.position, edit.rotation)
@@ -67,6 +69,10 @@ class WorldCameras:
             return camera
         x, y, z, *rotation = self.trajectories.camera_poses(time)[row].tolist()
         return camera.with_pose((x, y, z), tuple(rotation))
+
+    def _with_lens(self, row: int, time: Fraction | int) -> Camera:
+        """Return a camera with its lens at a time in frames, where it is at its start."""
+        return self.cameras[row].at(max(float(time), 0.0) / self.fps)
 
     def is_dynamic(self, frame: int, row: int) -> bool:
         """Return whether a camera has a trajectory, or was placed by an edit up to a frame and so may be again."""
@@ -100,8 +106,8 @@ class WorldCameras:
         result = []
         for row, camera in enumerate(self.cameras):
             edit = self.log.camera(camera.name, frame)
-            placed = None if edit is None else camera.with_pose(edit.position, edit.rotation)
-            result.append(placed or self.at(frame + shift, row, frame))
+            now = self.at(frame + shift, row, frame)
+            result.append(now if edit is None else now.with_pose(edit.position, edit.rotation))
         return tuple(result)
 
     def moved(

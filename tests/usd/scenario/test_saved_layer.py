@@ -63,6 +63,13 @@ def test_scenario_survives_a_usd_layer_exactly(room, tmp_path, suffix):
         {},
         {"camera": "Window", "timings": ts.AllTogether(), "frustum": Frustum()},
         {"camera": ts.Camera(lens_radius=0.0123, focus_distance=1 / 3, exposure=1e-9, near=0.1 + 1e-12, name="a b")},
+        {
+            "camera": ts.Camera(
+                lens=ts.LensKeyframes(
+                    (0.0, 1 / 3), vertical_fov=(1.0, 0.1 + 1e-12), aperture_offset=((0, 0), (1 / 7, 0))
+                )
+            )
+        },
         {"timings": ts.WaitUntilComplete(0.5, repeat=False)},
         {"timings": ts.DictTimings({"a": 1.0}), "objects": [Object("a", "Ball")]},
         {"objects": [Object("a", "Ball", dynamic=UniformMovementRandomBounce(0.8, seed=-32)), Object("A", "Ball")]},

@@ -6,6 +6,7 @@ from __future__ import annotations
 import functools
 import math
 from collections.abc import Sequence
+from dataclasses import fields, replace
 from typing import Any
 
 from pxr import Sdf, Usd, UsdGeom
@@ -13,18 +14,23 @@ from pxr import Sdf, Usd, UsdGeom
 from tiscene.errors import ArgumentError
 from tiscene.scene.camera import Camera, quaternion_from_matrix
 from tiscene.scene.description import Matrix
+from tiscene.scene.lens_keyframes import LensKeyframes
 from tiscene.usd.core.report import StageReport
+from tiscene.usd.core.time_samples import in_seconds
 from tiscene.usd.core.transform import unmirrored, unscaled
-from tiscene.usd.core.value_times import is_time_varying, value_at
+from tiscene.usd.core.value_times import dense_times, is_time_varying, value_at, value_times
 from tiscene.usd.read.stage_render_settings import StageRenderSettings
 
 _MAX_APERTURE = 1e6  # in focal lengths: a field of view of 180 degrees but for 0.0002
 _EXPOSURE_ATTRIBUTES = ("exposure", "exposure:iso", "exposure:time", "exposure:fStop", "exposure:responsivity")
-_STATIC_ATTRIBUTES = (
-    *("projection", "focalLength", "horizontalAperture", "verticalAperture", "fStop", "focusDistance", "clippingRange"),
+_LINEAR_ATTRIBUTES = ("focusDistance", "clippingRange", "shutter:open", "shutter:close", "exposure")
+_LENS_ATTRIBUTES = (
+    *_LINEAR_ATTRIBUTES,
+    *("focalLength", "fStop", "horizontalAperture", "verticalAperture"),
     *("horizontalApertureOffset", "verticalApertureOffset"),
-    *("shutter:open", "shutter:close", *_EXPOSURE_ATTRIBUTES),
+    *_EXPOSURE_ATTRIBUTES[1:],
 )
+_OPTIONAL = ("aspect", "exposure")  # of a `Camera`; None says that the stage has no valid value
 
 
 def read_camera(
@@ -35,12 +41,12 @@ def read_camera(
     report: StageReport,
     settings: StageRenderSettings,
 ) -> Camera | None:
-    """Read a camera at a time code.
+    """Read a camera, with keyframes of its lens if that has time samples and the stage plays.
 
     Args:
         prim: the camera.
         world_from_prim: float64 4x4, m.
-        time: time code to read at.
+        time: time code of frame 0.
         meters_per_unit: meters per stage unit.
         report: receives problems and omissions.
         settings: what the stage's RenderSettings say.
@@ -49,11 +55,53 @@ def read_camera(
         The camera. Its exposure is None if no exposure attribute is authored: the stream meters it. None, with a
         problem reported, for an invalid camera.
     """
+    camera = _read_at(prim, world_from_prim, time, meters_per_unit, report, settings)
+    if is_time_varying(prim.GetAttribute("projection")):
+        report.frozen(prim.GetPath(), "projection of a camera")
+    varying = [name for name in _LENS_ATTRIBUTES if is_time_varying(prim.GetAttribute(name))]
+    if camera is None or not varying or not report.reads_animation:
+        return camera
+    times: set[float] = set()
+    for name in varying:
+        samples = value_times(prim.GetAttribute(name))
+        times.update(samples if name in _LINEAR_ATTRIBUTES else dense_times(samples))  # such as focal length / aperture
+    start, ignored = prim.GetStage().GetStartTimeCode(), StageReport("")
+    codes = sorted({max(code, start) for code in times})
+    lenses = {}
+    for code in codes:
+        lens = _read_at(prim, world_from_prim, Usd.TimeCode(code), meters_per_unit, ignored, settings)
+        if lens is not None and _authored(lens) == _authored(camera):
+            lenses[code] = lens
+    if len(lenses) < len(codes):
+        text = "a camera's lens is not valid at some time samples; those before and after them are used"
+        report.omission(prim.GetPath(), text)
+    return replace(camera, lens=_keyframes(list(lenses.values()), in_seconds(prim.GetStage(), list(lenses)).tolist()))
+
+
+def _authored(camera: Camera) -> list[Any]:
+    """Return what two lenses must have in common to be keyframes of one camera."""
+    return [camera.orthographic_height is None, *(getattr(camera, name) is None for name in _OPTIONAL)]
+
+
+def _keyframes(lenses: Sequence[Camera], seconds: Sequence[float]) -> LensKeyframes | None:
+    """Return the keyframes of a camera's lens at some times; None if nothing varies."""
+    names = [each.name for each in fields(LensKeyframes) if each.name != "times"]
+    values = {name: [getattr(lens, name) for lens in lenses] for name in names}
+    varying = {name: each for name, each in values.items() if any(value != each[0] for value in each)}
+    return LensKeyframes(seconds, **varying) if varying else None
+
+
+def _read_at(
+    prim: Usd.Prim,
+    world_from_prim: Matrix,
+    time: Usd.TimeCode,
+    meters_per_unit: float,
+    report: StageReport,
+    settings: StageRenderSettings,
+) -> Camera | None:
+    """Read a camera at a time code; arguments as of `read_camera`."""
     path = prim.GetPath()
     camera = UsdGeom.Camera(prim)
-    animated = [name for name in _STATIC_ATTRIBUTES if is_time_varying(prim.GetAttribute(name))]
-    if animated:
-        report.frozen(path, f"{', '.join(animated)} of a camera")
 
     def number(name: str) -> float:
         value = value_at(prim.GetAttribute(name), time)

@@ -46,6 +46,7 @@ _SCENE_MODULES = (
     "tiscene.scene.camera",
     "tiscene.scene.description",
     "tiscene.scene.input_track",
+    "tiscene.scene.lens_keyframes",
     "tiscene.scene.light_description",
     "tiscene.scene.material_description",
     "tiscene.scene.room_volume",

@@ -147,6 +147,7 @@ class _Recording:
         stage_objects: offsets of the stage's objects that edits have changed, by prim path.
         lights: animated lights, by prim path and frame.
         cameras: poses, one row per camera.
+        lenses: the cameras whose lenses vary at each frame, by row.
     """
 
     def __init__(self, world: BakedWorld, frames: Sequence[int]) -> None:
@@ -159,6 +160,8 @@ class _Recording:
         self.stage_objects: dict[str, Offsets] = {path: {} for path in world.scenario.log().stage_histories}
         self.lights: dict[str, dict[int, Light]] = {path: {} for path in paths}
         self.cameras: list[Poses] = [{} for _ in world.cameras]
+        varying = [row for row, camera in enumerate(world.cameras) if camera.lens is not None]
+        self.lenses: dict[int, dict[int, Camera]] = {row: {} for row in varying}
         stage_count = len(world.stage.objects)
         for frame in frames:
             state = world.state(frame)
@@ -173,6 +176,8 @@ class _Recording:
                     self.lights[light.prim_path][frame] = light
             for poses, camera in zip(self.cameras, state.cameras, strict=True):
                 poses[frame] = np.array([*camera.current.position, *camera.current.rotation])
+            for row, lens in self.lenses.items():
+                lens[frame] = state.cameras[row].current
         for row, history in enumerate(world.scenario.log().histories):
             poses = self.objects.get(history.spec.id, {})
             for frame, following in itertools.pairwise(frames):
@@ -263,15 +268,17 @@ def _write_cameras(over: OverLayer, world: BakedWorld, recorded: _Recording) -> 
     """Write the cameras of the world, except for static ones of the stage."""
     paths = []
     on_stage = {name: path for path, name in world.stage.camera_names.items()}
-    for camera, poses in zip(world.cameras, recorded.cameras, strict=True):
-        if camera.dynamic is None and camera in world.stage.cameras:
+    for row, (camera, poses) in enumerate(zip(world.cameras, recorded.cameras, strict=True)):
+        lenses = recorded.lenses.get(row, {})
+        if camera.dynamic is None and not lenses and camera in world.stage.cameras:
             if camera.name in on_stage:
                 paths.append(Sdf.Path(on_stage[camera.name]))
             continue
-        prim, operations = over.define_camera(camera)
+        prim, operations = over.define_camera(next(iter(lenses.values()), camera))
         paths.append(prim.GetPath())
         _write_poses(operations, poses, over)
-    if len(paths) > 1 or world.cameras[0].dynamic is not None or world.cameras[0] not in world.stage.cameras:
+        over.write_lens(prim, lenses)
+    if len(paths) > 1 or any(path.HasPrefix(over.root) for path in paths):
         root = over.stage.GetPrimAtPath(over.root)
         root.CreateRelationship("tiscene:scenario:camera", False).SetTargets(paths)
 

@@ -5,8 +5,9 @@ from __future__ import annotations
 
 import math
 import os
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from pxr import Gf, Sdf, Tf, Usd, UsdGeom, UsdUtils
@@ -181,30 +182,48 @@ class OverLayer:
     def define_camera(self, camera: Camera) -> tuple[Usd.Prim, PoseOperations]:
         """Create a camera with the lens of another; return its prim and the operations to write its pose to."""
         path = self.unused_path(self.folder("Cameras"), camera.name)
-        lens = UsdGeom.Camera.Define(self.stage, path)
+        prim = UsdGeom.Camera.Define(self.stage, path).GetPrim()
+        if camera.orthographic_height is not None:
+            UsdGeom.Camera(prim).CreateProjectionAttr(UsdGeom.Tokens.orthographic)
+        for name, value in self._lens(camera).items():
+            prim.GetAttribute(name).Set(value)
+        return prim, pose_operations(prim, euler=False)
+
+    def write_lens(self, prim: Usd.Prim, cameras: Mapping[int, Camera]) -> None:
+        """Write the lens of a camera as time samples of what varies; `cameras`: it at each time code."""
+        lenses = {time: self._lens(camera) for time, camera in cameras.items()}
+        for name in sorted(set().union(*lenses.values())):
+            values = {time: lens.get(name, 0.0) for time, lens in lenses.items()}  # 0: not authored
+            if len(set(map(str, values.values()))) > 1:
+                for time, value in values.items():
+                    prim.GetAttribute(name).Set(value, Usd.TimeCode(time))
+
+    def _lens(self, camera: Camera) -> dict[str, Any]:
+        """Return the values of a camera's attributes."""
         per_meter = 1.0 / self.units.meters
         height = _APERTURE * per_meter * 10.0  # apertures and focal length are in tenths of a stage unit
         focal_length = height / (2.0 * math.tan(0.5 * camera.vertical_fov))
         if camera.orthographic_height is not None:
-            lens.CreateProjectionAttr(UsdGeom.Tokens.orthographic)
             height = camera.orthographic_height * per_meter * 10.0
-        lens.CreateVerticalApertureAttr(height)
-        lens.CreateHorizontalApertureAttr(height * (camera.aspect or 4.0 / 3.0))
-        lens.CreateFocalLengthAttr(focal_length)
+        lens: dict[str, Any] = {
+            "verticalAperture": height,
+            "horizontalAperture": height * (camera.aspect or 4.0 / 3.0),
+            "focalLength": focal_length,
+        }
         if any(camera.aperture_offset):
             unit = focal_length if camera.orthographic_height is None else per_meter * 10.0
-            lens.CreateHorizontalApertureOffsetAttr(camera.aperture_offset[0] * unit)
-            lens.CreateVerticalApertureOffsetAttr(camera.aperture_offset[1] * unit)
-        lens.CreateFocusDistanceAttr(camera.focus_distance * per_meter)
+            lens["horizontalApertureOffset"], lens["verticalApertureOffset"] = (
+                offset * unit for offset in camera.aperture_offset
+            )
+        lens["focusDistance"] = camera.focus_distance * per_meter
         if camera.lens_radius > 0.0:
-            lens.CreateFStopAttr(focal_length / 10.0 / (2.0 * camera.lens_radius * per_meter))
-        lens.CreateClippingRangeAttr(Gf.Vec2f(camera.near * per_meter, camera.far * per_meter))
+            lens["fStop"] = focal_length / 10.0 / (2.0 * camera.lens_radius * per_meter)
+        lens["clippingRange"] = Gf.Vec2f(camera.near * per_meter, camera.far * per_meter)
         if camera.shutter_open or camera.shutter_close:
-            lens.CreateShutterOpenAttr(camera.shutter_open)
-            lens.CreateShutterCloseAttr(camera.shutter_close)
+            lens |= {"shutter:open": camera.shutter_open, "shutter:close": camera.shutter_close}
         if camera.exposure is not None:
-            lens.CreateExposureAttr(camera.exposure)
-        return lens.GetPrim(), pose_operations(lens.GetPrim(), euler=False)
+            lens["exposure"] = camera.exposure
+        return lens
 
     def export(self, path: str | os.PathLike[str]) -> None:
         """Write the layer to a file.

@@ -373,7 +373,7 @@ class _ScenarioReader:
         pose = read_pose(prim, self._time, self._units)
         if camera is None or isinstance(pose, str):
             return None
-        return exact_camera(prim, camera, pose) | {"dynamic": dynamic}
+        return exact_camera(prim, camera, pose, self._report) | {"dynamic": dynamic}
 
     def _listed_name(self, prim: Usd.Prim) -> str:
         """Return a camera's name, or its path if others have that name too: the layer below may name them otherwise."""

@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import dataclasses
+import json
 import math
 from typing import Any
 
@@ -13,6 +14,7 @@ from tiscene.scene.camera import Camera
 from tiscene.usd.core import schema
 from tiscene.usd.core.pose import PrimPose
 from tiscene.usd.core.prims import DEFINED
+from tiscene.usd.core.report import StageReport
 from tiscene.usd.core.schema import authored
 
 # Members of a camera's JSON object, and the attributes of TisceneCameraAPI that hold their exact values.
@@ -39,7 +41,7 @@ def stage_cameras(stage: Usd.Stage) -> list[Usd.Prim]:
     return cameras
 
 
-def exact_camera(prim: Usd.Prim, camera: Camera, pose: PrimPose) -> dict[str, Any]:
+def exact_camera(prim: Usd.Prim, camera: Camera, pose: PrimPose, report: StageReport) -> dict[str, Any]:
     """Return a camera's JSON object, with the exact values of TisceneCameraAPI where they agree with the camera."""
     content = dataclasses.asdict(dataclasses.replace(camera, dynamic=None))
     content["position"] = list(pose.position)
@@ -58,4 +60,9 @@ def exact_camera(prim: Usd.Prim, camera: Camera, pose: PrimPose) -> dict[str, An
         content["aspect"] = authored(prim, "tiscene:camera:aspect") or None
         content["aperture_offset"] = list(authored(prim, "tiscene:camera:apertureOffset") or camera.aperture_offset)
         content["conform"] = str(authored(prim, "tiscene:camera:conform") or camera.conform)
+        if lens := authored(prim, "tiscene:camera:lens"):
+            try:
+                content["lens"] = json.loads(lens)
+            except ValueError as error:
+                report.refuse(prim.GetPath(), "camera", f"tiscene:camera:lens is not JSON: {error}")
     return content

@@ -121,7 +121,7 @@ def _write_timings(root: Usd.Prim, content: Mapping[str, Any]) -> None:
 
 
 def _write_camera(over: OverLayer, content: Mapping[str, Any], report: StageReport) -> Usd.Prim:
-    values = {key: value for key, value in content.items() if key != "dynamic"}
+    values = {key: value for key, value in content.items() if key not in ("dynamic", "lens")}
     prim, operations = over.define_camera(Camera(**values))
     operations.set(content["position"], content["rotation"], over.units)
     prim.AddAppliedSchema(schema.CAMERA)
@@ -135,6 +135,8 @@ def _write_camera(over: OverLayer, content: Mapping[str, Any], report: StageRepo
     schema.author(prim, "tiscene:camera:conform", _TYPES.Token, content["conform"])
     if any(content["aperture_offset"]):
         schema.author(prim, "tiscene:camera:apertureOffset", _TYPES.Double2, Gf.Vec2d(*content["aperture_offset"]))
+    if content.get("lens"):
+        schema.author(prim, "tiscene:camera:lens", _TYPES.String, json.dumps(content["lens"]))
     if content["dynamic"] is not None:
         write_dynamic(prim, content["dynamic"], over.units, lambda: _part_path(over, prim), report)
     return prim

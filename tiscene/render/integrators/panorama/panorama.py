@@ -57,6 +57,7 @@ DIM = 0.3  # of the mean light: the offset of `contrast_of`
 FINE_SPP = 128  # samples per pixel from which the denoiser's best quality pays, and noise hides less variation
 _MAX_CELLS = (1 << 31) - 1  # whose numbers are int32
 _BATCH = 64  # blocks whose cells are copied at once
+ZOOM_STEP = math.sqrt(2.0)  # between the widths of pixels for which a camera that zooms has panoramas
 _TILES_AT_ONCE = 1024  # whose paths are traced at once
 
 
@@ -98,6 +99,8 @@ class PanoramaSettings:
     def of(cls, view: View, center: Vector3, *, spp: int, max_depth: int, seed: int) -> PanoramaSettings:
         """Return the settings of the panorama around a center that serves a view."""
         pixel = 2.0 * math.tan(0.5 * view.current.vertical_fov) / view.height
+        if view.zooms:  # a panorama serves a range of fields of view
+            pixel = ZOOM_STEP ** math.floor(math.log(pixel, ZOOM_STEP))
         cell = CELL_OF_CENTER if center == view.current.position else CELL_OF_ANCHOR
         faces = math.ceil(FACE_ANGLE / (cell * pixel) / BLOCK) * BLOCK
         return cls(center, cell, faces, spp, max_depth, seed)
