@@ -31,6 +31,23 @@ def with_ancestors(prim: Usd.Prim) -> Iterator[Usd.Prim]:
         prim = prim.GetParent()
 
 
+def renders(prim: Usd.Prim, inherited: bool | None = None) -> bool:
+    """Return whether prims of purpose "render" are shown at a prim, by renderVisibility of VisibilityAPI.
+
+    Args:
+        prim: the prim.
+        inherited: the same of its parent, which holds where the prim has no opinion; None: it is found.
+    """
+    if prim.HasAPI(UsdGeom.VisibilityAPI):
+        authored = UsdGeom.VisibilityAPI(prim).GetRenderVisibilityAttr().Get()
+        if authored != UsdGeom.Tokens.inherited:
+            return bool(authored != UsdGeom.Tokens.invisible)
+    if inherited is not None:
+        return inherited
+    parent = prim.GetParent()
+    return not parent or parent.IsPseudoRoot() or renders(parent)
+
+
 def type_of(prim: Usd.Prim) -> str:
     """Return the type of a prim; for one that USD does not know, the first known one of its stage's fallbackPrimTypes.
 

@@ -13,7 +13,7 @@ from pxr import Sdf, Usd, UsdGeom
 from tiscene.errors import TemplateNotFound
 from tiscene.scene.description import Matrix, SceneDescription, Template
 from tiscene.usd.core.pose import pose_matrix, read_pose
-from tiscene.usd.core.prims import ancestors
+from tiscene.usd.core.prims import ancestors, renders
 from tiscene.usd.core.report import StageReport
 from tiscene.usd.core.semantics import asset_name, inherited_label, name_label
 from tiscene.usd.core.time_samples import NOT_ANIMATED, transformed
@@ -94,7 +94,7 @@ def _template(
     for group in reversed(groups):  # a group may appear and vanish with all objects in it
         if report.reads_animation and UsdGeom.Imageable(group).GetVisibilityAttr().ValueMightBeTimeVarying():
             animated = animated.hidden_by(group)
-    reader.walk(prim, TraversalContext(parent_world, label=label, animated=animated))
+    reader.walk(prim, TraversalContext(parent_world, renders=renders(prim), label=label, animated=animated))
     description = reader.description(path)
     box = description.bounds()
     if isinstance(pose, str):

@@ -94,7 +94,7 @@ class PointInstancerReader:
         roots = [instances[self._time].prototypes[number] for number in used]
         prototypes, lights = [], []
         for root in roots:
-            parts, found_lights = self._prototype(prim, root, here.purpose)
+            parts, found_lights = self._prototype(prim, root, here)
             prototypes.append(parts)
             lights.append(found_lights)
         if any(lights) and (own_times or here.animated.movers):
@@ -262,14 +262,14 @@ class PointInstancerReader:
                 self._objects.add(owner, part.mesh, *placed, samples, continues=part.continues)
 
     def _prototype(
-        self, instancer: Usd.Prim, root: Usd.Prim, purpose: str
+        self, instancer: Usd.Prim, root: Usd.Prim, outside: TraversalContext
     ) -> tuple[Sequence[PrototypePart], Sequence[PrototypeLight]]:
-        """Return the parts and the lights of a prototype, in the space of its parent."""
+        """Return the parts and the lights of a prototype, in the space of its parent; `outside`: of its instancer."""
         outer = self._parts, self._prototype_root, self._prototype_lights
         parts, lights = list[PrototypePart](), list[PrototypeLight]()
         self._parts, self._prototype_root, self._prototype_lights = parts, root.GetPath(), lights
         self._open_instancers.append(instancer.GetPath())
-        self.walk(root, TraversalContext(purpose=purpose), ALSO_ABSTRACT)
+        self.walk(root, TraversalContext(purpose=outside.purpose, renders=outside.renders), ALSO_ABSTRACT)
         self._open_instancers.pop()
         self._parts, self._prototype_root, self._prototype_lights = outer
         return parts, lights

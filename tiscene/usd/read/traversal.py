@@ -16,7 +16,7 @@ from pxr import Sdf, Usd, UsdGeom, UsdLux, UsdSkel
 from tiscene.scene.camera import Camera
 from tiscene.scene.description import Matrix, SceneDescription, Template
 from tiscene.usd.core.keyframes import plays_in_parts
-from tiscene.usd.core.prims import DEFINED
+from tiscene.usd.core.prims import DEFINED, renders
 from tiscene.usd.core.report import UNDRAWN, StageReport
 from tiscene.usd.core.semantics import direct_label, is_component, is_object_instance, taxonomies_of
 from tiscene.usd.core.time_samples import TransformSamples
@@ -119,6 +119,7 @@ class StageReader(PointInstancerReader):
         if prim.IsPseudoRoot():
             return inherited
         world, visible, purpose, animated = inherited.world, inherited.visible, inherited.purpose, inherited.animated
+        shown = inherited.renders
         in_prototype = self._parts is not None  # there the point is the object
         is_object = not in_prototype and (is_component(prim) or (inherited.owner is None and is_object_instance(prim)))
         if prim.IsA(UsdGeom.Imageable):
@@ -136,6 +137,8 @@ class StageReader(PointInstancerReader):
             authored = imageable.GetPurposeAttr()
             if authored.HasAuthoredValue():
                 purpose = str(authored.Get())
+            shown = renders(prim, inherited.renders)
+            self._report_unapplied(prim)
             if prim.IsA(UsdGeom.Xformable):
                 xformable = UsdGeom.Xformable(prim)
                 local = xformable.GetLocalTransformation(self._time)
@@ -149,7 +152,14 @@ class StageReader(PointInstancerReader):
             owner = StageObject.of(prim, label, own, to_matrix(world, self._meters), samples)
         if owner is not None and is_rigid_body(prim):
             owner.movable = True
-        return TraversalContext(world, visible, purpose, label, own, owner, animated)
+        return TraversalContext(world, visible, purpose, shown, label, own, owner, animated)
+
+    def _report_unapplied(self, prim: Usd.Prim) -> None:
+        """Report a renderVisibility without the schema that it belongs to."""
+        attribute = prim.GetAttribute("renderVisibility")
+        if attribute and not prim.HasAPI(UsdGeom.VisibilityAPI) and attribute.Get() != UsdGeom.Tokens.inherited:
+            text = "renderVisibility has no effect without VisibilityAPI: add it to the prim's apiSchemas"
+            self._report.omission(prim.GetPath(), text)
 
     def _is_animated_by_scenario(self, prim: Usd.Prim, inherited: TraversalContext, is_object: bool) -> bool:
         """Return whether a scenario animates a prim, not an instance track: objects, lights and whole templates.

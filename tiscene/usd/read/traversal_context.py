@@ -20,6 +20,7 @@ class TraversalContext:
         world: world transform, in stage units.
         visible: visibility at the time read; True where it is animated (`animated`).
         purpose: UsdGeomImageable's purpose.
+        renders: whether renderVisibility shows prims of purpose "render".
         label: semantic label, "" for none.
         label_is_own: whether the label was authored within the object that the prim is part of.
         owner: the object that the prim is part of; None: not in an object.
@@ -29,6 +30,7 @@ class TraversalContext:
     world: Gf.Matrix4d = field(default_factory=lambda: Gf.Matrix4d(1.0))
     visible: bool = True
     purpose: str = UsdGeom.Tokens.default_
+    renders: bool = True
     label: str = ""
     label_is_own: bool = False
     owner: StageObject | None = None
@@ -37,4 +39,5 @@ class TraversalContext:
     @property
     def is_drawn(self) -> bool:
         """Whether gprims with this context are drawn. Colliders collide even if they are not."""
-        return self.visible and self.purpose in DRAWN_PURPOSES
+        is_shown = self.visible and (self.renders or self.purpose != UsdGeom.Tokens.render)
+        return is_shown and self.purpose in DRAWN_PURPOSES

@@ -19,7 +19,7 @@ from tiscene.usd.core import schema
 from tiscene.usd.core.keyframes import plays_in_parts, read_keyframes, read_lifespan
 from tiscene.usd.core.limits import Limits
 from tiscene.usd.core.pose import is_same_pose, read_pose
-from tiscene.usd.core.prims import DRAWN_PURPOSES, ancestors, with_ancestors
+from tiscene.usd.core.prims import DRAWN_PURPOSES, ancestors, renders, with_ancestors
 from tiscene.usd.core.report import StageReport
 from tiscene.usd.core.schema import authored, targets
 from tiscene.usd.core.semantics import is_component, is_object_instance, object_name
@@ -178,7 +178,8 @@ class _ScenarioReader:
                 and visibility.Get(self._time) == UsdGeom.Tokens.invisible
             ):
                 return False
-        return UsdGeom.Imageable(prim).ComputePurpose() in DRAWN_PURPOSES
+        purpose = UsdGeom.Imageable(prim).ComputePurpose()
+        return purpose in DRAWN_PURPOSES and (purpose != UsdGeom.Tokens.render or renders(prim))
 
     def _walk(self) -> Iterator[tuple[Usd.Prim, bool]]:
         """Yield each prim and whether it is an object of the scenario.
