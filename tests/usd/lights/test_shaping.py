@@ -35,7 +35,75 @@ def test_default_shaping_affects_only_round_lights(tmp_path):
     assert shaped(tmp_path, "SphereLight", "").shaping == Shaping(pytest.approx(math.pi / 2))
     assert shaped(tmp_path, "RectLight", "").shaping is None
     assert shaped(tmp_path, "DistantLight", CONE).shaping is None
-    assert shaped(tmp_path, "RectLight", CONE, '"ShadowAPI"').shaping is None  # the API is not applied
+
+
+LIGHT = '"LightAPI"'  # lights have it anyway
+UNAPPLIED = [
+    ("SphereLight", LIGHT, CONE, "inputs:shaping:cone:angle, inputs:shaping:cone:softness of a light: .* ShapingAPI"),
+    ("RectLight", '"ShadowAPI"', "float inputs:shaping:focus = 2", "  inputs:shaping:focus of a light: no effect"),
+    (
+        "RectLight",
+        LIGHT,
+        "asset inputs:shaping:ies:file = @lamp.ies@",
+        "  inputs:shaping:ies:file of a light: no effect",
+    ),
+    (
+        "DomeLight",
+        LIGHT,
+        "bool inputs:shadow:enable = 0",
+        "  inputs:shadow:enable of a light: no effect without ShadowAPI",
+    ),
+    (
+        "RectLight",
+        '"ShapingAPI"',
+        "color3f inputs:shadow:color = (0, 0, 1)",
+        "  inputs:shadow:color of a light: no effect",
+    ),
+    ("RectLight", LIGHT, "float shaping:cone:angle = 30", "  inputs:shaping:cone:angle of a light: no effect"),
+]
+
+
+@pytest.mark.parametrize(("kind", "apis", "lines", "expected"), UNAPPLIED)
+def test_inputs_of_schemas_that_are_not_applied_have_no_effect_and_are_named(tmp_path, kind, apis, lines, expected):
+    body = f'def {kind} "L" (prepend apiSchemas = [{apis}])\n{{\n{lines}\n}}\n'
+    (light,) = read_with_warning(tmp_path, body, f"{expected}.*; add it to the prim's apiSchemas: </L>$").lights
+    assert light.shaping is None
+    assert light.casts_shadows
+
+
+WITHOUT_EFFECT = """float inputs:shaping:cone:angle = %s
+float inputs:shaping:cone:softness = %s
+float inputs:shaping:focus = 0
+color3f inputs:shaping:focusTint = (1, 1, 1)
+asset inputs:shaping:ies:file = @@
+float inputs:shaping:ies:angleScale = 1
+bool inputs:shadow:enable = 1
+color3f inputs:shadow:color = (0, 0, 0)
+float inputs:shadow:distance = -1
+float inputs:shadow:falloff = -1"""
+
+
+@pytest.mark.parametrize("values", [(90, 0), (180, 0.5)], ids=["defaults", "a full sphere"])
+def test_inputs_without_an_effect_are_not_named(tmp_path, values, recwarn):
+    assert shaped(tmp_path, "SphereLight", WITHOUT_EFFECT % values, LIGHT).shaping is None
+    assert shaped(tmp_path, "DistantLight", CONE, LIGHT).shaping is None
+    assert not recwarn.list
+
+
+def test_mistyped_inputs_of_schemas_that_are_not_applied_lose_no_light(tmp_path, recwarn):
+    lines = 'string inputs:shaping:cone:angle = "wide"\nfloat inputs:shadow:color = 1'
+    assert shaped(tmp_path, "SphereLight", lines, LIGHT).shaping is None
+
+
+def test_shaping_and_shadows_of_mesh_lights_are_named(tmp_path):
+    body = f"""def Mesh "Lamp" (prepend apiSchemas = ["MeshLightAPI", "ShapingAPI", "ShadowAPI"])
+{{
+{QUAD}
+{CONE}
+bool inputs:shadow:enable = 0
+}}"""
+    text = "shaping:cone:angle, shaping:cone:softness of a mesh light is not applied: </Lamp>\\n"
+    read_with_warning(tmp_path, body, f"{text}  shadow:enable of a mesh light is not applied: </Lamp>$")
 
 
 def test_shaping_values_are_clamped_or_problems(tmp_path):

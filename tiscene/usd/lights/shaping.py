@@ -11,7 +11,7 @@ import math
 from pathlib import Path
 from typing import Any
 
-from pxr import Sdf, Usd, UsdLux
+from pxr import Gf, Sdf, Usd, UsdGeom, UsdLux
 
 from tiscene.scene.description import Shaping
 from tiscene.usd.core.prims import type_of
@@ -34,6 +34,7 @@ CAMERA_VISIBILITY = (
     "primvars:cycles:object:use_camera_visibility",
 )
 _ONE_SIDED_TYPES = ("RectLight", "DiskLight")  # emit within 90 degrees of their axis anyway
+_NOT_OF_MESHES = ("shaping:cone:angle", "shaping:cone:softness", "shaping:focus", "shaping:ies:file", "shadow:enable")
 _UNSHAPED_TYPES = ("DistantLight", "DomeLight", "DomeLight_1", "GeometryLight")
 
 
@@ -129,9 +130,44 @@ def is_seen_by_camera(prim: Usd.Prim, time: Usd.TimeCode) -> bool:
     return True
 
 
+def _differing(prim: Usd.Prim, time: Usd.TimeCode) -> dict[str, list[str]]:
+    """Return the authored inputs of a light that would change its light, by their schema; defaults are left out.
+
+    Some programs author all inputs, with a cone of 180 degrees where there is none.
+    """
+
+    def number(name: str, default: float) -> float:
+        value = light_input(prim, name, time, default)
+        return float(value) if isinstance(value, bool | int | float) else default
+
+    angle, softness = number("shaping:cone:angle", 90.0), number("shaping:cone:softness", 0.0)
+    shaping = {
+        "shaping:cone:angle": angle != 90.0 and angle < 180.0,
+        "shaping:cone:softness": softness > 0.0 and angle < 180.0,
+        "shaping:focus": number("shaping:focus", 0.0) > 0.0,
+        "shaping:ies:file": bool(getattr(light_input(prim, "shaping:ies:file", time, None), "path", "")),
+    }
+    color = light_input(prim, "shadow:color", time, None)
+    shadow = {
+        "shadow:enable": not number("shadow:enable", 1.0),
+        "shadow:color": isinstance(color, Gf.Vec3f) and any(color),
+        "shadow:distance": number("shadow:distance", -1.0) >= 0.0,
+    }
+    shaping = {} if type_of(prim) in _UNSHAPED_TYPES else shaping
+    schemas = {"ShapingAPI": shaping, "ShadowAPI": shadow}
+    return {schema: [name for name, differs in inputs.items() if differs] for schema, inputs in schemas.items()}
+
+
 def report_unsupported(prim: Usd.Prim, time: Usd.TimeCode, report: StageReport) -> None:
-    """Report the authored controls of a light that the renderer does not support."""
+    """Report the authored controls of a light that have no effect."""
     path = prim.GetPath()
+    for schema, names in _differing(prim, time).items():
+        if names and not prim.HasAPI(schema):
+            listed = ", ".join(f"inputs:{name}" for name in names)
+            text = f"{listed} of a light: no effect without {schema}; add it to the prim's apiSchemas"
+            report.omission(path, text)
+        elif names and prim.IsA(UsdGeom.Gprim) and (applied := [name for name in names if name in _NOT_OF_MESHES]):
+            report.omission(path, f"{', '.join(applied)} of a mesh light is not applied")
     if prim.HasAPI(UsdLux.ShadowAPI):
         if light_input(prim, "shadow:distance", time, -1.0) >= 0.0:
             report.omission(path, "a light's shadow:distance is not applied")
