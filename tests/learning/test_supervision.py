@@ -106,6 +106,19 @@ def test_ask_refers_to_frame_that_stream_returned_last(stream, frames):
     assert teacher.ask(10, 10).frame == 4
 
 
+def test_frame_held_before_a_restart_is_not_asked_about_after_it(frames):
+    stream = Stream(SCENARIO, width=WIDTH, height=HEIGHT, buffers=LABELS, frames=60)
+    teacher = Supervision(stream, policy=OnePixelPerMovingObject())
+    y, x = np.argwhere(frames[0].instance)[0].tolist()
+    teacher.hold(stream[0])
+    assert teacher.ask(y, x).instance == frames[0].instance[y, x]
+    stream.restart(Scenario("object_view", [Object("box", "Cube", (0, 0.5, -3), scale=0.01)]))
+    with pytest.raises(ArgumentError, match="returned no frame yet"):
+        teacher.ask(y, x)
+    assert teacher.ask(y, x, frame=0).instance == stream[0].instance[y, x] == 0
+    assert not list(teacher.offers(stream[0])), "nothing moves in this scenario"
+
+
 def test_ask_answers_about_past_and_future_frames_without_rendering(stream, frames):
     label_only = Stream(SCENARIO, width=WIDTH, height=HEIGHT, buffers=("depth",), frames=60)
     teacher = Supervision(label_only, within=5)

@@ -52,6 +52,16 @@ def test_other_agents_keep_their_scene_their_clock_and_their_bytes(make_agent):
     assert result == expected
 
 
+def test_agent_receives_the_frame_that_shows_its_edit_after_another_has_received_it(make_agent):
+    one, two = (make_agent(**LABELS) for _ in range(2))
+    before = one.get_frame(), two.get_frame()
+    one.spawn_object("Cube", (0, 1, 3))
+    shown = two.get_frame()
+    assert (shown["object"] != before[1]["object"]).any()
+    assert (one.get_frame()["object"] == shown["object"]).all()
+    assert one.frame_index == two.frame_index == 1
+
+
 def test_agents_that_change_to_one_scene_meet_there(make_agent):
     staying, first, second = (make_agent(**LABELS) for _ in range(3))
     first.change_scene(OTHER)

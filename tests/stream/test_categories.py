@@ -113,3 +113,11 @@ def test_unknown_and_repeated_categories_are_refused(tmp_path, monkeypatch):
     template(tmp_path, "robot_01", "robot")
     monkeypatch.setenv("TISCENE_PATH", str(tmp_path))
     assert ts.Stream("solid_benchmark", categories=("robot",), **SETTINGS).categories == {0: "", 1: "robot"}
+
+
+def test_categories_of_a_frame_that_is_kept_do_not_grow():
+    stream = ts.Stream("object_view", width=8, height=6, buffers=("semantic",))
+    frame = stream[0]
+    stream.world.spawn("Chair 01", (0, 0, -3))
+    assert "chair" in stream.categories.values()
+    assert "chair" not in frame.categories.values()

@@ -1,49 +1,18 @@
 # SPDX-License-Identifier: Apache-2.0
 """Exceptions in the middle of a frame or of an edit, as Ctrl-C raises them: what follows has the right bytes."""
 
-import inspect
 import random
-import sys
-from dataclasses import dataclass
-from pathlib import Path
+from dataclasses import dataclass, replace
+from fractions import Fraction
 
 import pytest
 
 import tiscene as ts
+from tests.interruption import interrupted
 
 SETTINGS = {"width": 16, "height": 12, "buffers": ("instance", "depth", "forward_flow")}
 FRAMES = 24
-PACKAGES = tuple(str(Path(ts.__file__).parents[1] / name) for name in ("tiscene", "dynamics"))
-# Python prints and drops exceptions of these.
-FINALIZERS = ("__del__", "give", "byte_count", "keep_arrays", "_keep_larger")
-
-
-def interrupted(action, line: int) -> bool:
-    """Run something, with KeyboardInterrupt at the n-th line that it executes; return whether it has so many."""
-    left = line
-
-    def count(frame, event, argument):
-        nonlocal left
-        if event == "line":
-            left -= 1
-            if left == 0:
-                raise KeyboardInterrupt
-        return count
-
-    def enter(frame, event, argument):
-        code = frame.f_code  # an exception of a trace function in a generator that C calls confuses Python 3.11
-        is_generator, is_finalizer = code.co_flags & inspect.CO_GENERATOR, code.co_name in FINALIZERS
-        return count if code.co_filename.startswith(PACKAGES) and not is_generator and not is_finalizer else None
-
-    before = sys.gettrace()
-    sys.settrace(enter)
-    try:
-        action()
-    except KeyboardInterrupt:
-        return True
-    finally:
-        sys.settrace(before)
-    return False
+EDITING = "tiscene/world", "tiscene/scenario"
 
 
 def bounce(number: int = 3) -> ts.UniformMovementRandomBounce:
@@ -165,6 +134,46 @@ def test_interrupted_edit_leaves_the_state_before_or_after_it(seed):
     assert stream.categories == replayed.categories
     for index in range(2, 20, 3):
         assert content(stream[index]) == content(replayed[index])
+
+
+def known(world) -> dict:
+    """Return what a world tells without a frame."""
+    names = ("templates", "edit_count")
+    cameras = tuple(world.camera_at(frame) for frame in range(3))
+    walks = world.camera_walks(2, 0), world.camera_is_dynamic(2, 0)
+    return {
+        **{name: getattr(world, name) for name in names},
+        "categories": world.categories,
+        "lights": {row: light.radiance for row, light in world.replaced_lights.items()},
+        "edits": world.edits(0, 99),
+        "cameras": cameras + world.between(1, Fraction(1, 2))[1],
+        "walks": walks,
+        "stages": [each.meshes for each in world.descriptions],
+        "objects": [(each.id, each.name) for each in world.initial_objects],
+    }
+
+
+def test_what_a_world_tells_at_once_after_an_interrupted_edit_is_that_of_before_or_after_it():
+    base = ts.Scenario("object_view", camera=ts.Camera((0, 0.5, 0.5)))
+    edits = {
+        "spawn": lambda world: world.spawn("Chair 01", (0, 0, -3)),
+        "camera": lambda world: world.move_camera((0.3, 1, 1)),
+        "light": lambda world: world.set_light(0, replace(world.stage.lights[0], radiance=(0.5, 1, 1))),
+    }
+    stream = ts.Stream(base, **SETTINGS)
+    for edit in edits.values():
+        stream.restart(base)
+        before = known(stream.world)
+        edit(stream.world)
+        after, line, seen = known(stream.world), 0, []
+        stream.restart(base)
+        while interrupted(lambda: edit(stream.world), line := line + 1, EDITING):  # noqa: B023
+            seen.append(known(stream.world) == before)
+            assert seen[-1] or known(stream.world) == after, line
+            if not seen[-1]:
+                stream.restart(base)
+        assert any(seen)
+        assert known(stream.world) == after
 
 
 def test_replaced_light_stays_after_an_interrupted_edit():

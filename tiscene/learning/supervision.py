@@ -9,6 +9,7 @@ edits of the stream do not change.
 from __future__ import annotations
 
 import math
+import weakref
 from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import is_dataclass, replace
@@ -67,8 +68,9 @@ class Supervision:
         self._rules = SupervisionRules(**given) if given or not isinstance(stream, Course) else None
         self._silent = tuple(_interval(each, f"silent[{row}]") for row, each in enumerate(silent))
         self._held: Frame | None = None
-        self._held_position = self._held_edits = 0
-        self._moving: tuple[tuple[int, int], frozenset[int]] = (-1, 0), frozenset()
+        self._held_at: tuple[object, ...] = ()
+        self._held_edits = 0
+        self._moving: tuple[tuple[object, ...], frozenset[int]] = (), frozenset()
         self._clear()
 
     def _clear(self) -> None:
@@ -97,8 +99,13 @@ class Supervision:
 
     @property
     def _present_frame(self) -> Frame | None:
-        """The frame that was held last; None: the stream has moved on."""
-        return self._held if self._held_position == self._stream.position else None
+        """The frame that was held last; None: the stream has moved on, or shows another scenario."""
+        return self._held if self._held_at == (self._stream.position, self._world) else None
+
+    @property
+    def _world(self) -> object:
+        """What the stream shows, until `Stream.restart`."""
+        return None if isinstance(self._stream, Course) else weakref.ref(self._stream.world)
 
     def _held_frame(self, index: int) -> Frame | None:
         """Return the present frame if it is frame `index` and no edit has changed it since it was held."""
@@ -124,7 +131,8 @@ class Supervision:
         is_own = size == own and isinstance(frame, CourseFrame) == isinstance(self._stream, Course)
         if not is_own or not self._has(frame.index):
             raise ArgumentError(f"{frame!r}: is a frame of another stream, not of {self._stream!r}")
-        self._held, self._held_position, self._held_edits = frame, self._stream.position, self._edit_count
+        self._held, self._held_edits = frame, self._edit_count
+        self._held_at = self._stream.position, self._world
 
     def ask(self, y: int, x: int, frame: Frame | int | None = None) -> Answer | Pending | Refused:
         """Ask for the label of a pixel.
@@ -209,7 +217,7 @@ class Supervision:
         held = self._held_frame(index)
         if isinstance(held, CourseFrame):
             return held.moving
-        key = index, self._edit_count
+        key = index, self._edit_count, self._world
         if self._moving[0] != key:
             source, k = self._source(index)
             self._moving = key, frozenset(moving_instances(source.world.state(k)))

@@ -3,7 +3,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 from tiscene.errors import ArgumentError
 from tiscene.sailenv.json_messages import bounded
@@ -45,11 +45,10 @@ class AgentCamera:
         background: 8-bit sRGB color of pixels that show no object; None for the scene's own.
         track_start: The frame at which the agent joined the camera track; None if it does not follow the track.
         last_frame: The last frame that the agent has received; -1 for none.
-        has_edited: Whether the agent has edited the world since its last frame.
+        edit_frame: The frame from which on its last edit of the world shows; -1 for none.
         is_stepping: Whether the agent requests frames, so that the clock waits for it.
         last_camera: The camera of its last frame; None before the first.
-        frame_camera: Its camera when the current frame began; None if it was not there.
-        camera_before: Its camera in the frame before, received or not; None if it was not there.
+        frame_cameras: Its cameras when the current frame and the one before began, by frame, if it was there.
         walks: World axes along which it has walked in this scene.
         queries: The number of its questions about pixels that were answered.
 
@@ -66,11 +65,10 @@ class AgentCamera:
     background: Color8 | None = None
     track_start: int | None = None
     last_frame: int = -1
-    has_edited: bool = False
+    edit_frame: int = -1
     is_stepping: bool = False
     last_camera: Camera | None = None
-    frame_camera: Camera | None = None
-    camera_before: Camera | None = None
+    frame_cameras: dict[int, Camera] = field(default_factory=dict)
     walks: Axes = Axes()  # noqa: RUF009  # immutable
     queries: int = 0
 
@@ -83,21 +81,21 @@ class AgentCamera:
 
     def needs_new_frame(self, clock: int) -> bool:
         """Return whether the agent's next frame is later than the current one, whose index is `clock`."""
-        return clock < 0 or self.has_edited or self.last_frame == clock
+        return clock < 0 or clock < self.edit_frame or self.last_frame == clock
 
     def restart_clock(self) -> None:
         """Forget all frames, for a new scene; an agent on the camera track starts it again."""
-        self.last_frame, self.has_edited = -1, False
-        self.last_camera = self.frame_camera = self.camera_before = None
+        self.last_frame = self.edit_frame = -1
+        self.last_camera, self.frame_cameras = None, {}
         self.walks = Axes()
         self.track_start = None if self.track_start is None else 0
 
     def begin_frame(self, profile: SceneProfile, frame: int) -> None:
-        """Record the cameras at a new frame and at the one before it, whether the agent receives them or not."""
-        self.camera_before = self.last_camera if self.last_frame == frame - 1 else self.frame_camera
-        before, self.frame_camera = self.frame_camera, self.camera(profile, frame)
+        """Record the camera at a new frame, whether the agent receives it or not. May be repeated."""
+        before, now = self.frame_cameras.get(frame - 1), self.camera(profile, frame)
         if before is not None:
-            self.walks |= walked_axes(before.position, self.frame_camera.position)
+            self.walks |= walked_axes(before.position, now.position)
+        self.frame_cameras = {frame: now} if before is None else {frame - 1: before, frame: now}
 
     def flow_step(self, profile: SceneProfile, clock: int, consecutive: bool) -> FlowStep:
         """Return the cameras between which flow in frame `clock` is measured.
@@ -110,8 +108,8 @@ class AgentCamera:
         camera = self.camera(profile, clock)
         if self.last_camera is None:
             return FlowStep(camera, camera)
-        if consecutive:
-            return FlowStep(camera, self.camera_before or camera)
+        if consecutive and self.last_frame < clock - 1:
+            return FlowStep(camera, self.frame_cameras.get(clock - 1, camera))
         return FlowStep(camera, self.last_camera, self.last_frame if self.last_frame < clock - 1 else None)
 
     def reset(self, profile: SceneProfile) -> None:
@@ -123,7 +121,7 @@ class AgentCamera:
         """Move to the pose of a camera in tiscene's space, without flow from the pose before."""
         self.position, self.rotation = mirrored(camera.position), euler_of(camera.rotation)
         self.has_own_pose, self.track_start = True, None
-        self.last_camera = self.frame_camera = self.camera_before = None
+        self.last_camera, self.frame_cameras = None, {}
 
     def camera(self, profile: SceneProfile, frame: int) -> Camera:
         """Return the camera at a frame, in tiscene's space."""

@@ -23,18 +23,20 @@ from tiscene.stream.stream import Stream
 
 
 class AgentRenderer:
-    """Renderer of agents' views, with the buffers of the current frame."""
+    """Renderer of agents' views of one frame, with its buffers.
 
-    def __init__(self) -> None:
-        self.start_frame((0, 0, 0))
+    Attributes:
+        frame: The frame; -1 for none.
+    """
 
-    def start_frame(self, ambient: Color8) -> None:
-        """Discard the buffers of the previous frame.
+    def __init__(self, frame: int = -1, ambient: Color8 = (0, 0, 0)) -> None:
+        """Render nothing.
 
         Args:
-            ambient: The color of the ambient light in the new frame, 8-bit sRGB.
+            frame: The frame.
+            ambient: The color of the ambient light, 8-bit sRGB.
         """
-        self._ambient = ambient
+        self.frame, self._ambient = frame, ambient
         self._buffers: dict[tuple[View, int | None], dict[str, NDArray[Any]]] = {}  # by view and start of the flow
 
     def render(
@@ -43,18 +45,16 @@ class AgentRenderer:
         category_numbers: CategoryNumbers,
         agent: AgentCamera,
         step: FlowStep,
-        frame: int,
         views: Sequence[str],
         background: Color8 | None,
     ) -> dict[str, NDArray[Any]]:
-        """Return views of a frame by name.
+        """Return views of the frame by name.
 
         Args:
             stream: The stream of the scene.
             category_numbers: Numbers of its categories.
             agent: The agent whose views are rendered.
             step: The agent's camera in this frame, and in the frame from which its flow is measured.
-            frame: The current frame.
             views: Keys of `frame_views.VIEWS`.
             background: 8-bit sRGB color of pixels that show no object; None for the sky.
         """
@@ -76,7 +76,7 @@ class AgentRenderer:
         buffers = self._buffers.setdefault((view, step.since), {})
         missing = sorted(needed - set(buffers))
         if missing:
-            buffers.update(stream.render_view(frame, view, missing, since=step.since).buffers)
+            buffers.update(stream.render_view(self.frame, view, missing, since=step.since).buffers)
         numbers = category_numbers.table(stream.categories)
         result = {name: frame_views.VIEWS[name].convert(buffers, numbers) for name in views}
         if background is not None and "main" in result:

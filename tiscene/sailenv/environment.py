@@ -43,7 +43,6 @@ class Environment(EnvironmentEdits):
 
     Attributes:
         fps: Frames per second.
-        clock: The index of the current frame; -1 before the first.
         agents: The agents that are in it, by id.
         scene: The name in the catalog of its scene; None before it has started.
         consecutive_flow: Whether flow is always measured from the frame before.
@@ -101,7 +100,6 @@ class Environment(EnvironmentEdits):
         if self.physics:
             require_engine()
         self.consecutive_flow, self._keep_clock = bool(consecutive_flow), bool(keep_clock)
-        self.clock = -1
         self.agents: dict[int, AgentCamera] = {}
         self.uploads = UploadedModels()
         self._first_scene = scene or asset_names.default_scene()
@@ -117,7 +115,7 @@ class Environment(EnvironmentEdits):
         The two share the stages that were read last, their trees, and the uploaded models.
         """
         other = copy.copy(self)
-        other.clock, other.agents, other.scene, other._walls, other._ambient = -1, {}, None, None, (0, 0, 0)
+        other.agents, other.scene, other._walls, other._ambient = {}, None, None, (0, 0, 0)
         other._queries, other._renderer = PixelQueries(self._queries.budget), AgentRenderer()
         other._session = SceneSession(self._session.pool)
         return other
@@ -167,13 +165,13 @@ class Environment(EnvironmentEdits):
         stream = self.stream
         if agent.needs_new_frame(self.clock):
             self._advance_clock()
+        if self._renderer.frame != self.clock:
+            self._renderer = AgentRenderer(self.clock, self._ambient)
         steps = self.clock - agent.last_frame if agent.last_frame >= 0 else 1
         step = agent.flow_step(self._profile, self.clock, self.consecutive_flow)
         background = agent.background or self._profile.background
-        result = self._renderer.render(
-            stream, self._session.category_numbers, agent, step, self.clock, views, background
-        )
-        agent.last_frame, agent.has_edited, agent.is_stepping, agent.last_camera = self.clock, False, True, step.current
+        result = self._renderer.render(stream, self._session.category_numbers, agent, step, views, background)
+        agent.last_frame, agent.is_stepping, agent.last_camera = self.clock, True, step.current
         return result, steps / self.fps
 
     def ask_pixel(self, agent: AgentCamera, y: int, x: int) -> PixelAnswer:
@@ -241,7 +239,6 @@ class Environment(EnvironmentEdits):
         for agent in self.agents.values():
             agent.reset(self._profile)
         if self._keep_clock and last >= 0:
-            self.clock = last
             self.stream.seek(last + 1)
             self._advance_clock()
 
@@ -294,15 +291,14 @@ class Environment(EnvironmentEdits):
         return self._session.profile
 
     def _advance_clock(self) -> None:
-        """Make the next frame the current one."""
-        self.clock += 1
+        """Make the next frame the current one. After an exception the clock has not moved, and the rest is repeated."""
+        frame = self.clock + 1
         for each in self.agents.values():
-            each.begin_frame(self._profile, self.clock)
+            each.begin_frame(self._profile, frame)
         self._session.apply_light_edits()
         if self._walls is not None:
-            self._walls.follow(self.stream, self._profile, self.clock)
-        self.stream.seek(self.clock + 1)
-        self._renderer.start_frame(self._ambient)
+            self._walls.follow(self.stream, self._profile, frame)
+        self.stream.seek(frame + 1)
 
     def _start_scene(
         self, scene: str, scenario: native.Scenario | None = None, agent: AgentCamera | None = None
@@ -326,9 +322,7 @@ class Environment(EnvironmentEdits):
             self._session.start(scene, replace(scenario, camera=camera), (agent.width, agent.height))
             if scenario.frustum is not None:
                 walls = AgentWalls(agent, scenario.frustum, camera)
-        self.scene, self._walls, self._ambient = scene, walls, (0, 0, 0)
-        self._renderer.start_frame(self._ambient)
+        self.scene, self._walls, self._ambient, self._renderer = scene, walls, (0, 0, 0), AgentRenderer()
         self._queries.forget()
-        self.clock = -1
         for each in self.agents.values():
             each.restart_clock()

@@ -36,6 +36,11 @@ class EnvironmentEdits:
     _ambient: Color8 = (0, 0, 0)
 
     @property
+    def clock(self) -> int:
+        """The index of the current frame, the one before the stream's position; -1 before the first."""
+        return self._session.stream.position - 1 if self._session.is_running else -1
+
+    @property
     def stream(self) -> Stream:
         """The stream that simulates and renders the scene; made at first use."""
         self._ensure_scene()
@@ -60,7 +65,7 @@ class EnvironmentEdits:
             LightNotFound, ArgumentError: The name or the value is invalid; nothing has changed then.
         """
         getattr(self.lights, f"set_{quantity}")(name, value)
-        agent.has_edited = True
+        agent.edit_frame = self.clock + 1
 
     @property
     def ambient(self) -> Color8:
@@ -71,7 +76,7 @@ class EnvironmentEdits:
         """Set the color of the ambient light from the next frame on, 8-bit sRGB; values outside 0..255 are clipped."""
         self._ensure_scene()
         self._ambient = clipped(color)
-        agent.has_edited = True
+        agent.edit_frame = self.clock + 1
 
     def spawn(
         self,
@@ -117,13 +122,13 @@ class EnvironmentEdits:
             scale=(x * scale[0], y * scale[1], z * scale[2]),
             frustum_limited=frustum_limited,
         )
-        agent.has_edited = True
+        agent.edit_frame = self.clock + 1
         return str(number)
 
     def despawn(self, agent: AgentCamera, object_id: int) -> None:
         """Remove an object from the next frame on. Raises ObjectNotFound."""
         self.stream.world.despawn(object_id)
-        agent.has_edited = True
+        agent.edit_frame = self.clock + 1
 
     def move(self, agent: AgentCamera, object_id: int, position: Vector3, rotation: Vector3) -> None:
         """Move an object, from the next frame on.
@@ -137,13 +142,13 @@ class EnvironmentEdits:
         Raises ObjectNotFound, and ScenarioError for invalid numbers.
         """
         self.stream.world.move(object_id, mirrored(bounded(position)), mirrored_euler(bounded(rotation)))
-        agent.has_edited = True
+        agent.edit_frame = self.clock + 1
 
     def set_frustum_walls(self, agent: AgentCamera) -> None:
         """Put walls at the sides of an agent's view, up to its far plane; they follow the agent."""
         self._ensure_scene()
         self._walls = AgentWalls(agent, native_objects.Frustum())
-        agent.has_edited = True
+        agent.edit_frame = self.clock + 1
 
     def _ensure_scene(self) -> None:
         """Start the first scene, unless a scene has been started."""

@@ -318,13 +318,29 @@ class EditLog:
         history = self.cameras.get(name)
         return None if history is None else history.at(frame)
 
+    def check(self, edit: Edit) -> None:
+        """Raise ScenarioError if an edit is impossible."""
+        where = f"edits[{len(self.edits)}]"
+        if isinstance(edit, Spawn) and edit.object.id in self._rows:
+            raise ScenarioError(f"{where}: the id {edit.object.id!r} is taken; ids are not reused")
+        if isinstance(edit, Move | Despawn):
+            history: ObjectHistory | StageObjectHistory | None = None
+            if edit.id in self._rows:
+                history = self.histories[self._rows[edit.id]]
+            elif edit.id.startswith("/"):
+                history = self.stage_histories.get(edit.id, StageObjectHistory())
+            if history is None:
+                raise ScenarioError(f"{where}: no object {edit.id!r} exists before this edit")
+            if not history.alive(edit.frame, edit.frame):
+                raise ScenarioError(f"{where}: the object {edit.id!r} is not alive at frame {edit.frame}")
+
     def add(self, edit: Edit) -> None:
         """Add an edit.
 
         Raises:
             ScenarioError: the edit is impossible; nothing has changed then.
         """
-        where = f"edits[{len(self.edits)}]"
+        self.check(edit)
         if isinstance(edit, SetFrustumWalls):
             # A later entry of the log overrides earlier ones from its frame on.
             while self.enclosures and self.enclosures[-1].frame >= edit.frame:
@@ -333,30 +349,20 @@ class EditLog:
         elif isinstance(edit, PlaceCamera):
             self.cameras.setdefault(edit.camera, CameraHistory()).add(edit)
         elif isinstance(edit, Spawn):
-            if edit.object.id in self._rows:
-                raise ScenarioError(f"{where}: the id {edit.object.id!r} is taken; ids are not reused")
             row = self._rows[edit.object.id] = len(self.histories)
             self.histories.append(ObjectHistory(edit.object, spawned=edit.frame))
             self._spawned.add(row, *_relevant(self.histories[row]))
-        elif edit.id in self._rows:
+        elif edit.id not in self._rows:
+            _extend(self.stage_histories.setdefault(edit.id, StageObjectHistory()), edit)
+        else:
             row = self._rows[edit.id]
             history = self.histories[row]
-            if not history.alive(edit.frame, edit.frame):
-                raise ScenarioError(f"{where}: the object {edit.id!r} is not alive at frame {edit.frame}")
             if isinstance(edit, Despawn) and history.spawned is not None:
                 self._spawned.remove(row, *_relevant(history))
                 history.despawned = edit.frame
                 self._spawned.add(row, *_relevant(history))
             else:
                 _extend(history, edit)
-        elif edit.id.startswith("/"):
-            stage_history = self.stage_histories.get(edit.id) or StageObjectHistory()
-            if not stage_history.alive(edit.frame, edit.frame):
-                raise ScenarioError(f"{where}: {edit.id!r} is not alive at frame {edit.frame}")
-            _extend(stage_history, edit)
-            self.stage_histories[edit.id] = stage_history
-        else:
-            raise ScenarioError(f"{where}: no object {edit.id!r} exists before this edit")
         self.edits.append(edit)
 
 

@@ -4,6 +4,7 @@
 ::
 
     world             World
+    world_parts       WorldParts: what depends on the edits
     camera_edits      placing and turning cameras
     edit_lock         edits that wait for frames and edits of other threads
     object_edits      spawning, removing and moving objects; placing the walls of the frustum

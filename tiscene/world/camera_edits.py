@@ -14,7 +14,7 @@ from tiscene.scene.camera import Camera
 from tiscene.scene.description import SceneDescription
 from tiscene.scene.walking import Axes
 from tiscene.world.edit_lock import one_at_a_time
-from tiscene.world.world_cameras import WorldCameras
+from tiscene.world.world_parts import WorldParts
 
 
 class CameraEdits(ABC):
@@ -29,7 +29,11 @@ class CameraEdits(ABC):
     stage: SceneDescription
     next_frame: int
     edit_lock: AbstractContextManager[object]
-    _cameras: WorldCameras
+
+    @property
+    @abstractmethod
+    def _parts(self) -> WorldParts:
+        """What depends on the edits."""
 
     @abstractmethod
     def _edit(self, edit: Edit) -> None:
@@ -47,20 +51,20 @@ class CameraEdits(ABC):
             ArgumentError: for a negative frame.
         """
         frame = argument_checks.integer(frame, "frame", 0)
-        return self._cameras.at(frame, self._cameras.row(camera), frame)
+        return self._parts.cameras.at(frame, self._parts.cameras.row(camera), frame)
 
     def camera_is_dynamic(self, frame: int, row: int) -> bool:
         """Return whether a camera, given by its row, moves at any time, as known at a frame; see `View.is_dynamic`."""
-        return self._cameras.is_dynamic(frame, row)
+        return self._parts.cameras.is_dynamic(frame, row)
 
     def camera_zooms(self, row: int) -> bool:
         """Return whether the field of view of a camera, given by its row, changes at any time; see `View.zooms`."""
-        lens = self._cameras.cameras[row].lens
+        lens = self._parts.cameras.cameras[row].lens
         return lens is not None and lens.zooms
 
     def camera_walks(self, frame: int, row: int) -> Axes:
         """Return along which axes a camera, given by its row, walks, as known at a frame; see `View.walks`."""
-        return self._cameras.walks(frame, row)
+        return self._parts.cameras.walks(frame, row)
 
     @one_at_a_time
     def move_camera(
@@ -86,7 +90,7 @@ class CameraEdits(ABC):
             CameraNotFound: there is no such camera.
             ScenarioError: the pose is invalid.
         """
-        frame, cameras = self.next_frame, self._cameras
+        frame, cameras = self.next_frame, self._parts.cameras
         with scenario_errors():
             place = argument_checks.vector(position, "position")
             rotation = None if rotation is None else argument_checks.rotation(rotation, "rotation")
@@ -109,5 +113,5 @@ class CameraEdits(ABC):
         """
         with scenario_errors():
             yaw, pitch = argument_checks.number(yaw, "yaw"), argument_checks.number(pitch, "pitch")
-        rotation = self._cameras.turned(self.next_frame, camera, yaw, pitch, self.stage.up)
-        self._edit(self._cameras.moved(self.next_frame, camera, None, rotation))
+        rotation = self._parts.cameras.turned(self.next_frame, camera, yaw, pitch, self.stage.up)
+        self._edit(self._parts.cameras.moved(self.next_frame, camera, None, rotation))

@@ -14,8 +14,6 @@ Result = TypeVar("Result")
 def one_at_a_time(edit: Callable[Arguments, Result]) -> Callable[Arguments, Result]:
     """Decorate an edit, a method of a world, so that it waits for frames and edits of other threads.
 
-    An edit before it that an exception has ended is undone first.
-
     An edit that came in the middle of a frame would be in the log at that frame, but not in its pixels.
     """
 
@@ -23,7 +21,6 @@ def one_at_a_time(edit: Callable[Arguments, Result]) -> Callable[Arguments, Resu
     def locked(*args: Arguments.args, **kwargs: Arguments.kwargs) -> Result:
         world: Any = args[0]
         with world.edit_lock:
-            world.undo_unfinished_edit()
             return edit(*args, **kwargs)
 
     return locked

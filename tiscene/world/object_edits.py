@@ -12,16 +12,12 @@ import numpy as np
 
 from dynamics import Dynamic, RigidBody, argument_checks
 from tiscene.errors import ArgumentError, ObjectNotFound, ScenarioError
-from tiscene.scenario.edits import Despawn, EditLog, Move, SetFrustumWalls, Spawn
+from tiscene.scenario.edits import Despawn, Move, SetFrustumWalls, Spawn
 from tiscene.scenario.objects import Frustum, Object
 from tiscene.scenario.scenario import Scenario
 from tiscene.scene.camera import Camera
 from tiscene.world.camera_edits import CameraEdits
 from tiscene.world.edit_lock import one_at_a_time
-from tiscene.world.object_registry import ObjectRegistry
-from tiscene.world.physics_trajectories import PhysicsTrajectories
-from tiscene.world.place_finder import PlaceFinder
-from tiscene.world.stage_objects import StageObjects
 
 WHOLE_IMAGE = (0.0, 0.0, 1.0, 1.0)  # left, top, right, bottom
 TYPICAL_DEPTH = (1.0, 5.0)  # m
@@ -36,17 +32,11 @@ class ObjectEdits(CameraEdits):
 
     Attributes:
         fps: frames per second.
-        trajectories: poses of objects, cameras and lights.
     """
 
     fps: float
-    trajectories: PhysicsTrajectories
     _scenario: Scenario
-    _log: EditLog
     _aspect: float
-    _registry: ObjectRegistry
-    _stage_objects: StageObjects
-    _place_finder: PlaceFinder
 
     @property
     def physics(self) -> bool:
@@ -89,9 +79,10 @@ class ObjectEdits(CameraEdits):
         Raises:
             ScenarioError, ArgumentError, TemplateNotFound, MissingExtra: nothing has changed then.
         """
+        parts = self._parts
         if id is None:
-            first = len(self._log.histories) - len(self._scenario.objects) + 1
-            id = next(name for n in itertools.count(first) if self._log.row(name := f"spawned_{n}") is None)
+            first = len(parts.log.histories) - len(self._scenario.objects) + 1
+            id = next(name for n in itertools.count(first) if parts.log.row(name := f"spawned_{n}") is None)
         argument_checks.known_names(others, _SPAWN_ARGUMENTS, "world.spawn")
         if not free and (region is not WHOLE_IMAGE or depth is not TYPICAL_DEPTH):
             raise ArgumentError("region and depth say where a free place is looked for; add free=True")
@@ -99,14 +90,14 @@ class ObjectEdits(CameraEdits):
         if dynamic is None and self.physics:
             dynamic = RigidBody()
         new = Object(id, template, start, rotation, dynamic, first_frame=self.next_frame, **others)  # type: ignore[arg-type]
-        self.trajectories.check(new)
-        self._registry.template(new)
+        parts.trajectories.check(new)
+        parts.registry.template(new)
         if argument_checks.flag(free, "free"):
             if position is not None:
                 raise ArgumentError("free=True finds a position; leave position out")
-            new = self._place_finder.placed(new, self.camera_at(self.next_frame), region, depth)
+            new = parts.place_finder.placed(new, self.camera_at(self.next_frame), region, depth)
         self._edit(Spawn(self.next_frame, new))
-        return self._registry.id_of(len(self._log.histories) - 1)
+        return parts.registry.id_of(len(parts.log.histories) - 1)
 
     @one_at_a_time
     def despawn(self, object: int | str) -> None:
@@ -136,17 +127,17 @@ class ObjectEdits(CameraEdits):
             ObjectNotFound: no such object is alive at the next frame.
             ScenarioError: the pose is invalid.
         """
-        name = self._live_name(object)
+        name, parts = self._live_name(object), self._parts
         if rotation is None:
-            row = self._log.row(name)
+            row = parts.log.row(name)
             if row is None:
-                on_stage = self._stage_objects.rows(self.next_frame)
+                on_stage = parts.stage_objects.rows(self.next_frame)
                 rotation = next(each.rotation for each in on_stage if each.prim_path == name)
-            elif (last := self._log.histories[row].move(self.next_frame)) and last.frame == self.next_frame:
+            elif (last := parts.log.histories[row].move(self.next_frame)) and last.frame == self.next_frame:
                 rotation = last.rotation
             else:
-                rows = self._log.around(self.next_frame)
-                rotation = self.trajectories.arrivals(self.next_frame, rows)[rows.index(row), 3:].tolist()
+                rows = parts.log.around(self.next_frame)
+                rotation = parts.trajectories.arrivals(self.next_frame, rows)[rows.index(row), 3:].tolist()
         self._edit(Move(self.next_frame, name, position, rotation))  # type: ignore[arg-type]
 
     @one_at_a_time
@@ -175,14 +166,16 @@ class ObjectEdits(CameraEdits):
         """Return the scenario's name or the prim path of an object that is alive at the next frame."""
         if not isinstance(object, int | str | np.integer):
             raise ArgumentError(f"object={object!r}: must be an instance id, a name or a prim path")
-        frame = self.next_frame
-        row = self._log.row(object) if isinstance(object, str) else self._registry.row_of(int(object))
-        if row is not None and not isinstance(object, bool) and self._log.histories[row].alive(frame, as_of=frame):
-            return self._log.histories[row].spec.id
-        objects = {self._registry.id_of(row): self._log.histories[row].spec.id for row in self._log.alive(frame)}
-        rows_on_stage = enumerate(self._registry.stage_rows)
+        frame, parts = self.next_frame, self._parts
+        histories = parts.log.histories
+        row = parts.log.row(object) if isinstance(object, str) else parts.registry.row_of(int(object))
+        if row is not None and not isinstance(object, bool) and histories[row].alive(frame, as_of=frame):
+            return histories[row].spec.id
+        objects = {parts.registry.id_of(row): histories[row].spec.id for row in parts.log.alive(frame)}
         on_stage = {
-            row.id: row.prim_path for number, row in rows_on_stage if self._stage_objects.is_alive(number, frame)
+            row.id: row.prim_path
+            for number, row in enumerate(parts.registry.stage_rows)
+            if parts.stage_objects.is_alive(number, frame)
         }
         names = objects | on_stage
         if object in names.values():

@@ -16,6 +16,7 @@ from fractions import Fraction
 from types import MappingProxyType
 
 from dynamics import argument_checks
+from dynamics.whole_changes import WholeChanges, as_a_whole
 from tiscene.errors import ArgumentError, ScenarioError
 from tiscene.frame.object_table import ObjectState
 from tiscene.scenario.edits import Despawn, Edit, Move, PlaceCamera, Spawn
@@ -40,10 +41,11 @@ from tiscene.world.stage_objects import StageObjects
 from tiscene.world.trajectories import TrajectoryContext
 from tiscene.world.view_history import ViewHistory
 from tiscene.world.world_cameras import WorldCameras
+from tiscene.world.world_parts import WorldParts
 from tiscene.world.world_state import CameraStep, ObjectBounds, WorldState
 
 
-class World(ObjectEdits):
+class World(WholeChanges, ObjectEdits):
     """The objects of a stage and of a scenario, on the clock of a stream.
 
     Instance ids: objects of the stage have 1 to n in the stage's order, objects of the scenario the following ones in
@@ -70,8 +72,6 @@ class World(ObjectEdits):
         cameras: the scenario's cameras, else the stage's first, else one that frames the stage.
         next_frame: the frame at which edits take effect.
         start_edits: number of edits that were made at frame 0 since this world was made.
-        trajectories: poses of objects, cameras and lights.
-        view_history: from where objects were seen before.
 
     Raises:
         ScenarioError, CameraNotFound, LightNotFound, ArgumentError: the scenario does not fit the stage.
@@ -100,7 +100,8 @@ class World(ObjectEdits):
             raise ScenarioError(f"camera: {', '.join(names)}: two cameras share a name; give each its own")
         self.next_frame = self.start_edits = 0
         self._aspect, self._seed = aspect, seed
-        self._unfinished_edit: int | None = None  # number of edits before it
+        self._edit_count = len(scenario.edits)  # of those that are whole
+        self._last_state: WorldState | None = None
 
         def load(name: str) -> Template:
             template = load_template(name)
@@ -111,83 +112,78 @@ class World(ObjectEdits):
         self.stage = stage = with_light(stage, [(inner.get(name) or load(name)).description for name in used])
         self._load_template, self._trees = load, trees or (lambda: MeshTrees.built(stage.meshes))
         self._first_category_ids = category_ids or CategoryIds()
-        self._build(scenario)
+        self._made = self._make(scenario)
         check_materials(self.descriptions, scenario.overrides)
 
-    def _build(self, scenario: Scenario, replaced_lights: Mapping[int, Light] = MappingProxyType({})) -> None:
+    def _make(self, scenario: Scenario, replaced_lights: Mapping[int, Light] = MappingProxyType({})) -> WorldParts:
         """Make everything that depends on the edits of a scenario."""
-        self._log = scenario.log()
-        self._last_state: WorldState | None = None
+        log = scenario.log()
         stage, fps, aspect = self.stage, self.fps, self._aspect
         ids = deepcopy(self._first_category_ids)
-        self._registry = registry = ObjectRegistry(stage, self._load_template, ids, self._log.histories)
-        self._stage_objects = StageObjects(
+        registry = ObjectRegistry(stage, self._load_template, ids, log.histories)
+        stage_objects = StageObjects(
             stage, registry.stage_rows, registry.stage_owner, registry.stage_tracks, registry.stage_poses, fps
         )
-        self._stage_objects.settle(self._log.stage_histories)
+        stage_objects.settle(log.stage_histories)
         lights = WorldLights(stage, scenario.lights)
         for row, light in replaced_lights.items():
             lights.replace_light(row, light)
-        self._lights = lights
         setting = TrajectoryContext(
             stage=stage,
             cameras=self.cameras,
             fps=fps,
             aspect=aspect,
-            lights=[
-                (motion.dynamic, *pose) for motion, pose in zip(scenario.lights, self._lights.poses(), strict=True)
-            ],
-            surface=self._registry.surface,
+            lights=[(motion.dynamic, *pose) for motion, pose in zip(scenario.lights, lights.poses(), strict=True)],
+            surface=registry.surface,
             trees=functools.cache(self._trees),
-            instances=self._stage_objects.instances,
+            instances=stage_objects.instances,
         )
-        self.trajectories = PhysicsTrajectories(scenario, self._log, setting)
-        self._cameras = WorldCameras(self.cameras, self._log, self.trajectories, fps, stage.camera_names)
-        first = registry.id_of(0)
-        self.view_history = ViewHistory(self._log, self.trajectories, self._cameras, first, fps, aspect, self.edit_lock)
-        eye, placed = self.cameras[0].position, self._stage_objects.instances
-        overlaps = OverlapDetector(self._log, stage, registry.surface, placed, self.trajectories, eye)
+        trajectories = PhysicsTrajectories(scenario, log, setting)
+        cameras = WorldCameras(self.cameras, log, trajectories, fps, stage.camera_names)
+        history = ViewHistory(log, trajectories, cameras, registry.id_of(0), fps, aspect, self.edit_lock)
+        eye, placed = self.cameras[0].position, stage_objects.instances
+        overlaps = OverlapDetector(log, stage, registry.surface, placed, trajectories, eye)
         animation, rooms = MaterialAnimation(registry.descriptions), RoomFinder(stage.rooms)
-        parts = registry, self._stage_objects, self._lights, animation, self.trajectories
-        self._evaluator = FrameEvaluator(self._log, *parts, overlaps, fps, rooms)
-        self._place_finder = PlaceFinder(stage, registry, self._stage_objects, self._evaluator, aspect, self._seed)
+        evaluator = FrameEvaluator(log, registry, stage_objects, lights, animation, trajectories, overlaps, fps, rooms)
+        finder = PlaceFinder(stage, registry, stage_objects, evaluator, aspect, self._seed)
+        return WorldParts(log, registry, stage_objects, lights, trajectories, cameras, history, evaluator, finder)
 
-    def undo_unfinished_edit(self) -> None:
-        """Return to the state before an edit that an exception has ended, such as KeyboardInterrupt, if there is one.
+    @property
+    def _parts(self) -> WorldParts:
+        """What depends on the edits: made anew, `descriptions` too, if an exception has ended one of them.
 
-        Everything is made anew, `descriptions` too.
+        Such an edit, which KeyboardInterrupt can end, is undone.
         """
-        if self._unfinished_edit is None:
-            return
-        with self.edit_lock:  # another thread may be in the middle of an edit
-            if self._unfinished_edit is not None:
-                edits = tuple(self._log.edits[: self._unfinished_edit])
-                self.trajectories.close()
-                self._build(replace(self._scenario, edits=edits), self._lights.replaced)
-                self._unfinished_edit = None
+        if self.is_unfinished:
+            with self.edit_lock:  # another thread may do so
+                if self.is_unfinished:
+                    edits = tuple(self._made.log.edits[: self._edit_count])
+                    self._made.trajectories.close()
+                    self._made = self._make(replace(self._scenario, edits=edits), self._made.lights.replaced)
+                    self._last_state, self.is_unfinished = None, False
+        return self._made
 
     @property
     def scenario(self) -> Scenario:
         """The scenario with all edits so far."""
-        self.undo_unfinished_edit()
-        if len(self._scenario.edits) < len(self._log.edits):
-            self._scenario = replace(self._scenario, edits=tuple(self._log.edits))
+        edits = self._parts.log.edits
+        if len(self._scenario.edits) < len(edits):
+            self._scenario = replace(self._scenario, edits=tuple(edits))
         return self._scenario
 
     @property
     def edit_count(self) -> int:
         """Number of edits so far, at constant cost: `scenario` is made anew after edits."""
-        self.undo_unfinished_edit()
-        return len(self._log.edits)
+        return len(self._parts.log.edits)
 
     @property
     def replaced_lights(self) -> dict[int, Light]:
         """What `set_light` has put in the place of lights of the stage, by row."""
-        return self._lights.replaced
+        return self._parts.lights.replaced
 
     def edits(self, first: int, last: int) -> list[Edit]:
         """Return edits `first` to `last - 1`, in the order in which they were made."""
-        return self._log.edits[first:last]
+        return self._parts.log.edits[first:last]
 
     @one_at_a_time
     def follow(self, first: int, edits: Sequence[Edit]) -> None:
@@ -201,6 +197,16 @@ class World(ObjectEdits):
             self._edit(edit)
 
     @property
+    def trajectories(self) -> PhysicsTrajectories:
+        """Poses of objects, cameras and lights."""
+        return self._parts.trajectories
+
+    @property
+    def view_history(self) -> ViewHistory:
+        """From where objects were seen before."""
+        return self._parts.view_history
+
+    @property
     def camera(self) -> Camera:
         """The main camera."""
         return self.cameras[0]
@@ -208,27 +214,27 @@ class World(ObjectEdits):
     @property
     def templates(self) -> list[str]:
         """Sorted names of the templates that the stage holds or the scenario uses."""
-        return sorted(self._registry.templates)
+        return sorted(self._parts.registry.templates)
 
     @property
     def descriptions(self) -> list[SceneDescription]:
         """The stage, then the templates in the order of first use. Mesh rows of placements count through them."""
-        return self._registry.descriptions
+        return self._parts.registry.descriptions
 
     @property
     def categories(self) -> dict[int, str]:
         """Names of category ids; 0 is the background."""
-        return self.category_ids.names
+        return dict(self.category_ids.names)
 
     @property
     def category_ids(self) -> CategoryIds:
         """Ids of the categories of all objects so far."""
-        return self._registry.category_ids
+        return self._parts.registry.category_ids
 
     @property
     def initial_objects(self) -> list[ObjectState]:
         """The stage's objects as they are authored, before any edit."""
-        return list(self._registry.stage_rows)
+        return list(self._parts.registry.stage_rows)
 
     def state(self, frame: int) -> WorldState:
         """Compute everything about the world at one frame.
@@ -244,32 +250,32 @@ class World(ObjectEdits):
             ArgumentError: for a negative frame.
         """
         frame = argument_checks.integer(frame, "frame", 0)
-        self.undo_unfinished_edit()
+        parts = self._parts
         if self._last_state is None or self._last_state.frame != frame:
-            self._last_state = self._compute_state(frame)
+            self._last_state = self._compute_state(parts, frame)
         return self._last_state
 
-    def _compute_state(self, frame: int) -> WorldState:
-        objects = tuple(self._evaluator.objects(frame))
+    def _compute_state(self, parts: WorldParts, frame: int) -> WorldState:
+        evaluator = parts.evaluator
+        objects = tuple(evaluator.objects(frame))
         if frame == 0:
             previous = ObjectBounds(tuple(each for each in objects if each.prim_path))
         elif self._last_state is not None and self._last_state.frame == frame - 1:
             previous = self._last_state.bounds
         else:
-            previous = ObjectBounds(tuple(self._evaluator.objects(frame - 1)))
-        placement = self._evaluator.place(frame)
+            previous = ObjectBounds(tuple(evaluator.objects(frame - 1)))
+        placement = evaluator.place(frame)
         return WorldState(
             frame=frame,
             aspect=self._aspect,
-            cameras=tuple(self._cameras.step(frame, row) for row in range(len(self.cameras))),
+            cameras=tuple(parts.cameras.step(frame, row) for row in range(len(self.cameras))),
             placement=placement,
             objects=objects,
             lights=self.stage.lights if placement.lights is None else tuple(light for _, light in placement.lights),
-            movers=self._evaluator.movers(frame),
-            has_dynamic_lights=self._evaluator.has_dynamic_lights(frame)
-            or self._evaluator.materials.varies_stage_emission,
-            starting_lights=self._evaluator.are_starting_lights(frame, placement.light_groups),
-            changes=self._evaluator.changes(frame),
+            movers=evaluator.movers(frame),
+            has_dynamic_lights=evaluator.has_dynamic_lights(frame) or evaluator.materials.varies_stage_emission,
+            starting_lights=evaluator.are_starting_lights(frame, placement.light_groups),
+            changes=evaluator.changes(frame),
             volumes=self.stage.rooms,
             previous_bounds=previous,
         )
@@ -282,12 +288,12 @@ class World(ObjectEdits):
             shift: offset from `frame`, in frames, -1..1.
         """
         frame = argument_checks.integer(frame, "frame", 0)
-        return self._evaluator.place(frame, shift), self._cameras.between(frame, shift)
+        return self._parts.evaluator.place(frame, shift), self._parts.cameras.between(frame, shift)
 
     def planned_start(self) -> tuple[Placement, CameraStep]:
         """Return frame 0 and its main camera as if no edit had placed the camera, nor `set_light` replaced a light."""
-        authored = replace(self._evaluator, lights=WorldLights(self.stage, self._scenario.lights))
-        return authored.place(0), self._cameras.planned(0, 0)
+        authored = replace(self._parts.evaluator, lights=WorldLights(self.stage, self._scenario.lights))
+        return authored.place(0), self._parts.cameras.planned(0, 0)
 
     @one_at_a_time
     def set_light(self, row: int, light: Light) -> None:
@@ -301,29 +307,32 @@ class World(ObjectEdits):
         if type(light) is not type(authored):
             wanted = f"{type(authored).__name__}, as {authored.prim_path} is"
             raise ArgumentError(f"light is a {type(light).__name__}: must be a {wanted} (see dataclasses.replace)")
-        self._unfinished_edit = self.edit_count
-        self._lights.replace_light(row, light)
-        self._evaluator.forget_starting_lights()
+        self._replace_light(self._parts, row, light)
+
+    @as_a_whole
+    def _replace_light(self, parts: WorldParts, row: int, light: Light) -> None:
+        parts.lights.replace_light(row, light)
+        parts.evaluator.forget_starting_lights()
         self._last_state = None
-        self._unfinished_edit = None
 
     def _edit(self, edit: Edit) -> None:
-        self.view_history.settle(edit.frame)
-        self._unfinished_edit = self.edit_count
-        try:
-            self._log.add(edit)
-        except ScenarioError:
-            self._unfinished_edit = None  # it is impossible, and has changed nothing
-            raise
+        parts = self._parts
+        parts.view_history.settle(edit.frame)
+        parts.log.check(edit)
+        self._make_edit(parts, edit)
+
+    @as_a_whole
+    def _make_edit(self, parts: WorldParts, edit: Edit) -> None:
+        parts.log.add(edit)
         if isinstance(edit, Spawn):
-            self._registry.settle()
-        elif isinstance(edit, Move | Despawn) and self._log.row(edit.id) is None:
-            self._stage_objects.settle(self._log.stage_histories)
+            parts.registry.settle()
+        elif isinstance(edit, Move | Despawn) and parts.log.row(edit.id) is None:
+            parts.stage_objects.settle(parts.log.stage_histories)
         self._last_state = None
-        self.view_history.forget(edit.frame)
+        parts.view_history.forget(edit.frame)
         if not isinstance(edit, PlaceCamera):
-            self.trajectories.amend(edit)
+            parts.trajectories.amend(edit)
         if edit.frame == 0:
-            self._evaluator.forget_starting_lights()
+            parts.evaluator.forget_starting_lights()
             self.start_edits += 1
-        self._unfinished_edit = None
+        self._edit_count += 1
