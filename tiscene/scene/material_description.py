@@ -37,7 +37,7 @@ class Texture:
 
 @dataclass(frozen=True)
 class TextureLookup:
-    """A material input that is read from a texture: `value = pixel[channel] * scale + bias`.
+    """A material input that is read from a texture: `value = (pixel[channel] * scale + bias) * vertex_factor`.
 
     Attributes:
         texture: Row of `SceneDescription.textures`. VERTEX_COLORS: the colors of the mesh's vertices.
@@ -46,6 +46,7 @@ class TextureLookup:
         bias: Summand, RGBA.
         uv_transform: 2x3 affine map, row-major, applied to uv before the lookup (UsdTransform2d).
         uv_set: 0 for the mesh's uv, 1 for its second uv.
+        vertex_factor: "rgb": the colors of the mesh's vertices; "a": their opacity; "": 1.
     """
 
     texture: int
@@ -54,6 +55,7 @@ class TextureLookup:
     bias: tuple[float, float, float, float] = (0.0, 0.0, 0.0, 0.0)
     uv_transform: tuple[float, float, float, float, float, float] = (1.0, 0.0, 0.0, 0.0, 1.0, 0.0)
     uv_set: Literal[0, 1] = 0
+    vertex_factor: Literal["", "rgb", "a"] = ""
 
 
 ColorInput = Color | TextureLookup

@@ -58,12 +58,13 @@ EXTENDED_INPUTS = (
 
 # Columns of `lookups`. LOOKUP_INPUT: the column of `values` that it replaces, or NORMAL. LOOKUP_SCALED_AREA: the factor
 # by which the transform scales areas. LOOKUP_TEXTURE: below 0 (VERTEX_COLORS) for vertex colors. UNIT_NORMAL is the
-# channel of an rgb whose length, with this scale and bias, is 1 in every pixel.
+# channel of an rgb whose length, with this scale and bias, is 1 in every pixel. LOOKUP_FACTOR: row of VERTEX_FACTORS.
 LOOKUP_COLUMNS = 20
 LOOKUP_TEXTURE, LOOKUP_CHANNEL, LOOKUP_SCALE, LOOKUP_BIAS, LOOKUP_TRANSFORM, LOOKUP_INPUT = 0, 1, 2, 6, 10, 16
-LOOKUP_SCALED_AREA, LOOKUP_SET = 17, 18
+LOOKUP_SCALED_AREA, LOOKUP_SET, LOOKUP_FACTOR = 17, 18, 19
 CHANNELS = ("rgb", "r", "g", "b", "a")
 UNIT_NORMAL = len(CHANNELS)
+VERTEX_FACTORS = ("", "rgb", "a")
 
 # Bits of the flags.
 SPECULAR_WORKFLOW = 1
@@ -321,4 +322,4 @@ def _lookup_row(lookup: TextureLookup, column: int, first_texture: int) -> list[
         channel = UNIT_NORMAL
     texture = lookup.texture if lookup.texture == VERTEX_COLORS else first_texture + lookup.texture
     row = [texture, channel, *lookup.scale, *lookup.bias, *lookup.uv_transform]
-    return [*row, column, abs(a * d - b * c), lookup.uv_set, 0.0]
+    return [*row, column, abs(a * d - b * c), lookup.uv_set, VERTEX_FACTORS.index(lookup.vertex_factor)]

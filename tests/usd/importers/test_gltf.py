@@ -103,12 +103,22 @@ def test_vertex_colors_multiply_the_base_color(builder, tmp_path):
     np.testing.assert_allclose(mesh.colors[order], [[0.5, 0, 0, 1], [0, 1, 0, 1], [0, 0, 1, 0.2]], atol=1e-6)
 
 
-def test_one_vertex_color_tints_a_texture_and_several_are_named(builder, tmp_path):
+def test_vertex_colors_multiply_a_texture(builder, tmp_path):
     builder.parts["materials"] = [{"pbrMetallicRoughness": {"baseColorTexture": builder.picture()}}]
     builder.attributes["COLOR_0"] = builder.add([[0.5, 1, 0.25]] * 3)
     assert builder.read(tmp_path).materials[0].diffuse_color.scale[:3] == (0.5, 1.0, 0.25)
     builder.attributes["COLOR_0"] = builder.add(np.eye(3))
-    builder.read(tmp_path, "thing.gltf: not imported: vertex colors of materials with a color texture")
+    builder.parts["materials"][0]["pbrMetallicRoughness"]["baseColorFactor"] = [0.5, 1, 1, 1]
+    description = builder.read(tmp_path)
+    lookup, (mesh,) = description.materials[0].diffuse_color, description.meshes
+    assert (lookup.vertex_factor, lookup.scale) == ("rgb", (1.0,) * 4)
+    assert lookup.texture >= 0
+    order = np.argsort(mesh.positions @ [1, 2, 0])
+    np.testing.assert_allclose(mesh.colors[order][:, :3], np.diag([0.5, 1, 1]), atol=1e-6)
+    builder.parts["materials"][0]["alphaMode"] = "BLEND"
+    builder.attributes["COLOR_0"] = builder.add([[1, 1, 1, 1], [1, 1, 1, 0.5], [1, 1, 1, 0]])
+    text = "thing.gltf: not imported: opacities of vertices of materials with an opacity texture"
+    builder.read(tmp_path, text)
 
 
 def test_wrap_modes_second_coordinates_and_normal_scale(builder, tmp_path):

@@ -121,7 +121,7 @@ def test_uniform_display_color_becomes_material_per_face(tmp_path, scheme, lines
 
 @pytest.mark.parametrize(
     ("gprim", "interpolation"),
-    [("Cube", "uniform"), ("Sphere", "vertex"), ("Cube", "constant"), ("Mesh", "constant")],
+    [("Cone", "uniform"), ("Sphere", "vertex"), ("Cube", "constant"), ("Mesh", "constant")],
 )
 def test_mean_of_several_display_colors_is_reported_where_no_face_can_have_its_own(tmp_path, gprim, interpolation):
     lines = f'color3f[] primvars:displayColor = [(1, 0, 0), (0, 0, 1)] (interpolation = "{interpolation}")'

@@ -76,10 +76,12 @@ def test_fallback_of_three_numbers_is_opaque(tmp_path):
     assert only_material(description).opacity == 1.0
 
 
-def test_connected_scale_is_reported(textures):
+def test_scale_from_a_primvar_that_does_not_exist_is_reported(textures):
     lines = "asset inputs:file = @./textures/color.png@\nfloat4 inputs:scale.connect = </Looks/L/R.outputs:result>"
     reader = shader("R", "UsdPrimvarReader_float4", 'string inputs:varname = "s"', "float4 outputs:result")
-    description = read_with_warning(textures, texture(lines, reader), "scale of a texture cannot come from a shader")
+    description = read_with_warning(
+        textures, texture(lines, reader), "scale of a texture cannot be read from this shader"
+    )
     assert only_material(description).diffuse_color.scale == (1.0, 1.0, 1.0, 1.0)
 
 

@@ -21,8 +21,11 @@ from tests.usd.materials.test_materialx import (
     warned_material,
 )
 from tiscene.errors import StageWarning
+from tiscene.scene.color import decode_srgb
 from tiscene.usd.materials.materialx_operations import hsv_to_rgb
 from tiscene.usd.read.stage_reader import read_stage
+
+TINT = node("geompropvalue", "color3", given("geomprop", "tint", "string"), name="tint")
 
 
 def gltf_picture(category: str, kind: str, *more: str) -> str:
@@ -169,13 +172,43 @@ def test_images_that_are_simplified_are_named_and_keep_their_file(tmp_path, cate
 
 def test_colors_of_vertices_that_are_computed_with_count_as_white_and_are_named(tmp_path):
     """They counted as 0.5, without a note."""
-    tint = node("geompropvalue", "color3", given("geomprop", "tint", "string"), name="tint")
-    nodes = tint + picture() + node("multiply", "color3", linked("in1", "picture"), linked("in2", "tint"))
+    nodes = TINT + picture() + node("add", "color3", linked("in1", "picture"), linked("in2", "tint"))
     warned_material(tmp_path, document(linked("base_color", "N"), nodes=nodes), "count as white here: </Looks/Mat/N>")
     with pytest.warns(StageWarning, match="count as white here"):
         description = read_stage(tmp_path / "stage.usda")
     lookup = description.materials[0].diffuse_color
-    np.testing.assert_array_equal(description.textures[lookup.texture].pixels[..., :3], PIXELS)
+    assert description.textures[lookup.texture].pixels[..., :3].min() >= 1.0  # white, and the picture
+
+
+TINTED = node("multiply", "color3", linked("in1", "picture"), linked("in2", "tint"), name="product")
+
+
+@pytest.mark.parametrize(
+    ("image", "nodes", "scale"),
+    [
+        ("picture", node("multiply", "color3", linked("in1", "product"), given("in2", "0.5")), 0.5),
+        ("picture", node("multiply", "color3", given("in1", "0.5"), linked("in2", "product")), 0.5),
+        ("computed", node("multiply", "color3", linked("in1", "product"), given("in2", "0.5")), 1.0),
+    ],
+)
+def test_colors_of_vertices_multiply_an_image(tmp_path, image, nodes, scale):
+    computed = node("power", "color3", linked("in1", "picture"), given("in2", "2"), name="computed")
+    nodes = TINT + picture() + computed + TINTED.replace('"picture"', f'"{image}"') + nodes
+    description = stage_of(tmp_path, document(linked("base_color", "N") + given("base", "1"), nodes=nodes))
+    lookup = description.materials[0].diffuse_color
+    assert lookup.vertex_factor == "rgb"
+    assert lookup.scale[:3] == (scale,) * 3
+    read = decode_srgb(description.textures[lookup.texture].pixels[..., :3] / 255.0)
+    original = decode_srgb(PIXELS / 255.0)
+    np.testing.assert_allclose(read, original if image == "picture" else 0.5 * original**2, atol=0.004)
+
+
+@pytest.mark.parametrize("channel", ["r", "b"])
+def test_one_channel_of_an_image_times_colors_of_vertices_is_named(tmp_path, channel):
+    extract = node("extract", "float", linked("in", "product"), given("index", str("rgb".index(channel)), "integer"))
+    text = document(linked("specular_roughness", "N", "float"), nodes=TINT + picture() + TINTED + extract)
+    lookup = warned_material(tmp_path, text, "count as white here").roughness
+    assert (lookup.vertex_factor, lookup.channel) == ("", channel)
 
 
 ACESCG = np.array([[1.70505, -0.62179, -0.08326], [-0.13026, 1.14080, -0.01055], [-0.02400, -0.12897, 1.15297]])

@@ -221,6 +221,59 @@ def test_material_reads_varying_float_primvar(tmp_path):
     np.testing.assert_allclose(frame.metallic, expected()[0], atol=1e-5)
 
 
+SCALED = """
+    def Shader "Image"
+    {
+        uniform token info:id = "UsdUVTexture"
+        asset inputs:file = @./ramp.png@
+        token inputs:sourceColorSpace = "raw"
+        token inputs:wrapS = "repeat"
+        token inputs:wrapT = "repeat"
+        float4 inputs:scale.connect = </Look/Reader.outputs:result>
+        %s
+        float3 outputs:rgb
+        float outputs:a
+    }
+    def Shader "Reader"
+    {
+        uniform token info:id = "UsdPrimvarReader_float4"
+        string inputs:varname = "Cd"
+        float4 outputs:result
+    }"""
+
+
+def scaled(folder, colors, interpolation, output="rgb", more=""):
+    """Return a quad whose base color is a ramp from left to right, scaled by the primvar Cd."""
+    ramp = np.tile(np.linspace(0, 255, 256).astype(np.uint8), (4, 1))
+    Image.fromarray(np.dstack([ramp, ramp, ramp, ramp])).save(folder / "ramp.png")
+    target = "color3f inputs:diffuseColor" if output == "rgb" else "float inputs:metallic"
+    st = 'texCoord2f[] primvars:st = [(0, 0), (1, 0), (1, 1), (0, 1)] (interpolation = "vertex")'
+    cd = f'color4f[] primvars:Cd = {colors} (interpolation = "{interpolation}")\n rel material:binding = </Look>'
+    look = READER % (f"{target}.connect = </Look/Image.outputs:{output}>", SCALED % more)
+    return look + QUAD % (BOUND, f"{st}\n {cd}")
+
+
+def test_colors_of_vertices_scale_a_texture(tmp_path):
+    colors = [(0, 0, 1, 1), (1, 0, 0, 1), (1, 1, 0, 1), (0, 1, 1, 1)]
+    path = write(tmp_path, scaled(tmp_path, colors, "vertex"))
+    u, v = expected()
+    frame = albedo(path)
+    inner = slice(1, -1)  # the ramp repeats
+    np.testing.assert_allclose(frame.albedo[:, inner], np.dstack([u * u, u * v, u * (1 - u)])[:, inner], atol=0.004)
+
+
+def test_constant_primvar_scales_a_texture(tmp_path):
+    (material,) = read(tmp_path, scaled(tmp_path, [(0.5, 0.25, 1, 0.75)], "constant")).materials
+    assert (material.diffuse_color.scale, material.diffuse_color.vertex_factor) == ((0.5, 0.25, 1.0, 0.75), "")
+
+
+@pytest.mark.parametrize(("output", "more"), [("a", ""), ("rgb", "float4 inputs:bias = (0.5, 0, 0, 0)")])
+def test_scale_by_colors_of_vertices_that_does_not_fit_is_reported(tmp_path, output, more):
+    colors = [(0, 0, 1, 1), (1, 0, 0, 1), (1, 1, 0, 1), (0, 1, 1, 1)]
+    body = scaled(tmp_path, colors, "vertex", output, more)
+    read_with_warning(tmp_path, body, "scale of a texture cannot be read from this shader.*: </Look/Reader>")
+
+
 TEXTURES = """
     def Shader "A"
     {

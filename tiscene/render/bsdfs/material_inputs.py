@@ -22,6 +22,7 @@ from tiscene.scene.material_table import (
     LOOKUP_BIAS,
     LOOKUP_CHANNEL,
     LOOKUP_COUNT,
+    LOOKUP_FACTOR,
     LOOKUP_INPUT,
     LOOKUP_SCALE,
     LOOKUP_SCALED_AREA,
@@ -117,7 +118,7 @@ def lookup_value(
         footprint: Footprint.
 
     Returns:
-        rgba, or one channel four times; scaled and biased.
+        rgba, or one channel four times; scaled, biased, and multiplied by the color or opacity of the vertices.
     """
     transform = LOOKUP_TRANSFORM
     lookups = ti.static(materials.lookups)
@@ -139,6 +140,11 @@ def lookup_value(
     channel = ti.cast(lookups[row, LOOKUP_CHANNEL], ti.i32)
     if channel > 0 and channel < UNIT_NORMAL:
         value = vec4(value.x if channel == 1 else (value.y if channel == 2 else (value.z if channel == 3 else value.w)))
+    factor = ti.cast(lookups[row, LOOKUP_FACTOR], ti.i32)
+    if factor == 1:
+        value *= surface.color
+    elif factor == 2:
+        value *= surface.color.w
     return value
 
 

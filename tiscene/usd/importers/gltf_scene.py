@@ -20,7 +20,7 @@ from tiscene.usd.importers.imported_mesh import (
     corner_normals,
     unit,
 )
-from tiscene.usd.importers.materials import VERTEX_COLOR, VERTEX_OPACITY, ImportedMaterial
+from tiscene.usd.importers.materials import VERTEX_COLOR, VERTEX_OPACITY, VERTEX_TINT, ImportedMaterial
 
 Floats = NDArray[np.float64]
 
@@ -233,16 +233,19 @@ def _with_vertex_colors(
             r, g, b = (np.asarray(maps[name].scale) * tint).tolist()
             maps[name] = replace(maps[name], scale=(r, g, b))
         return replace(material, inputs=inputs, maps=maps), None
+    read = {name: VERTEX_TINT if name in maps else VERTEX_COLOR}
+    factor = maps[name].scale if name in maps else inputs.get(name, (1.0,) * 3)
+    colors = colors * (*np.asarray(factor), 1.0)
     if name in maps:
-        left_out["vertex colors of materials with a color texture"] = None
-        return material, None
-    read = {name: VERTEX_COLOR}
-    colors = colors * (*np.asarray(inputs.get(name, (1.0,) * 3)), 1.0)
-    if inputs.get("opacityMode") == "presence":
+        maps[name] = replace(maps[name], scale=(1.0, 1.0, 1.0))
+    if "opacity" in maps:
+        if (colors[:, 3] != 1.0).any():
+            left_out["opacities of vertices of materials with an opacity texture"] = None
+    elif inputs.get("opacityMode") == "presence":
         opacity = inputs.get("opacity", 1.0)
         colors[:, 3] *= opacity if isinstance(opacity, float | int) else 1.0
         read["opacity"] = VERTEX_OPACITY
-    return replace(material, vertex_inputs=read), colors
+    return replace(material, maps=maps, vertex_inputs=read), colors
 
 
 def _with_samples(

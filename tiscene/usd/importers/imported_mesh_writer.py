@@ -11,7 +11,7 @@ from pxr import Sdf, Usd, UsdGeom, Vt
 
 from tiscene.usd.importers.gltf_animation import FRAME_RATE
 from tiscene.usd.importers.imported_mesh import ImportedMesh
-from tiscene.usd.importers.materials import VERTEX_COLOR, VERTEX_OPACITY
+from tiscene.usd.importers.materials import VERTEX_COLOR, VERTEX_OPACITY, VERTEX_TINT
 
 
 def define_mesh(
@@ -35,12 +35,16 @@ def define_mesh(
         if uv is not None:
             primvar = api.CreatePrimvar(name, Sdf.ValueTypeNames.TexCoord2fArray, UsdGeom.Tokens.vertex)
             primvar.Set(Vt.Vec2fArray.FromNumpy(np.ascontiguousarray(uv, np.float32)))
-    if imported.colors is not None:
+    read = imported.material.vertex_inputs.values()
+    if imported.colors is not None and VERTEX_TINT in read:
+        tint = api.CreatePrimvar(VERTEX_TINT, Sdf.ValueTypeNames.Color4fArray, UsdGeom.Tokens.vertex)
+        tint.Set(Vt.Vec4fArray.FromNumpy(np.ascontiguousarray(imported.colors, np.float32)))
+    elif imported.colors is not None:
         color = api.CreatePrimvar(VERTEX_COLOR, Sdf.ValueTypeNames.Color3fArray, UsdGeom.Tokens.vertex)
         color.Set(vectors(imported.colors[:, :3]))
-        if imported.colors.shape[1] == 4 and "opacity" in imported.material.vertex_inputs:
-            opacity = Vt.FloatArray.FromNumpy(np.ascontiguousarray(imported.colors[:, 3], np.float32))
-            api.CreatePrimvar(VERTEX_OPACITY, Sdf.ValueTypeNames.FloatArray, UsdGeom.Tokens.vertex).Set(opacity)
+    if imported.colors is not None and VERTEX_OPACITY in read:
+        opacity = Vt.FloatArray.FromNumpy(np.ascontiguousarray(imported.colors[:, 3], np.float32))
+        api.CreatePrimvar(VERTEX_OPACITY, Sdf.ValueTypeNames.FloatArray, UsdGeom.Tokens.vertex).Set(opacity)
     return mesh
 
 

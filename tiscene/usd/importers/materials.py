@@ -23,7 +23,7 @@ from tiscene.scene.color import decode_srgb
 from tiscene.scene.description import Color
 
 Wrap = Literal["repeat", "clamp", "mirror"]
-VERTEX_COLOR, VERTEX_OPACITY = "displayColor", "displayOpacity"  # primvars of the vertices' own colors
+VERTEX_COLOR, VERTEX_OPACITY, VERTEX_TINT = "displayColor", "displayOpacity", "tint"  # primvars of vertices' colors
 
 
 @dataclass(frozen=True)
@@ -74,7 +74,7 @@ class ImportedMaterial:
         name: the material's name.
         inputs: constant values by input name.
         maps: textures by input name; they override `inputs`.
-        vertex_inputs: primvars of the mesh by input name; they override `inputs` and `maps`.
+        vertex_inputs: primvars of the mesh by input name; they override `inputs`. VERTEX_TINT multiplies `maps`.
         lobes: constant inputs of MaterialX's gltf_pbr that UsdPreviewSurface lacks. If there are some, the material is
             written as gltf_pbr.
         lobe_maps: textures of such inputs; they override `lobes`.
@@ -159,18 +159,21 @@ def define_material(stage: Usd.Stage, path: Sdf.Path, imported: ImportedMaterial
         if name not in imported.maps and name not in imported.vertex_inputs:
             surface.CreateInput(name, _TYPES.get(name, Sdf.ValueTypeNames.Float)).Set(_to_usd(value))
     for name, primvar in imported.vertex_inputs.items():
-        wide = primvar == VERTEX_COLOR
+        kind = _VERTEX_TYPES[primvar]
         reader = UsdShade.Shader.Define(stage, path.AppendChild(f"Vertex{name[0].upper()}{name[1:]}"))
-        reader.CreateIdAttr("UsdPrimvarReader_float3" if wide else "UsdPrimvarReader_float")
+        reader.CreateIdAttr(f"UsdPrimvarReader_{kind}")
         reader.CreateInput("varname", Sdf.ValueTypeNames.String).Set(primvar)
-        kind = Sdf.ValueTypeNames.Float3 if wide else Sdf.ValueTypeNames.Float
         color = reader.CreateOutput("result", kind)
-        surface.CreateInput(name, _TYPES.get(name, Sdf.ValueTypeNames.Float)).ConnectToSource(color)
+        if primvar != VERTEX_TINT:
+            surface.CreateInput(name, _TYPES.get(name, Sdf.ValueTypeNames.Float)).ConnectToSource(color)
     for name, source in imported.maps.items():
-        if name not in imported.vertex_inputs:
-            kind = Sdf.ValueTypeNames.Float3 if source.channel == "rgb" else Sdf.ValueTypeNames.Float
-            read = _define_texture(stage, path, name, source, folder).CreateOutput(source.channel, kind)
-            surface.CreateInput(name, _TYPES.get(name, Sdf.ValueTypeNames.Float)).ConnectToSource(read)
+        kind = Sdf.ValueTypeNames.Float3 if source.channel == "rgb" else Sdf.ValueTypeNames.Float
+        texture = _define_texture(stage, path, name, source, folder)
+        read = texture.CreateOutput(source.channel, kind)
+        surface.CreateInput(name, _TYPES.get(name, Sdf.ValueTypeNames.Float)).ConnectToSource(read)
+        if name in imported.vertex_inputs:
+            tint = path.AppendChild(f"Vertex{texture.GetPath().name}").AppendProperty("outputs:result")
+            texture.CreateInput("scale", Sdf.ValueTypeNames.Float4).ConnectToSource(tint)
     material.CreateSurfaceOutput().ConnectToSource(output)
     return material
 
@@ -220,6 +223,11 @@ def _define_texture(stage: Usd.Stage, path: Sdf.Path, name: str, source: Texture
     return texture
 
 
+_VERTEX_TYPES = {
+    VERTEX_COLOR: Sdf.ValueTypeNames.Float3,
+    VERTEX_OPACITY: Sdf.ValueTypeNames.Float,
+    VERTEX_TINT: Sdf.ValueTypeNames.Float4,
+}
 _GLTF_NAMES = {
     "diffuseColor": "base_color",
     "metallic": "metallic",

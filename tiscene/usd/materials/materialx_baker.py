@@ -18,6 +18,7 @@ from tiscene.usd.materials.texture import IDENTITY, Affine, Encoding, TextureTab
 
 _MAX_SIZE = 2048  # px, of a side of a computed image
 _CHANNELS = ("r", "g", "b", "a")
+_FACTORS = {(): "", (0, 1, 2): "rgb", (3,): "a", (3, 3, 3): "a"}  # `TextureLookup.vertex_factor` of tints
 _AFFINE = 1e-5  # largest relative error of coordinates that count as an affine map
 _STRIP = 16384  # texels of a strip
 _GRAY = 0.02  # largest difference between the components of what counts as gray
@@ -48,7 +49,7 @@ class Baker:
                     constant=np.nan_to_num(function(*(each.constant for each in operands)).astype(np.float64))
                 )
         varying = [each for each in operands if each.constant is None]
-        if any(each.row == VERTEX_COLORS for each in varying):
+        if any(each.reads_vertices for each in varying):
             self._whitened()
         space, size = self._common_space(varying)
         placed = sorted((each for each in varying if each.coordinates == space), key=lambda each: each.row is None)
@@ -80,6 +81,8 @@ class Baker:
                 if (factor.constant == 1.0).all() and factor.width <= signal.width:
                     return signal
                 return self.affine(signal, factor.constant)
+        if tinted := first.tinted(second) or second.tinted(first):
+            return tinted
         width = max(first.width, second.width)
         return self.apply(lambda a, b: a * b, first.of_width(width), second.of_width(width))
 
@@ -228,6 +231,10 @@ class Baker:
         signal = signal.of_width(width)
         if signal.constant is not None:
             return signal.constant
+        factor: Any = _FACTORS.get(signal.tint)
+        if factor is None:
+            self._whitened()
+        signal, factor = replace(signal, tint=()), factor or ""
         if signal.row is not None and signal.scale is not None and signal.bias is not None:
             channels = set(signal.channels)
             same = len(set(signal.scale.tolist())) == len(set(signal.bias.tolist())) == 1
@@ -239,7 +246,7 @@ class Baker:
                 place = signal.coordinates
                 chosen: Any = 0 if signal.row == VERTEX_COLORS else uv_set(place.primvar)
                 scales, biases = cast(Any, tuple(scale.tolist())), cast(Any, tuple(bias.tolist()))
-                return TextureLookup(signal.row, cast(Any, channel), scales, biases, place.transform, chosen)
+                return TextureLookup(signal.row, cast(Any, channel), scales, biases, place.transform, chosen, factor)
         baked = self.apply(lambda values: values, signal)
         assert baked.image is not None
         border = np.zeros(1) if baked.border is None else baked.border
@@ -250,7 +257,9 @@ class Baker:
         chosen, summands = uv_set(place.primvar), np.zeros(4)
         summands[:width] = border
         bias = cast(Any, tuple(summands.tolist()))
-        return TextureLookup(row, cast(Any, channel), bias=bias, uv_transform=place.transform, uv_set=chosen)
+        return TextureLookup(
+            row, cast(Any, channel), bias=bias, uv_transform=place.transform, uv_set=chosen, vertex_factor=factor
+        )
 
 
 def _wrapped(index: NDArray[np.int64], size: int, wrap: str) -> NDArray[np.int64]:

@@ -110,7 +110,8 @@ class ImageNode:
         for name in _FACTORS.get(self.category, ()):
             factor = self.value(self.inputs.get(name), 1.0).of_width(width).select(channels)
             if factor.constant is None:
-                lookup = self.baker.apply(lambda a, b: a * b + summand, lookup, factor)
+                tinted = None if summand.any() else lookup.tinted(factor)
+                lookup = tinted or self.baker.apply(lambda a, b: a * b + summand, lookup, factor)
             else:
                 lookup = self.baker.affine(lookup, factor.constant, summand)
         return lookup

@@ -16,7 +16,6 @@ from typing import Any
 import numpy as np
 from pxr import Sdf, Usd
 
-from tiscene.scene.description import VERTEX_COLORS
 from tiscene.usd.core.color_space import attribute_colors
 from tiscene.usd.core.report import StageReport
 from tiscene.usd.core.shader_network import ShaderConnection, Source, connections_of
@@ -264,7 +263,8 @@ class MaterialXNetwork:
 
 def _report_whitened(surface: Sdf.Path, open_nodes: Sequence[tuple[Sdf.Path, str]], report: StageReport) -> None:
     path = open_nodes[-1][0] if open_nodes else surface
-    report.omission(path, "colors of vertices are only scaled and shifted; they count as white here")
+    text = "colors of vertices are only scaled, shifted and multiplied by one image; they count as white here"
+    report.omission(path, text)
 
 
 def _joined(values: Any) -> Any:
@@ -279,9 +279,3 @@ def _switched(which: Any, *branches: Any) -> Any:
     for row, branch in enumerate(branches):
         result = np.where(np.floor(which) == row, branch, result)
     return result
-
-
-def vertex_colors(width: int) -> Signal:
-    """Return the vertices' colors (three components) or opacity (one) as a signal."""
-    channels = (3,) if width == 1 else (0, 1, 2)
-    return Signal(row=VERTEX_COLORS, channels=channels, scale=np.ones(len(channels)), bias=np.zeros(len(channels)))

@@ -15,6 +15,7 @@ from typing import cast
 import numpy as np
 from numpy.typing import NDArray
 
+from tiscene.scene.description import VERTEX_COLORS
 from tiscene.usd.materials.texture import IDENTITY, Affine, Wrap
 
 Floats = NDArray[np.float64]
@@ -61,6 +62,7 @@ class Signal:
         coordinates: where a texture or image is looked up.
         wraps: wrap modes of the texture or image.
         border: float64 [c], the value outside of an image whose wrap mode is "black"; None: 0.
+        tint: channels of the vertices' colors that multiply the components of a texture or image; () for none.
     """
 
     constant: Floats | None = None
@@ -74,6 +76,7 @@ class Signal:
     coordinates: Coordinates = Coordinates()
     wraps: tuple[Wrap, Wrap] = ("repeat", "repeat")
     border: Floats | None = None
+    tint: tuple[int, ...] = ()
 
     @property
     def width(self) -> int:
@@ -101,12 +104,13 @@ class Signal:
         rows = [min(each, self.width - 1) for each in components]
         if self.constant is not None:
             return replace(self, constant=self.constant[rows])
+        tint = tuple(self.tint[each] for each in rows) if self.tint else ()
         if self.image is not None:
             border = None if self.border is None else self.border[rows]
-            return replace(self, image=self.image[..., rows], border=border)
+            return replace(self, image=self.image[..., rows], border=border, tint=tint)
         if self.row is not None and self.scale is not None and self.bias is not None:
             channels = tuple(self.channels[each] for each in rows)
-            return replace(self, channels=channels, scale=self.scale[rows], bias=self.bias[rows])
+            return replace(self, channels=channels, scale=self.scale[rows], bias=self.bias[rows], tint=tint)
         return self
 
     def of_width(self, width: int) -> Signal:
@@ -118,7 +122,7 @@ class Signal:
         if self.width not in (2, 3) or width <= self.width:
             return self
         further = np.array([0.0, 0.0, 0.0, 1.0])[self.width : width]
-        if self.row is None or self.scale is None or self.bias is None:
+        if self.row is None or self.scale is None or self.bias is None or self.tint:
             return apply(lambda values: np.concatenate([values, np.ones_like(values[..., :1]) * further], -1), self)
         channels = self.channels + self.channels[-1:] * len(further)
         scale, bias = np.append(self.scale, 0.0 * further), np.append(self.bias, further)
@@ -134,12 +138,47 @@ class Signal:
             matrix = np.array([[factor[0], 0.0, summand[0]], [0.0, factor[1], summand[1]], [0.0, 0.0, 1.0]])
             third = self.third * factor[-1] + (summand[-1] if width == 3 else 0.0)
             return Signal(uv=self.uv.mapped(matrix), third=float(third))
+        if self.tint and summand.any():
+            return None
+        if self.tint and self.image is not None:
+            return self.of_width(width)._scaled_image(factor)
         if self.row is None or self.uv is not None:
             return None
         wide = self.of_width(width)
         assert wide.scale is not None
         assert wide.bias is not None
         return replace(wide, scale=wide.scale * factor, bias=wide.bias * factor + summand)
+
+    @property
+    def reads_vertices(self) -> bool:
+        """Whether the vertices' colors are the value or a factor of it."""
+        return self.row == VERTEX_COLORS or bool(self.tint)
+
+    def tinted(self, colors: Signal) -> Signal | None:
+        """Return the product of a texture or image and the vertices' colors; None for other signals."""
+        if colors.row != VERTEX_COLORS or colors.scale is None or colors.bias is None or colors.bias.any():
+            return None
+        if self.reads_vertices or (self.row is None and self.image is None):
+            return None
+        width = max(self.width, colors.width)
+        wide, factor = self.of_width(width), _wide(colors.scale, width)
+        tint = colors.of_width(width).channels
+        if wide.image is not None:
+            return replace(wide._scaled_image(factor), tint=tint)
+        assert wide.scale is not None
+        assert wide.bias is not None
+        return replace(wide, scale=wide.scale * factor, bias=wide.bias * factor, tint=tint)
+
+    def _scaled_image(self, factor: Floats) -> Signal:
+        assert self.image is not None
+        border = None if self.border is None else self.border * factor
+        return replace(self, image=self.image * factor.astype(np.float32), border=border)
+
+
+def vertex_colors(width: int) -> Signal:
+    """Return the vertices' colors (three components) or opacity (one) as a signal."""
+    channels = (3,) if width == 1 else (0, 1, 2)
+    return Signal(row=VERTEX_COLORS, channels=channels, scale=np.ones(len(channels)), bias=np.zeros(len(channels)))
 
 
 def number(*values: float) -> Signal:
@@ -191,6 +230,8 @@ def affine_operation(category: str, operands: Sequence[Signal]) -> Signal | None
             "add": lambda: first.affine(one, second.constant),
             "subtract": lambda: first.affine(one, -second.constant),
         }[category]()
+    if category == "multiply" and first.constant is None:
+        return first.tinted(second) or second.tinted(first)
     if first.constant is None or category == "divide":
         return None
     if category == "multiply":

@@ -24,8 +24,8 @@ from tiscene.usd.materials.materialx_bsdf import SURFACES, unknown_part
 from tiscene.usd.materials.materialx_folding import FOLDED, folded_inputs
 from tiscene.usd.materials.materialx_inputs import SurfaceInputs
 from tiscene.usd.materials.materialx_models import MODELS
-from tiscene.usd.materials.materialx_network import MaterialXNetwork, vertex_colors
-from tiscene.usd.materials.materialx_signal import Signal, number
+from tiscene.usd.materials.materialx_network import MaterialXNetwork
+from tiscene.usd.materials.materialx_signal import Signal, number, vertex_colors
 from tiscene.usd.materials.materialx_surface import MaterialXSurface
 from tiscene.usd.materials.texture import IDENTITY, Affine, TextureTable
 from tiscene.usd.materials.texture_borders import UnwrappedTexture
@@ -250,7 +250,12 @@ class NetworkReader:
         return numbers
 
     def _primvar(self, source: Source) -> tuple[float, ...] | TextureLookup | None:
-        """Return the value of a primvar reader: numbers, or the vertices' color or opacity where the primvar varies."""
+        """Return the value of a primvar reader: numbers, or the vertices' color or opacity where the primvar varies.
+
+        None for a shader of another kind.
+        """
+        if not source.id.startswith("UsdPrimvarReader_"):
+            return None
         inputs = connections_of(source.shader, self._time)
         fallback = inputs.get("fallback")
         width = {"float": 1, "int": 1, "float2": 2, "float4": 4}.get(source.id.removeprefix("UsdPrimvarReader_"), 3)
@@ -272,7 +277,7 @@ class NetworkReader:
         """Return the lookup of a UsdUVTexture, or its fallback if the image cannot be read."""
         inputs = connections_of(source.shader, self._time)
         fallback = self._four(inputs, "fallback", (0.0, 0.0, 0.0, 1.0))
-        scale, bias = self._four(inputs, "scale", (1.0,) * 4), self._four(inputs, "bias", (0.0,) * 4)
+        bias = self._four(inputs, "bias", (0.0,) * 4)
         file = inputs.get("file")
         row, window, unwrapped = None, IDENTITY, (False, False)
         if file is None or not isinstance(file.value, Sdf.AssetPath) or not file.value.path:
@@ -288,6 +293,8 @@ class NetworkReader:
                 row = self._textures.add(file.attribute, file.value, space, wrap_s, wrap_t)
                 unwrapped = (wrap_s == "useMetadata", wrap_t == "useMetadata")
         channel = source.output if source.output in ("r", "g", "b", "a") else "rgb"
+        factor = "" if any(bias) else self._vertex_factor(inputs.get("scale"), channel)
+        scale = self._four({} if factor else inputs, "scale", (1.0,) * 4)
         if row is None:
             values = {"r": fallback[:1], "g": fallback[1:2], "b": fallback[2:3], "a": fallback[3:]}
             return values.get(channel, fallback[:3])
@@ -296,7 +303,15 @@ class NetworkReader:
         chosen = self._uv_set(uv)
         if file is not None and any(unwrapped):
             self.unwrapped.append(UnwrappedTexture(file.value.path, uv, transform, unwrapped))
-        return TextureLookup(row, cast(Any, channel), cast(Any, scale), cast(Any, bias), transform, chosen)
+        scales, biases = cast(Any, scale), cast(Any, bias)
+        return TextureLookup(row, cast(Any, channel), scales, biases, transform, chosen, factor)
+
+    def _vertex_factor(self, scale: ShaderConnection | None, channel: str) -> Literal["", "rgb", "a"]:
+        """Return what of the vertices scales a texture: their colors, or an opacity; "" for nothing that varies."""
+        value = None if scale is None or scale.source is None else self._primvar(scale.source)
+        if not isinstance(value, TextureLookup) or (value.channel == "rgb" and channel != "rgb"):
+            return ""
+        return "rgb" if value.channel == "rgb" else "a"
 
     def _uv_set(self, name: str) -> Literal[0, 1]:
         """Return which of the vertices' two uv sets holds a primvar, and claim one for it. "" is the mesh's default."""
@@ -323,12 +338,11 @@ class NetworkReader:
         connection = inputs.get(name)
         if connection is None:
             return default
-        if connection.source is not None:
+        value: Any = self._primvar(connection.source) if connection.source else self._numbers(connection.value, name)
+        if connection.source and not isinstance(value, tuple):
             path = connection.source.shader.GetPath()
-            self._report.omission(path, f"{name} of a texture cannot come from a shader; {default} is used")
-            return default
-        value = self._numbers(connection.value, name)
-        if value is None or len(value) > 4:
+            self._report.omission(path, f"{name} of a texture cannot be read from this shader; {default} is used")
+        if not isinstance(value, tuple) or len(value) > 4:
             return default
         return value * 4 if len(value) == 1 else value + default[len(value) :]
 
