@@ -244,3 +244,26 @@ def test_logic_is_found_by_the_names_of_its_definitions(tmp_path, definition, ex
     nodes = node("test", "boolean", given("in1", "true", "boolean"), given("in2", "false", "boolean"))
     nodes = nodes.replace("<test", f'<test nodedef="ND_logical_{definition}"')
     assert material_of(tmp_path, document(linked("metalness", "N", "boolean"), nodes=nodes)).metallic == expected
+
+
+@pytest.mark.parametrize(("category", "shift"), [
+    ("noise2d", (19, 73)), ("noise3d", (19, 73, 29)), ("fractal2d", (19, 193)), ("fractal3d", (19, 193, 17)),
+])  # fmt: skip
+def test_second_of_two_and_last_of_four_components_are_noises_elsewhere(category, shift):
+    """As in the reference shaders; the second of gradient noise is that of three."""
+    at, octaves = np.random.default_rng(5).uniform(-3.0, 3.0, (20, len(shift))), (2.0, 2.0, 0.5)
+    one, two, three, four = (evaluate_noise(category, at, channels, octaves) for channels in (1, 2, 3, 4))
+    moved = evaluate_noise(category, at + np.array(shift), 1, octaves)
+    second = three[:, 1:2] if category.startswith("noise") else moved
+    np.testing.assert_array_equal(two, np.concatenate([one, second], axis=1))
+    np.testing.assert_array_equal(four, np.concatenate([three, moved], axis=1))
+
+
+@pytest.mark.parametrize(("kind", "components"), [("vector2", "xy"), ("color4", "ra")])
+def test_noise_of_two_or_four_components_is_computed_in_a_network(tmp_path, kind, components):
+    """It counted as its mean."""
+    parts = node(f"separate{kind[-1]}", "multioutput", linked("in", "noise", kind), name="parts")
+    links = (linked(f"in{row + 1}", "parts", "float", f'output="out{each}"') for row, each in enumerate(components))
+    nodes = node("noise2d", kind, given("pivot", "0.5"), name="noise") + parts + node("combine3", "color3", *links)
+    _, pixels = color_from(tmp_path, nodes)
+    assert pixels[..., :2].std(axis=(0, 1)).min() > 0.05

@@ -24,6 +24,7 @@ NOISES_3D = ("noise3d", "fractal3d", "cellnoise3d", "worleynoise3d", "unifiednoi
 _PERLIN_SCALES = {2: 0.6616, 3: 0.9820}  # bring gradient noise of two or three dimensions to about -1..1
 _MIX = (("a", "c", "b", 4), ("b", "a", "c", 6), ("c", "b", "a", 8))  # of Jenkins' mix: changed, subtracted, added
 _MIX_LATER = (("a", "c", "b", 16), ("b", "a", "c", 19), ("c", "b", "a", 4))
+_SHIFT, _FRACTAL_SHIFT = np.array([19.0, 73.0, 29.0]), np.array([19.0, 193.0, 17.0])  # of components of their own
 _JITTER_TURNS = 90000.0  # degrees of a unified noise for each unit of its jitter
 
 
@@ -134,9 +135,16 @@ def evaluate_noise(category: str, at: Array, channels: int, numbers: Sequence[fl
         return cell_noise(at)
     if category.startswith("worley"):
         return worley_noise(at, channels, numbers[0], numbers[1] > 0.5)
+    dimensions = at.shape[-1]
     if category.startswith("noise"):
-        return gradient_noise(at, channels)
-    return fractal_noise(at, int(np.clip(numbers[0], 1, 16)), numbers[1], numbers[2], channels)
+        if channels < 4:
+            return gradient_noise(at, 1 if channels == 1 else 3)[..., :channels]
+        return np.concatenate([gradient_noise(at, 3), gradient_noise(at + _SHIFT[:dimensions], 1)], axis=-1)
+    octaves = int(np.clip(numbers[0], 1, 16)), numbers[1], numbers[2]
+    first = fractal_noise(at, *octaves, 1 if channels < 3 else 3)
+    if channels in (1, 3):
+        return first
+    return np.concatenate([first, fractal_noise(at + _FRACTAL_SHIFT[:dimensions], *octaves, 1)], axis=-1)
 
 
 def _unified_noise(at: Array, kind: int, octaves: Sequence[float], jitter: float, style: float) -> Array:
@@ -167,7 +175,7 @@ def noise_signal(
         value: returns an input by its name and default.
         baker: computes.
     """
-    if width not in ((1, 2, 3) if category.startswith("worley") else (1, 3)):
+    if width > 3 and category.startswith("worley"):
         return None
 
     def numbers(*named: tuple[str, float]) -> list[float]:
