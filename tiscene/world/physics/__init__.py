@@ -11,5 +11,5 @@
     parts_cache            convex parts on disk
     free_rotation          bodies that tumble
     convex_parts           surfaces as convex parts
-    part_shapes            boxes, spheres, cylinders and hulls
+    part_shapes            boxes, spheres, cylinders, capsules and hulls
 """

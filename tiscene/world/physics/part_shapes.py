@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Shapes of convex parts: a box, sphere or upright cylinder where the points are one, else their convex hull."""
+"""Shapes of convex parts: a box, sphere, cylinder or capsule where the points are one, else their convex hull."""
 
 from __future__ import annotations
 
@@ -10,7 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
-ROUND = 24  # least number of points of a sphere or a cylinder
+ROUND = 24  # least number of points of a shape that is round
+UPRIGHT = 1
 
 
 @dataclass(frozen=True, eq=False)
@@ -18,16 +19,18 @@ class PartShape:
     """A convex shape in the axes of its object.
 
     Attributes:
-        kind: What it is; a cylinder's axis is y.
+        kind: What it is.
         center: m.
         half: Half its size along x, y and z, m; of a sphere the radius, thrice.
         points: [n, 3], corners of its hull, m.
+        axis: 0, 1 or 2, the axis of a cylinder or capsule.
     """
 
-    kind: Literal["box", "sphere", "cylinder", "hull"]
+    kind: Literal["box", "sphere", "cylinder", "capsule", "hull"]
     center: Array
     half: Array
     points: Array
+    axis: int = UPRIGHT
 
 
 def shape_of(points: Array, tolerance: float) -> PartShape:
@@ -35,7 +38,7 @@ def shape_of(points: Array, tolerance: float) -> PartShape:
 
     Args:
         points: [n, 3], m.
-        tolerance: By how much the points may be off a box, sphere or cylinder, m.
+        tolerance: By how much the points may be off a box, sphere, cylinder or capsule, m.
     """
     low, high = points.min(axis=0), points.max(axis=0)
     center, half = 0.5 * (low + high), 0.5 * (high - low)
@@ -46,10 +49,17 @@ def shape_of(points: Array, tolerance: float) -> PartShape:
         distance = np.linalg.norm(points - center, axis=1)
         if np.ptp(half) <= tolerance and np.abs(distance - half.mean()).max() <= tolerance:
             return PartShape("sphere", center, np.full(3, half.mean()), points)
-        across = np.hypot(points[:, 0] - center[0], points[:, 2] - center[2])
-        round_side = abs(half[0] - half[2]) <= tolerance and np.abs(across - half[0]).max() <= tolerance
-        if round_side and np.abs(offset[:, 1] - half[1]).max() <= tolerance:
-            return PartShape("cylinder", center, half, points)
+        for axis in (UPRIGHT, 0, 2):
+            one, other = (each for each in range(3) if each != axis)
+            radius, height = half[one], half[axis]
+            across, along = np.hypot(points[:, one] - center[one], points[:, other] - center[other]), offset[:, axis]
+            if abs(radius - half[other]) > tolerance:
+                continue
+            if max(np.abs(across - radius).max(), np.abs(along - height).max()) <= tolerance:
+                return PartShape("cylinder", center, half, points, axis)
+            beyond = np.maximum(along - (height - radius), 0.0)
+            if height > radius and np.abs(np.hypot(across, beyond) - radius).max() <= tolerance:
+                return PartShape("capsule", center, half, points, axis)
     return PartShape("hull", center, half, points)
 
 

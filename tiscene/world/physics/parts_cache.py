@@ -55,8 +55,8 @@ class PartsCache:
 
 
 def _packed(known: dict[str, list[PartShape]]) -> bytes:
-    """Return parts as a line of JSON (kinds and numbers of points) and all their numbers."""
-    heads = {name: [[part.kind, len(part.points)] for part in parts] for name, parts in known.items()}
+    """Return parts as a line of JSON (kinds, numbers of points, axes) and all their numbers."""
+    heads = {name: [[part.kind, len(part.points), part.axis] for part in parts] for name, parts in known.items()}
     numbers = [
         np.concatenate([part.center, part.half, part.points.ravel()]) for parts in known.values() for part in parts
     ]
@@ -70,9 +70,9 @@ def _unpacked(data: bytes) -> dict[str, list[PartShape]]:
     known: dict[str, list[PartShape]] = {}
     for name, parts in heads.items():
         known[name] = []
-        for kind, count in parts:
+        for kind, count, axis in parts:
             points = numbers[at + 6 : at + 6 + 3 * count].reshape(count, 3)
-            known[name].append(PartShape(kind, numbers[at : at + 3], numbers[at + 3 : at + 6], points))
+            known[name].append(PartShape(kind, numbers[at : at + 3], numbers[at + 3 : at + 6], points, axis))
             at += 6 + 3 * count
     return known
 

@@ -230,11 +230,11 @@ class PhysicsModel:
                 shape: dict[str, Any] = {"type": kinds.mjGEOM_BOX, "size": part.half.tolist()}
             case "sphere":
                 shape = {"type": kinds.mjGEOM_SPHERE, "size": [float(part.half[0]), 0.0, 0.0]}
-            case "cylinder":
-                shape = {"type": kinds.mjGEOM_CYLINDER, "size": [float(part.half[0]), float(part.half[1]), 0.0]}
-                w, x, y, z = turn.tolist()
-                half = math.sqrt(0.5)  # MuJoCo's axis is z: turn about x by -90 degrees first
-                turn = half * np.array([w + x, x - w, y - z, z + y])
+            case "cylinder" | "capsule":
+                radius, height = float(part.half[part.axis - 1]), float(part.half[part.axis])
+                kind = kinds.mjGEOM_CYLINDER if part.kind == "cylinder" else kinds.mjGEOM_CAPSULE
+                shape = {"type": kind, "size": [radius, height - radius * (part.kind == "capsule"), 0.0]}
+                turn = _with_axis(turn, part.axis)
             case _:
                 name = f"{body.name}/{len(spec.meshes)}"
                 mesh = spec.add_mesh(name=name)
@@ -347,6 +347,19 @@ class PhysicsModel:
 
     def _named(self, row: int) -> str:
         return f"object {self.bodies[row].name!r}"
+
+
+def _with_axis(turn: Array, axis: int) -> Array:
+    """Return a rotation after that of MuJoCo's axis, which is z, to another one."""
+    w, x, y, z = turn.tolist()
+    half = math.sqrt(0.5)
+    match axis:
+        case 0:
+            return half * np.array([w - y, x - z, y + w, z + x])
+        case 1:
+            return half * np.array([w + x, x - w, y - z, z + y])
+        case _:
+            return turn
 
 
 def _damping_of(restitution: float) -> float:
