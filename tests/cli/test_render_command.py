@@ -73,7 +73,7 @@ class DarkStream(FakeCommandStream):
 
     def __init__(self, source, **others) -> None:
         super().__init__(source, **others)
-        warn_if_dark(source, with_light(SceneDescription("dark"), []))
+        warn_if_dark(source, [with_light(SceneDescription("dark"), [])])
 
 
 def test_render_warns_of_a_scene_without_light_on_stderr(tmp_path, fake, monkeypatch, capsys):

@@ -175,7 +175,9 @@ def _suspicious(stage: SceneDescription, facts: StageFacts | None) -> list[str]:
         unit = f"metersPerUnit is {facts.meters_per_unit:g}" if facts else "see metersPerUnit"
         unauthored = ", USD's default, since the file has none" if facts and not facts.unit_is_authored else ""
         found.append(f"the scene is {size} long ({unit}{unauthored})")
-    if stage.is_dark:
+    if stage.is_dark and stage.has_lights_off:
+        found.append("all lights are off or invisible, so it is dark")
+    elif stage.is_dark:
         found.append("there is no light, so a white sky and a sun light it")
     if not stage.instances:
         found.append("there is no geometry to render")

@@ -195,6 +195,7 @@ class SceneDescription:
         camera_paths: Prim paths of the cameras. Empty: unknown.
         gravity: Of the stage's PhysicsScene, m/s2, world. None: that of the earth.
         moved: Boxes of the prims that a scenario moves, as authored: [2, 3], lowest and highest corner, m.
+        has_lights_off: Whether lights are authored that emit nothing or are never visible; they are not in `lights`.
     """
 
     name: str
@@ -217,6 +218,7 @@ class SceneDescription:
     camera_paths: tuple[str, ...] = ()
     gravity: Vector3 | None = None
     moved: tuple[NDArray[np.float64], ...] = ()
+    has_lights_off: bool = False
 
     @property
     def is_dark(self) -> bool:

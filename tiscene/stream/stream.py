@@ -195,7 +195,7 @@ class Stream(FixedSettings, LoaderMethods, StreamOutput, SavedState, Iterator[Fr
         self.restart(source)
         self.world.category_ids.check_selection(each.category for each in catalog.templates().values())
         if not COLORS.isdisjoint(rendered_buffers(self.buffers)):
-            warn_if_dark(source.scene, self.world.stage)
+            warn_if_dark(source.scene, self.world.descriptions)
 
     @runtime.one_thread_at_a_time
     def restart(self, scenario: Scenario, *, width: int | None = None, height: int | None = None) -> None:

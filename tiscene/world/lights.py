@@ -26,15 +26,22 @@ TOO_MANY_GROUPS = 8
 
 
 def with_light(stage: SceneDescription, templates: Iterable[SceneDescription]) -> SceneDescription:
-    """Return a stage with a sky and a sun if neither it nor any template has a light or an emissive material."""
-    if not stage.is_dark or not all(each.is_dark for each in templates):
+    """Return a stage with a sky and a sun if neither it nor any template has a light or an emissive material.
+
+    A stage whose lights are all off is dark on purpose.
+    """
+    if any(not each.is_dark or each.has_lights_off for each in (stage, *templates)):
         return stage
     return replace(stage, lights=_DEFAULT[stage.up_axis])
 
 
-def warn_if_dark(scene: str, stage: SceneDescription) -> None:
-    """Warn if the lights of a stage are those of `with_light`."""
-    if stage.lights is _DEFAULT[stage.up_axis]:
+def warn_if_dark(scene: str, descriptions: Sequence[SceneDescription]) -> None:
+    """Warn if the lights of a stage are those of `with_light`, or off; descriptions: the stage, then templates."""
+    stage = descriptions[0]
+    if all(each.is_dark for each in descriptions):
+        text = f"{scene}: all of its lights are off or invisible, so it is dark. Turn one on, or remove them all."
+        warnings.warn(StageWarning(text), stacklevel=3)
+    elif stage.lights is _DEFAULT[stage.up_axis]:
         text = (
             f"{scene}: there is no light, so a white sky and a sun light it. For another light, add one to the stage "
             "(such as a DomeLight) or spawn a lamp."

@@ -55,12 +55,14 @@ class LightReader:
 
     Attributes:
         lights: the lights read so far.
+        any_off: whether one emits nothing, or was said to be invisible.
     """
 
     def __init__(
         self, textures: TextureTable, time: Usd.TimeCode, report: StageReport, meters_per_unit: float, up_axis: str
     ) -> None:
         self.lights: list[Light] = []
+        self.any_off = False
         self._textures = textures
         self._time = time
         self._report = report
@@ -89,6 +91,7 @@ class LightReader:
         path = prim.GetPath()
         emission = self._emission(prim)
         if emission is None or not (any(emission) or self._is_animated(prim)):
+            self.any_off = self.any_off or emission is not None
             return
         report_unsupported(prim, self._time, self._report)
         mirrored = self._is_mirrored(prim, world_from_prim)
@@ -156,7 +159,10 @@ class LightReader:
             if self._float(prim, name, 1.0) != 1.0:
                 self._report.omission(prim.GetPath(), f"a mesh light's {name} multiplier is not applied")
         emission = self._emission(prim)
-        return None if emission is None else self._normalized(prim, emission, area)
+        if emission is None:
+            return None
+        self.any_off = self.any_off or not any(emission)
+        return self._normalized(prim, emission, area)
 
     def _emission(self, prim: Usd.Prim) -> Color | None:
         """Return the radiance before `normalize`, W/(m² sr): intensity · 2^exposure · color · color temperature."""

@@ -179,8 +179,10 @@ class PointInstancerReader:
         if len(self._lights.lights) == row:
             return
         track = light_track(self._lights, row, prim, matrix, ancestors, self._report, emission=emission)
-        if track is None and not ancestors.is_visible(self._time):
+        shown = (ancestors.is_visible(self._time),) if track is None else track.present
+        if shown and not any(shown):  # (): always
             self._lights.lights.pop()
+            self._lights.any_off = True
             return
         if track is not None:
             self._light_tracks.append(track)

@@ -16,7 +16,7 @@ from pxr import Sdf, Usd, UsdGeom, UsdLux, UsdSkel
 from tiscene.scene.camera import Camera
 from tiscene.scene.description import Matrix, SceneDescription, Template
 from tiscene.usd.core.keyframes import plays_in_parts
-from tiscene.usd.core.prims import DEFINED, renders
+from tiscene.usd.core.prims import DEFINED, DRAWN_PURPOSES, renders
 from tiscene.usd.core.report import UNDRAWN, StageReport
 from tiscene.usd.core.semantics import direct_label, is_component, is_object_instance, taxonomies_of
 from tiscene.usd.core.time_samples import TransformSamples
@@ -93,6 +93,7 @@ class StageReader(PointInstancerReader):
             up_axis=self.up_axis,
             templates=templates,
             resolution=self._settings.resolution,
+            has_lights_off=self._lights.any_off,
         )
 
     def walk(self, root: Usd.Prim, context: TraversalContext, predicate: Any = DEFINED) -> None:
@@ -186,6 +187,7 @@ class StageReader(PointInstancerReader):
                 self._read_instancer(prim, here)
             return False
         if not here.is_drawn:
+            self._lights.any_off = self._lights.any_off or (is_light(prim) and here.purpose in DRAWN_PURPOSES)
             if is_drawable(prim) and collides(prim):
                 self._read_gprim(prim, here)
         elif is_light(prim):
