@@ -15,10 +15,11 @@ from collections.abc import Callable, Iterable, Mapping, Set
 from numbers import Real
 from typing import Any, TypeVar, cast
 
-from dynamics.errors import ArgumentError, ArgumentTypeError
+from dynamics.errors import ArgumentError, ArgumentTypeError, did_you_mean
 
 Value = TypeVar("Value")
 Check = Callable[[Any, str], Value]
+MAX_BRIEF = 80  # characters of a value in a message
 LARGEST = 3.4e38  # of a coordinate: scenes are rendered in single precision
 MAX_POSITION = 1e9  # m, of what moves: kernels of collisions fail on much larger ones
 
@@ -173,7 +174,14 @@ def known_names(names: Iterable[str], known: Iterable[str], owner: str) -> None:
     known = list(known)
     for name in names:
         if name not in known:
-            raise ArgumentTypeError(f"{name}: {owner} has no such argument; there are {', '.join(known)}")
+            hint = did_you_mean(name, known) or f"; there are {', '.join(known)}"
+            raise ArgumentTypeError(f"{name}: {owner} has no such argument{hint}")
+
+
+def brief(value: Any) -> str:
+    """Return the representation of a value for an error message, shortened to a line."""
+    text = " ".join(repr(value).split())
+    return text if len(text) <= MAX_BRIEF else f"{text[:MAX_BRIEF]}..."
 
 
 def flag(value: Any, name: str) -> bool:

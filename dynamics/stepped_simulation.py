@@ -111,11 +111,6 @@ class SteppedSimulation(WholeChanges):
         self._set_movers(movers)
         self._build(self._numbers(0))
 
-    @property
-    def checkpoint_frames(self) -> list[int]:
-        """Frames whose state is kept as a checkpoint."""
-        return sorted(self._checkpoints)
-
     def frame(self, number: int) -> CollisionState:
         """Return all movers at frame `number` (0 or more), `number` / fps seconds after the start."""
         number = argument_checks.whole(number, "number")

@@ -18,6 +18,7 @@ from tiscene.frame.buffers import BUFFERS
 from tiscene.scenario.objects import Object
 from tiscene.scenario.scenario import Scenario
 from tiscene.scene.description import SceneDescription
+from tiscene.usd.read.stage_reader import read_stage
 
 
 @pytest.mark.parametrize(
@@ -177,6 +178,25 @@ def test_show_reports_a_template_of_a_scenario_that_there_is_not(tmp_path, capsy
     scenario.save(tmp_path / "run.json")
     assert cli.main(["show", str(tmp_path / "run.json")]) != 0
     assert "no template 'Char 01'" in capsys.readouterr().err
+
+
+def test_show_reports_a_prim_of_a_scenario_that_there_is_not(tmp_path, capsys):
+    (tmp_path / "kitchen.usda").write_text(KITCHEN)
+    scenario = Scenario(str(tmp_path / "kitchen.usda"), [Object("a", "/Kitchen/Stve")])
+    scenario.save(tmp_path / "run.json")
+    assert cli.main(["show", str(tmp_path / "run.json")]) != 0
+    assert "/Kitchen/Stve" in capsys.readouterr().err
+
+
+def test_show_names_everything_by_its_prim_path(tmp_path, capsys):
+    path = tmp_path / "kitchen.usda"
+    path.write_text(KITCHEN)
+    assert cli.main(["show", str(path), "--paths"]) == 0
+    stage = read_stage(path)
+    lines = capsys.readouterr().out.splitlines()
+    assert lines[3].startswith(f"  {next(iter(stage.camera_names))}: at")
+    assert lines[5].startswith(f"  {stage.lights[0].prim_path}: sphere, ")
+    assert lines[7] == f"  {stage.objects[0].prim_path}: Stove, stove"
 
 
 def test_show_of_a_scenario_has_its_variants(tmp_path, capsys):

@@ -185,4 +185,4 @@ def test_twenty_movers_neither_penetrate_nor_leave_nor_stall(speed, frames):
     )
     assert longest < 2.0
     assert grown < 30.0
-    assert len(room.simulation.checkpoint_frames) <= 1024
+    assert len(room.simulation._checkpoints) <= 1024

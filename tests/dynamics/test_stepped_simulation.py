@@ -117,7 +117,7 @@ def test_frames_do_not_depend_on_order_of_requests(crowd, monkeypatch):
     again = SteppedSimulation(simulation.movers, fps=25, obstacles=obstacles(ROOM))
     for k in (130, 3, 131, 129, 0, 199, 64, 65, 63, 16, 17):
         assert again.frame(k).poses.tobytes() == poses[k].tobytes(), f"frame {k}"
-    assert len(again.checkpoint_frames) <= 4
+    assert len(again._checkpoints) <= 4
     assert simulation.frame(100).contacts == again.frame(100).contacts
 
 

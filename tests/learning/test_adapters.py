@@ -274,14 +274,19 @@ def test_arguments_without_effect_on_the_environment_are_refused(argument, cure)
         LookAround("object_view", **argument)
 
 
-@pytest.mark.parametrize("argument", ["qualty", "lenght", "source"])
-def test_unknown_arguments_of_the_environment_are_named_with_those_that_there_are(argument):
+@pytest.mark.parametrize(
+    ("argument", "hint"),
+    [
+        ("qualty", "did you mean 'quality'"),
+        ("lenght", "did you mean 'length'"),
+        ("action", "there are scenario, .*length.*quality"),
+    ],
+)
+def test_unknown_arguments_of_the_environment_are_named_with_those_that_there_are(argument, hint):
     pytest.importorskip("gymnasium")
     from tiscene.learning.adapters.look_around import LookAround
 
-    with pytest.raises(
-        ArgumentError, match=r"LookAround has no such argument; there are scenario, .*length.*quality"
-    ) as caught:
+    with pytest.raises(ArgumentError, match=f"LookAround has no such argument; {hint}") as caught:
         LookAround("object_view", **{argument: "fast"})
     assert str(caught.value).startswith(f"{argument}: ")
     assert "prefetch" not in str(caught.value)

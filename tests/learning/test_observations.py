@@ -9,6 +9,7 @@ import pytest
 
 from tests.learning.small_course import BALL, CHAIR, SETTINGS, TAUGHT, Constant, make_course
 from tiscene.errors import ArgumentError, ArgumentTypeError
+from tiscene.learning.adapters.course_frames import CourseFrames
 from tiscene.learning.adapters.river_pairs import river_pairs
 from tiscene.learning.course import Course
 from tiscene.learning.evaluation import evaluate, evaluate_all
@@ -20,6 +21,8 @@ from tiscene.learning.score import Score, differences
 from tiscene.learning.stream_metrics import FocusAccuracy, NearFutureAccuracy, OnlineAccuracy
 from tiscene.learning.supervision_rules import SupervisionRules
 from tiscene.learning.teaching_policies import FollowMovingObjects, Policy, RandomPixels
+from tiscene.scenario.objects import Object
+from tiscene.scenario.scenario import Scenario
 from tiscene.stream.stream import Stream
 
 
@@ -108,6 +111,7 @@ def test_pages_of_no_scores_or_of_different_courses_are_refused(course, tmp_path
     [
         ({"metrics": "online"}, "metrics: 'online' is not a metric"),
         ({"metrics": [OnlineAccuracy]}, "metrics: <class .* is not a metric"),
+        ({"chekpoint": "x"}, "chekpoint: evaluate has no such argument; did you mean 'checkpoint'"),
         ({"clock": 2.5}, r"clock=2.5: must be a Clock, such as Clock\(cost=2.5\)"),
         ({"checkpoint": 3}, "checkpoint=3: must be the path of a file"),
         ({"checkpoint_every": "a"}, "checkpoint_every='a': must be a number"),
@@ -126,6 +130,11 @@ def test_what_is_no_course_or_no_mapping_of_learners_is_refused(course):
         evaluate(Constant(), stream)
     with pytest.raises(ArgumentTypeError, match="must be a Course"):
         next(river_pairs(stream))
+    with pytest.raises(ArgumentTypeError, match="must be a Course"):
+        CourseFrames(stream)
+    scenario = Scenario("object_view", [Object(f"cube{k}", "Cube") for k in range(20)])
+    with pytest.raises(ArgumentTypeError, match=r"^course=Scenario\(.{60,90}\.\.\.: must be a Course"):  # not all of it
+        evaluate(Constant(), scenario)
     with pytest.raises(ArgumentTypeError, match="must be learners by name"):
         evaluate_all([Constant()], course)
     with pytest.raises(ArgumentTypeError, match=r"categories=.*: must be names by id"):

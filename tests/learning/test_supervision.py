@@ -281,7 +281,7 @@ def test_ledger_replays_and_is_recorded_policy(stream, frames):
         ({"silent": [(0, 2), (4, 4)]}, r"silent\[1\]=\(4, 4\)"),
         ({"silent": [(0, 2.5)]}, r"silent\[0\]=2.5: must be a whole number"),
         ({"silent": (5, 9)}, r"silent\[0\]=5: must be two frames"),
-        ({"bugdet": 3}, "bugdet: Supervision has no such argument; there are policy, budget"),
+        ({"bugdet": 3}, "bugdet: Supervision has no such argument; did you mean 'budget'"),
     ],
 )
 def test_wrong_rules_are_refused(stream, arguments, message):

@@ -312,11 +312,13 @@ def test_errors_are_printed_or_raised_if_strict(make_agent, capsys):
     strict = make_agent(strict=True)
     with pytest.raises(SceneNotFound):
         strict.change_scene("nowhere")
+    with pytest.raises(SceneNotFound, match=r"is a scene once it is NAME/scene\.usda in a folder of TISCENE_PATH"):
+        strict.change_scene("my/kitchen.usda")
     with pytest.raises(TemplateNotFound):
         strict.spawn_object("Nothing")
     with pytest.raises(ArgumentError, match="register"):
         Agent().get_frame()
-    with pytest.raises(ArgumentError, match="qualty: Agent has no such argument; there are scene, together, world"):
+    with pytest.raises(ArgumentError, match="qualty: Agent has no such argument; did you mean 'quality'"):
         Agent(qualty="fast")
 
 

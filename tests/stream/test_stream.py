@@ -339,6 +339,7 @@ def test_a_stream_can_be_sent_to_another_process():
 def test_stream_is_a_context_manager_and_can_be_restarted():
     with ts.Stream("object_view", width=8, height=6, buffers=("instance",)) as stream:
         first = next(stream)
+    assert repr(stream) == "<Stream, closed>"
     with pytest.raises(ArgumentError, match="this stream is closed"):
         next(stream)
     stream.close()

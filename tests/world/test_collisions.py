@@ -258,7 +258,7 @@ def test_shapes_are_shared_by_template_and_scale():
     assert is_stepped(made)
     movers = made.trajectories.movers
     first, second, third = (mover.shape for mover in movers)
-    assert movers.cached_shapes == 2
+    assert len(movers._shapes) == 2
     assert first is second
     assert third.reach > 1.5 * first.reach
 

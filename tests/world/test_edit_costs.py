@@ -108,7 +108,7 @@ def test_nothing_but_the_log_grows_with_600_edits():
     state = world.state(world.next_frame)
     assert state.placement.instance_id.tolist() == [1, 2, 3, last], "the last one was present at the frame before"
     assert world.state(world.next_frame + 1).placement.instance_id.tolist() == [1, 2, 3]
-    assert world.trajectories.movers.cached_objects < 100
+    assert len(world.trajectories.movers._entries) < 100
 
 
 def test_simulation_holds_live_objects_only_and_repeats_edited_frames_only():
@@ -118,8 +118,8 @@ def test_simulation_holds_live_objects_only_and_repeats_edited_frames_only():
     assert simulation.frame(world.next_frame).numbers == (0, 100)
     # A state takes its frame and the next one; each edit of a frame invalidates both.
     assert simulation.simulated_frames <= 4 * 100
-    assert world.trajectories.movers.cached_objects < 100
-    assert world.trajectories.movers.cached_shapes == 6
+    assert len(world.trajectories.movers._entries) < 100
+    assert len(world.trajectories.movers._shapes) == 6
 
 
 def test_garbage_collected_objects_per_edit_are_few():

@@ -185,7 +185,7 @@ def test_a_path_stays_a_formula_while_edits_leave_it_free():
     made.spawn("Cube", (-0.5, 0.0, 0.9))
     made.state(5001)
     assert made.trajectories.stepped is not None
-    assert min(made.trajectories.stepped.checkpoint_frames) == 4999, "what was free is not stepped again"
+    assert min(made.trajectories.stepped._checkpoints) == 4999, "what was free is not stepped again"
 
 
 STILL_STAGE = SCENARIOS["still"][1]

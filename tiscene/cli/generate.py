@@ -18,6 +18,8 @@ from tiscene.export.shards import Shard
 def run(args: argparse.Namespace) -> None:
     """Generate, and print the folder. An interrupted run is continued by the same command."""
     recipe = Recipe.load(args.recipe)
+    for message in recipe.unknown_names():
+        note(f"Scenarios will have an error: {message}")
     try:
         if args.ray is not None:
             _generate_on_ray(args, recipe)

@@ -128,6 +128,7 @@ def _list(commands: Commands) -> None:
 def _show(commands: Commands) -> None:
     show = commands.add_parser("show", help="show the size, cameras, lights, objects and templates of a scene")
     show.add_argument("scene", metavar="SCENE", help="the name of a scene, a USD file, or a scenario (.json)")
+    show.add_argument("--paths", action="store_true", help="name cameras, lights and all objects by their prim paths")
     add_variant(show)
 
 

@@ -24,16 +24,18 @@ def run(args: argparse.Namespace) -> None:
     """Print the contents of a scene."""
     scenario = _scenario(args.scene)
     path = catalog.find_scene(scenario.scene)
-    stage = read_stage(path, variants={**scenario.variants, **dict(args.variant)})
+    moved = {each.template for each in scenario.objects if catalog.is_prim_path(each.template)}
+    stage = read_stage(path, variants={**scenario.variants, **dict(args.variant)}, extract=moved)
     check_templates(scenario, stage)
     templates = sorted({template.name for template in stage.templates} | set(catalog.templates()))
     low, high = stage.bounds()
     size = " x ".join(f"{length:.2f}" for length in np.subtract(high, low))
     print(f"{stage.name}  {path}")
     print(f"Size: {size} m (x, y, z), {stage.up_axis} up; {triangle_count(stage):,} triangles")
-    _section("Cameras", [_camera(camera) for camera in stage.cameras])
-    _section("Lights", [_light(light) for light in stage.lights])
-    _section("Objects", object_lines(stage), len(stage.objects))
+    cameras = {name: path for path, name in stage.camera_names.items()} if args.paths else {}
+    _section("Cameras", [_camera(camera, cameras.get(camera.name, camera.name)) for camera in stage.cameras])
+    _section("Lights", [_light(light, light.prim_path if args.paths else light.name) for light in stage.lights])
+    _section("Objects", path_lines(stage) if args.paths else object_lines(stage), len(stage.objects))
     _section("Templates", textwrap.wrap(", ".join(templates), MAX_WIDTH), len(templates))
 
 
@@ -71,20 +73,25 @@ def _section(title: str, lines: list[str], count: int | None = None) -> None:
         print(f"  {line}")
 
 
-def _camera(camera: Camera) -> str:
+def _camera(camera: Camera, name: str) -> str:
     position = ", ".join(f"{component:.2f}" for component in camera.position)
     if camera.orthographic_height is not None:
-        return f"{camera.name}: at ({position}), orthographic, {camera.orthographic_height:.3g} m high"
-    return f"{camera.name}: at ({position}), {math.degrees(camera.vertical_fov):.0f} degrees high"
+        return f"{name}: at ({position}), orthographic, {camera.orthographic_height:.3g} m high"
+    return f"{name}: at ({position}), {math.degrees(camera.vertical_fov):.0f} degrees high"
 
 
-def _light(light: Light) -> str:
+def _light(light: Light, name: str) -> str:
     kind = type(light).__name__.removesuffix("Light").lower()
     if isinstance(light, DistantLight):
-        return f"{light.name}: {kind}, {max(light.irradiance):.3g} W/m²"
+        return f"{name}: {kind}, {max(light.irradiance):.3g} W/m²"
     radiance = getattr(light, "radiance", (0.0, 0.0, 0.0))
     textured = ", textured" if getattr(light, "texture", None) is not None else ""
-    return f"{light.name}: {kind}{textured}, {max(radiance):.3g} W/m²/sr"
+    return f"{name}: {kind}{textured}, {max(radiance):.3g} W/m²/sr"
+
+
+def path_lines(stage: SceneDescription) -> list[str]:
+    """Return a line for each object with its prim path, name and category."""
+    return [f"{each.prim_path}: {each.name}, {each.category or '(no category)'}" for each in stage.objects]
 
 
 def object_lines(stage: SceneDescription) -> list[str]:

@@ -326,7 +326,9 @@ class Course(Iterator[CourseFrame]):
 def check_course(value: Any) -> Course:
     """Return `value`, a course."""
     if not isinstance(value, Course):
-        raise ArgumentTypeError(f"course={value!r}: must be a Course([Phase(name, scenario, frames=100), ...])")
+        raise ArgumentTypeError(
+            f"course={argument_checks.brief(value)}: must be a Course([Phase(name, scenario, frames=100), ...])"
+        )
     return value
 
 

@@ -188,7 +188,9 @@ class Drift:
         if not isinstance(self.schedule, Schedule):
             raise ArgumentError(f"schedule={self.schedule!r}: must be a schedule, such as Step(at=100)")
         if self.factor == SCENARIO and not all(isinstance(each, Scenario) for each in self.values):
-            raise ArgumentError(f"values={self.values!r}: the factor 'scenario' has scenarios as values")
+            raise ArgumentError(
+                f"values={argument_checks.brief(self.values)}: the factor 'scenario' has scenarios as values"
+            )
         if isinstance(self.schedule, Step) and len(self.schedule.frames()) != len(self.values) - 1:
             steps, count = len(self.schedule.frames()), len(self.values)
             raise ArgumentError(f"schedule={self.schedule!r}: has {steps} changes; {count} values need {count - 1}")

@@ -31,6 +31,7 @@ from tiscene.learning.stream_metrics import Adaptation, FocusAccuracy, Metric, N
 
 VERSION = 1
 MAGIC = b"tiscene evaluation\n"  # begin of a checkpoint
+OPTIONS = ("name", "clock", "checkpoint", "checkpoint_every", "keep_checkpoint", "progress", "described")
 Progress = Callable[[str, int, int], None]
 
 
@@ -47,8 +48,8 @@ def evaluate(learner: Learner, course: Course, metrics: Iterable[Metric] | None 
         course: phases, in which it learns, and tests.
         metrics: None: online accuracy of objects and of whole frames, near-future accuracy, accuracy at a focus of
             attention, adaptation to drift.
-        **options: clock (a Clock), checkpoint (a file), checkpoint_every (s), keep_checkpoint and progress, as of
-            `evaluate_all`.
+        **options: name (of the learner), and clock (a Clock), checkpoint (a file), checkpoint_every (s),
+            keep_checkpoint, progress and described, as of `evaluate_all`.
 
     Returns:
         All scores, and what is needed to compute them again.
@@ -56,6 +57,7 @@ def evaluate(learner: Learner, course: Course, metrics: Iterable[Metric] | None 
     Raises:
         ArgumentError: an argument is invalid, or a prediction has the wrong shape or type.
     """
+    argument_checks.known_names(options, OPTIONS, "evaluate")
     return evaluate_all({options.pop("name", "learner"): learner}, course, metrics, **options)[0]
 
 

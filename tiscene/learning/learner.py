@@ -13,6 +13,7 @@ from typing import Any, Protocol, runtime_checkable
 import numpy as np
 from numpy.typing import NDArray
 
+from dynamics import argument_checks
 from tiscene.errors import ArgumentError, ArgumentTypeError, UnknownName
 from tiscene.learning.answers import Answer
 from tiscene.learning.phase import CourseFrame
@@ -98,5 +99,5 @@ def check_learner(value: Any, name: str = "learner") -> Learner:
     """
     if isinstance(value, type) or not isinstance(value, Learner):
         hint = "pass an instance, not the class" if isinstance(value, type) else "it has to have predict and learn"
-        raise ArgumentError(f"{name}: {value!r} is not a learner; {hint}")
+        raise ArgumentError(f"{name}: {argument_checks.brief(value)} is not a learner; {hint}")
     return value

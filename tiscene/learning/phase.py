@@ -14,7 +14,7 @@ from tiscene.frame.frame import Frame
 from tiscene.learning.drift import SCENARIO, Drift
 from tiscene.learning.laps import LapTimes, lap_times, loops_of
 from tiscene.learning.supervision_rules import SupervisionRules
-from tiscene.learning.teaching_policies import Policy, check_policy
+from tiscene.learning.teaching_policies import Policy
 from tiscene.scenario.scenario import Scenario
 
 MAX_LAP = 10_000_000  # frames; longer ones are a mistake
@@ -57,7 +57,8 @@ class Phase:
         if isinstance(self.scenario, str | os.PathLike):
             object.__setattr__(self, "scenario", Scenario.load(self.scenario))
         if not isinstance(self.scenario, Scenario):
-            raise ArgumentError(f"{where}: scenario={self.scenario!r}: must be a Scenario, a scene's name or a file")
+            given = argument_checks.brief(self.scenario)
+            raise ArgumentError(f"{where}: scenario={given}: must be a Scenario, a scene's name or a file")
         if (self.frames is None) == (self.laps is None):
             raise ArgumentError(f"{where}: give either frames= or laps=")
         for name, low in (("frames", 1), ("laps", 1), ("start", 0), ("step", 1)):
@@ -70,7 +71,8 @@ class Phase:
         if isinstance(self.supervision, Policy):
             object.__setattr__(self, "supervision", SupervisionRules(self.supervision))
         elif not isinstance(self.supervision, SupervisionRules | None):
-            check_policy(self.supervision, f"{where}: supervision")
+            expected = "a policy, such as OnePixelPerMovingObject(), or SupervisionRules(policy, budget=100)"
+            raise ArgumentError(f"{where}: supervision={argument_checks.brief(self.supervision)}: must be {expected}")
         if isinstance(self.drift, Drift):
             object.__setattr__(self, "drift", (self.drift,))
         if not isinstance(self.drift, Iterable) or not all(isinstance(each, Drift) for each in self.drift):
@@ -162,7 +164,7 @@ def check_phases(value: Any, name: str) -> tuple[Phase, ...]:
         or not isinstance(value, Sequence)
         or not all(isinstance(each, Phase) for each in value)
     ):
-        raise ArgumentError(f"{name}={value!r}: must be a sequence of Phase(name, scenario, ...)")
+        raise ArgumentError(f"{name}={argument_checks.brief(value)}: must be a sequence of Phase(name, scenario, ...)")
     names = [each.name for each in value]
     for row, each in enumerate(names):
         if each in names[:row]:

@@ -59,7 +59,7 @@ class Supervision:
         **rules: Any,
     ) -> None:
         if not isinstance(stream, Stream | Course):
-            raise ArgumentTypeError(f"stream={stream!r}: must be a Stream or a Course")
+            raise ArgumentTypeError(f"stream={argument_checks.brief(stream)}: must be a Stream or a Course")
         if not isinstance(silent, Iterable):
             raise ArgumentTypeError(f"silent={silent!r}: must be intervals (first frame, first frame after)")
         self._stream = stream

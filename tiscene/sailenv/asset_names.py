@@ -16,6 +16,7 @@ from tiscene import catalog
 from tiscene.errors import SceneNotFound, TemplateNotFound
 from tiscene.scene.camera import Vector3
 
+_OWN_STAGE = "A stage of your own is a scene once it is NAME/scene.usda in a folder of TISCENE_PATH."
 _SUFFIX = "/scene"
 _TRAIL = " Trail"  # ends the names of SAILenv's templates that leave a trail on the screen
 
@@ -60,7 +61,8 @@ def catalog_scene(name: str) -> str:
         return exact
     alike = [each for each in known if plain(each) == plain(name)]
     if len(alike) != 1:
-        raise SceneNotFound("scene", str(name), scenes())
+        is_file = exact.lower().endswith(catalog.STAGE_SUFFIXES)
+        raise SceneNotFound("scene", str(name), scenes(), hint=_OWN_STAGE if is_file else "")
     return alike[0]
 
 

@@ -23,7 +23,7 @@ from pathlib import Path
 from typing import Any
 
 from dynamics import AllTogether, RigidBody, Timing
-from dynamics.argument_checks import flag, number, set_checked, text
+from dynamics.argument_checks import brief, flag, number, set_checked, text
 from tiscene import catalog
 from tiscene.errors import ArgumentError, ScenarioError, scenario_errors
 from tiscene.scenario import serialization
@@ -303,7 +303,7 @@ class Scenario:
             ScenarioError: the scenario is invalid; the message names the file and the place in it.
         """
         if not isinstance(source, str | os.PathLike):
-            raise ArgumentError(f"source={source!r}: must be a Scenario, a scene's name or a file")
+            raise ArgumentError(f"source={brief(source)}: must be a Scenario, a scene's name or a file")
         if Path(source).suffix.lower() == ".json":
             loaded = serialization.read(source, cls.from_json)
             loaded = replace(loaded, variants={**loaded.variants, **variants}) if variants else loaded

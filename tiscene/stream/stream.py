@@ -17,10 +17,10 @@ from functools import partial
 from types import TracebackType
 from typing import Any, overload
 
-from dynamics.argument_checks import distinct_names, integer, number, positive
+from dynamics.argument_checks import brief, distinct_names, flag, integer, number, positive
 from tiscene import catalog
 from tiscene.device import runtime
-from tiscene.errors import ArgumentError
+from tiscene.errors import ArgumentError, ArgumentTypeError
 from tiscene.frame.buffers import COLORS, buffer_names, rendered_buffers
 from tiscene.frame.frame import Frame
 from tiscene.render.integrators.incremental.base_image import ProgressCallback
@@ -213,7 +213,7 @@ class Stream(FixedSettings, LoaderMethods, StreamOutput, SavedState, Iterator[Fr
             TisceneError: the scenario, its stage or a template is invalid; nothing has changed then.
         """
         if not isinstance(scenario, Scenario):
-            raise ArgumentError(f"scenario={scenario!r}: must be a Scenario; Scenario.load reads one")
+            raise ArgumentError(f"scenario={brief(scenario)}: must be a Scenario; Scenario.load reads one")
         width, height = image_size(self.width if width is None else width, self.height if height is None else height)
         stage, settings, cache_bytes = self.stages.stage(scenario), self.render_settings, self._cache_bytes
         renderer = ViewRenderer(
@@ -261,6 +261,8 @@ class Stream(FixedSettings, LoaderMethods, StreamOutput, SavedState, Iterator[Fr
         raise AttributeError(f"{type(self).__name__!r} object has no attribute {name!r}")
 
     def __repr__(self) -> str:
+        if "world" not in vars(self):
+            return "<Stream, closed>"
         return f"<Stream of {self.scenario.scene} at frame {self.position}: {', '.join(self.buffers)}>"
 
     @property
@@ -341,7 +343,7 @@ class Stream(FixedSettings, LoaderMethods, StreamOutput, SavedState, Iterator[Fr
     def render_view(
         self,
         index: int,
-        view: View | Camera,
+        view: View | Camera | str,
         buffers: Sequence[str] | None = None,
         *,
         since: int | None = None,
@@ -353,17 +355,25 @@ class Stream(FixedSettings, LoaderMethods, StreamOutput, SavedState, Iterator[Fr
 
         Args:
             index: frame number.
-            view: the camera at frames index - 1, index and index + 1, and the image size. A Camera stands still where
-                it is, and its image has the stream's size.
+            view: a Camera, or the name or prim path of one on the stage. It stands still where it is, and its image has
+                the stream's size. A View has the camera at frames index - 1, index and index + 1, and the image size.
             buffers: names of buffers; None: the stream's.
             since: the frame of `view.previous`, from which `backward_flow` is measured; None: index - 1.
             incremental: overrides the stream's setting for this frame.
+
+        Raises:
+            TisceneError: an argument is invalid.
         """
         names = self.buffers if buffers is None else buffer_names(buffers)
         size = self.width, self.height
         self._renderer.check_session()
+        if isinstance(view, str):
+            view = self.world.stage.camera(view)
         if isinstance(view, Camera):
             view = View(view, view, view, *size)
+        if not isinstance(view, View):
+            raise ArgumentTypeError(f"view={brief(view)}: must be a Camera, the name of one on the stage, or a View")
+        incremental = None if incremental is None else flag(incremental, "incremental")
         state = self.world.state(index)
         return self._renderer.render(state, view, names, main_size=size, since=since, incremental=incremental)
 

@@ -50,16 +50,6 @@ class ObjectMovers(Sequence[Mover]):
         self._entries: dict[int, _Entry] = {}
         self._shapes: LRUCache[tuple[object, ...], Shape | None] = LRUCache(MAX_SHAPES)
 
-    @property
-    def cached_objects(self) -> int:
-        """Number of objects whose bodies are kept."""
-        return len(self._entries)
-
-    @property
-    def cached_shapes(self) -> int:
-        """Number of sphere proxies that are kept, one per template and scale."""
-        return len(self._shapes)
-
     def __len__(self) -> int:
         return len(self._log.histories)
 

@@ -240,6 +240,9 @@ def test_scene_camera_or_template_that_is_not_there_does_not_lose_the_others(who
     assert all(row["digest"] == expected[row["number"]] for row in rows if "error" not in row)
     file = tmp_path / "recipe.json"
     file.write_text(json.dumps(mixed.to_json()))
+    if "Nope" not in error:  # a camera is known once its stage is read
+        (message,) = mixed.unknown_names()
+        assert error in message
     assert cli.main(["sample", str(file), "-n", str(COUNT), "-o", str(tmp_path / "samples")]) == 0
     shown = capsys.readouterr()
     assert len(shown.out.split()) == COUNT - len(failed)

@@ -11,6 +11,7 @@ from tests.export.preview.browser import browser, console_errors
 from tiscene.errors import ArgumentError, ExportError
 from tiscene.export.preview import write_preview
 from tiscene.export.preview.buffer_codec import PageBuffer
+from tiscene.export.preview.object_tracks import ObjectTracks
 from tiscene.frame.buffers import BUFFERS
 from tiscene.scenario.objects import Object
 from tiscene.scenario.scenario import Scenario
@@ -183,6 +184,18 @@ def test_other_camera_can_be_chosen(page):
     page.execute_script(
         "const c = document.getElementById('camera'); c.selectedIndex = 0; c.dispatchEvent(new Event('change'))"
     )
+
+
+@pytest.mark.parametrize("height", [None, 3.0])
+def test_plan_knows_how_wide_the_camera_sees(height):
+    camera = Camera((0, 1, 2), orthographic_height=height)
+    stream = Stream(Scenario("object_view", camera=camera), width=48, height=36, buffers=("instance",))
+    tracks = ObjectTracks()
+    tracks.add(stream[0])
+    ((x, z, *forward, half_width, is_orthographic),) = tracks.to_json()["cameraPath"]
+    assert (x, z, forward) == (0, 2, [0, -1])
+    assert is_orthographic == (height is not None)
+    assert half_width == pytest.approx(2.0 if height else np.tan(np.pi / 6) * 48 / 36, abs=1e-3)
 
 
 def test_page_refers_to_nothing_outside(path):

@@ -12,7 +12,7 @@ import pytest
 from pxr import Gf, Kind, Sdf, Usd, UsdGeom, UsdLux, UsdSemantics, Vt
 
 import tiscene as ts
-from tiscene.errors import ArgumentError, MissingFile, StageError, StageWarning
+from tiscene.errors import ArgumentError, MissingFile, SceneNotFound, StageError, StageWarning
 from tiscene.usd import Opening, RoomPlacement, join
 from tiscene.usd.read.stage_reader import read_stage
 
@@ -321,8 +321,16 @@ def test_wall_in_an_instance_within_another_one_is_cut(tmp_path: Path) -> None:
     assert Usd.Stage.Open(str(path)).GetPrimAtPath("/Flat/room/Outer/Inner/Shape").IsA(UsdGeom.Mesh)
 
 
+def test_room_is_a_scene_by_its_name(tmp_path: Path) -> None:
+    path = join([("object_view", (1.0, 0.0, 0.0))], tmp_path / "flat.usda")
+    stage = Usd.Stage.Open(str(path))
+    assert stage.GetPrimAtPath("/Flat/object_view").GetChildren()
+    with pytest.raises(SceneNotFound, match="Did you mean 'object_view'"):
+        join([("objct_view", (0.0, 0.0, 0.0))], tmp_path / "flat.usda")
+
+
 def test_missing_room_is_named(tmp_path: Path) -> None:
-    with pytest.raises(MissingFile, match=r"cellar\.usda does not exist"):
+    with pytest.raises(MissingFile, match=r"no file .*cellar\.usda"):
         join([(tmp_path / "cellar.usda", (0.0, 0.0, 0.0))], tmp_path / "flat.usda")
 
 

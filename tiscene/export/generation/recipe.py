@@ -20,7 +20,7 @@ import numpy as np
 
 from dynamics.argument_checks import integer, not_negative
 from tiscene import catalog
-from tiscene.errors import ArgumentError, MissingFile, ScenarioError, TisceneError, did_you_mean
+from tiscene.errors import ArgumentError, MissingFile, ScenarioError, TisceneError, UnknownName, did_you_mean
 from tiscene.export.formats import find_format
 from tiscene.frame.buffers import buffer_names
 from tiscene.render.view import image_size
@@ -170,6 +170,21 @@ class Recipe:
             except ScenarioError as error:
                 mistakes.append(str(error))
         raise ScenarioError(f"scenario {number} in {choice.scene!r}: {mistakes[-1]} ({DRAWS} seeds were tried)")
+
+    def unknown_names(self) -> list[str]:
+        """Return messages about scenes and templates that are not there, in the order of the scenes.
+
+        That is no mistake of the recipe: they may be there when, or where, a scenario is made.
+        """
+        found = []
+        for choice in self.scenes:
+            try:
+                catalog.find_scene(choice.scene)
+                for name in {**self.ranges, **choice.ranges}.get("templates") or ():
+                    catalog.find_template(name)
+            except (UnknownName, MissingFile) as error:
+                found.append(str(error))
+        return list(dict.fromkeys(found))
 
     def _aspect(self, scene: str, variants: Mapping[str, str]) -> float:
         """Return width / height of the images that the stream makes of a scene."""

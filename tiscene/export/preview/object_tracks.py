@@ -45,8 +45,9 @@ class ObjectTracks:
                 track[name] += [None] * (self._count - len(track[name]))  # gone
         self._events.append([asdict(event) for event in frame.events])
         position, forward = frame.camera.position, frame.camera.world_from_camera[:3, 2]
-        width = 0.5 * frame.camera.width / float(frame.camera.K[0, 0])
-        self._cameras.append(_rounded((position[0], position[2], forward[0], forward[2], width)))
+        half_width = 0.5 * frame.camera.width / float(frame.camera.K[0, 0])  # m; of a perspective camera at 1 m
+        is_orthographic = frame.camera.camera.orthographic_height is not None
+        self._cameras.append(_rounded((position[0], position[2], forward[0], forward[2], half_width, is_orthographic)))
         for name, value in frame.difficulty.to_json().items():
             self._difficulty[name].append(None if value is None else round(value, 3))
 

@@ -68,13 +68,16 @@ class Plan {
       if (bounds) this.place(box, bounds);
     }
     for (const box of this.svg.querySelectorAll("rect")) box.classList.toggle("hit", Number(box.dataset.id) === selected);
-    const [x, z, forwardX, forwardZ, halfWidth] = this.content.cameraPath[frame];
+    const [x, z, forwardX, forwardZ, halfWidth, isOrthographic] = this.content.cameraPath[frame];
     const length = Math.hypot(forwardX, forwardZ), reach = 22 * this.unit;
     this.eye.setAttribute("cx", x);
     this.eye.setAttribute("cy", z);
     if (length < 0.2) { this.view.removeAttribute("d"); return; }  // it looks straight down or up
-    const [dx, dz] = [forwardX / length, forwardZ / length], side = halfWidth * reach;
-    const edge = (sign) => `${x + dx * reach - sign * dz * side},${z + dz * reach + sign * dx * side}`;
-    this.view.setAttribute("d", `M${x},${z} L${edge(1)} L${edge(-1)} Z`);
+    const [dx, dz] = [forwardX / length, forwardZ / length];
+    const corner = (distance, sign) => {
+      const side = sign * halfWidth * (isOrthographic ? 1 : distance);
+      return `${x + dx * distance - dz * side},${z + dz * distance + dx * side}`;
+    };
+    this.view.setAttribute("d", `M${corner(0, 1)} L${corner(reach, 1)} L${corner(reach, -1)} L${corner(0, -1)} Z`);
   }
 }

@@ -5,7 +5,7 @@ from __future__ import annotations
 
 from typing import Any
 
-from tiscene.learning.course import Course
+from tiscene.learning.course import Course, check_course
 from tiscene.learning.phase import CourseFrame
 from tiscene.scenario.scenario import Scenario
 from tiscene.stream.loaders.loader_methods import LoaderMethods
@@ -21,7 +21,7 @@ class CourseFrames(LoaderMethods):
     """
 
     def __init__(self, course: Course) -> None:
-        self.course = course
+        self.course = check_course(course)
 
     @property
     def position(self) -> int:

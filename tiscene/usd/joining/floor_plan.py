@@ -21,7 +21,7 @@ class RoomPlacement(NamedTuple):
     """A room of a joined stage. A plain tuple `(file, position)` is one too.
 
     Attributes:
-        file: the USD stage of the room.
+        file: the USD stage of the room, or the name of a scene.
         position: where the room's origin is, m.
         yaw: rotation of the room about the up axis, degrees.
         name: name of the room, as in `frame.room`; "": that of the file, or of its folder for `kitchen/scene.usda`.

@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 from pxr import Gf, Kind, Sdf, Tf, Usd, UsdGeom, UsdLux, UsdSemantics, UsdShade, Vt
 
+from tiscene import catalog
 from tiscene.catalog import LAYER_SUFFIXES
 from tiscene.errors import ArgumentError, StageError, StageWarning
 from tiscene.files import write_atomically
@@ -62,7 +63,7 @@ def join(
     Raises:
         ArgumentError: no rooms, one that is no placement, two rooms of one name, rooms of different units or axes, an
             unknown `sky`, or a `path` with another suffix or that is a file of a room.
-        MissingFile: there is no file of a room.
+        SceneNotFound, MissingFile: there is no file of a room.
         StageError: a room cannot be read, or an opening meets a shape that cannot be cut.
     """
     target = Path(path)
@@ -114,7 +115,8 @@ def _placement(number: int, room: object) -> RoomPlacement:
     """Return a room as a placement."""
     if not isinstance(room, tuple | list) or not 1 <= len(room) <= len(RoomPlacement._fields):
         raise ArgumentError(f"join(rooms=): room {number} is {room!r}; expected (file, position) or a RoomPlacement")
-    return RoomPlacement(*room)
+    placement = RoomPlacement(*room)
+    return placement._replace(file=catalog.find_scene(placement.file))
 
 
 def _identifiers(placements: Sequence[RoomPlacement]) -> list[str]:
