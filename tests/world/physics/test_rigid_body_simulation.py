@@ -87,11 +87,26 @@ def test_block_stays_on_a_slope_that_friction_holds():
     assert np.linalg.norm(simulation.frame(250).poses[0, :3] - simulation.frame(5).poses[0, :3]) < 2e-3
 
 
-def test_stack_rests():
-    simulation = FakePhysicsWorld(stack(5), [FLOOR]).simulation()
-    settled, later = simulation.frame(25).poses, simulation.frame(500).poses
+@pytest.mark.parametrize(("count", "frames"), [(5, 500), (20, 250)])
+def test_stack_rests(count, frames):
+    simulation = FakePhysicsWorld(stack(count), [FLOOR]).simulation()
+    settled, later = simulation.frame(25).poses, simulation.frame(frames).poses
     assert np.abs(later - settled).max() < 1e-3
-    np.testing.assert_allclose(later[:, 1], 0.1 + 0.2 * np.arange(5), atol=5e-3)
+    np.testing.assert_allclose(later[:, 1], 0.1 + 0.2 * np.arange(count), atol=5e-3)
+
+
+@pytest.mark.parametrize("friction", [0.3, 1.0])
+def test_block_begins_to_slide_at_the_angle_of_its_friction(friction):
+    def moved(degrees):
+        angle = math.radians(degrees)
+        up, turned = np.array([-math.sin(angle), math.cos(angle), 0.0]), (0.0, 0.0, degrees)
+        block = box(0.2, 0.05, 0.2), pose(*(0.05 * up), turned), RigidBody(friction=friction)
+        simulation = FakePhysicsWorld([block], [(pose(*(-0.5 * up), turned), box(30, 0.5, 3))]).simulation()
+        return np.linalg.norm(simulation.frame(60).poses[0, :3] - simulation.frame(10).poses[0, :3])
+
+    angle = math.degrees(math.atan(friction))
+    assert moved(angle - 0.5) < 1e-3
+    assert moved(angle + 0.5) > 0.1
 
 
 def test_mover_pushes_and_carries_others_and_is_not_pushed():
