@@ -17,6 +17,7 @@ from tiscene.render.integrators.incremental.incremental_pass import (
     IncrementalImage,
     IncrementalPass,
 )
+from tiscene.render.integrators.incremental.path_recording import AUXILIARY, light_column
 from tiscene.render.integrators.path.path_image import PathImage
 from tiscene.render.integrators.path.path_pass import PathPass
 from tiscene.render.view import View
@@ -129,6 +130,20 @@ class MovingBalls:
         factors = np.ones((1, 3), np.float32) if self.groups is None else self.groups.factors
         scene = paths.scene_arrays(lights.scaled(factors))
         return paths.render(self.view, frame_index=frame, seed=1, spp=spp, max_depth=QUALITY["max_depth"], scene=scene)
+
+
+def corrected_path_mean(incremental: IncrementalPass) -> PathImage:
+    """Return the frame rendered last as its cached paths show it: their mean plus the correction, without the base.
+
+    It equals path tracing with the random numbers of the cached paths.
+    """
+    base, scratch = incremental._prepared()
+    mean = base.mean.to_numpy()
+    for group, factor in enumerate(incremental._light_factors()[1:], 1):
+        mean[:, :3] += factor * mean[:, light_column(group) : light_column(group) + 3]
+    total = mean[:, : light_column(1)] + scratch.correction.to_numpy()[:, : light_column(1)]
+    image = total.reshape(incremental.height, incremental.width, light_column(1))
+    return PathImage(image[..., :3], image[..., AUXILIARY : AUXILIARY + 3], image[..., AUXILIARY + 3 :])
 
 
 def stacked(image: PathImage) -> NDArray[np.float32]:

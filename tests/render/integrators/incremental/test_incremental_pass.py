@@ -23,6 +23,7 @@ from tests.render.incremental_scenes import (
     SIZE,
     MovingBalls,
     check_equal_means,
+    corrected_path_mean,
     stacked,
 )
 from tests.render.path_scenes import BOX_CAMERA
@@ -53,7 +54,7 @@ def test_corrected_paths_equal_path_tracing(mover: str, others: dict[str, object
     """With the same random numbers, cached paths plus corrections equal path tracing, path by path."""
     scene = MovingBalls(MOVERS[mover], **others)  # type: ignore[arg-type]
     scene.render(*BALLS)
-    corrected = stacked(scene.incremental.corrected_path_mean())
+    corrected = stacked(corrected_path_mean(scene.incremental))
     np.testing.assert_allclose(corrected, stacked(scene.trace(*BALLS)), rtol=1e-4, atol=1e-4)
 
 
@@ -69,7 +70,7 @@ def test_corrected_paths_equal_path_tracing_with_scaled_lights(mover: str, wall:
         scene = MovingBalls(MOVERS[mover], wall=wall, lights=lights)
         scene.dim(*factors)
         scene.render(*BALLS)
-        corrected = scene.incremental.corrected_path_mean().hdr
+        corrected = corrected_path_mean(scene.incremental).hdr
         np.testing.assert_allclose(corrected, scene.trace(*BALLS).hdr, rtol=1e-4, atol=1e-4, err_msg=lights)
 
 
@@ -82,7 +83,7 @@ def test_corrected_paths_equal_path_tracing_with_indirect_multipliers(mover: str
             scene.dim(*factors)
         scene.render(*BALLS)
         traced = scene.trace(*BALLS).hdr
-        np.testing.assert_allclose(scene.incremental.corrected_path_mean().hdr, traced, rtol=1e-4, atol=1e-4)
+        np.testing.assert_allclose(corrected_path_mean(scene.incremental).hdr, traced, rtol=1e-4, atol=1e-4)
     unscaled = MovingBalls(MOVERS[mover], wall=GLOSSY, lights="indirect multipliers")
     unscaled.lights = [replace(light, indirect=1.0) for light in unscaled.lights]
     unscaled.dim(*factors)
@@ -98,7 +99,7 @@ def test_near_spp_adds_paths_where_movers_are_visible(block: int, monkeypatch: p
     after = stacked(scene.render(*BALLS, near_spp=3))
     near = (after != before).any(axis=-1)
     assert 0.02 < near.mean() < 0.3
-    corrected = stacked(scene.incremental.corrected_path_mean())
+    corrected = stacked(corrected_path_mean(scene.incremental))
     both = (4.0 * stacked(scene.trace(*BALLS)) + 3.0 * stacked(scene.trace(*BALLS, frame=EXTRA_PATHS_FRAME, spp=3))) / 7
     np.testing.assert_allclose(corrected[near], both[near], rtol=1e-4, atol=1e-4)
     np.testing.assert_array_equal(stacked(scene.render(*BALLS, near_spp=3)), after)
@@ -111,9 +112,7 @@ def test_corrected_paths_equal_path_tracing_before_a_background_of_one_color() -
     scene.view = View(camera, camera, camera, *SIZE, background=(0.2, 0.4, 0.6))
     scene.dim((0.5, 0.5, 0.5), (2.0, 2.0, 2.0))
     image = scene.render(*BALLS)
-    np.testing.assert_allclose(
-        stacked(scene.incremental.corrected_path_mean()), stacked(scene.trace(*BALLS)), atol=1e-5
-    )
+    np.testing.assert_allclose(stacked(corrected_path_mean(scene.incremental)), stacked(scene.trace(*BALLS)), atol=1e-5)
     empty = np.isclose(image.hdr, scene.view.background, rtol=1e-5).all(axis=-1)
     assert 0.1 < empty.mean() < 0.9
 
@@ -243,7 +242,7 @@ def test_memory_limit_reduces_cached_spp() -> None:
     scene.render(*BALLS)
     assert scene.incremental._prepared()[0].cache.spp == 2
     assert scene.incremental.cached_bytes <= one_base * 6 // 10
-    corrected = stacked(scene.incremental.corrected_path_mean())
+    corrected = stacked(corrected_path_mean(scene.incremental))
     np.testing.assert_allclose(corrected, stacked(scene.trace(*BALLS, spp=2)), rtol=1e-4, atol=1e-4)
 
 

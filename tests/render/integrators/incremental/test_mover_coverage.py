@@ -6,7 +6,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from tests.render.incremental_scenes import BALLS, LENS, RADII, RED, SIZE, MovingBalls
+from tests.render.incremental_scenes import BALLS, LENS, RADII, RED, SIZE, MovingBalls, corrected_path_mean
 from tiscene.device.memory import upload
 from tiscene.render.integrators.incremental.changed_regions import (
     CELL,
@@ -42,7 +42,8 @@ def exact_coverage(scene: MovingBalls, side: int = 16) -> NDArray[np.float64]:
 def covered_subpixels(scene: MovingBalls, all_subpixels: bool = True) -> NDArray[np.int32]:
     """Render the balls at their default positions and count the subpixels that they cover."""
     scene.render(*BALLS)
-    return scene.incremental.count_covered_subpixels(scene.moving, all_subpixels)
+    scene.incremental._retracer.place_movers(scene.moving)
+    return scene.incremental._count_covered(all_subpixels)
 
 
 def test_covered_subpixels_approximate_exact_coverage() -> None:
@@ -70,12 +71,12 @@ def test_denoiser_features_have_smooth_edges_unless_lens_blurs_them() -> None:
     for seed in range(4):
         image = scene.render(*BALLS, seed=seed)
         smooth_error += np.abs(image.albedo - truth.albedo).sum(axis=-1)
-        path_error += np.abs(scene.incremental.corrected_path_mean().albedo - truth.albedo).sum(axis=-1)
+        path_error += np.abs(corrected_path_mean(scene.incremental).albedo - truth.albedo).sum(axis=-1)
     assert smooth_error[edges].mean() < 0.6 * path_error[edges].mean()
     blurred = MovingBalls(RED, camera=LENS)
     image = blurred.render(*BALLS)
     inside = covered == SUBPIXELS
-    path_mean = blurred.incremental.corrected_path_mean().albedo
+    path_mean = corrected_path_mean(blurred.incremental).albedo
     np.testing.assert_allclose(image.albedo[inside], path_mean[inside], atol=1e-5)
 
 

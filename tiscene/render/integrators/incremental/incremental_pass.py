@@ -40,7 +40,6 @@ from tiscene.render.integrators.incremental.frame_scratch import FrameScratch
 from tiscene.render.integrators.incremental.mover_coverage import NO_MOVER_NEAR, SUBPIXELS, MoverCoverage
 from tiscene.render.integrators.incremental.outlier_filter import filter_outliers
 from tiscene.render.integrators.incremental.path_cache import PathCache, state_size
-from tiscene.render.integrators.incremental.path_recording import AUXILIARY, light_column
 from tiscene.render.integrators.incremental.path_retracer import PathRetracer
 from tiscene.render.integrators.incremental.selected_paths import PathSelection
 from tiscene.render.integrators.path.path_image import PathImage
@@ -229,24 +228,6 @@ class IncrementalPass:
         filtered = filter_outliers(scratch.correction, denoiser_input)
         regions = changed_regions(scratch.correction, denoiser_input, filtered, static_mask)
         return IncrementalImage(hdr, albedo, normal, filtered, base, factors, static_mask, regions)
-
-    def count_covered_subpixels(self, moving: NDArray[np.bool_], all_subpixels: bool = True) -> NDArray[np.int32]:
-        """Return `MoverCoverage.count` of the base prepared last, for what the scene has placed at CURRENT."""
-        self._retracer.place_movers(moving)
-        return self._count_covered(all_subpixels)
-
-    def corrected_path_mean(self) -> PathImage:
-        """Return the frame rendered last as its cached paths show it: their mean plus the correction, without the base.
-
-        It equals path tracing with the random numbers of the cached paths.
-        """
-        base, scratch = self._prepared()
-        mean = base.mean.to_numpy()
-        for group, factor in enumerate(self._light_factors()[1:], 1):
-            mean[:, :3] += factor * mean[:, light_column(group) : light_column(group) + 3]
-        total = mean[:, : light_column(1)] + scratch.correction.to_numpy()[:, : light_column(1)]
-        image = total.reshape(self.height, self.width, light_column(1))
-        return PathImage(image[..., :3], image[..., AUXILIARY : AUXILIARY + 3], image[..., AUXILIARY + 3 :])
 
     def _prepared(self) -> tuple[IncrementalBase, FrameScratch]:
         if self._scratch is None:
