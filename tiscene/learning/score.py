@@ -99,12 +99,13 @@ class Score(Mapping[str, Any]):
         return cls(**parts, course=Course.from_json(content["course"]), digests=content["frames"]["digests"])
 
 
-def differences(first: Mapping[str, Any], second: Mapping[str, Any]) -> list[str]:
-    """Compare two scores, as JSON values, in everything that does not depend on the machine.
+def differences(first: Score | Mapping[str, Any], second: Score | Mapping[str, Any]) -> list[str]:
+    """Compare two scores, or their JSON values, in everything that does not depend on the machine.
 
     Returns:
         A line for each difference; none if the second recomputes the first.
     """
+    first, second = (each.to_json() if isinstance(each, Score) else each for each in (first, second))
     found = []
     for name in ("course", "learner", "categories", "clock"):
         if first[name] != second[name]:
