@@ -28,6 +28,7 @@ from tiscene.scenario.light_motion import LightMotion
 from tiscene.scenario.objects import Object
 from tiscene.scenario.scenario import Scenario
 from tiscene.scene.camera import Camera
+from tiscene.scene.lens_keyframes import LensKeyframes
 from tiscene.stream import stage_cache
 from tiscene.stream.stream import Stream
 
@@ -265,6 +266,9 @@ def test_scenarios_without_laps_say_why():
             lap_times(without)
     with pytest.raises(ScenarioError, match="never returns"):
         lap_times(two(1.0, 2.0, WaitUntilComplete(0.5, repeat=False)))
+    zooming = Camera(lens=LensKeyframes((0, 2), vertical_fov=(1.0, 0.5)))
+    with pytest.raises(ScenarioError, match="'camera' never returns"):
+        lap_times(two(1.0, 2.0, camera=zooming))
     with pytest.raises(ObjectNotFound, match="no object 'c'"):
         lap_times(two(1.0, 2.0), of="c")
 

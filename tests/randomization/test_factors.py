@@ -3,12 +3,16 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import pytest
 
 from tiscene.errors import ArgumentError, ScenarioError, TemplateNotFound, UnknownName
 from tiscene.randomization.factors import FACTORS
 from tiscene.scenario.overrides import CameraOverride, LightOverride, MaterialOverride
 from tiscene.scenario.scenario import Scenario
+from tiscene.scene.camera import Camera
+from tiscene.scene.lens_keyframes import LensKeyframes
 
 
 @pytest.mark.parametrize("factor", FACTORS)
@@ -46,6 +50,14 @@ def test_factor_changes_nothing_else(drawn, factor):
     assert ids == [each.id for each in drawn.objects]
     if FACTORS[factor].keeps_motion and factor != "speed":
         assert [each.dynamic for each in other.objects][:2] == [each.dynamic for each in drawn.objects]
+
+
+def test_drawn_lens_of_a_view_does_not_vary(drawn):
+    lens = LensKeyframes((0.0, 2.0), vertical_fov=(1.0, 0.2), focus_distance=(1.0, 3.0))
+    zooming = replace(drawn, camera=Camera(lens=lens))
+    made = zooming.with_factor("views", {"zoom": (2.0, 3.0)}, seed=1).camera
+    assert made.at(1.5).vertical_fov == made.vertical_fov < Camera.vertical_fov
+    assert made.at(1.5).focus_distance == 2.5
 
 
 def test_order_of_factors_does_not_matter(drawn):

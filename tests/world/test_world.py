@@ -253,6 +253,23 @@ def test_the_camera_moves_by_its_dynamic():
     assert start[0] == start[1]
 
 
+def test_lens_of_a_camera_plays_whatever_places_it_and_the_walls_follow():
+    lens = ts.LensKeyframes((0.0, 2.0), vertical_fov=(1.0, 0.2), focus_distance=(1.0, 3.0))
+    zooming = ts.Camera((3, 1, 0), lens=lens)
+    made = world(fps=2.0, camera=zooming, frustum=ts.Frustum())
+    made.next_frame = 2
+    made.move_camera((0, 0, 1))
+    before, now, after = made.state(2).cameras[0]
+    assert [each.focus_distance for each in (before, now, after)] == [1.5, 2.0, 2.5]
+    assert [each.position for each in (before, now, after)] == [(3, 1, 0), (0, 0, 1), (0, 0, 1)]
+    assert made.state(0).cameras[0].previous == made.state(0).cameras[0].current
+    (middle,) = made.between(3, Fraction(-1, 2))[1]
+    assert (middle.focus_distance, middle.position) == (2.25, (0, 0, 1))
+    np.testing.assert_array_equal(made.trajectories.walls(Fraction(2)), zooming.at(2.0).frustum_planes(4 / 3))
+    made.set_frustum_walls(ts.Frustum())
+    np.testing.assert_array_equal(made.trajectories.walls(Fraction(9)), now.frustum_planes(4 / 3))
+
+
 def test_what_moves_by_itself_may_stand_beside_things_without_a_mesh():
     """The cup, which comes first, has none."""
     moved = np.tile(np.eye(4)[:3], (2, 1, 1, 1))
