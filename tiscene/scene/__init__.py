@@ -21,6 +21,7 @@
     reused_arrays         the large arrays, which scenes of one stage use one after another
     affine_maps           inverses; boxes around transformed boxes
     deforming_mesh        a deforming mesh on the device
+    transient_meshes      topologies that are on the device while frames need them
     material_table        materials as arrays
     bvh                   bounding volume hierarchies
     lights                light tables and trees

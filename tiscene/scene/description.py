@@ -101,6 +101,8 @@ class Mesh:
         colors: float32 [n, 4], RGB and opacity of vertices, read by some materials. None: none.
         link_class: Number of the meshes that the same lights light and shadow, where a light has `lit` or `shadowing`.
             0 also holds what is spawned.
+        shape: Number of the shape whose topology changes that this mesh is at some frames, 1 and up: it is on the
+            device only while a frame needs it. 0: always.
         origin: Origin of the prim's space in this one, m. Not 0 where points far from it are kept relative to their
             center; both spaces have the same axes.
     """
@@ -117,6 +119,7 @@ class Mesh:
     colors: FloatArray | None = None
     link_class: int = 0
     origin: Vector3 = (0.0, 0.0, 0.0)
+    shape: int = 0
 
     def corners(self) -> FloatArray:
         """Return points [k, 3] whose convex hull holds the mesh at all times."""

@@ -20,7 +20,7 @@ from tiscene.scene.bvh.blas import Blas
 from tiscene.scene.bvh.bvh import Bvh
 from tiscene.scene.bvh.bvh_copy import BvhCopy
 from tiscene.scene.bvh.obstacle_tree import MeshTrees
-from tiscene.scene.bvh.rebraid import INFO_PARTS, MAX_SPLIT, PARTS, ROW_BITS, instances_to_split
+from tiscene.scene.bvh.rebraid import INFO_PARTS, MAX_SPLIT, PARTS
 from tiscene.scene.bvh.template_trees import add_meshes_of
 from tiscene.scene.deforming_mesh import BLOCKS, TIMES, DeformingMesh
 from tiscene.scene.description import Light, Mesh, SceneDescription
@@ -31,6 +31,7 @@ from tiscene.scene.material_table import MaterialTable
 from tiscene.scene.placement import CURRENT, MOVERS, NEXT, PREVIOUS, Placement
 from tiscene.scene.reused_arrays import MeshGroup, ReusedArrays
 from tiscene.scene.textures.atlas import TextureAtlas
+from tiscene.scene.transient_meshes import TransientMeshes, resident
 
 HAS_NORMALS, HAS_UV, MIRRORED, HAS_COLORS = 1, 2, 4, 8  # bits of `instance_info` column 5
 INFO_COLUMNS = 18
@@ -97,9 +98,11 @@ class DeviceScene(WholeChanges):
         self._first_triangles: list[int] = [0]
         self._first_textures: list[int] = []  # by description
         self._first_materials: list[int] = []
+        self._groups: list[MeshGroup] = []  # the resident meshes, by description
+        self._transient = TransientMeshes()
         self._deforming: dict[int, DeformingMesh] = {}  # by mesh row
         self.instance_count, self.placement = 0, NO_INSTANCES
-        self._placed_meshes: Any = None  # `_mesh_table` when the instances were placed
+        self._mesh_table = self._placed_meshes = np.zeros((0, 6), np.int32)  # the latter: when instances were placed
         self.bounds: NDArray[np.float64] = np.zeros((2, 3))
         self._hittable, self.instance_boxes = np.zeros((3, 0), bool), np.zeros((3, 0, 6))
         self.instance_info: Any = None
@@ -147,8 +150,8 @@ class DeviceScene(WholeChanges):
 
     @property
     def deforms(self) -> bool:
-        """Whether some mesh deforms."""
-        return bool(self._deforming)
+        """Whether some mesh deforms or is transient, so that frames are placed one by one."""
+        return bool(self._deforming or self._transient)
 
     def changing_meshes(self) -> NDArray[np.bool_]:
         """Return for each mesh whether it deforms, or one of its materials varies over time."""
@@ -157,7 +160,7 @@ class DeviceScene(WholeChanges):
         return result
 
     def vertex_rows(self, mesh: int) -> range:
-        """Return the rows of `vertex_position` of a mesh at CURRENT; one that deforms has to be placed before."""
+        """Return the rows of `vertex_position` of a mesh at CURRENT; where some `deforms`, it is placed before."""
         self._upload_meshes()
         first = int(self._first_vertices[mesh])
         return range(first, first + len(self._meshes[mesh].positions))
@@ -177,7 +180,8 @@ class DeviceScene(WholeChanges):
         self._first_textures.append(self.textures.append(description.textures))
         materials = description.materials, self._first_textures[-1], description.material_tracks
         self._first_materials.append(self.materials.append(*materials))
-        is_stage = len(self.descriptions) == 1
+        meshes, is_stage = resident(description.meshes), len(self.descriptions) == 1
+        self._groups.append(MeshGroup(meshes, self._first_materials[-1]))
         if is_stage and self._stage_trees is not None:
             self._blas += self._stage_trees.blas
         else:
@@ -186,14 +190,15 @@ class DeviceScene(WholeChanges):
             self._stage_rows = self._bvh.used_rows
             self.lights.place(self.lights_of(self.placement), self._first_textures)
         self.emissive.add(description)
-        for mesh in description.meshes:
+        for row, mesh in enumerate(meshes, first_mesh):
             first_triangle = self._first_triangles[-1]
             if mesh.deformation is not None:
                 shape = mesh.positions.astype(np.float32), mesh.triangles.astype(np.int32), first_triangle
                 copies = [self._bvh.add_mesh(*shape, deforms=True) for _ in TIMES]
-                self._deforming[len(self._meshes)] = DeformingMesh(mesh, mesh.deformation, copies)
-            self._meshes.append(mesh)
+                self._deforming[row] = DeformingMesh(mesh, mesh.deformation, copies)
             self._first_triangles.append(first_triangle + len(mesh.triangles))
+        self._meshes += description.meshes
+        self._transient.add(description.meshes, first_mesh, self._first_materials[-1])
         self._bvh.clear_instances()
         self._mesh_arrays_are_stale = True
         return first_mesh
@@ -220,6 +225,11 @@ class DeviceScene(WholeChanges):
         if count and not 0 <= placement.mesh.min() <= placement.mesh.max() < len(self._meshes):
             rows = f"{placement.mesh.min()} to {placement.mesh.max()}"
             raise ArgumentError(f"placement.mesh has rows from {rows}, but {len(self._meshes)} meshes were added")
+        for row, room, blas in self._transient.write(placement, self._meshes, self._arrays, self._bvh):
+            self._first_vertices[row], self._first_triangles[row] = room.first_vertex, room.first_triangle
+            self._mesh_is_empty[row] = blas.empty
+            self._mesh_table = self._mesh_table.copy()  # it is compared with that of the instances uploaded last
+            self._mesh_table[row, :2] = blas.entry, room.first_triangle
         self.lights.place(self.lights_of(placement), self._first_textures)
         varying = placement.materials or ()
         self.materials.place((self._first_materials[place] + row, each) for place, row, each in varying)
@@ -304,19 +314,10 @@ class DeviceScene(WholeChanges):
 
     def _split_instances(self, time: int, rows: NDArray[np.int32]) -> tuple[NDArray[np.float64], NDArray[np.int32]]:
         """Return world boxes and names for the TLAS: of the instances, and of the parts of large ones instead."""
-        boxes = self.instance_boxes[time, rows]
+        boxes, placed = self.instance_boxes[time, rows], self.placement
         if not len(rows) or self.traversal == "bvh2":
             return boxes, rows
-        large = instances_to_split(boxes)
-        meshes = self.placement.mesh[rows[large]]
-        large = large[self._parts.entries[meshes].any(axis=1)]
-        meshes = self.placement.mesh[rows[large]]
-        matrices = np.repeat(self.placement.world_from_object[time, rows[large]][None], PARTS, axis=0)
-        part_boxes = transformed_boxes(self._parts.boxes[meshes].swapaxes(0, 1), matrices)
-        names = rows[large] | np.arange(1, PARTS + 1, dtype=np.int32)[:, None] << ROW_BITS
-        real = self._parts.entries[meshes].T != 0
-        left = np.delete(np.arange(len(rows)), large)
-        return np.concatenate([boxes[left], part_boxes[real]]), np.concatenate([rows[left], names[real]])
+        return self._parts.split(boxes, rows, placed.mesh[rows], placed.world_from_object[time, rows])
 
     def place_mesh_lights(self, lights: LightTable, emitting: NDArray[np.bool_]) -> None:
         """Place in a table the lights that the meshes of some emissive instances are, bool [n], at CURRENT."""
@@ -335,13 +336,13 @@ class DeviceScene(WholeChanges):
     def _upload_meshes(self) -> None:
         if not self._mesh_arrays_are_stale:
             return
-        meshes = self._meshes
-        copies = np.array([len(BLOCKS) if row in self._deforming else 1 for row in range(len(meshes))], np.int64)
-        vertex_counts = np.array([len(mesh.positions) for mesh in meshes], np.int64)
+        meshes, rooms = self._meshes, tuple(room.size for room in self._transient.rooms)
+        groups = [*self._groups, MeshGroup(rooms, 0)] if rooms else self._groups
+        vertex_counts = np.array([len(mesh.positions) for group in groups for mesh in group.meshes], np.int64)
+        copies = np.array([len(BLOCKS) if row in self._deforming else 1 for row in range(len(vertex_counts))], np.int64)
         self._first_vertices = np.cumsum([0, *(vertex_counts * copies)])
-        added = zip(self.descriptions, self._first_materials, strict=True)
-        groups = [MeshGroup(description.meshes, first) for (_, description), first in added]
         arrays, first_colors = self._arrays, self._arrays.write_meshes(groups, self._first_vertices, copies)
+        self._transient.clear(self._first_vertices[len(meshes) : -1].tolist(), self._first_triangles[-1])
         self.vertex_position, self.vertex_normal = arrays.vertex_position.array, arrays.vertex_normal.array
         self.vertex_uv, self.triangle_vertices = arrays.vertex_uv.array, arrays.triangle_vertices.array
         self.triangle_material, self.triangle_part = arrays.triangle_material.array, arrays.triangle_part.array
@@ -351,7 +352,6 @@ class DeviceScene(WholeChanges):
         ]
         entries = [blas.entry for blas in self._blas]
         self._parts = self._bvh.parts(self._blas)
-        deforming_vertices = np.where(copies > 1, vertex_counts, 0)
         self._mesh_is_empty = np.array([blas.empty for blas in self._blas], bool)
         self._boxes = np.array([[blas.box for blas in self._blas]] * 3).reshape(3, -1, 2, 3)
         for row, deforming in self._deforming.items():
@@ -360,8 +360,8 @@ class DeviceScene(WholeChanges):
             self._parts.entries[row] = 0
             deforming.invalidate()
         colors, links = first_colors - 3 * self._first_vertices[:-1], [mesh.link_class for mesh in meshes]
-        columns = [entries, self._first_triangles[:-1], flags, deforming_vertices, colors, links]
-        self._mesh_table = np.array(columns, np.int32).T.reshape(-1, 6)
+        columns = [entries, self._first_triangles[:-1], flags, np.where(copies > 1, vertex_counts, 0), colors, links]
+        self._mesh_table = np.array([each[: len(meshes)] for each in columns], np.int32).T.reshape(-1, 6)
         self._mesh_arrays_are_stale = False
 
     def _upload_instances(self, moved: bool = True) -> None:

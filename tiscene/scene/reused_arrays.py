@@ -10,6 +10,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from tiscene.device.memory import write_rows
 from tiscene.device.part_arrays import ArrayPart, PartArray
 from tiscene.scene.description import Mesh
 
@@ -18,7 +19,7 @@ class MeshGroup(NamedTuple):
     """The meshes of a description.
 
     Attributes:
-        meshes: The description's own tuple.
+        meshes: The description's own tuple, or one that lives as long.
         first_material: Row of the description's first material.
     """
 
@@ -96,6 +97,26 @@ class ReusedArrays:
         ):
             array.write(each)
         return np.array(first_colors, np.int64)
+
+    def overwrite(self, mesh: Mesh, first_material: int, first_vertex: int, first_triangle: int) -> None:
+        """Write a mesh without colors over others that are no longer needed.
+
+        Args:
+            mesh: The mesh.
+            first_material: Row of its description's first material.
+            first_vertex: Row of its first vertex.
+            first_triangle: Row of its first triangle.
+        """
+        vertices = (self.vertex_position, _positions), (self.vertex_normal, _normals), (self.vertex_uv, _uvs)
+        for array, values in vertices:
+            write_rows(array.array, first_vertex, np.ascontiguousarray(values(mesh), np.float32))
+        faces = (
+            (self.triangle_vertices, _triangles([mesh], np.array([first_vertex]))),
+            (self.triangle_material, _materials([mesh], first_material)),
+            (self.triangle_part, _parts([mesh])),
+        )
+        for array, rows in faces:
+            write_rows(array.array, first_triangle, np.ascontiguousarray(rows, np.int32))
 
 
 def _vertices(

@@ -267,3 +267,49 @@ def Mesh "Floor"
     assert shares[0] > 0.02
     assert shares[1] > 0.02
     assert shares[2] == 0.0
+
+
+def wave(frames):
+    """Return a mesh whose number of faces differs at each time code, with as many as 2 times 18 triangles."""
+    shapes = []
+    for k in range(frames):
+        columns = 2 + 7 * k % 17
+        x = np.linspace(-2.0, 2.0, columns)
+        lower, upper = (np.stack([x, 0 * x + y, np.sin(x + k)], axis=1) for y in (-1.5, 1.5))
+        left = np.arange(columns - 1)
+        faces = np.stack([left, left + 1, left + 1 + columns, left + columns], axis=1).ravel().tolist()
+        points = [tuple(each) for each in np.concatenate([lower, upper]).round(3).tolist()]
+        shapes.append((f"{k}: {[4] * (columns - 1)}", f"{k}: {faces}", f"{k}: {points}"))
+    names = "int[] faceVertexCounts", "int[] faceVertexIndices", "point3f[] points"
+    lines = (
+        f"{name}.timeSamples = {{ {', '.join(each)} }}"
+        for name, each in zip(names, zip(*shapes, strict=True), strict=True)
+    )
+    return f'def Mesh "Wave"\n{{\n    {PLAIN}\n' + "\n".join(lines) + "\n}\n"
+
+
+def test_topologies_are_on_the_device_while_frames_need_them_with_the_same_bytes_in_any_order(tmp_path):
+    path = write(tmp_path, wave(11), more=RANGE)
+    frames = stream(path)
+    forward = {k: frames[k] for k in range(11)}
+    scene = frames._renderer._scene
+    assert sum(len(mesh.triangles) for mesh in scene.meshes) > 150
+    assert scene._arrays.triangle_vertices.array.shape[0] <= 2 * 1 + 3 * 2 * 17
+    assert len(scene._transient.rooms) == 3
+    backward = stream(path)
+    for k in (10, 3, 4, 0, 9, 5):
+        for name in LABELS:
+            np.testing.assert_array_equal(backward[k][name], forward[k][name], err_msg=f"{k}: {name}")
+    assert_shows_the_stage(path, frames, (7, 2, 8))
+
+
+def test_topologies_are_shown_after_a_restart_that_keeps_trees_and_arrays(tmp_path):
+    path = write(tmp_path, wave(11), more=RANGE)
+    frames = stream(path)
+    before = {k: frames[k] for k in (2, 9)}
+    frames.restart(ts.Scenario("solid_benchmark"))
+    frames[0]
+    frames.restart(ts.Scenario(str(path), camera=ts.Camera(position=(0.0, 0.0, 10.0))))
+    for k in (9, 2):
+        for name in LABELS:
+            np.testing.assert_array_equal(frames[k][name], before[k][name])

@@ -35,6 +35,19 @@ class Blas:
         return self.root == EMPTY_NODE
 
 
+@dataclass(eq=False)
+class TreeRoom:
+    """Rows of a Bvh's arrays that one tree after another uses; replaced by more rows where a tree does not fit.
+
+    Attributes:
+        nodes: Rows of `Bvh.nodes`, in nodes.
+        leaf_blocks: Rows of `Bvh.leaf_blocks`, in leaf blocks.
+    """
+
+    nodes: range = range(0)
+    leaf_blocks: range = range(0)
+
+
 def levels_below(root: int, references: NDArray[np.int32]) -> list[NDArray[np.int32]]:
     """Return the inner nodes of a tree, level by level from its root.
 

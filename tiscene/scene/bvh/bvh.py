@@ -18,7 +18,7 @@ from tiscene.device.memory import upload, write_rows
 from tiscene.errors import ArgumentError
 from tiscene.scene.bvh import layout_kernels, refit_kernels
 from tiscene.scene.bvh.binary_trees import placed_nodes
-from tiscene.scene.bvh.blas import EMPTY_NODE, Blas, levels_below
+from tiscene.scene.bvh.blas import EMPTY_NODE, Blas, TreeRoom, levels_below
 from tiscene.scene.bvh.instance_tree import NODE_COLUMNS, InstanceTrees, empty_nodes, median_trees, node_count
 from tiscene.scene.bvh.moved_trees import MovedTrees
 from tiscene.scene.bvh.rebraid import SplitInstances, root_children
@@ -29,6 +29,7 @@ TLAS_COUNT = 4  # one for each time, one over the dynamic objects
 LEAF_SIZE = 4
 # Depths below which ranges are halved instead of split by SAH. A tree too deep for the stack is built with the next.
 SAH_DEPTHS = (40, 20, 10, 0)
+SPARE = 4  # the part of the rows that a room has more than its tree needs
 BATCH_TRIANGLES = 1 << 16  # small meshes are built together, up to this number of triangles
 
 
@@ -122,7 +123,13 @@ class Bvh:
         return self._roots[time]
 
     def add_mesh(
-        self, positions: Boxes, triangles: NDArray[np.int32], first_triangle: int, *, deforms: bool = False
+        self,
+        positions: Boxes,
+        triangles: NDArray[np.int32],
+        first_triangle: int,
+        *,
+        deforms: bool = False,
+        room: TreeRoom | None = None,
     ) -> Blas:
         """Build the tree of a mesh.
 
@@ -134,8 +141,9 @@ class Bvh:
             triangles: int32 [m, 3].
             first_triangle: The scene's row of the first triangle.
             deforms: Whether the vertices change later (`refit`).
+            room: Where to write the tree, in place of another one. None: behind all others.
         """
-        return self._add([positions], [triangles], first_triangle, deforms)[0]
+        return self._add([positions], [triangles], first_triangle, deforms, room)[0]
 
     def add_meshes(
         self, positions: Sequence[Boxes], triangles: Sequence[NDArray[np.int32]], first_triangle: int
@@ -155,13 +163,10 @@ class Bvh:
 
     def add_moved(self, trees: MovedTrees, first_triangle: int) -> list[Blas]:
         """Add trees that were built before, with the result of `add_meshes`, in the layout "bvh8"."""
-        self._reserve(len(trees.nodes), len(trees.leaf_blocks))
-        here = trees.moved(self._used_nodes, self._used_leaf_blocks, first_triangle)
-        nodes, leaf_blocks = self.used_rows
-        write_rows(self._arrays.nodes, nodes, here.nodes.reshape(-1, 8))
-        write_rows(self.leaf_blocks, leaf_blocks, here.leaf_blocks.reshape(-1, 4))
-        self._used_nodes += len(here.nodes)
-        self._used_leaf_blocks += len(here.leaf_blocks)
+        first, first_block = self._rows_for(len(trees.nodes), len(trees.leaf_blocks))
+        here = trees.moved(first, first_block, first_triangle)
+        write_rows(self._arrays.nodes, first * self.layout.unit, here.nodes.reshape(-1, 8))
+        write_rows(self.leaf_blocks, first_block * self.layout.block_rows, here.leaf_blocks.reshape(-1, 4))
         return list(here.blas)
 
     def _add(
@@ -170,6 +175,7 @@ class Bvh:
         triangles: Sequence[NDArray[np.int32]],
         first_triangle: int,
         deforms: bool = False,
+        room: TreeRoom | None = None,
     ) -> list[Blas]:
         points = np.concatenate(positions)
         sizes = np.array([len(each) for each in triangles])
@@ -197,8 +203,7 @@ class Bvh:
             firsts = (first_triangle + np.cumsum(sizes) - sizes).tolist()
             return [self.add_mesh(*each) for each in zip(positions, triangles, firsts, strict=True)]
         nodes, leaf_blocks = int(found[-1, 0]), int(found[-1, 1]) if kind == layout_kernels.BLOCK_LEAF else len(solid)
-        self._reserve(nodes, leaf_blocks)
-        first, first_block = self._used_nodes, self._used_leaf_blocks
+        first, first_block = self._rows_for(nodes, leaf_blocks, room)
         self._write_nodes(nodes, first, first_block, kind)
         source = points, faces, self._work.order
         target = self.leaf_blocks, first_block, first_triangle
@@ -206,8 +211,6 @@ class Bvh:
             layout_kernels.write_leaf_blocks(*source, self._work.node_link, self._work.children, nodes, *target)
         else:
             layout_kernels.write_triangles(*source, leaf_blocks, *target)
-        self._used_nodes += nodes
-        self._used_leaf_blocks += leaf_blocks
         if self._work.capacity > MAX_KEPT_CAPACITY:
             self._work = Workspace()
         node_ends = first + found[:, 0]
@@ -219,6 +222,22 @@ class Bvh:
             entry = -1 - self.layout.block_rows * row[2] if self.layout is BVH8 and row[3] - row[2] == 1 else root
             result[mesh] = Blas(root, entry, box.astype(np.float64), range(row[0], row[1]), range(row[2], row[3]))
         return result
+
+    def _rows_for(self, nodes: int, leaf_blocks: int, room: TreeRoom | None = None) -> tuple[int, int]:
+        """Return the first node and leaf block for a tree: in a room, if it is large enough, else behind all others.
+
+        A room that is too small gets new rows, with some to spare.
+        """
+        if room and nodes <= len(room.nodes) and leaf_blocks <= len(room.leaf_blocks):
+            return room.nodes.start, room.leaf_blocks.start
+        if room:
+            nodes, leaf_blocks = nodes + nodes // SPARE, leaf_blocks + leaf_blocks // SPARE
+        self._reserve(nodes, leaf_blocks)
+        first, first_block = self._used_nodes, self._used_leaf_blocks
+        self._used_nodes, self._used_leaf_blocks = first + nodes, first_block + leaf_blocks
+        if room:
+            room.nodes, room.leaf_blocks = range(first, self._used_nodes), range(first_block, self._used_leaf_blocks)
+        return first, first_block
 
     def parts(self, meshes: Sequence[Blas]) -> SplitInstances:
         """Return the children of the meshes' roots; none for a mesh of one leaf block, none in the layout "bvh2"."""
@@ -322,14 +341,12 @@ class Bvh:
             return EMPTY_NODE
         on_host = self.layout is not BVH8
         nodes = node_count(len(rows)) if on_host else self._build_instances(boxes, rows)
-        self._reserve(nodes, 0)
-        first = self._used_nodes
+        first, _ = self._rows_for(nodes, 0)
         if on_host:
             values, numbers = median_trees(widened(boxes), rows, np.zeros(1, np.int64), np.array([first]))
             layout_kernels.write_rows(numbers.astype(np.int32), values.view(np.int32), self._arrays.nodes)
         else:
             self._write_nodes(nodes, first, 0, layout_kernels.INSTANCE_LEAF)
-        self._used_nodes += nodes
         return first * self.layout.unit
 
     def _build(

@@ -8,9 +8,12 @@ The bounding box of a room's skirting or cables is mostly empty, and most rays t
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+
+from tiscene.scene.affine_maps import transformed_boxes
 
 PARTS = 8  # children of a root, at most
 MAX_SPLIT = 32  # instances that are split, at most
@@ -33,6 +36,26 @@ class SplitInstances:
 
     boxes: NDArray[np.float64]
     entries: NDArray[np.int32]
+
+    def split(
+        self, boxes: NDArray[np.float64], rows: NDArray[np.int32], meshes: NDArray[np.int32], matrices: NDArray[Any]
+    ) -> tuple[NDArray[np.float64], NDArray[np.int32]]:
+        """Return boxes and names for the leaves of a TLAS, of the parts of large instances in place of their own.
+
+        Args:
+            boxes: float64 [i, 6], world boxes of instances, m.
+            rows: int32 [i], their rows.
+            meshes: int32 [i], their meshes.
+            matrices: float64 [i, 3, 4], their transforms, m.
+        """
+        large = instances_to_split(boxes)
+        large = large[self.entries[meshes[large]].any(axis=1)]
+        own = self.boxes[meshes[large]].swapaxes(0, 1)
+        part_boxes = transformed_boxes(own, np.repeat(matrices[large][None], PARTS, axis=0))
+        names = rows[large] | np.arange(1, PARTS + 1, dtype=np.int32)[:, None] << ROW_BITS
+        real = self.entries[meshes[large]].T != 0
+        left = np.delete(np.arange(len(rows)), large)
+        return np.concatenate([boxes[left], part_boxes[real]]), np.concatenate([rows[left], names[real]])
 
 
 def root_children(nodes: NDArray[np.float32]) -> SplitInstances:

@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import weakref
+from dataclasses import replace
 
 import numpy as np
 
@@ -11,13 +12,15 @@ from tiscene.scene.bvh.blas import Blas
 from tiscene.scene.bvh.bvh import Bvh
 from tiscene.scene.bvh.moved_trees import BLOCK_ROWS, NODE_ROWS, MovedTrees
 from tiscene.scene.bvh.workspace import BVH8
+from tiscene.scene.deforming_mesh import box_of
 from tiscene.scene.description import SceneDescription
+from tiscene.scene.transient_meshes import resident
 
 _known: weakref.WeakKeyDictionary[SceneDescription, MovedTrees] = weakref.WeakKeyDictionary()
 
 
 def add_meshes_of(description: SceneDescription, bvh: Bvh, first_triangle: int, *, keep: bool) -> list[Blas]:
-    """Add the trees of a description's meshes; return the tree of each mesh.
+    """Add the trees of a description's meshes; return the tree of each mesh: of transient ones, an empty one.
 
     Args:
         description: The stage or template.
@@ -28,9 +31,12 @@ def add_meshes_of(description: SceneDescription, bvh: Bvh, first_triangle: int, 
     if description in _known and bvh.layout is BVH8:
         return bvh.add_moved(_known[description], first_triangle)
     nodes, leaf_blocks = bvh.used_rows
-    positions = [np.ascontiguousarray(mesh.positions, np.float32) for mesh in description.meshes]
-    triangles = [np.ascontiguousarray(mesh.triangles, np.int32) for mesh in description.meshes]
-    blas = bvh.add_meshes(positions, triangles, first_triangle)
+    meshes = resident(description.meshes)
+    positions = [np.ascontiguousarray(mesh.positions, np.float32) for mesh in meshes]
+    triangles = [np.ascontiguousarray(mesh.triangles, np.int32) for mesh in meshes]
+    trees = zip(description.meshes, bvh.add_meshes(positions, triangles, first_triangle), strict=True)
+    # A transient mesh has its box when it is not on the device, too.
+    blas = [replace(tree, box=box_of(mesh.positions)) if mesh.shape else tree for mesh, tree in trees]
     if keep and bvh.layout is BVH8:
         first = nodes // NODE_ROWS, leaf_blocks // BLOCK_ROWS, first_triangle
         rows = (

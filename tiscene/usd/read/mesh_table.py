@@ -43,7 +43,7 @@ from tiscene.usd.materials.material import Binding, MaterialTableBuilder
 
 Partition = tuple[tuple[str, ...], NDArray[np.int32] | None]  # names of parts, and the part of each face
 Subsets = Sequence[tuple[Binding, NDArray[np.int64]]]  # a material, and the faces that have it
-MAX_TRIANGLES = 20_000_000  # of one gprim whose topology changes, at all times: 200 bytes each in a scene
+MAX_TRIANGLES = 50_000_000  # of one gprim whose topology changes, at all times: 20 to 30 bytes each in a description
 
 _READERS = dict.fromkeys(gprim.TYPES, read_gprim) | {
     "BasisCurves": read_curves,
@@ -86,6 +86,7 @@ class MeshTable:
         self._surfaces: dict[Any, WeldedMesh | None] = {}
         self._rows: dict[Any, int | None] = {}
         self._rows_by_content: dict[bytes, int] = {}
+        self._shapes: dict[Any, int] = {}  # numbers of the shapes whose topology changes
 
     def rows(self, prim: Usd.Prim, emitter: Binding | None = None) -> list[tuple[int, TopologySpan]]:
         """Return the rows of a gprim's meshes, each with when it is shown: one mesh, unless its topology changes.
@@ -106,7 +107,9 @@ class MeshTable:
         result: list[tuple[int, TopologySpan]] = []
         triangles = 0
         for span in spans:
-            row = self._row(prim, emitter, span)
+            # The first topology and that of the initial time are always there: objects collide with them.
+            changes = bool(result) and not self.is_initial(prim, span)
+            row = self._row(prim, emitter, span, changes)
             if row is None:
                 continue
             result.append((row, span))
@@ -136,7 +139,7 @@ class MeshTable:
         """Return whether a span of a gprim's topology holds the time that the stage is read at."""
         return span.holds(time_code_number(prim, self._time))
 
-    def _row(self, prim: Usd.Prim, emitter: Binding | None, span: TopologySpan) -> int | None:
+    def _row(self, prim: Usd.Prim, emitter: Binding | None, span: TopologySpan, changes: bool) -> int | None:
         whole = emitter or self._materials.binding(prim, prim)
         subsets = [] if emitter else self._subsets(prim, whole, span.code)
         if not is_seen_by_camera(prim, self._time):
@@ -145,11 +148,13 @@ class MeshTable:
         bindings = (whole, *(binding for binding, _ in subsets))
         links = links_of(self._report)
         link_class = 0 if links is None else links.class_of(prim)
-        key = (shared_path(prim), bindings, id(skin_of(prim, self._report)), link_class, span)
-        if key not in self._rows:
+        key: Any = (shared_path(prim), bindings, id(skin_of(prim, self._report)), link_class)
+        if (key, span) not in self._rows:
             surface = self._surface(prim, bindings, subsets, span)
-            self._rows[key] = None if surface is None else self._add(prim, surface, whole, subsets, link_class, span)
-        return self._rows[key]
+            shape = self._shapes.setdefault(key, len(self._shapes) + 1) if changes else 0
+            added = None if surface is None else self._add(prim, surface, whole, subsets, link_class, span, shape)
+            self._rows[key, span] = added
+        return self._rows[key, span]
 
     def placed(self, row: int, matrices: Matrix) -> Matrix:
         """Return the transforms [..., 4, 4] of a mesh, by its row, from those of its prim."""
@@ -255,6 +260,8 @@ class MeshTable:
             for binding, indices in subsets:
                 of_face[indices] = wanted.index(binding.primvars)
         if key not in self._surfaces:
+            if not span.is_whole:  # their surfaces are large, and used one after another
+                self._surfaces = {known: each for known, each in self._surfaces.items() if known[-1].is_whole}
             times = [] if skin is not None else self.shape_times(prim)[span]
             if prim.IsA(UsdGeom.Mesh):
                 surface = read_mesh(prim, span.code, self._report, wanted, of_face, times)
@@ -276,6 +283,7 @@ class MeshTable:
         subsets: Subsets,
         link_class: int,
         span: TopologySpan,
+        shape: int,
     ) -> int | None:
         self._report.budget.add_mesh(len(surface.triangles))
         materials = np.full(len(surface.triangles), whole.row, dtype=np.int32)
@@ -302,8 +310,10 @@ class MeshTable:
         uv, second_uv, colors = surface.uv, None, None
         if uv is not None and uv.shape[1] > 2:
             uv, second_uv, colors = (np.ascontiguousarray(uv[:, each]) for each in (UV, SECOND_UV, slice(4, 8)))
+        if deformation is not None or colors is not None:
+            shape = 0
         values: list[Any] = [positions, surface.triangles, materials, surface.normals, surface.uv, parts]
-        values += [link_class, origin]
+        values += [link_class, origin, shape]
         if isinstance(deformation, SkinnedDeformation):
             values.append(content_of(deformation))
         elif deformation is not None:
@@ -313,5 +323,5 @@ class MeshTable:
             self._rows_by_content[content] = len(self.meshes)
             faces = surface.triangles, materials, surface.normals, uv, parts
             others = deformation, second_uv, colors, link_class, origin
-            self.meshes.append(Mesh(prim.GetName(), positions, *faces, *others))
+            self.meshes.append(Mesh(prim.GetName(), positions, *faces, *others, shape=shape))
         return self._rows_by_content[content]
