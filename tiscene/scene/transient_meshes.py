@@ -21,7 +21,7 @@ FRAMES = 3  # k-1, k and k+1
 
 
 @dataclass(eq=False)
-class Room:
+class MeshRoom:
     """Rows of the scene's arrays that one mesh after another uses.
 
     Attributes:
@@ -49,8 +49,10 @@ class TransientMeshes:
     """
 
     def __init__(self) -> None:
-        self.rooms: tuple[Room, ...] = ()
-        self._rooms_of: dict[int, list[Room]] = {}  # of a mesh, by its row; the room used least recently comes first
+        self.rooms: tuple[MeshRoom, ...] = ()
+        self._rooms_of: dict[
+            int, list[MeshRoom]
+        ] = {}  # of a mesh, by its row; the room used least recently comes first
 
     def __bool__(self) -> bool:
         return bool(self.rooms)
@@ -69,7 +71,7 @@ class TransientMeshes:
                 shapes.setdefault(mesh.shape, []).append(row)
         for rows in shapes.values():
             size = _largest([meshes[row] for row in rows])
-            rooms = [Room(size, first_material) for _ in rows[:FRAMES]]
+            rooms = [MeshRoom(size, first_material) for _ in rows[:FRAMES]]
             self.rooms += tuple(rooms)
             self._rooms_of.update(dict.fromkeys((first + row for row in rows), rooms))
 
@@ -86,7 +88,7 @@ class TransientMeshes:
 
     def write(
         self, placement: Placement, meshes: Sequence[Mesh], arrays: ReusedArrays, bvh: Bvh
-    ) -> Iterator[tuple[int, Room, Blas]]:
+    ) -> Iterator[tuple[int, MeshRoom, Blas]]:
         """Write the meshes that a placement needs and no room holds to the device, and build their trees.
 
         Args:

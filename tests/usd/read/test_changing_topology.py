@@ -11,6 +11,7 @@ from tests.usd.helpers import preview_material, read, read_with_warning, write
 from tests.usd.read.test_animation import RANGE
 from tests.usd.read.test_animation import stream as plain_stream
 from tiscene.errors import StageWarning
+from tiscene.scene.placement import CURRENT
 from tiscene.usd.read import mesh_table
 from tiscene.usd.read.stage_reader import read_stage
 
@@ -296,6 +297,8 @@ def test_topologies_are_on_the_device_while_frames_need_them_with_the_same_bytes
     assert sum(len(mesh.triangles) for mesh in scene.meshes) > 150
     assert scene._arrays.triangle_vertices.array.shape[0] <= 2 * 1 + 3 * 2 * 17
     assert len(scene._transient.rooms) == 3
+    for box, mesh in zip(scene.mesh_boxes[CURRENT], scene.meshes, strict=True):  # known before a frame needs them
+        np.testing.assert_allclose(box, (mesh.positions.min(axis=0), mesh.positions.max(axis=0)), atol=1e-5)
     backward = stream(path)
     for k in (10, 3, 4, 0, 9, 5):
         for name in LABELS:
