@@ -25,7 +25,7 @@ from tiscene.usd.importers import gltf
 from tiscene.usd.importers.gltf_scene import read_scene
 from tiscene.usd.importers.imported_mesh import MAPS_WITHOUT_COORDINATES, ImportedMesh, corner_normals, unit
 from tiscene.usd.importers.materials import ImportedMaterial, from_phong
-from tiscene.usd.importers.polygons import split_polygons
+from tiscene.usd.importers.polygons import face_properties, split_polygons
 
 # Meters per unit and up axis of each format, by its definition or by convention.
 CONVENTIONS = {
@@ -63,6 +63,8 @@ def load_model(name: str, files: Mapping[str, bytes]) -> list[ImportedMesh]:
         else:
             meshes = _read_with_trimesh(name, files, resolver)
             meshes, unsupported = _without_useless_maps(meshes)
+            if suffix == ".ply" and (names := face_properties(files[name])):
+                unsupported.append(f"values of faces ({', '.join(names)})")
     except StageError:
         raise
     except Exception as error:  # damaged files raise many types, in trimesh's readers too

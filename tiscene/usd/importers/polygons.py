@@ -1,15 +1,18 @@
 # SPDX-License-Identifier: Apache-2.0
 """Split the polygons of OBJ and PLY files before trimesh reads them.
 
-trimesh makes a fan of each polygon, which covers the notches of concave ones, and reads no binary PLY file whose
-polygons differ in their number of corners. What is not understood here is left to trimesh and its error messages.
+trimesh makes a fan of each polygon, which covers the notches of concave ones. It counts negative indices of OBJ files
+from the end of the file, not from the face, and it reads neither tabs nor comments behind numbers, nor PLY files whose
+faces differ in their number of bytes. What is not understood here is left to trimesh and its error messages.
 """
 
 from __future__ import annotations
 
+import codecs
 import re
 import struct
-from typing import Any, NamedTuple
+from collections.abc import Callable, Iterable, Sequence
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,10 +21,12 @@ from tiscene.usd.geometry.triangulate import Indices, triangulate
 
 _NAMES = "char uchar short ushort int uint float double int8 uint8 int16 uint16 int32 uint32 float32 float64"
 _TYPES = dict(zip(_NAMES.split(), 2 * "bBhHiIfd", strict=True))  # PLY's types as those of `struct`
+_ORDERS = {"binary_little_endian": "<", "binary_big_endian": ">", "ascii": ""}
+_TRIANGLE = np.dtype([("count", "u1"), ("corners", "<i4", 3)])
 
 
 def split_polygons(suffix: str, content: bytes) -> bytes:
-    """Return a model file with triangles for concave polygons, and for all of a PLY file where trimesh needs that.
+    """Return a model file with triangles for concave polygons, and what else trimesh would not read rightly mended.
 
     Args:
         suffix: ".obj" or ".ply"; files of other formats are returned as they are.
@@ -35,29 +40,49 @@ def split_polygons(suffix: str, content: bytes) -> bytes:
 
 
 def _split_obj(content: bytes) -> bytes:
-    lines = re.sub(rb"\\\r?\n", b" ", content).splitlines()
-    points: list[bytes] = []
-    polygons: list[tuple[int, list[bytes], int]] = []  # line, corners, number of points so far
+    content = content.removeprefix(codecs.BOM_UTF8).replace(b"\\\r\n", b" ").replace(b"\\\n", b" ").replace(b"\t", b" ")
+    lines = content.splitlines()
+    counts = {b"v": 0, b"vt": 0, b"vn": 0}  # so far
+    points: list[bytes] = []  # their lines
+    polygons: list[tuple[int, list[bytes]]] = []  # line, corners
     for row, line in enumerate(lines):
-        if line.startswith(b"v "):
-            points += line.split()[1:4]
-        elif line.startswith(b"f ") and len(corners := line.split()) > 4:
-            polygons.append((row, corners[1:], len(points) // 3))
-    if not polygons:
-        return content
-    counts = np.array([len(corners) for _, corners, _ in polygons])
-    text = b" ".join(b" ".join(corners) for _, corners, _ in polygons)
-    indices = _numbers(re.sub(rb"/\S*", b"", text)).astype(np.int64)
-    relative = np.repeat([number for _, _, number in polygons], counts)
-    indices = np.where(indices > 0, indices - 1, indices + relative)
-    triangles, first, is_fan = _triangles(_numbers(b" ".join(points)).reshape(-1, 3), counts, indices)
-    if is_fan.all():
-        return content
-    for number in np.flatnonzero(~is_fan).tolist():
-        row, corners, _ = polygons[number]
-        split = triangles[first[number] : first[number + 1]].tolist()
-        lines[row] = b"\n".join(b"f " + b" ".join(corners[each] for each in triangle) for triangle in split)
+        if line[:1] == b" ":
+            line = lines[row] = line.lstrip()
+        kind = line[:2].rstrip()
+        if kind != b"f" and kind not in counts:
+            continue
+        if b"#" in line:
+            line = lines[row] = line.partition(b"#")[0]
+        if kind == b"f":
+            corners = line.split()[1:]
+            if b"-" in line:
+                corners = [_absolute(corner, counts.values()) for corner in corners]
+                lines[row] = b"f " + b" ".join(corners)
+            if len(corners) > 3:
+                polygons.append((row, corners))
+        else:
+            counts[kind] += 1
+            if kind == b"v":
+                points.append(line)
+    if polygons:
+        sizes = np.array([len(corners) for _, corners in polygons])
+        text = b" ".join(b" ".join(corners) for _, corners in polygons)
+        indices = _numbers(re.sub(rb"/\S*", b"", text)).astype(np.int64) - 1
+        places = _numbers(b" ".join(b" ".join(line.split()[1:4]) for line in points)).reshape(-1, 3)
+        triangles, face, is_fan = _triangles(places, sizes, indices)
+        first = np.searchsorted(face, np.arange(len(sizes) + 1))
+        begin = np.cumsum(sizes) - sizes
+        for number in np.flatnonzero(~is_fan).tolist():
+            row, corners = polygons[number]
+            split = (triangles[first[number] : first[number + 1]] - begin[number]).tolist()
+            lines[row] = b"\n".join(b"f " + b" ".join(corners[each] for each in triangle) for triangle in split)
     return b"\n".join(lines) + b"\n"
+
+
+def _absolute(corner: bytes, counts: Iterable[int]) -> bytes:
+    """Return a corner of a face without negative indices, which count from the last of each kind so far."""
+    parts = zip(corner.split(b"/"), counts, strict=False)
+    return b"/".join(b"%d" % (count + 1 + int(part)) if part.startswith(b"-") else part for part, count in parts)
 
 
 def _numbers(text: bytes) -> NDArray[np.float64]:
@@ -71,146 +96,119 @@ def _triangles(
     """Split polygons.
 
     Returns:
-        triangles: [m, 3], as positions among the corners of their polygon.
-        first: [polygons + 1], row of the first triangle of each, and m.
+        triangles: [m, 3], as positions in `indices`.
+        face: [m], the polygon of each.
         is_fan: [polygons], whether the triangles of each are a fan.
     """
-    corners, face = triangulate(points, counts, indices)
-    first = np.append(0, np.cumsum(np.maximum(counts - 2, 0)))
-    triangles = corners - (np.cumsum(counts) - counts)[face, None]
-    step = np.arange(len(face)) - first[face]
+    triangles, face = triangulate(points, counts, indices)
+    sizes = np.maximum(counts - 2, 0)
+    step = np.arange(len(face)) - (np.cumsum(sizes) - sizes)[face]
+    fan = (np.cumsum(counts) - counts)[face, None] + np.stack([0 * step, step + 1, step + 2], axis=1)
     is_fan = np.ones(len(counts), bool)
-    is_fan[face[(triangles != np.stack([0 * step, step + 1, step + 2], axis=1)).any(axis=1)]] = False
-    return triangles, first, is_fan
+    is_fan[face[(triangles != fan).any(axis=1)]] = False
+    return triangles, face, is_fan
 
 
-class _PlyLayout(NamedTuple):
-    """What the header of a PLY file says of its vertices and faces.
+class _Element(NamedTuple):
+    """An element of a PLY file.
 
     Attributes:
-        order: byte order as of `struct`; "" for a text.
-        vertices: number of vertices.
-        vertex: type of a vertex.
-        faces: number of faces.
-        before: types of the values of a face before the number of its corners.
-        number: type of that number.
-        corner: type of the corners.
-        after: types of the values after them.
+        name: "vertex", "face" or another one.
+        size: how many there are.
+        properties: their names, each with its type, or "list" and the types of the length and of the values.
     """
 
-    order: str
-    vertices: int
-    vertex: np.dtype[Any]
-    faces: int
-    before: str
-    number: str
-    corner: str
-    after: str
+    name: str
+    size: int
+    properties: list[tuple[str, list[str]]]
 
 
-class _PlyFace(NamedTuple):
-    """A face as it is in the file: its corners, and its other values before and after them."""
-
-    before: bytes
-    corners: list[bytes]
-    after: bytes
-
-
-def _split_ply(content: bytes) -> bytes:
-    end = re.search(rb"end_header\r?\n", content)
-    layout = _layout(content[: end.end()].decode("latin-1")) if end else None
-    if end is None or layout is None or _has_only_triangles(content, end.end(), layout):
-        return content
-    start, points, faces, stop = (_read_binary if layout.order else _read_text)(content, end.end(), layout)
-    counts = np.array([len(face.corners) for face in faces])
-    joined = b"".join(corner for face in faces for corner in face.corners)
-    kind = layout.order + layout.corner
-    indices = np.frombuffer(joined, kind).astype(np.int64) if layout.order else np.array(joined.split(), np.int64)
-    triangles, first, is_fan = _triangles(points, counts, indices)
-    if is_fan.all() and (not layout.order or len(set(counts.tolist())) < 2):
-        return content
-    three = struct.pack(layout.order + layout.number, 3) if layout.order else b"3 "
-    rows = [
-        face.before + three + b"".join(face.corners[each] for each in triangle) + face.after
-        for number, face in enumerate(faces)
-        for triangle in triangles[first[number] : first[number + 1]].tolist()
-    ]
-    header = re.sub(rb"(element\s+face\s+)\d+", rb"\g<1>%d" % len(rows), content[: end.end()])
-    return header + content[end.end() : start] + b"".join(rows) + content[stop:]
+def face_properties(content: bytes) -> list[str]:
+    """Return the names of further lists of the faces of a PLY file, and of their colors: what is not read."""
+    faces = [each for each in _elements(content.partition(b"end_header")[0])[1] if each.name == "face"]
+    names = [name for each in faces for name, kinds in each.properties]
+    lists = [name for each in faces for name, kinds in each.properties if kinds[0] == "list"]
+    return [name for name in names if name in (*lists[1:], "red", "green", "blue")]
 
 
-def _layout(header: str) -> _PlyLayout | None:
-    """Return the layout of a file of vertices, then faces with one list each; None for other files."""
-    encoding, names, rows, types = "", list[str](), list[int](), list[list[tuple[str, list[str]]]]()
-    for words in map(str.split, header.splitlines()):
+def _elements(header: bytes) -> tuple[str, list[_Element]]:
+    """Return the encoding of a PLY file and its elements."""
+    encoding, elements = "", list[_Element]()
+    for words in map(str.split, header.decode("latin-1").splitlines()):
         match words:
             case ["format", encoding, *_]:
                 pass
             case ["element", name, number]:
-                names.append(name)
-                rows.append(int(number))
-                types.append([])
-            case ["property", *kinds, name]:
-                types[-1].append((name, kinds))
-    if names[:2] != ["vertex", "face"]:
-        return None
-    order = {"binary_little_endian": "<", "binary_big_endian": ">"}.get(encoding, "")
-    vertex = np.dtype([(name, order + _TYPES[kind]) for name, (kind,) in types[0]])
-    before, after = "", ""
-    lists = list[str]()
-    for _, kinds in types[1]:
-        if kinds[0] == "list":
-            lists += kinds[1:]
-        elif lists:
-            after += _TYPES[kinds[0]]
-        else:
-            before += _TYPES[kinds[0]]
-    count, corner = (_TYPES[kind] for kind in lists)
-    return _PlyLayout(order, rows[0], vertex, rows[1], before, count, corner, after)
+                elements.append(_Element(name, int(number), []))
+            case ["property", *kinds, name] if elements:
+                elements[-1].properties.append((name, kinds))
+    return encoding, elements
 
 
-def _has_only_triangles(content: bytes, start: int, layout: _PlyLayout) -> bool:
-    """Return whether a binary file has only triangles, without reading them one by one."""
-    if not layout.order:
-        return False
-    types = (layout.before, layout.number, 3 * layout.corner, layout.after)
-    sizes = [struct.calcsize(layout.order + each) for each in types]
-    start += layout.vertices * layout.vertex.itemsize
-    if len(content) < start + layout.faces * sum(sizes):
-        return False
-    rows = np.frombuffer(content, np.uint8, layout.faces * sum(sizes), start).reshape(layout.faces, -1)
-    three = np.frombuffer(struct.pack(layout.order + layout.number, 3), np.uint8)
-    return bool((rows[:, sizes[0] : sizes[0] + sizes[1]] == three).all())
+def _split_ply(content: bytes) -> bytes:
+    end = re.search(rb"end_header\r?\n", content)
+    encoding, elements = _elements(content[: end.end()]) if end else ("", [])
+    if end is None or [each.name for each in elements[:2]] != ["vertex", "face"]:
+        return content
+    order, at, (vertex, face) = _ORDERS[encoding], end.end(), elements[:2]
+    types = [(name, _TYPES[kind]) for name, (kind,) in vertex.properties]
+    lists = [kinds for _, kinds in face.properties if kinds[0] == "list"]
+    vertices = np.empty(vertex.size, [(name, f"<{kind}") for name, kind in types])
+    if order:
+        vertices[:] = np.frombuffer(content, [(name, order + kind) for name, kind in types], vertex.size, at)
+        kinds = [[_TYPES[kind] for kind in each if kind != "list"] for _, each in face.properties]
+        heads = [struct.Struct(order + first) for first, *_ in kinds]
+        steps = [(head.size, sum(map(struct.calcsize, rest))) for head, (_, *rest) in zip(heads, kinds, strict=True)]
+        at += vertices.nbytes
+        counts, places = _corners(face.size, at, steps, lambda row, at: heads[row].unpack_from(content, at)[0])
+        corner = np.dtype(order + _TYPES[lists[0][2]])
+        words = np.frombuffer(content, np.uint8)[places[:, None] + np.arange(corner.itemsize)]
+        indices = words.view(corner)[:, 0].astype(np.int64)
+    else:
+        numbers = _numbers(content[at:])
+        at = vertex.size * len(types)
+        for (name, _), values in zip(types, numbers[:at].reshape(-1, len(types)).T, strict=True):
+            vertices[name] = values
+        steps = [(1, int(kinds[0] == "list")) for _, kinds in face.properties]
+        counts, places = _corners(face.size, at, steps, lambda _, at: int(numbers[at]))
+        indices = numbers[places].astype(np.int64)
+    points = np.stack([vertices[axis].astype(np.float64) for axis in "xyz"], axis=1)
+    triangles, _, is_fan = _triangles(points, counts, indices)
+    if is_fan.all() and len(lists) == 1 and not (order and len(set(counts.tolist())) > 1):
+        return content
+    rows = np.full(len(triangles), 3, _TRIANGLE)
+    rows["corners"] = indices[triangles]
+    header = re.split(rb"(?m)^element\s+face\s", content[: end.end()])[0]
+    header = re.sub(rb"format\s+\w+", b"format binary_little_endian", header)
+    header += b"element face %d\nproperty list uchar int vertex_indices\nend_header\n" % len(rows)
+    return header + vertices.tobytes() + rows.tobytes()
 
 
-def _read_binary(
-    content: bytes, start: int, layout: _PlyLayout
-) -> tuple[int, NDArray[np.float64], list[_PlyFace], int]:
-    """Return where the faces of a binary file start, its points, its faces, and where these end."""
-    vertices = np.frombuffer(content, layout.vertex, layout.vertices, start)
-    start = at = start + vertices.nbytes
-    before, after = (struct.calcsize(layout.order + types) for types in (layout.before, layout.after))
-    count, size = struct.Struct(layout.order + layout.number), struct.calcsize(layout.order + layout.corner)
-    faces = []
-    for _ in range(layout.faces):
-        first = at + before + count.size
-        last = first + size * count.unpack_from(content, at + before)[0]
-        corners = [content[each : each + size] for each in range(first, last, size)]
-        faces.append(_PlyFace(content[at : at + before], corners, content[last : last + after]))
-        at = last + after
-    return start, np.stack([vertices[axis].astype(np.float64) for axis in "xyz"], axis=1), faces, at
+def _corners(
+    faces: int, at: int, steps: Sequence[tuple[int, int]], length: Callable[[int, int], int]
+) -> tuple[Indices, Indices]:
+    """Find the corners of faces, which are the first list of each.
 
+    Args:
+        faces: number of faces.
+        at: place of the first face, in bytes or in numbers of a text.
+        steps: of each property of a face, the size of its value, or of the length of its list, and that of each value
+            of the list, 0 for no list.
+        length: returns the length of a list, given the row of the property and its place.
 
-def _read_text(content: bytes, start: int, layout: _PlyLayout) -> tuple[int, NDArray[np.float64], list[_PlyFace], int]:
-    """Return the same of a text; each value of a face has the space behind it."""
-    lines = content[start:].splitlines(keepends=True)
-    names = list(layout.vertex.names or ())
-    values = np.array([line.split() for line in lines[: layout.vertices]], np.float64)
-    chosen = lines[layout.vertices : layout.vertices + layout.faces]
-    faces, before = [], len(layout.before)
-    for words in ([word + b" " for word in line.split()] for line in chosen):
-        first = before + 1
-        last = first + int(words[before])
-        faces.append(_PlyFace(b"".join(words[:before]), words[first:last], b"".join(words[last:]) + b"\n"))
-    begin = start + sum(map(len, lines[: layout.vertices]))
-    return begin, values[:, [names.index(axis) for axis in "xyz"]], faces, begin + sum(map(len, chosen))
+    Returns:
+        The number of corners of each face, and the places of all corners.
+    """
+    main = [size > 0 for _, size in steps].index(True)
+    begins, counts = list[int](), list[int]()
+    for _ in range(faces):
+        for row, (head, size) in enumerate(steps):
+            count = length(row, at) if size else 0
+            at += head
+            if row == main:
+                begins.append(at)
+                counts.append(count)
+            at += count * size
+    sizes, step = np.array(counts, np.int64), steps[main][1]
+    starts = np.array(begins, np.int64) - step * (np.cumsum(sizes) - sizes)
+    return sizes, np.repeat(starts, sizes) + step * np.arange(sizes.sum())
