@@ -35,8 +35,8 @@ def test_edit_by_another_thread_while_a_frame_is_rendered_replays(edit, monkeypa
     """It takes effect at the next frame, whose pixels show it; the frame itself is finished as it began."""
     stream, threads, compute = Stream(ball(), **SETTINGS), [], World._compute_state
 
-    def edited(world, frame):
-        state = compute(world, frame)
+    def edited(world, parts, frame):
+        state = compute(world, parts, frame)
         if frame == 2 and not threads:
             threads.append(threading.Thread(target=EDITS[edit], args=(stream.world,)))
             threads[0].start()
@@ -81,12 +81,12 @@ def test_each_frame_goes_to_one_of_the_threads_that_iterate(prefetch):
 def test_seek_by_another_thread_is_not_lost(monkeypatch):
     stream, threads, compute = Stream(ball(), **SETTINGS), [], World._compute_state
 
-    def sought(world, frame):
+    def sought(world, parts, frame):
         if not threads:
             threads.append(threading.Thread(target=stream.seek, args=(20,)))
             threads[0].start()
             time.sleep(0.1)
-        return compute(world, frame)
+        return compute(world, parts, frame)
 
     monkeypatch.setattr(World, "_compute_state", sought)
     next(stream)

@@ -5,6 +5,7 @@
 
     material         the material table: bound materials and displayColor
     animated_material  materials with time samples
+    surface_shader   which shader of a network draws surfaces
     preview_surface  shader networks, UsdPreviewSurface
     materialx_file        .mtlx files as XML, with those that they include
     materialx_document    .mtlx files as USD layers

@@ -20,19 +20,18 @@ from tiscene.usd.core.report import StageReport
 from tiscene.usd.core.shader_network import ShaderConnection, Source, broken_connections, connections_of, shader_id
 from tiscene.usd.geometry.display_color import constant_primvar, varies_over_surface
 from tiscene.usd.geometry.primvar import NO_PRIMVARS, report_missing_coordinates
-from tiscene.usd.materials.materialx_bsdf import SURFACES, unknown_part
+from tiscene.usd.materials.materialx_bsdf import SURFACES
 from tiscene.usd.materials.materialx_folding import FOLDED, folded_inputs
 from tiscene.usd.materials.materialx_inputs import SurfaceInputs
-from tiscene.usd.materials.materialx_models import MODELS
 from tiscene.usd.materials.materialx_network import MaterialXNetwork
 from tiscene.usd.materials.materialx_signal import Signal, number, vertex_colors
 from tiscene.usd.materials.materialx_surface import MaterialXSurface
+from tiscene.usd.materials.surface_shader import surface_shader
 from tiscene.usd.materials.texture import IDENTITY, Affine, TextureTable
 from tiscene.usd.materials.texture_borders import UnwrappedTexture
 
 _DEFAULT = Material("default")
 _DEFAULT_UV = "st"
-_UNDRAWN = {"volume": "volume", "backsurface": "surface of the back"}  # outputs of materials
 
 
 class NetworkReader:
@@ -62,11 +61,7 @@ class NetworkReader:
 
     def read(self, material: UsdShade.Material) -> Material | None:
         """Return the material; None, with the reason reported, if it has no surface shader that is supported."""
-        for output in material.GetOutputs(onlyAuthored=True):
-            what = _UNDRAWN.get(output.GetBaseName().rpartition(":")[2])
-            if what is not None and output.HasConnectedSource():
-                self._report.omission(material.GetPath(), f"the {what} of a material is not drawn")
-        surface = self._surface(material)
+        surface = surface_shader(material, self._time, self._report)
         if surface is None:
             return None
         self._path = surface.GetPath()
@@ -124,50 +119,6 @@ class NetworkReader:
         if isinstance(found, TextureLookup):
             return vertex_colors(width)
         return None if found is None else number(*found)
-
-    def _surface(self, material: UsdShade.Material) -> UsdShade.Shader | None:
-        """Find the surface shader of a material: one of MaterialX in any of its surface outputs, else a
-        UsdPreviewSurface there, else one anywhere below its prim.
-
-        As in Hydra, the output of a renderer's own kind of network comes before the universal one: programs that write
-        both, such as Blender, may leave a gray UsdPreviewSurface in the latter.
-        """
-        unknown: list[str] = []
-        preview: UsdShade.Shader | None = None
-        for output in material.GetSurfaceOutputs():
-            for attribute in UsdShade.Utils.GetValueProducingAttributes(output):
-                shader = UsdShade.Shader(attribute.GetPrim())
-                name = shader_id(shader) if shader else ""
-                if name == "UsdPreviewSurface":
-                    preview = preview or shader
-                elif name in SURFACES:
-                    part = unknown_part(shader, self._time)
-                    if part is None:
-                        return shader
-                    unknown.append(part)
-                elif name in MODELS:
-                    return shader
-                elif preview is None or name.startswith("ND_"):
-                    unknown.append(name or ("" if shader else str(attribute.GetPrim().GetTypeName())))
-        if preview is not None:
-            if unknown:
-                self._unsupported(material, unknown[0], "its UsdPreviewSurface is used")
-            return preview
-        siblings = [UsdShade.Shader(p) for p in Usd.PrimRange(material.GetPrim(), Usd.PrimAllPrimsPredicate)]
-        for shader in siblings:
-            if shader and shader_id(shader) == "UsdPreviewSurface":
-                self._unsupported(material, unknown[0] if unknown else "none", "its UsdPreviewSurface is used")
-                return shader
-        if unknown:
-            self._unsupported(material, unknown[0], "displayColor is used")
-        else:
-            self._report.omission(material.GetPath(), "a material without a surface shader; displayColor is used")
-        return None
-
-    def _unsupported(self, material: UsdShade.Material, name: str, instead: str) -> None:
-        """Report a surface shader that is not supported, and what is used instead."""
-        text = f"shader {name!r} is not supported" if name else "a surface shader without info:id"
-        self._report.omission(material.GetPath(), f"{text}; {instead}")
 
     def _color(self, inputs: dict[str, ShaderConnection], name: str, default: ColorInput) -> ColorInput:
         """Return an input as a color or texture; one number is gray."""
