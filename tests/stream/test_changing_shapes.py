@@ -13,6 +13,7 @@ import tiscene as ts
 from tests.usd.helpers import preview_material, write
 from tests.usd.read.test_animation import RANGE
 from tests.usd.read.test_changing_topology import PLAIN
+from tiscene.render.integrators.incremental.mover_coverage import dilated
 
 LABELS = ("instance", "part", "depth", "normal", "forward_flow", "forward_occlusion", "albedo")
 HERE = (0.0, 1.0, 3.0)
@@ -228,3 +229,28 @@ def test_of_surfaces_at_one_place_light_and_labels_show_the_first(
         assert name == names[0]
         assert int(color.argmax()) == CHANNELS[name]
         assert np.sort(color)[1] < 0.4 * color.max()
+
+
+def test_shadows_beside_moving_objects_are_as_dark_as_path_traced(tmp_path: Path) -> None:
+    """They are as wide as a pixel or two of the reduced size at which changes of light are found."""
+    box = """def Cube "Box"
+{
+    double size = 0.3
+    double3 xformOp:translate.timeSamples = { 0: (-0.4, 0.15, 1.2), 10: (0.0, 0.15, 1.2) }
+    uniform token[] xformOpOrder = ["xformOp:translate"]
+}
+"""
+    options: dict[str, Any] = {"width": 72, "height": 48, "buffers": ("hdr", "denoised", "instance")}
+    truth = {"quality": "standard", "incremental": False, "spp": 256, "denoise": False} | options
+    with (
+        stream(write(tmp_path, ROOM + box, more=RANGE), "turns", quality="fast", **options) as boxed,
+        stream(tmp_path / "stage.usda", "turns", **truth) as traced,
+        stream(write(tmp_path, ROOM, name="empty.usda", more=RANGE), "turns", **truth) as empty,
+    ):
+        frame, expected, before = boxed[4], traced[4].hdr.sum(axis=-1), empty[4].hdr.sum(axis=-1)
+        own = frame.instance == next(each.id for each in frame.objects if each.name == "Box")
+        near = dilated(dilated(dilated(dilated(own)))) & ~dilated(own)
+        shadow = near & (expected < 0.9 * before)
+        assert shadow.sum() > 20
+        assert before[shadow].mean() > 1.2 * expected[shadow].mean()
+        assert frame.denoised.sum(axis=-1)[shadow].mean() == pytest.approx(expected[shadow].mean(), rel=0.06)

@@ -72,19 +72,23 @@ class Postprocessor:
     def process_panorama(self, image: PanoramaImage) -> FloatImage:
         """Return the radiance, [h, w, 3], of an image over a panorama.
 
-        The cells of the panorama are denoised already. Pixels that show movers are denoised in rectangles around them.
+        The cells of the panorama are denoised already. Path-traced pixels are denoised in rectangles around them; those
+        beside movers are blended with the rest in the end.
+
         Where light varies slowly it is that of the static image denoised as a whole, at reduced size; and so is the
         light of what edges hide from the panorama's center, unless its samples tell otherwise. The movers' change of
         light is what they change in the denoised irradiance, as far as it is more than noise.
         """
         if self.denoiser is None:
             return np.maximum(image.hdr, 0.0)
-        shown = image.denoised.copy()
-        traced, (height, width) = image.traced[..., None], image.traced.shape
+        paths, (height, width) = np.zeros_like(image.denoised), image.traced.shape
         for here in regions_of(image.traced):
             clean = self._denoised(image.static[here], image.albedo[here], image.normal[here], self.sharp)
             weight = blend_weights(here, height, width, NARROW_MARGIN)  # rectangles may overlap
-            shown[here] += np.where(traced[here], weight, np.float32(0.0)) * (clean - shown[here])
+            paths[here] += weight * (clean - paths[here])
+        blended = image.beside > 0.0
+        kept = image.traced & ~blended
+        shown = np.where(kept[..., None], paths, image.denoised)
         before = self._denoised(image.before, image.white, image.reduced_normal, False)
         if len(image.hidden.pixels):
             self._add_hidden(image, before, shown)
@@ -96,10 +100,12 @@ class Postprocessor:
             change = shrunk_change(change, image.after - image.before, image.reduced_normal)
         if image.emitted is not None:
             change += self._denoised(image.emitted, image.white, image.reduced_normal, False)
+        mask = np.where(blended[..., None], np.float32(1.0), image.static_mask)
         apply_reduced_light(
-            shown, own, before, image.before, change, image.reduced_normal, guides, image.traced, image.static_mask,
-            REDUCTION, contrast=BLOCK_NOISE / math.sqrt(image.panorama_spp),
+            shown, own, before, image.before, change, image.reduced_normal, guides, kept, mask, REDUCTION,
+            contrast=BLOCK_NOISE / math.sqrt(image.panorama_spp),
         )  # fmt: skip
+        shown += image.beside[..., None] * (paths - shown)
         return shown
 
     def _add_hidden(self, image: PanoramaImage, irradiance: FloatImage, shown: FloatImage) -> None:

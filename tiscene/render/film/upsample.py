@@ -47,6 +47,18 @@ def block_means(image: FloatImage, downscale: int) -> FloatImage:
     return means
 
 
+def interpolated(mask: NDArray[np.bool_], shape: tuple[int, ...], downscale: int) -> FloatImage:
+    """Return a mask of blocks of downscale x downscale pixels, interpolated between their centers, float32 [h, w]."""
+    result = mask.astype(np.float32)
+    for axis, length in enumerate(shape):
+        place = np.clip((np.arange(length, dtype=np.float32) + 0.5) / downscale - 0.5, 0.0, mask.shape[axis] - 1.0)
+        first = place.astype(np.int64)
+        share = (place - first).reshape((-1, 1) if axis == 0 else (1, -1))
+        after = np.minimum(first + 1, mask.shape[axis] - 1)
+        result = (1.0 - share) * result.take(first, axis) + share * result.take(after, axis)
+    return result
+
+
 def upsample(
     irradiance: FloatImage,
     normal: FloatImage,

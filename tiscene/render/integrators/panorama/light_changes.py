@@ -20,6 +20,7 @@ from tiscene.render.integrators.incremental.base_image import scene_under_group
 from tiscene.render.integrators.incremental.base_lights import BaseLights
 from tiscene.render.integrators.incremental.frame_scratch import FrameScratch
 from tiscene.render.integrators.incremental.mover_bounds import cluster_boxes
+from tiscene.render.integrators.incremental.mover_coverage import dilated
 from tiscene.render.integrators.incremental.outlier_filter import filter_outliers
 from tiscene.render.integrators.incremental.path_cache import PathCache, state_size
 from tiscene.render.integrators.incremental.path_retracer import PathRetracer
@@ -36,6 +37,8 @@ from tiscene.scene.placement import CURRENT, Placement
 FloatImage = NDArray[np.float32]
 
 REDUCTION = 4  # factor along each axis by which the image is smaller
+BESIDE = 2  # px of reduced size around movers where large changes are not upsampled: there edges of shadows are
+LARGE = 0.06  # of the light before
 
 
 class LightChanges:
@@ -144,6 +147,28 @@ class LightChanges:
         assert self._scratch is not None
         correction = self._scratch.correction.to_numpy()[:, :3].reshape(radiance.shape)
         return filter_outliers(self._scratch.correction, radiance + correction)
+
+
+def changed_beside_movers(
+    change: FloatImage, light: FloatImage, unknown: NDArray[np.bool_], movers: NDArray[np.bool_]
+) -> NDArray[np.bool_]:
+    """Return where movers change much of the light beside them, in means of 3x3 pixels, bool [h', w'].
+
+    The shadow where a mover touches a surface is as wide as few pixels of reduced size, and the mover covers some.
+
+    Args:
+        change: What movers add to the radiance of static surfaces, float32 [h', w', 3].
+        light: Their radiance without movers, float32 [h', w', 3].
+        unknown: Where there is a mover before them, so that the change is not known, bool [h', w'].
+        movers: Where movers are visible, bool [h', w'].
+    """
+    both = np.stack([change, light]).sum(axis=-1)
+    known = np.pad(np.where(unknown, np.float32(0.0), both), ((0, 0), (1, 1), (1, 1)))
+    changed, before = np.lib.stride_tricks.sliding_window_view(known, (3, 3), axis=(1, 2)).sum(axis=(-2, -1))
+    for _ in range(BESIDE):
+        movers = dilated(movers)
+    result: NDArray[np.bool_] = movers & (np.abs(changed) > LARGE * before)
+    return result
 
 
 def reduced_view(view: View) -> View:

@@ -6,12 +6,13 @@
 2. `PanoramaPass.render` traces those of them again that movers invalidate, as the incremental pass does. The mean
    change of each pixel is what movers add to or take from the light of static surfaces. What movers emit is path traced
    by itself at the same size, and added.
-3. Pixels in which a mover is visible, and those that the panorama does not know, are path traced.
+3. Pixels in which a mover is visible, those beside it whose light it changes much, and those that the panorama does not
+   know, are path traced.
 
 All these paths end in the panorama's light probe, where it knows a surface that they reach.
 
 The image is approximate: resampling blurs by half a pixel, highlights are those that the anchor sees, and movers change
-light at a reduced size. Every frame is a function of its own inputs, not of previous frames.
+light farther away at a reduced size. Every frame is a function of its own inputs, not of previous frames.
 """
 
 from __future__ import annotations
@@ -23,7 +24,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from tiscene.render.film.upsample import ALBEDO_OFFSET, block_means, demodulate, upsample
+from tiscene.render.film.upsample import ALBEDO_OFFSET, block_means, demodulate, interpolated, upsample
 from tiscene.render.integrators.incremental.base_image import (
     ProgressCallback,
     base_placement,
@@ -38,7 +39,7 @@ from tiscene.render.integrators.labels.first_hits import StaticHits
 from tiscene.render.integrators.panorama import light_probe
 from tiscene.render.integrators.panorama.anchors import Anchors, walks
 from tiscene.render.integrators.panorama.cell_files import CellFiles
-from tiscene.render.integrators.panorama.light_changes import REDUCTION, LightChanges
+from tiscene.render.integrators.panorama.light_changes import REDUCTION, LightChanges, changed_beside_movers
 from tiscene.render.integrators.panorama.light_probes import LightProbes
 from tiscene.render.integrators.panorama.packed_cells import FORMAT
 from tiscene.render.integrators.panorama.panorama import DIM, FIRST_DIVISOR, LEAST_SPP, Panorama, PanoramaSettings
@@ -76,7 +77,10 @@ class PanoramaImage:
         emitted: Irradiance by movers that emit light, float32 [h', w', 3]; None: none does.
         white: Albedo of the irradiance, float32 [h', w', 3].
         reduced_normal: Normals at reduced size, float32 [h', w', 3].
-        traced: bool [h, w], pixels that show movers, or what the panorama does not know: they are path traced.
+        traced: bool [h, w], pixels that are path traced: they show movers, or what the panorama does not know, or are
+            `beside` movers.
+        beside: float32 [h, w], share of path-traced light in pixels beside movers, which change much of their light;
+            the rest is that of the panorama, with `change`. 0 elsewhere.
         static_mask: float32 [h, w, 1], share of the light of pixels that is from the panorama: 0 where `traced`,
             less than 1 beside edges that hide something from its center.
         panorama_spp: Samples per pixel of the panorama.
@@ -94,6 +98,7 @@ class PanoramaImage:
     white: FloatImage
     reduced_normal: FloatImage
     traced: NDArray[np.bool_]
+    beside: FloatImage
     static_mask: FloatImage
     panorama_spp: int
 
@@ -231,7 +236,7 @@ class PanoramaPass:
             denoised += factor * clean
         albedo, normal = images[AUXILIARY // 3], images[AUXILIARY // 3 + 1]
         moving = moving & self.scene.placement.present[CURRENT]
-        traced = np.zeros(instance.shape, bool)
+        traced, beside = np.zeros(instance.shape, bool), np.zeros(instance.shape, np.float32)
         correction = None
         if moving.any():
             assert self._changes is not None, "made by prepare()"
@@ -241,16 +246,25 @@ class PanoramaPass:
             found = block_means(movers[..., None].astype(np.float32), REDUCTION)[..., 0] > 0.0
             # Parts of movers between the pixels' centers are in no label.
             traced = dilated(movers | _enlarged(hits & ~found, instance.shape))
+            light = block_means(radiance, REDUCTION)
+            changed = changed_beside_movers(correction[..., :3], light, hits, hits | found)
+            beside = np.where(traced, np.float32(0.0), interpolated(changed, instance.shape, REDUCTION))
         known_share = _SHARES[self._known]
         unknown = known_share < 0.5
         if unknown.any():
             traced |= unknown & dilated(dilated(~dilated(dilated(~unknown))))  # not strips beside edges
+        beside[traced | unknown] = 0.0
+        blended = beside > 0.0
+        traced |= blended
+        panorama = radiance[blended], denoised[blended]
         static_mask = np.where(traced, np.float32(0.0), known_share)[..., None]
         hidden = self._subpixels.fill(
             self._view, np.where(traced, np.int32(NONE_KNOWN), self._known), (radiance, denoised, albedo, normal),
             spp=spp, key=self._movers_key, max_depth=self._max_depth,
             scene=replace(self._paths.scene_arrays(), cache=self._probe.cache(factors)),
         )  # fmt: skip
+        static = radiance.copy()
+        radiance[blended], denoised[blended] = panorama
         before, white, reduced_normal = demodulate(radiance, albedo, normal, REDUCTION)
         change, after, emitted = None, None, None
         if correction is not None and self._changes is not None:
@@ -268,7 +282,7 @@ class PanoramaPass:
                 )
                 emitted = _filled(lit * scale, hits | found)  # movers themselves have more of it
         return PanoramaImage(
-            static=radiance,
+            static=static,
             albedo=albedo,
             normal=normal,
             denoised=denoised,
@@ -280,6 +294,7 @@ class PanoramaPass:
             white=white,
             reduced_normal=reduced_normal,
             traced=traced,
+            beside=beside,
             static_mask=static_mask,
             panorama_spp=self._panorama_spp,
         )
