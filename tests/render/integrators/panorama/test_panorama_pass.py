@@ -141,8 +141,11 @@ def test_movers_that_emit_light_the_box_as_in_path_tracing(wall: Material | None
     changes, emitting = scene.surrounded._changes, scene.moving & (np.cumsum(scene.moving) == 1)
     assert changes is not None
     light = changes.light_of(emitting, TURNING, key=5, spp=256, max_depth=DEPTH)
-    truth = block_means(scene.traced(*ONE, spp=512) - scene.traced(spp=512), REDUCTION)
-    empty = block_means(image.traced[..., None].astype(np.float32), REDUCTION)[..., 0] == 0.0
+    before = scene.traced(spp=512)
+    truth = block_means(scene.traced(*ONE, spp=512) - before, REDUCTION)
+    # The image of reduced size has no lamp: there it shows the wall behind it.
+    other = image.traced | dilated(before.max(axis=-1) > 5.0)
+    empty = block_means(other[..., None].astype(np.float32), REDUCTION)[..., 0] == 0.0
     assert empty.mean() > 0.5
     assert truth[empty].mean() > 0.1
     assert light[empty].mean() == pytest.approx(truth[empty].mean(), rel=0.05)
