@@ -10,6 +10,7 @@ from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
+from numpy.typing import NDArray
 
 from tiscene.scene.bvh.blas import Blas, TreeRoom
 from tiscene.scene.bvh.bvh import Bvh
@@ -50,9 +51,8 @@ class TransientMeshes:
 
     def __init__(self) -> None:
         self.rooms: tuple[MeshRoom, ...] = ()
-        self._rooms_of: dict[
-            int, list[MeshRoom]
-        ] = {}  # of a mesh, by its row; the room used least recently comes first
+        # Of a mesh, by its row; the room used least recently comes first.
+        self._rooms_of: dict[int, list[MeshRoom]] = {}
 
     def __bool__(self) -> bool:
         return bool(self.rooms)
@@ -125,6 +125,13 @@ def resident(meshes: Sequence[Mesh]) -> Sequence[Mesh]:
     if not any(mesh.shape for mesh in meshes):
         return meshes
     return tuple(_zeros(mesh.name, 0, 0) if mesh.shape else mesh for mesh in meshes)
+
+
+def resident_arrays(meshes: Sequence[Mesh]) -> tuple[list[NDArray[np.float32]], list[NDArray[np.int32]]]:
+    """Return positions [n, 3] and triangles [m, 3] of meshes; none of transient ones."""
+    meshes = resident(meshes)
+    positions = [np.ascontiguousarray(mesh.positions, np.float32) for mesh in meshes]
+    return positions, [np.ascontiguousarray(mesh.triangles, np.int32) for mesh in meshes]
 
 
 def _largest(meshes: Iterable[Mesh]) -> Mesh:

@@ -16,7 +16,7 @@ from tiscene.scene.bvh.bvh_copy import BvhCopy
 from tiscene.scene.bvh.workspace import BVH8
 from tiscene.scene.description import Instance, Mesh
 from tiscene.scene.reused_arrays import ReusedArrays
-from tiscene.scene.transient_meshes import resident
+from tiscene.scene.transient_meshes import resident_arrays
 
 
 class MeshTrees:
@@ -67,10 +67,7 @@ class MeshTrees:
             layout: "bvh8" or "bvh2". None: the layout for the device.
         """
         bvh = Bvh(layout or ("bvh2" if runtime.running() == "cuda" else "bvh8"))
-        meshes = resident(meshes)
-        positions = [np.ascontiguousarray(mesh.positions, np.float32) for mesh in meshes]
-        triangles = [np.ascontiguousarray(mesh.triangles, np.int32) for mesh in meshes]
-        return cls(bvh, bvh.add_meshes(positions, triangles, 0))
+        return cls(bvh, bvh.add_meshes(*resident_arrays(meshes), 0))
 
 
 class ObstacleTree:

@@ -6,15 +6,13 @@ from __future__ import annotations
 import weakref
 from dataclasses import replace
 
-import numpy as np
-
 from tiscene.scene.bvh.blas import Blas
 from tiscene.scene.bvh.bvh import Bvh
 from tiscene.scene.bvh.moved_trees import BLOCK_ROWS, NODE_ROWS, MovedTrees
 from tiscene.scene.bvh.workspace import BVH8
 from tiscene.scene.deforming_mesh import box_of
 from tiscene.scene.description import SceneDescription
-from tiscene.scene.transient_meshes import resident
+from tiscene.scene.transient_meshes import resident_arrays
 
 _known: weakref.WeakKeyDictionary[SceneDescription, MovedTrees] = weakref.WeakKeyDictionary()
 
@@ -31,10 +29,8 @@ def add_meshes_of(description: SceneDescription, bvh: Bvh, first_triangle: int, 
     if description in _known and bvh.layout is BVH8:
         return bvh.add_moved(_known[description], first_triangle)
     nodes, leaf_blocks = bvh.used_rows
-    meshes = resident(description.meshes)
-    positions = [np.ascontiguousarray(mesh.positions, np.float32) for mesh in meshes]
-    triangles = [np.ascontiguousarray(mesh.triangles, np.int32) for mesh in meshes]
-    trees = zip(description.meshes, bvh.add_meshes(positions, triangles, first_triangle), strict=True)
+    added = bvh.add_meshes(*resident_arrays(description.meshes), first_triangle)
+    trees = zip(description.meshes, added, strict=True)
     # A transient mesh has its box when it is not on the device, too.
     blas = [replace(tree, box=box_of(mesh.positions)) if mesh.shape else tree for mesh, tree in trees]
     if keep and bvh.layout is BVH8:

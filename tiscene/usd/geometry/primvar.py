@@ -134,11 +134,12 @@ def array_or_primvar(attribute: Usd.Attribute, time: Usd.TimeCode, width: int | 
 def token_of(attribute: Usd.Attribute, time: Usd.TimeCode, report: StageReport) -> str:
     """Return a token of a schema. One that the schema does not allow is reported; its fallback is used."""
     value = attribute.Get(time)
+    if value is not None and value in (attribute.GetMetadata("allowedTokens") or (value,)):
+        return str(value)
     fallback = str(attribute.GetPrim().GetPrimDefinition().GetAttributeFallbackValue(attribute.GetName()))
-    if value is None or value in (attribute.GetMetadata("allowedTokens") or (value,)):
-        return fallback if value is None else str(value)
-    text = f"{attribute.GetName()} {value!r} is not known; {fallback!r} is used"
-    report.omission(attribute.GetPrim().GetPath(), text)
+    if value is not None:
+        text = f"{attribute.GetName()} {value!r} is not known; {fallback!r} is used"
+        report.omission(attribute.GetPrim().GetPath(), text)
     return fallback
 
 

@@ -35,6 +35,7 @@ CAMERA_VISIBILITY = (
 )
 _ONE_SIDED_TYPES = ("RectLight", "DiskLight")  # emit within 90 degrees of their axis anyway
 _NOT_OF_MESHES = ("shaping:cone:angle", "shaping:cone:softness", "shaping:focus", "shaping:ies:file", "shadow:enable")
+_NOT_APPLIED = ("shadow:distance", "shadow:color")  # to any light
 _UNSHAPED_TYPES = ("DistantLight", "DomeLight", "DomeLight_1", "GeometryLight")
 
 
@@ -166,13 +167,12 @@ def report_unsupported(prim: Usd.Prim, time: Usd.TimeCode, report: StageReport) 
             listed = ", ".join(f"inputs:{name}" for name in names)
             text = f"{listed} of a light: no effect without {schema}; add it to the prim's apiSchemas"
             report.omission(path, text)
-        elif names and prim.IsA(UsdGeom.Gprim) and (applied := [name for name in names if name in _NOT_OF_MESHES]):
+            continue
+        if prim.IsA(UsdGeom.Gprim) and (applied := [name for name in names if name in _NOT_OF_MESHES]):
             report.omission(path, f"{', '.join(applied)} of a mesh light is not applied")
-    if prim.HasAPI(UsdLux.ShadowAPI):
-        if light_input(prim, "shadow:distance", time, -1.0) >= 0.0:
-            report.omission(path, "a light's shadow:distance is not applied")
-        if any(light_input(prim, "shadow:color", time, (0.0, 0.0, 0.0))):
-            report.omission(path, "a light's shadow:color is not applied")
+        for name in _NOT_APPLIED:
+            if name in names:
+                report.omission(path, f"a light's {name} is not applied")
     if UsdLux.LightAPI(prim).GetFiltersRel().GetTargets():
         report.omission(path, "light filters are not applied")
     links = links_of(report)

@@ -71,7 +71,8 @@ def read_rigid_body(
         return None
     if body.GetKinematicEnabledAttr().Get():
         return {"type": "Still"} if physics else None
-    _report_not_simulated(prim, report)
+    surface = _surface(prim)
+    _report_not_simulated(prim, surface, report)
     content: dict[str, Any] = {"type": "RigidBody"}
     to_world = _transform(prim, time).GetRotation()
     if body.GetVelocityAttr().HasAuthoredValue():
@@ -80,7 +81,6 @@ def read_rigid_body(
     if body.GetAngularVelocityAttr().HasAuthoredValue():
         spin = to_world.TransformDir(Gf.Vec3d(body.GetAngularVelocityAttr().Get()))
         content["angular_velocity"] = [math.radians(each) for each in spin]
-    surface = _surface(prim)
     content |= _read_mass(prim, surface, units, time, report)
     if surface:
         for key, attribute, most in (
@@ -167,8 +167,8 @@ def _transform(prim: Usd.Prim, time: Usd.TimeCode) -> Gf.Transform:
     return Gf.Transform(UsdGeom.Xformable(prim).ComputeLocalToWorldTransform(time))
 
 
-def _report_not_simulated(prim: Usd.Prim, report: StageReport) -> None:
-    """Report what other programs simulate of a rigid body, and of those within it."""
+def _report_not_simulated(prim: Usd.Prim, surface: UsdPhysics.MaterialAPI | None, report: StageReport) -> None:
+    """Report what other programs simulate of a rigid body with a physics material, and of those within it."""
     path, body = prim.GetPath(), UsdPhysics.RigidBodyAPI(prim)
     if schema.targets(prim, "physics:filteredPairs"):
         report.omission(path, "a rigid body collides with its physics:filteredPairs too")
@@ -188,7 +188,6 @@ def _report_not_simulated(prim: Usd.Prim, report: StageReport) -> None:
             materials.add(material.GetPath())
     if len(materials) > 1:
         report.omission(path, f"of the {len(materials)} physics materials of a rigid body only the first counts")
-    surface = _surface(prim)
     if surface and surface.GetStaticFrictionAttr().HasAuthoredValue():
         resting, sliding = surface.GetStaticFrictionAttr().Get(), surface.GetDynamicFrictionAttr().Get()
         if not math.isclose(resting, sliding, rel_tol=1e-6):

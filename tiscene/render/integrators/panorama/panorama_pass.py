@@ -248,7 +248,7 @@ class PanoramaPass:
             traced = dilated(movers | _enlarged(hits & ~found, instance.shape))
             light = block_means(radiance, REDUCTION)
             changed = changed_beside_movers(correction[..., :3], light, hits, hits | found)
-            beside = np.where(traced, np.float32(0.0), interpolated(changed, instance.shape, REDUCTION))
+            beside = interpolated(changed, instance.shape, REDUCTION)
         known_share = _SHARES[self._known]
         unknown = known_share < 0.5
         if unknown.any():
@@ -263,7 +263,7 @@ class PanoramaPass:
             spp=spp, key=self._movers_key, max_depth=self._max_depth,
             scene=replace(self._paths.scene_arrays(), cache=self._probe.cache(factors)),
         )  # fmt: skip
-        static = radiance.copy()
+        static = radiance.copy() if blended.any() else radiance
         radiance[blended], denoised[blended] = panorama
         before, white, reduced_normal = demodulate(radiance, albedo, normal, REDUCTION)
         change, after, emitted = None, None, None
