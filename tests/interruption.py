@@ -1,9 +1,14 @@
 # SPDX-License-Identifier: Apache-2.0
 """KeyboardInterrupt at a given line of an action, as Ctrl-C raises it."""
 
+import dis
+import functools
 import inspect
 import sys
+import threading
 from pathlib import Path
+
+from tiscene.device import runtime
 
 ROOT = Path(__file__).parents[1]
 PACKAGES = ("tiscene", "dynamics")
@@ -14,6 +19,9 @@ FINALIZERS = ("__del__", "give", "byte_count", "keep_arrays", "_keep_larger")
 def interrupted(action, line: int, packages: tuple[str, ...] = PACKAGES) -> bool:
     """Run something, with KeyboardInterrupt at the n-th line of some folders that it executes.
 
+    Ctrl-C cannot come between the last statement in a `with` and its end, but a trace function's exception can, and
+    would leave the lock of all threads locked.
+
     Returns:
         Whether it executes so many.
     """
@@ -21,7 +29,7 @@ def interrupted(action, line: int, packages: tuple[str, ...] = PACKAGES) -> bool
 
     def count(frame, event, argument):
         nonlocal left
-        if event == "line":
+        if event == "line" and frame.f_lasti not in _ends_of_with(frame.f_code):
             left -= 1
             if left == 0:
                 raise KeyboardInterrupt
@@ -40,4 +48,31 @@ def interrupted(action, line: int, packages: tuple[str, ...] = PACKAGES) -> bool
         return True
     finally:
         sys.settrace(before)
+        assert _is_free(runtime.ONE_THREAD), "no other thread would ever go on"
     return False
+
+
+@functools.cache
+def _ends_of_with(code) -> frozenset[int]:
+    """Return the offsets of instructions that begin a line a second time, as those which call `__exit__` do."""
+    instructions = list(dis.get_instructions(code))
+    entered = {each.positions.lineno for each in instructions if each.opname == "BEFORE_WITH"}
+    first = {}
+    for offset, line in dis.findlinestarts(code):
+        first.setdefault(line, offset)
+    return frozenset(offset for offset, line in dis.findlinestarts(code) if line in entered and offset != first[line])
+
+
+def _is_free(lock) -> bool:
+    """Return whether another thread gets a lock at once."""
+    free = []
+
+    def take() -> None:
+        if lock.acquire(timeout=5.0):
+            lock.release()
+            free.append(True)
+
+    thread = threading.Thread(target=take)
+    thread.start()
+    thread.join()
+    return bool(free)
