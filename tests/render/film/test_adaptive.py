@@ -78,6 +78,7 @@ def test_samples_are_within_cap_and_minimum() -> None:
     assert easy.hdr.tobytes() == render_to(passes, 0.9, max_spp=1).hdr.tobytes()
 
 
+@pytest.mark.slow
 def test_stopping_does_not_bias_means() -> None:
     """Over many seeds, for which stopping varies, the mean is that of all paths."""
     passes = paths()

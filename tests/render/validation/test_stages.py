@@ -28,7 +28,7 @@ def test_means_match_mitsuba(name: str) -> None:
 COMPARABLE = [name for name in STAGES if STAGES[name]().noise != "other"]
 
 
-@pytest.mark.parametrize("name", mark_slow(COMPARABLE, fast={"depth of field"}))
+@pytest.mark.parametrize("name", mark_slow(COMPARABLE, fast=()))
 def test_variances_match_mitsuba_or_are_less(name: str) -> None:
     """The variance of a path is the same where both sample alike, and less where tiscene samples better."""
     stage = STAGES[name]()

@@ -46,7 +46,7 @@ def white(model: str, **numbers: float) -> str:
     return document(text + "".join(given(name, str(value)) for name, value in numbers.items()), model)
 
 
-@pytest.mark.parametrize("roughness", [0.1, 0.5, 1.0])
+@pytest.mark.parametrize("roughness", [pytest.param(0.1, marks=pytest.mark.slow), 0.5, 1.0])
 @pytest.mark.parametrize("further", [
     {}, {"metalness": 0.5}, {"metalness": 1.0}, {"coat": 1.0}, {"coat": 1.0, "metalness": 1.0}, {"sheen": 1.0},
     {"transmission": 0.5}, {"transmission": 1.0}, {"sheen": 0.5, "coat": 0.5, "metalness": 0.5},

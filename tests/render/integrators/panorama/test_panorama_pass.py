@@ -133,7 +133,11 @@ def test_movers_and_their_shadows_are_those_of_path_tracing(mover: Material, vie
     assert np.abs(change - expected).mean() < 0.4 * np.abs(expected).mean()
 
 
-@pytest.mark.parametrize("wall", [None, GLOSSY, EMISSIVE], ids=lambda each: each.name if each else "no wall")
+@pytest.mark.parametrize(
+    "wall",
+    [pytest.param(None, marks=pytest.mark.slow), GLOSSY, pytest.param(EMISSIVE, marks=pytest.mark.slow)],
+    ids=lambda each: each.name if each else "no wall",
+)
 def test_movers_that_emit_light_the_box_as_in_path_tracing(wall: Material | None) -> None:
     """Their light is added to that of the static scene, whose lamps and emissive surfaces are not counted again."""
     scene = SurroundedBalls(replace(EMISSIVE, emissive_color=(40.0, 30.0, 10.0)), wall=wall)

@@ -193,7 +193,7 @@ def test_images_whose_subpixels_or_cells_are_too_many_have_no_panorama(empty_box
     ("wall", "lights"),
     [
         (None, "sky and bulb"),
-        (GLASS, "lamp"),
+        pytest.param(GLASS, "lamp", marks=pytest.mark.slow),
         (LACE, "shadowless"),
         pytest.param(GLOSSY, "lamp", marks=pytest.mark.slow),
         pytest.param(MIRROR, "lamp", marks=pytest.mark.slow),
