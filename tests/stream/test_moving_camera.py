@@ -12,7 +12,7 @@ import pytest
 
 import tiscene as ts
 from tiscene.render.integrators.incremental.incremental_pass import IncrementalPass
-from tiscene.render.integrators.panorama.panorama_pass import PanoramaPass
+from tiscene.render.integrators.panorama.panoramas import Panoramas
 from tiscene.render.view import View
 
 SIZE = {"width": 32, "height": 24}
@@ -78,13 +78,13 @@ def test_pinhole_cameras_that_turn_or_walk_are_rendered_over_panoramas() -> None
 def test_a_panorama_serves_a_range_of_fields_of_view(monkeypatch: pytest.MonkeyPatch) -> None:
     """A zoom from 1 to 1/1.9 traces cells for at most three widths of pixels, and a pause in it none."""
     made = []
-    new = PanoramaPass._new_panorama
+    new = Panoramas._new
 
-    def recorded(self: PanoramaPass, *arguments: Any) -> Any:
+    def recorded(self: Panoramas, *arguments: Any, **named: Any) -> Any:
         made.append(arguments[2])
-        return new(self, *arguments)
+        return new(self, *arguments, **named)
 
-    monkeypatch.setattr(PanoramaPass, "_new_panorama", recorded)
+    monkeypatch.setattr(Panoramas, "_new", recorded)
     monkeypatch.setattr(IncrementalPass, "prepare", lambda *_, **__: pytest.fail("a base image was rendered"))
     lens = ts.LensKeyframes((0.0, 0.2, 0.6, 0.8), vertical_fov=(1.1, 0.9, 0.9, 0.642))
     with ts.Stream(ts.Scenario("solid_benchmark", camera=ts.Camera(HERE, lens=lens)), **FAST) as stream:

@@ -197,7 +197,7 @@ def test_paths_far_from_movers_are_not_traced_on_and_change_nothing() -> None:
         scene.image_of(view)
         found = LightChanges(scene.device, view)
         scene.device.place(base_placement(placement, scene.moving))
-        probe = scene.surrounded.panoramas[0].probe
+        probe = next(iter(scene.surrounded.panoramas)).probe
         found.record(view, placement, scene.moving, probe, (1, 2), spp=16, max_depth=2)
         scene.device.place(placement)
         changes.append(found.find(scene.moving, np.ones((1, 3), np.float32)))

@@ -13,6 +13,7 @@ one that walks a panorama around a point of a lattice nearby.
     reprojection          images of a panorama seen from elsewhere
     reprojection_kernels  its kernels
     subpixels             paths through what a panorama does not know
+    panoramas             the panoramas of a scene, in memory and on disk
     light_changes         what movers change on static surfaces
     panorama              cells around one point, traced tile by tile and denoised block by block
     panorama_kernels      kernels that find and resample cells

@@ -18,7 +18,6 @@ light farther away at a reduced size. Every frame is a function of its own input
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from importlib.metadata import version
 from typing import Any
 
 import numpy as np
@@ -29,28 +28,23 @@ from tiscene.render.integrators.incremental.base_image import (
     ProgressCallback,
     base_placement,
     static_scene_key,
-    under_each_group,
 )
-from tiscene.render.integrators.incremental.base_image_cache import BaseImageCache, digest_of
+from tiscene.render.integrators.incremental.base_image_cache import BaseImageCache
 from tiscene.render.integrators.incremental.mover_coverage import dilated
 from tiscene.render.integrators.incremental.path_recording import AUXILIARY, light_column
 from tiscene.render.integrators.incremental.retrace_kernels import MOVER_HITS
 from tiscene.render.integrators.labels.first_hits import StaticHits
-from tiscene.render.integrators.panorama import light_probe
 from tiscene.render.integrators.panorama.anchors import Anchors, walks
-from tiscene.render.integrators.panorama.cell_files import CellFiles
 from tiscene.render.integrators.panorama.light_changes import REDUCTION, LightChanges, changed_beside_movers
-from tiscene.render.integrators.panorama.light_probes import LightProbes
-from tiscene.render.integrators.panorama.packed_cells import FORMAT
-from tiscene.render.integrators.panorama.panorama import DIM, FIRST_DIVISOR, LEAST_SPP, Panorama, PanoramaSettings
-from tiscene.render.integrators.panorama.panorama_kernels import DISTANCE_RANGE, NORMAL_RANGE
+from tiscene.render.integrators.panorama.panorama import PanoramaSettings
+from tiscene.render.integrators.panorama.panoramas import Panoramas
 from tiscene.render.integrators.panorama.reprojection import Reprojection
 from tiscene.render.integrators.panorama.reprojection_kernels import ALL_KNOWN, NONE_KNOWN, SUBPIXELS
 from tiscene.render.integrators.panorama.subpixels import Hidden, SubpixelPaths
 from tiscene.render.integrators.path.path_pass import PathPass
 from tiscene.render.intersect.ray_queue import RayArrays
 from tiscene.render.sampling.sobol import frame_key
-from tiscene.render.view import MAX_PIXELS, CubeView, View
+from tiscene.render.view import MAX_PIXELS, View
 from tiscene.scene.placement import CURRENT, Placement
 
 FloatImage = NDArray[np.float32]
@@ -112,6 +106,25 @@ class PanoramaImage:
         return image
 
 
+@dataclass(frozen=True, eq=False)
+class _Movers:
+    """Where an image shows movers, and what they change.
+
+    Attributes:
+        correction: What recorded paths find that they change of radiance, float32 [h', w', 3].
+        hits: bool [h', w'], recorded paths hit one first: the change is not known there.
+        covered: bool [h', w'], `hits`, or labels show one.
+        visible: bool [h, w], pixels that may show one.
+        beside: As of a `PanoramaImage`, float32 [h, w].
+    """
+
+    correction: FloatImage
+    hits: NDArray[np.bool_]
+    covered: NDArray[np.bool_]
+    visible: NDArray[np.bool_]
+    beside: FloatImage
+
+
 class PanoramaPass:
     """Renders radiance of a DeviceScene in which some instances move, before a camera that turns or walks.
 
@@ -122,6 +135,7 @@ class PanoramaPass:
         images: Disk cache of base images, in whose folder cells are kept too; None: none.
 
     Attributes:
+        panoramas: Those in memory.
         static_hits: What the view prepared last shows of static instances; None: it was not traced for this frame.
     """
 
@@ -129,28 +143,18 @@ class PanoramaPass:
         self, paths: PathPass, *, memory_limit: int, progress: ProgressCallback, images: BaseImageCache | None = None
     ) -> None:
         self.scene = paths.scene
-        self._images = images
-        self._files = CellFiles(images.folder) if images else None
         self._paths = paths
-        self._memory_limit = memory_limit
-        self._progress = progress
-        self._panoramas: dict[tuple[Any, ...], Panorama] = {}  # least recently used first
         self._changes: LightChanges | None = None
         self._cell_paths = PathPass(paths.scene, paths.width, paths.height)  # of cells and subpixels
         self._subpixels = SubpixelPaths(self._cell_paths)
         self.static_hits: StaticHits | None = None
-        self._probes = LightProbes(self._cell_paths, self._files)
         self._anchors, self._points = Anchors(paths.scene), Reprojection(paths.scene)
+        self.panoramas = Panoramas(self._cell_paths, self._anchors, images, memory_limit, progress)
         self._label_hits = RayArrays()
         self._anchored = False  # whether the static image is that of an anchor, at `_points`
         # What the static image was made for, and paths per pixel of `_changes`: they serve again where a view rests.
         self._shown_for: tuple[Any, ...] | None = None
         self._recorded_spp = 0
-
-    @property
-    def panoramas(self) -> list[Panorama]:
-        """The panoramas in memory, least recently used first."""
-        return list(self._panoramas.values())
 
     def prepare(
         self,
@@ -197,7 +201,9 @@ class PanoramaPass:
             self._anchored = anchor != view.current.position
             if self._anchored:
                 self._points.trace(view, anchor)
-            self._shown, self._known = self._static_images(view, static, settings, contents)
+            points = self._points if self._anchored else None
+            panorama, (self._shown, self._known) = self.panoramas.images(view, static, settings, contents, points)
+            self._probe = panorama.probe
             self._shown_for = shown if view.is_still else None
         self.static_hits = None
         if self._anchored:
@@ -228,27 +234,11 @@ class PanoramaPass:
         """
         groups = self.scene.placement.light_groups
         factors = np.ones((1, 3), np.float32) if groups is None else groups.factors
-        images = self._shown.copy() if self._view.is_still else self._shown  # what follows changes them
-        radiance, *others = (images[light_column(group) // 3] for group in range(len(factors)))
-        denoised, *others_denoised = images[-len(factors) :]
-        for light, clean, factor in zip(others, others_denoised, factors[1:], strict=True):
-            radiance += factor * light
-            denoised += factor * clean
-        albedo, normal = images[AUXILIARY // 3], images[AUXILIARY // 3 + 1]
+        radiance, denoised, albedo, normal = self._static_light(factors)
         moving = moving & self.scene.placement.present[CURRENT]
-        traced, beside = np.zeros(instance.shape, bool), np.zeros(instance.shape, np.float32)
-        correction = None
-        if moving.any():
-            assert self._changes is not None, "made by prepare()"
-            correction = self._changes.find(moving, factors)
-            hits = correction[..., MOVER_HITS] > 0.0
-            movers = np.isin(instance, self.scene.placement.instance_id[moving])
-            found = block_means(movers[..., None].astype(np.float32), REDUCTION)[..., 0] > 0.0
-            # Parts of movers between the pixels' centers are in no label.
-            traced = dilated(movers | _enlarged(hits & ~found, instance.shape))
-            light = block_means(radiance, REDUCTION)
-            changed = changed_beside_movers(correction[..., :3], light, hits, hits | found)
-            beside = interpolated(changed, instance.shape, REDUCTION)
+        movers = self._find_movers(moving, instance, radiance, factors) if moving.any() else None
+        traced = np.zeros(instance.shape, bool) if movers is None else movers.visible
+        beside = np.zeros(instance.shape, np.float32) if movers is None else movers.beside
         known_share = _SHARES[self._known]
         unknown = known_share < 0.5
         if unknown.any():
@@ -267,20 +257,10 @@ class PanoramaPass:
         radiance[blended], denoised[blended] = panorama
         before, white, reduced_normal = demodulate(radiance, albedo, normal, REDUCTION)
         change, after, emitted = None, None, None
-        if correction is not None and self._changes is not None:
-            scale = 1.0 / (block_means(albedo, REDUCTION) + ALBEDO_OFFSET)
-            if correction[..., :3].any():
-                reduced_radiance = block_means(radiance, REDUCTION)
-                filtered = self._changes.without_outliers(reduced_radiance)
-                change = _filled(correction[..., :3] * scale, hits)
-                after = np.maximum(before + _filled((filtered - reduced_radiance) * scale, hits), 0.0)
-            emitting = moving & self.scene.emissive.of(self.scene.placement.mesh)
-            if emitting.any():
-                key = frame_key(self._movers_key, LIGHT_FRAME)
-                lit = self._changes.light_of(
-                    emitting, self._view, key=key, spp=self._recorded_spp, max_depth=self._max_depth
-                )
-                emitted = _filled(lit * scale, hits | found)  # movers themselves have more of it
+        if movers is not None:
+            per_albedo = 1.0 / (block_means(albedo, REDUCTION) + ALBEDO_OFFSET)
+            change, after = self._changed(movers, radiance, before, per_albedo)
+            emitted = self._emitted(moving, movers, per_albedo)
         return PanoramaImage(
             static=static,
             albedo=albedo,
@@ -299,74 +279,51 @@ class PanoramaPass:
             panorama_spp=self._panorama_spp,
         )
 
-    def _static_images(
-        self,
-        view: View,
-        static: Placement,
-        settings: PanoramaSettings,
-        contents: tuple[Any, ...],
-    ) -> tuple[FloatImage, NDArray[np.int32]]:
-        """Return `Panorama.images` of a view, and complete its panorama if needed; `contents`: what
-        distinguishes its scene."""
-        points = self._points if self._anchored else None
-        key = settings, *contents
-        panorama = self._panoramas.pop(key, None)
-        if panorama is None:
-            panorama = self._new_panorama(view, static, settings, contents)
-        images = panorama.images(view, points)
-        if images is None:
-            missing = panorama.missing(view, points)
-            while self._panoramas and self._bytes() + panorama.bytes_with(missing) > self._memory_limit:
-                del self._panoramas[next(iter(self._panoramas))]
-            if panorama.bytes_with(missing) > self._memory_limit:
-                panorama.clear()
-                missing = panorama.missing(view, points)
-            panorama.complete(missing, view, static, self._progress)
-            images = panorama.images(view, points)
-            assert images is not None, "complete() adds all that is missing"
-        self._panoramas[key] = panorama
-        self._probe = panorama.probe
-        return images
+    def _static_light(self, factors: FloatImage) -> tuple[FloatImage, FloatImage, FloatImage, FloatImage]:
+        """Return radiance, the same denoised, albedo and normals of the static image, under the lights' factors."""
+        images = self._shown.copy() if self._view.is_still else self._shown  # what follows changes them
+        radiance, *others = (images[light_column(group) // 3] for group in range(len(factors)))
+        denoised, *others_denoised = images[-len(factors) :]
+        for light, clean, factor in zip(others, others_denoised, factors[1:], strict=True):
+            radiance += factor * light
+            denoised += factor * clean
+        return radiance, denoised, images[AUXILIARY // 3], images[AUXILIARY // 3 + 1]
 
-    def _new_panorama(
-        self, view: View, static: Placement, settings: PanoramaSettings, contents: tuple[Any, ...]
-    ) -> Panorama:
-        """Return a panorama, with what is on disk of it, and the light probe. Changes what the scene has placed."""
-        self.scene.place(static)
-        center = self._anchors.center_of_probe(settings.center) if self._anchored else settings.center
-        described = f"radiosity {light_probe.SIZE} {light_probe.PIXELS} {settings.probe_sampling}"
-        statics = under_each_group(static)
-        probe = self._probes.at(
-            center, statics, settings.probe_sampling, contents=contents,
-            file_key=lambda: self._file_key(view, static, CubeView(center, light_probe.PIXELS), {"probe": described}),
-        )  # fmt: skip
-        values = {
-            "panorama": repr(settings),
-            "cell": f"{FORMAT} {NORMAL_RANGE} {DISTANCE_RANGE}",
-            "sampling": f"{FIRST_DIVISOR} {LEAST_SPP} {settings.contrast} {DIM}",
-            "probe": f"{described} {center}",
-            "denoiser": f"{settings.denoiser} {version('pyoidn')}",
-        }
-        key = self._file_key(view, static, settings.cells_view(), values)
-        return Panorama(self._cell_paths, len(statics), settings, probe, self._files, key)
+    def _find_movers(
+        self, moving: NDArray[np.bool_], instance: NDArray[np.int32], radiance: FloatImage, factors: FloatImage
+    ) -> _Movers:
+        assert self._changes is not None, "made by prepare()"
+        correction = self._changes.find(moving, factors)
+        hits = correction[..., MOVER_HITS] > 0.0
+        labeled = np.isin(instance, self.scene.placement.instance_id[moving])
+        covered = block_means(labeled[..., None].astype(np.float32), REDUCTION)[..., 0] > 0.0
+        # Parts of movers between the pixels' centers are in no label.
+        visible = dilated(labeled | _enlarged(hits & ~covered, instance.shape))
+        light, covered = block_means(radiance, REDUCTION), hits | covered
+        changed = changed_beside_movers(correction[..., :3], light, hits, covered)
+        return _Movers(correction[..., :3], hits, covered, visible, interpolated(changed, instance.shape, REDUCTION))
 
-    def _file_key(self, view: View, static: Placement, cells: CubeView, values: dict[str, str]) -> str:
-        """Return the name of the files of cells around a point. Changes what the scene has placed."""
-        if self._images is None:
-            return ""
-        self.scene.place(static)
-        groups = static.light_groups
-        settings: dict[str, int | str] = {
-            **values,
-            "background": repr(view.background),
-            "coverage": int(self.scene.materials.any_coverage),
-            "emission": int(self.scene.materials.any_emission),
-            "groups": "" if groups is None else digest_of([groups.lights, groups.group]).hex(),
-        }
-        return self._images.key(self.scene, static.present[CURRENT], cells, settings)
+    def _changed(
+        self, movers: _Movers, radiance: FloatImage, before: FloatImage, per_albedo: FloatImage
+    ) -> tuple[FloatImage | None, FloatImage | None]:
+        """Return `change` and `after` of the image, irradiance."""
+        if not movers.correction.any():
+            return None, None
+        assert self._changes is not None, "it has found the movers"
+        reduced = block_means(radiance, REDUCTION)
+        filtered = self._changes.without_outliers(reduced)
+        after = np.maximum(before + _filled((filtered - reduced) * per_albedo, movers.hits), 0.0)
+        return _filled(movers.correction * per_albedo, movers.hits), after
 
-    def _bytes(self) -> int:
-        return sum(panorama.bytes for panorama in self._panoramas.values())
+    def _emitted(self, moving: NDArray[np.bool_], movers: _Movers, per_albedo: FloatImage) -> FloatImage | None:
+        """Return irradiance by movers that emit light; None: none does."""
+        emitting = moving & self.scene.emissive.of(self.scene.placement.mesh)
+        if not emitting.any():
+            return None
+        assert self._changes is not None, "it has found the movers"
+        key = frame_key(self._movers_key, LIGHT_FRAME)
+        light = self._changes.light_of(emitting, self._view, key=key, spp=self._recorded_spp, max_depth=self._max_depth)
+        return _filled(light * per_albedo, movers.covered)  # movers themselves have more of it
 
 
 def _enlarged(mask: NDArray[np.bool_], shape: tuple[int, ...]) -> NDArray[np.bool_]:
