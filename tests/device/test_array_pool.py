@@ -75,21 +75,22 @@ def test_ctrl_c_while_an_array_is_made_leaves_nothing_to_complain_of(dtype, step
 
 @pytest.mark.filterwarnings("error::pytest.PytestUnraisableExceptionWarning")
 def test_ctrl_c_while_an_array_is_deleted_is_not_lost(monkeypatch):
-    arrays = [device_array(ti.f32, (5, 3))]
     give = array_pool.POOL.give
 
     def interrupted(*given):
         monkeypatch.setattr(array_pool.POOL, "give", give)
         raise KeyboardInterrupt
 
-    def delete():
+    def delete(arrays):
         arrays.clear()
         for _ in range(500):
             time.sleep(0.01)
 
-    monkeypatch.setattr(array_pool.POOL, "give", interrupted)
-    with pytest.raises(KeyboardInterrupt):
-        delete()
+    for _ in range(100):  # each a race of two threads
+        arrays = [device_array(ti.f32, (5, 3))]
+        monkeypatch.setattr(array_pool.POOL, "give", interrupted)
+        with pytest.raises(KeyboardInterrupt):
+            delete(arrays)
 
 
 def test_memory_is_not_shared_by_living_arrays_nor_used_for_other_types():

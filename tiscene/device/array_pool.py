@@ -10,7 +10,7 @@ from __future__ import annotations
 import _thread
 import ctypes
 import sys
-import threading
+import time
 from collections import OrderedDict, deque
 from collections.abc import Callable, Hashable
 from typing import Any
@@ -23,7 +23,7 @@ from taichi.lang.util import cook_dtype
 
 MAX_ARRAY = 1 << 20  # bytes of the largest array that is kept
 MAX_KEPT = 1 << 25  # bytes of all arrays that are kept
-_LATER = 0.001  # s, until a Ctrl-C is passed on that came while an array was deleted
+_LATER = 0.001  # s, after which a Ctrl-C is passed on that came while an array was deleted
 
 
 class ArrayPool:
@@ -121,7 +121,15 @@ class _Pooled:
                 POOL.give(self.key, self.__dict__, self.made_in)
         except KeyboardInterrupt:
             # Python would print it here and go on. The memory may be lost: to free it twice would be worse.
-            threading.Timer(_LATER, _thread.interrupt_main).start()
+            state = {"ended": False}
+            _thread.start_new_thread(_interrupt_when_ended, (state,))
+            state["ended"] = True
+
+
+def _interrupt_when_ended(state: dict[str, bool]) -> None:
+    while not state["ended"]:
+        time.sleep(_LATER)
+    _thread.interrupt_main()
 
 
 class PooledScalars(_Pooled, ScalarNdarray):  # type: ignore[misc]
