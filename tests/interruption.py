@@ -54,17 +54,15 @@ def interrupted(action, line: int, packages: tuple[str, ...] = PACKAGES) -> bool
 
 @functools.cache
 def _ends_of_with(code) -> frozenset[int]:
-    """Return the offsets of instructions that begin a line a second time, as those which call `__exit__` do."""
-    instructions = list(dis.get_instructions(code))
-    entered = {each.positions.lineno for each in instructions if each.opname == "BEFORE_WITH"}
-    first = {}
-    for offset, line in dis.findlinestarts(code):
-        first.setdefault(line, offset)
-    return frozenset(offset for offset, line in dis.findlinestarts(code) if line in entered and offset != first[line])
+    """Return the offsets of instructions that begin the line of a `with` again, as those which call `__exit__` do."""
+    entered = {each.positions.lineno for each in dis.get_instructions(code) if each.opname == "BEFORE_WITH"}
+    starts = list(dis.findlinestarts(code))
+    first = {line: offset for offset, line in reversed(starts)}
+    return frozenset(offset for offset, line in starts if line in entered and offset != first[line])
 
 
 def _is_free(lock) -> bool:
-    """Return whether another thread gets a lock at once."""
+    """Return whether another thread gets a lock."""
     free = []
 
     def take() -> None:

@@ -2,6 +2,7 @@
 """Ctrl-C in the middle of a frame of an agent: the frames that follow are those that it would have received."""
 
 import numpy as np
+import pytest
 
 from tests.interruption import interrupted
 from tests.sailenv.conftest import HOME, SCENE
@@ -27,14 +28,15 @@ def begin(agent):
     agent.set_position((0.1, 1, 0))
 
 
-def test_frame_after_an_interrupted_one_is_that_frame_or_the_next(make_agent):
+@pytest.mark.parametrize("step", [3, pytest.param(1, marks=pytest.mark.slow)])
+def test_frame_after_an_interrupted_one_is_that_frame_or_the_next(make_agent, step):
     agent = make_agent(main_frame_active=False, width=24, height=18, consecutive_flow=True)
     begin(agent)
     right = [content(agent) for _ in range(4)]
     line, lost = 0, []
     while True:
         begin(agent)
-        line += 3
+        line += step
         if not interrupted(agent.get_frame, line, ("tiscene/sailenv",)):
             break
         first = content(agent)

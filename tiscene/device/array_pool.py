@@ -23,7 +23,7 @@ from taichi.lang.util import cook_dtype
 
 MAX_ARRAY = 1 << 20  # bytes of the largest array that is kept
 MAX_KEPT = 1 << 25  # bytes of all arrays that are kept
-_LATER = 0.001  # s, after which a Ctrl-C is passed on that came while an array was deleted
+_POLL = 0.001  # s, between looks whether the deletion of an array has ended
 
 
 class ArrayPool:
@@ -120,7 +120,8 @@ class _Pooled:
             if not python_ends() and self.__dict__.get("arr") is not None:
                 POOL.give(self.key, self.__dict__, self.made_in)
         except KeyboardInterrupt:
-            # Python would print it here and go on. The memory may be lost: to free it twice would be worse.
+            # Python would print it here and go on, so that another thread raises it again after this method has ended.
+            # The memory may be lost: to free it twice would be worse.
             state = {"ended": False}
             _thread.start_new_thread(_interrupt_when_ended, (state,))
             state["ended"] = True
@@ -128,7 +129,7 @@ class _Pooled:
 
 def _interrupt_when_ended(state: dict[str, bool]) -> None:
     while not state["ended"]:
-        time.sleep(_LATER)
+        time.sleep(_POLL)
     _thread.interrupt_main()
 
 

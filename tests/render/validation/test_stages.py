@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """tiscene against Mitsuba 3 on every stage: mean and variance, of the whole image and of its pixels or blocks."""
 
-from collections.abc import Collection, Iterable
-
 import numpy as np
 import pytest
 
@@ -11,12 +9,9 @@ from tests.render.validation.compare import agreement, means, variances
 from tests.render.validation.stages import FAST, STAGES
 
 
-def mark_slow(names: Iterable[str], fast: Collection[str] = FAST) -> list[object]:
-    """Return stages as test parameters; all but the fast ones are marked slow."""
-    return [name if name in fast else pytest.param(name, marks=pytest.mark.slow) for name in names]
-
-
-@pytest.mark.parametrize("name", mark_slow(STAGES))
+@pytest.mark.parametrize(
+    "name", [name if name in FAST else pytest.param(name, marks=pytest.mark.slow) for name in STAGES]
+)
 def test_means_match_mitsuba(name: str) -> None:
     stage = STAGES[name]()
     found = means(stage)
@@ -28,7 +23,8 @@ def test_means_match_mitsuba(name: str) -> None:
 COMPARABLE = [name for name in STAGES if STAGES[name]().noise != "other"]
 
 
-@pytest.mark.parametrize("name", mark_slow(COMPARABLE, fast=()))
+@pytest.mark.slow
+@pytest.mark.parametrize("name", COMPARABLE)
 def test_variances_match_mitsuba_or_are_less(name: str) -> None:
     """The variance of a path is the same where both sample alike, and less where tiscene samples better."""
     stage = STAGES[name]()
