@@ -92,9 +92,24 @@ def test_interrupted_command_ends_at_once_with_one_line(start, number, group):
     assert is_empty(command.pid)
 
 
-@pytest.mark.parametrize("number", SIGNALS)
-@pytest.mark.parametrize("group", [True, False])
-@pytest.mark.parametrize("body", [NATIVE, "swallow()"])
+@pytest.mark.parametrize(
+    ("body", "group", "number"),
+    [
+        (NATIVE, True, signal.SIGINT),
+        (NATIVE, False, signal.SIGTERM),
+        ("swallow()", True, signal.SIGTERM),
+        *(
+            pytest.param(*each, marks=pytest.mark.slow)
+            for each in (
+                (NATIVE, True, signal.SIGTERM),
+                (NATIVE, False, signal.SIGINT),
+                ("swallow()", True, signal.SIGINT),
+                ("swallow()", False, signal.SIGINT),
+                ("swallow()", False, signal.SIGTERM),
+            )
+        ),
+    ],
+)
 def test_command_ends_in_time_where_python_cannot_handle_the_signal(start, body, group, number):
     """Whether a terminal or a scheduler sends it, to the whole process group, or `kill`."""
     command = start(body)

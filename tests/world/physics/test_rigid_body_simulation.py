@@ -87,7 +87,7 @@ def test_block_stays_on_a_slope_that_friction_holds():
     assert np.linalg.norm(simulation.frame(250).poses[0, :3] - simulation.frame(5).poses[0, :3]) < 2e-3
 
 
-@pytest.mark.parametrize(("count", "frames"), [(5, 500), (20, 250)])
+@pytest.mark.parametrize(("count", "frames"), [(5, 500), pytest.param(20, 250, marks=pytest.mark.slow)])
 def test_stack_rests(count, frames):
     simulation = FakePhysicsWorld(stack(count), [FLOOR]).simulation()
     settled, later = simulation.frame(25).poses, simulation.frame(frames).poses
