@@ -246,6 +246,21 @@ def test_memory_limit_reduces_cached_spp() -> None:
     np.testing.assert_allclose(corrected, stacked(scene.trace(*BALLS, spp=2)), rtol=1e-4, atol=1e-4)
 
 
+def test_base_that_returns_has_room_for_its_paths() -> None:
+    """Neither of two bases needs less room than the other: one has more paths, the other longer ones."""
+    scene = MovingBalls()
+    images = []
+    for spp, max_depth in ((16, 2), (1, 6), (16, 2)):
+        numbers = {"seed": 1, "base_spp": 1, "spp": spp, "max_depth": max_depth}
+        scene.incremental.prepare(scene.view, scene.at(*BALLS), scene.moving, **numbers)
+        base, scratch = scene.incremental._prepared()
+        assert scratch.rows >= base.cache.max_rows
+        assert scratch.steps >= base.cache.steps
+        scene.device.place(scene.at(*BALLS))
+        images.append(scene.incremental.render(scene.moving).hdr)
+    np.testing.assert_array_equal(images[2], images[0])
+
+
 def test_cluster_boxes_contain_all_boxes() -> None:
     random = np.random.default_rng(3)
     low = random.uniform(-2.0, 2.0, (50, 3))

@@ -63,14 +63,19 @@ class IncrementalBase:
         return upload(total / np.float32(spp + extra_spp))
 
     @property
+    def caches(self) -> tuple[PathCache, ...]:
+        """All cached paths."""
+        return (self.cache, self.extra_cache) if self.extra_cache else (self.cache,)
+
+    @property
     def mover_spp(self) -> int:
         """Cached paths per pixel in which a mover is visible."""
-        return self.cache.spp + (self.extra_cache.spp if self.extra_cache else 0)
+        return sum(cache.spp for cache in self.caches)
 
     @property
     def bytes(self) -> int:
         """Memory of the cached paths."""
-        return self.cache.bytes + (self.extra_cache.bytes if self.extra_cache else 0)
+        return sum(cache.bytes for cache in self.caches)
 
     @cached_property
     def noise_matched(self) -> FloatImage:

@@ -1,6 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Device arrays for the computation of one incremental frame."""
 
+from collections.abc import Sequence
+
 import numpy as np
 import taichi as ti
 
@@ -14,7 +16,7 @@ class FrameScratch:
     """Arrays that the blocks of a frame use one after another, and the frame's sums.
 
     Args:
-        cache: Cached paths of the image; arrays have room for its largest block.
+        caches: Cached paths of the image; arrays have room for their largest block.
         coverage_rows: Rays of a `MoverCoverage` that are tested together.
 
     Attributes:
@@ -31,9 +33,10 @@ class FrameScratch:
         mover_sums: f32 [pixels, MOVER_COLUMNS].
     """
 
-    def __init__(self, cache: PathCache, coverage_rows: int = 0) -> None:
-        self.rows = max(cache.max_rows, coverage_rows)
-        self.paths, self.steps = cache.state.size, cache.steps
+    def __init__(self, caches: Sequence[PathCache], coverage_rows: int = 0) -> None:
+        self.rows = max(coverage_rows, *(cache.max_rows for cache in caches))
+        self.paths = max(cache.state.size for cache in caches)
+        self.steps = max(cache.steps for cache in caches)
         self.blocked = device_array(ti.i32, (self.rows,))
         self.candidates = device_array(ti.i32, (self.rows,))
         self.shadow_rows = device_array(ti.i32, (self.rows,))
@@ -42,14 +45,13 @@ class FrameScratch:
         self.invalidated = device_array(ti.i32, (self.paths, 2))
         self.path_chunks = device_array(ti.i32, (chunks_for(self.paths) * self.steps,))
         self.restart_queue = device_array(ti.i32, (self.paths,))
-        pixels = int(cache.mean.shape[0])
+        pixels = int(caches[0].mean.shape[0])
         self.correction = upload(np.zeros((pixels, CORRECTION_COLUMNS), np.float32))
         self.mover_sums = upload(np.zeros((pixels, MOVER_COLUMNS), np.float32))
 
-    def fits(self, cache: PathCache, coverage_rows: int) -> bool:
-        """Return whether there is room for another cache of the same image size."""
-        return (
-            self.rows >= max(cache.max_rows, coverage_rows)
-            and self.steps >= cache.steps
-            and self.paths >= cache.state.size
+    def fits(self, caches: Sequence[PathCache], coverage_rows: int = 0) -> bool:
+        """Return whether there is room for other caches of the same image size."""
+        return self.rows >= coverage_rows and all(
+            self.rows >= cache.max_rows and self.steps >= cache.steps and self.paths >= cache.state.size
+            for cache in caches
         )

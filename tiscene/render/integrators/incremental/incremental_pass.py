@@ -170,10 +170,12 @@ class IncrementalPass:
             self._progress("paths", 1.0)
             while self._bases and self.cached_bytes + base.bytes > self.memory_limit:
                 self._bases.pop(next(iter(self._bases)))
-            for each in (cache, extra_cache):
-                if each and (self._scratch is None or not self._scratch.fits(each, coverage.max_rows)):
-                    self._scratch = FrameScratch(each, coverage.max_rows)
         self._bases[key] = base
+        # For all bases in memory: one that returns may need more room than the one made last.
+        caches = [cache for each in self._bases.values() for cache in each.caches]
+        rows = max(each.coverage.max_rows for each in self._bases.values())
+        if self._scratch is None or not self._scratch.fits(caches, rows):
+            self._scratch = FrameScratch(caches, rows)
 
     def is_cheaper(
         self, view: View, placement: Placement, moving: NDArray[np.bool_], *, seed: int, max_depth: int
@@ -189,7 +191,7 @@ class IncrementalPass:
         def new() -> tuple[ProbePaths, FrameScratch]:
             self.scene.place(base_placement(placement, moving))
             paths = ProbePaths(self._paths, self._paths.scene_arrays(), view, seed, max_depth)
-            return paths, FrameScratch(paths.cache)
+            return paths, FrameScratch([paths.cache])
 
         paths, scratch = self._probes.get(key, new)
         self.scene.place(placement)

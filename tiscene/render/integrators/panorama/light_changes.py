@@ -97,8 +97,8 @@ class LightChanges:
             self._paths, scenes, reduced, self._state,
             samples=samples, mover_key=mover_key, max_depth=max_depth, boxes=boxes,
         )  # fmt: skip
-        if self._scratch is None or not self._scratch.fits(self._cache, 0):
-            self._scratch = FrameScratch(self._cache)
+        if self._scratch is None or not self._scratch.fits([self._cache]):
+            self._scratch = FrameScratch([self._cache])
 
     def _boxes(self, placement: Placement, moving: NDArray[np.bool_]) -> NDArray[np.float32]:
         """Return `cluster_boxes` of the movers, float32 [6, BOXES]: they are not part of the scene that is placed."""
