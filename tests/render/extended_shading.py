@@ -15,6 +15,7 @@ from tiscene.render.bsdfs import extended_surface_bsdf as bsdf
 from tiscene.render.bsdfs.energy_tables import energy_tables
 from tiscene.render.bsdfs.lobe_inputs import lobe_inputs_at
 from tiscene.render.bsdfs.material_inputs import ALL_INPUTS, Footprint, Materials, material_at
+from tiscene.render.bsdfs.preview_surface_bsdf import evaluate, sample
 from tiscene.render.intersect.surface_interaction import VisibleSurface
 from tiscene.render.texture_lookup import Textures
 from tiscene.scene.material_table import MaterialTable
@@ -41,10 +42,10 @@ def scatter(
         lobes = lobe_inputs_at(materials, textures, surface, 1, Footprint())
         closure = bsdf.extended_closure_at(point, lobes, energy, row_of(outgoing, i), front)
         if samples != 0:
-            wi = bsdf.sample(closure, row_of(numbers, i))
+            wi = sample(closure, row_of(numbers, i), bsdf.EXTENDED_LOBES)
             for c in ti.static(range(3)):
                 incoming[i, c] = wi[c]
-        value, _ = bsdf.evaluate(closure, energy, row_of(incoming, i))
+        value, _ = evaluate(closure, energy, row_of(incoming, i), bsdf.EXTENDED_LOBES)
         for c in ti.static(range(4)):
             values[i, c] = value[c]
 

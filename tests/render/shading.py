@@ -58,10 +58,10 @@ def scatter(
         point = material_at(materials, textures, surface, ALL_INPUTS, Footprint())
         closure = bsdf.closure_at(point, energy, row_of(outgoing, i), front)
         if samples != 0:
-            wi = bsdf.sample(closure, row_of(numbers, i))
+            wi = bsdf.sample(closure, row_of(numbers, i), bsdf.LOBES)
             for c in ti.static(range(3)):
                 incoming[i, c] = wi[c]
-        value = bsdf.evaluate(closure, energy, row_of(incoming, i))
+        value, _ = bsdf.evaluate(closure, energy, row_of(incoming, i), bsdf.LOBES)
         for c in ti.static(range(4)):
             values[i, c] = value[c]
 

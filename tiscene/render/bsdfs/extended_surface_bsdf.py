@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any, TypeAlias
 
 import taichi as ti
 
-from tiscene.device.kernel_types import Template, vec2, vec3, vec4
+from tiscene.device.kernel_types import Template, vec2, vec3
 from tiscene.render.bsdfs import anisotropic, anisotropic_diffuse, clearcoat, colored_glass, sheen, translucent
 from tiscene.render.bsdfs import preview_surface_bsdf as plain
 from tiscene.render.bsdfs.closure import (
@@ -29,28 +29,26 @@ from tiscene.render.bsdfs.energy_tables import SMALLEST_ALPHA
 from tiscene.render.bsdfs.lobe_inputs import lobe_inputs_at
 from tiscene.render.bsdfs.material_inputs import footprint_at
 from tiscene.render.bsdfs.preview_surface_bsdf import (
-    Lobe,
+    Lobes,
     Scattering,
     ShadingFrame,
-    choose_lobe,
-    from_frame,
     keep_sides,
+    scatter_in,
     to_frame,
 )
 from tiscene.render.bsdfs.sheen import sheen_albedo
 from tiscene.render.sampling import warp
 from tiscene.scene.material_table import COATED, EXTENDED, GLASS, SPECULAR_WORKFLOW, THIN
 
-EXTENDED_LOBES = tuple(
-    Lobe(each.sample, each.evaluate)
-    for each in (anisotropic_diffuse, anisotropic, clearcoat, colored_glass, sheen, translucent)
+EXTENDED_LOBES = Lobes.of(
+    (anisotropic_diffuse, anisotropic, clearcoat, colored_glass, sheen, translucent),
+    diffuse=(0, 5),
+    transmitting=(3, 5),
 )
-DIFFUSE_LOBES = (0, 5)  # those that lights' diffuse multipliers apply to
-TRANSMITTING_LOBES = (3, 5)
 if TYPE_CHECKING:
     Probabilities: TypeAlias = Any
 else:
-    Probabilities = ti.types.vector(len(EXTENDED_LOBES), ti.f32)
+    Probabilities = ti.types.vector(len(EXTENDED_LOBES.functions), ti.f32)
 
 
 @ti.dataclass
@@ -175,34 +173,6 @@ def extended_closure_at(point: Template, lobes: Template, energy: Template, wo: 
 
 
 @ti.func
-def evaluate(c: Template, energy: Template, wi: vec3):
-    """Return (f |cos|, density of `sample`) of all lobes, and the fraction of f that is diffuse, 0..1."""
-    result, diffuse_part = vec4(0.0), 0.0
-    for k in ti.static(range(len(EXTENDED_LOBES))):
-        if c.probabilities[k] > 0.0:
-            part = EXTENDED_LOBES[k].evaluate(c, energy, wi)
-            part.w *= c.probabilities[k]
-            result += part
-            if ti.static(k in DIFFUSE_LOBES):
-                diffuse_part += part.xyz.sum()
-    return result, diffuse_part / ti.max(result.xyz.sum(), 1e-30)
-
-
-@ti.func
-def sample(c: Template, u: vec3) -> vec3:
-    """Sample a direction in the shading frame, or zero; u.z chooses the lobe."""
-    lobe, rest = choose_lobe(c, ti.static(len(EXTENDED_LOBES)), u.z)
-    wi = vec3(0.0, 0.0, 1.0)
-    for k in ti.static(range(len(EXTENDED_LOBES))):
-        if lobe == k:
-            wi = EXTENDED_LOBES[k].sample(c, vec3(u.x, u.y, rest))
-            if ti.static(k not in TRANSMITTING_LOBES):
-                if wi.z <= 0.0:  # hits a second microfacet: no sample
-                    wi = vec3(0.0)
-    return wi
-
-
-@ti.func
 def tangent_frame(surface: Template, n: vec3, rotation: ti.f32):
     """Return the ShadingFrame about n whose s is the direction of u, rotated towards that of v. rotation: turns."""
     s, t = warp.tangents(n)
@@ -257,19 +227,6 @@ def scatter(
         lobes = lobe_inputs_at(materials, textures, surface, 0, footprint_at(surface, direction, width, key))
         frame = tangent_frame(surface, normal, lobes.rotation)
         c = extended_closure_at(point, lobes, energy, to_frame(frame, wo), surface.front)
-        result.eta = c.eta
-        for step in range(2):  # not unrolled, to compile the lobes once
-            wi = to_frame(frame, light)
-            if step == 1:
-                wi = sample(c, u)
-                result.direction = from_frame(frame, wi)
-            value, diffuse_part = evaluate(c, energy, wi)
-            if step == 0:
-                result.towards_light = value
-                result.diffuse_parts.x = diffuse_part
-            else:
-                result.onward = value
-                result.diffuse_parts.y = diffuse_part
-                result.transmits = ti.cast(wi.z < 0.0, ti.i32)
+        scatter_in(frame, c, energy, light, u, EXTENDED_LOBES, result)
         keep_sides(result, surface, normal, light)
     return result

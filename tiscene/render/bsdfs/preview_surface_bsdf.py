@@ -7,7 +7,8 @@ the same roughness instead; the mesh encloses a solid into and out of which ligh
 rendered with SMALLEST_ALPHA, so that every direction has a finite density. `energy_tables` conserve energy.
 """
 
-from typing import Any, NamedTuple
+from collections.abc import Sequence
+from typing import Any, NamedTuple, Self
 
 import taichi as ti
 
@@ -36,10 +37,28 @@ class Lobe(NamedTuple):
     evaluate: Any
 
 
-# A new lobe is a module, an entry here, and its probability in `closure_at`. Functions instead of modules: recordings
-# of kernels are keyed by the sources of the functions that they name.
-LOBES = tuple(Lobe(each.sample, each.evaluate) for each in (diffuse, specular, clearcoat, glass))
-TRANSMITTING_LOBE = 3
+class Lobes(NamedTuple):
+    """The lobes of a BSDF, known at compile time.
+
+    Attributes:
+        functions: Of each lobe. Functions instead of modules: recordings of kernels are keyed by the sources of the
+            functions that they name.
+        diffuse: Those that lights' diffuse multipliers apply to, by number.
+        transmitting: Those that sample directions on the other side.
+    """
+
+    functions: tuple[Lobe, ...]
+    diffuse: tuple[int, ...]
+    transmitting: tuple[int, ...]
+
+    @classmethod
+    def of(cls, modules: Sequence[Any], diffuse: tuple[int, ...], transmitting: tuple[int, ...]) -> Self:
+        """Return the lobes whose functions are in some modules."""
+        return cls(tuple(Lobe(each.sample, each.evaluate) for each in modules), diffuse, transmitting)
+
+
+# A new lobe is a module, an entry here, and its probability in `closure_at`.
+LOBES = Lobes.of((diffuse, specular, clearcoat, glass), diffuse=(0,), transmitting=(3,))
 
 
 @ti.func
@@ -106,23 +125,19 @@ def closure_at(point: Template, energy: Template, wo: vec3, front: ti.i32):
 
 
 @ti.func
-def evaluate(c: Template, energy: Template, wi: vec3) -> vec4:
-    """Return (f |cos|, density of `sample`) of all lobes for a direction in the shading frame."""
-    value, _ = evaluate_with_diffuse_part(c, energy, wi)
-    return value
+def evaluate(c: Template, energy: Template, wi: vec3, lobes: Template):
+    """Return (f |cos|, density of `sample`) of all lobes for a direction in the shading frame, and what is diffuse.
 
-
-@ti.func
-def evaluate_with_diffuse_part(c: Template, energy: Template, wi: vec3):
-    """Return `evaluate`, and the fraction, 0..1, of its value that is the diffuse lobe's."""
+    The latter is the fraction, 0..1, of f that is from diffuse lobes.
+    """
     result, diffuse_part = vec4(0.0), 0.0
-    for k in ti.static(range(len(LOBES))):
+    for k in ti.static(range(len(lobes.functions))):
         if c.probabilities[k] > 0.0:
-            part = LOBES[k].evaluate(c, energy, wi)
+            part = lobes.functions[k].evaluate(c, energy, wi)
             part.w *= c.probabilities[k]
             result += part
-            if ti.static(k == 0):
-                diffuse_part = part.xyz.sum()
+            if ti.static(k in lobes.diffuse):
+                diffuse_part += part.xyz.sum()
     return result, diffuse_part / ti.max(result.xyz.sum(), 1e-30)
 
 
@@ -148,16 +163,17 @@ def choose_lobe(c: Template, count: Template, u: ti.f32):
 
 
 @ti.func
-def sample(c: Template, u: vec3) -> vec3:
+def sample(c: Template, u: vec3, lobes: Template) -> vec3:
     """Sample a direction in the shading frame, or zero; u.z chooses the lobe."""
-    lobe, rest = choose_lobe(c, ti.static(len(LOBES)), u.z)
+    lobe, rest = choose_lobe(c, ti.static(len(lobes.functions)), u.z)
     wi = vec3(0.0, 0.0, 1.0)
-    for k in ti.static(range(len(LOBES))):
+    for k in ti.static(range(len(lobes.functions))):
         if lobe == k:
-            wi = LOBES[k].sample(c, vec3(u.x, u.y, rest))
-    # Hits a second microfacet: no sample. The density of glass in that direction would not be that of the sample.
-    if lobe != TRANSMITTING_LOBE and wi.z <= 0.0:
-        wi = vec3(0.0)
+            wi = lobes.functions[k].sample(c, vec3(u.x, u.y, rest))
+            if ti.static(k not in lobes.transmitting):
+                # Hits a second microfacet: no sample. The density of glass there would not be that of the sample.
+                if wi.z <= 0.0:
+                    wi = vec3(0.0)
     return wi
 
 
@@ -214,6 +230,25 @@ def keep_sides(result: Template, surface: Template, normal: vec3, light: vec3):
 
 
 @ti.func
+def scatter_in(frame: Template, c: Template, energy: Template, light: vec3, u: vec3, lobes: Template, result: Template):
+    """Write the Scattering of a closure in its frame to `result`; other arguments as of `scatter`."""
+    result.eta = c.eta
+    for step in range(2):  # not unrolled, to compile the lobes once
+        wi = to_frame(frame, light)
+        if step == 1:
+            wi = sample(c, u, lobes)
+            result.direction = from_frame(frame, wi)
+        value, diffuse_part = evaluate(c, energy, wi, lobes)
+        if step == 0:
+            result.towards_light = value
+            result.diffuse_parts.x = diffuse_part
+        else:
+            result.onward = value
+            result.diffuse_parts.y = diffuse_part
+            result.transmits = ti.cast(wi.z < 0.0, ti.i32)
+
+
+@ti.func
 def scatter(surface: Template, point: Template, energy: Template, normal: vec3, wo: vec3, light: vec3, u: vec3):
     """Evaluate the direction to a light, and sample a direction by the BSDF.
 
@@ -240,19 +275,6 @@ def scatter(surface: Template, point: Template, energy: Template, normal: vec3, 
         result.towards_light = vec4(point.diffuse_color * pdf, pdf)
     else:
         c = closure_at(point, energy, to_frame(frame, wo), surface.front)
-        result.eta = c.eta
-        for step in range(2):  # not unrolled, to compile the lobes once
-            wi = to_frame(frame, light)
-            if step == 1:
-                wi = sample(c, u)
-                result.direction = from_frame(frame, wi)
-            value, diffuse_part = evaluate_with_diffuse_part(c, energy, wi)
-            if step == 0:
-                result.towards_light = value
-                result.diffuse_parts.x = diffuse_part
-            else:
-                result.onward = value
-                result.diffuse_parts.y = diffuse_part
-                result.transmits = ti.cast(wi.z < 0.0, ti.i32)
+        scatter_in(frame, c, energy, light, u, LOBES, result)
     keep_sides(result, surface, normal, light)
     return result
