@@ -10,7 +10,8 @@ import taichi as ti
 from tests.render.tracing import described, mesh, placed, random_matrices
 from tiscene.errors import ArgumentError
 from tiscene.scene.description import Material, Mesh, SceneDescription
-from tiscene.scene.device_scene import HAS_NORMALS, HAS_UV, MIRRORED, DeviceScene
+from tiscene.scene.device_scene import DeviceScene
+from tiscene.scene.instance_upload import HAS_NORMALS, HAS_UV, MIRRORED
 from tiscene.scene.placement import CURRENT, NEXT, PREVIOUS
 
 TRIANGLE = mesh([[0, 0, 0], [1, 0, 0], [0, 1, 0]], [[0, 1, 2]], "triangle")

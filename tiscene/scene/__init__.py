@@ -17,7 +17,7 @@
     color                 sRGB transfer function
     placement             transforms of all instances around one frame
     device_scene          DeviceScene: what kernels read
-    instance_upload       arrays of instances in one upload; several frames at once
+    instance_upload       what kernels read of instances, in one upload; several frames
     reused_arrays         the large arrays, which scenes of one stage use one after another
     affine_maps           inverses; boxes around transformed boxes
     deforming_mesh        a deforming mesh on the device

@@ -20,11 +20,19 @@ from tiscene.scene.bvh.blas import Blas
 from tiscene.scene.bvh.bvh import Bvh
 from tiscene.scene.bvh.bvh_copy import BvhCopy
 from tiscene.scene.bvh.obstacle_tree import MeshTrees
-from tiscene.scene.bvh.rebraid import INFO_PARTS, MAX_SPLIT, PARTS
+from tiscene.scene.bvh.rebraid import MAX_SPLIT, PARTS
 from tiscene.scene.bvh.template_trees import add_meshes_of
 from tiscene.scene.deforming_mesh import BLOCKS, TIMES, DeformingMesh
 from tiscene.scene.description import Light, Mesh, SceneDescription
-from tiscene.scene.instance_upload import NO_INSTANCES, stacked, upload_packed
+from tiscene.scene.instance_upload import (
+    INFO_BLAS,
+    INFO_COLUMNS,
+    NO_INSTANCES,
+    attribute_flags,
+    info_rows,
+    stacked,
+    upload_packed,
+)
 from tiscene.scene.lights.emissive_meshes import EmissiveMeshes
 from tiscene.scene.lights.light_table import LightTable
 from tiscene.scene.material_table import MaterialTable
@@ -32,9 +40,6 @@ from tiscene.scene.placement import CURRENT, MOVERS, NEXT, PREVIOUS, Placement
 from tiscene.scene.reused_arrays import MeshGroup, ReusedArrays
 from tiscene.scene.textures.atlas import TextureAtlas
 from tiscene.scene.transient_meshes import TransientMeshes, resident
-
-HAS_NORMALS, HAS_UV, MIRRORED, HAS_COLORS = 1, 2, 4, 8  # bits of `instance_info` column 5
-INFO_COLUMNS = 18
 
 
 class DeviceScene(WholeChanges):
@@ -346,10 +351,6 @@ class DeviceScene(WholeChanges):
         self.vertex_position, self.vertex_normal = arrays.vertex_position.array, arrays.vertex_normal.array
         self.vertex_uv, self.triangle_vertices = arrays.vertex_uv.array, arrays.triangle_vertices.array
         self.triangle_material, self.triangle_part = arrays.triangle_material.array, arrays.triangle_part.array
-        flags = [
-            HAS_NORMALS * (m.normals is not None) + HAS_UV * (m.uv is not None) + HAS_COLORS * (m.colors is not None)
-            for m in meshes
-        ]
         entries = [blas.entry for blas in self._blas]
         self._parts = self._bvh.parts(self._blas)
         self._mesh_is_empty = np.array([blas.empty for blas in self._blas], bool)
@@ -360,6 +361,7 @@ class DeviceScene(WholeChanges):
             self._parts.entries[row] = 0
             deforming.invalidate()
         colors, links = first_colors - 3 * self._first_vertices[:-1], [mesh.link_class for mesh in meshes]
+        flags = [attribute_flags(mesh) for mesh in meshes]
         columns = [entries, self._first_triangles[:-1], flags, np.where(copies > 1, vertex_counts, 0), colors, links]
         self._mesh_table = np.array([each[: len(meshes)] for each in columns], np.int32).T.reshape(-1, 6)
         self._mesh_arrays_are_stale = False
@@ -367,13 +369,8 @@ class DeviceScene(WholeChanges):
     def _upload_instances(self, moved: bool = True) -> None:
         """Upload what is placed; moved: whether matrices differ from those that are there."""
         placement, count = self.placement, len(self.placement.mesh)
-        info = np.zeros((count, INFO_COLUMNS), np.int32)
-        info[:, [0, 1, 5, 7, 8, 17]] = self._mesh_table[placement.mesh]
-        info[:, INFO_PARTS : INFO_PARTS + PARTS] = self._parts.entries[placement.mesh]
-        info[:, 2:5] = np.column_stack([placement.instance_id, placement.category_id, placement.mesh])
-        info[:, 6] = 0 if placement.part is None else placement.part
         mirrored = np.where(placement.present, self._determinant, 0.0).min(axis=0) < 0.0
-        info[:, 5] |= np.where(mirrored, MIRRORED, 0)
+        info = info_rows(placement, self._mesh_table, self._parts.entries, mirrored)
         if count != self.instance_count or self.instance_info is None:
             rows = max(count, 1)
             self.instance_info = device_array(ti.i32, (rows, INFO_COLUMNS))
@@ -385,7 +382,7 @@ class DeviceScene(WholeChanges):
             for time in (PREVIOUS, NEXT):
                 then = info.copy()
                 for row, deforming in self._deforming.items():
-                    then[placement.mesh == row, 0] = deforming.blas[time].entry
+                    then[placement.mesh == row, INFO_BLAS] = deforming.blas[time].entry
                 self._info_at[time] = upload(then)
         if not count:
             return

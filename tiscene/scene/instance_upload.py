@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Instances of frames: those of several frames one after the other, and their arrays in one upload.
+"""Instances of frames: what kernels read of each, those of several frames one after the other, one upload of all.
 
 Taichi allocates memory on a GPU for each NumPy argument of a kernel, copies it there and back, and frees it. So the
 arrays of a frame's instances and the nodes above them travel as one.
@@ -14,7 +14,15 @@ import taichi as ti
 from numpy.typing import NDArray
 
 from tiscene.device.kernel_types import Floats2, Floats3, Ints1, Ints2
+from tiscene.scene.bvh.rebraid import INFO_PARTS, PARTS
+from tiscene.scene.description import Mesh
 from tiscene.scene.placement import Placement
+
+# Columns of `DeviceScene.instance_info`; from INFO_PARTS (`bvh.rebraid`) on are the references of the BLAS's parts.
+INFO_BLAS, INFO_FIRST_TRIANGLE, INFO_INSTANCE_ID, INFO_CATEGORY_ID, INFO_MESH, INFO_FLAGS = range(6)
+INFO_PART, INFO_MOVED, INFO_COLORS, INFO_LINK_CLASS, INFO_COLUMNS = 6, 7, 8, 17, 18
+OF_MESH = [INFO_BLAS, INFO_FIRST_TRIANGLE, INFO_FLAGS, INFO_MOVED, INFO_COLORS, INFO_LINK_CLASS]
+HAS_NORMALS, HAS_UV, MIRRORED, HAS_COLORS = 1, 2, 4, 8  # bits of the flags
 
 NO_INSTANCES = Placement(
     mesh=np.zeros(0, np.int32),
@@ -24,6 +32,32 @@ NO_INSTANCES = Placement(
     box_from_object=np.zeros((0, 3, 4)),
     present=np.zeros((3, 0), bool),
 )
+
+
+def attribute_flags(mesh: Mesh) -> int:
+    """Return the flags of a mesh."""
+    attributes = (HAS_NORMALS, mesh.normals), (HAS_UV, mesh.uv), (HAS_COLORS, mesh.colors)
+    return sum(flag for flag, values in attributes if values is not None)
+
+
+def info_rows(
+    placement: Placement, meshes: NDArray[np.int32], parts: NDArray[np.int32], mirrored: NDArray[np.bool_]
+) -> NDArray[np.int32]:
+    """Return `DeviceScene.instance_info` of a placement, int32 [n, INFO_COLUMNS].
+
+    Args:
+        placement: The instances.
+        meshes: int32 [m, 6], the columns OF_MESH of each mesh.
+        parts: int32 [m, PARTS], references of the parts of each mesh.
+        mirrored: bool [n], whether the transform of an instance mirrors.
+    """
+    info = np.zeros((len(placement.mesh), INFO_COLUMNS), np.int32)
+    info[:, OF_MESH] = meshes[placement.mesh]
+    info[:, INFO_PARTS : INFO_PARTS + PARTS] = parts[placement.mesh]
+    info[:, INFO_INSTANCE_ID], info[:, INFO_CATEGORY_ID] = placement.instance_id, placement.category_id
+    info[:, INFO_MESH], info[:, INFO_PART] = placement.mesh, 0 if placement.part is None else placement.part
+    info[:, INFO_FLAGS] |= np.where(mirrored, MIRRORED, 0)
+    return info
 
 
 def stacked(placements: Sequence[Placement]) -> Placement:

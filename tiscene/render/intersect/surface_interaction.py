@@ -10,11 +10,7 @@ from typing import Any, NamedTuple
 import taichi as ti
 
 from tiscene.device.kernel_types import Floats2, Floats3, Ints1, Ints2, Template, vec2, vec3, vec4
-
-# Columns of `DeviceScene.instance_info`.
-INFO_INSTANCE_ID, INFO_CATEGORY_ID, INFO_FLAGS, INFO_PART, INFO_MOVED = 2, 3, 5, 6, 7
-INFO_COLORS, INFO_LINK_CLASS = 8, 17
-HAS_NORMALS, HAS_UV, HAS_COLORS = 1, 2, 8
+from tiscene.scene.instance_upload import HAS_COLORS, HAS_NORMALS, HAS_UV, INFO_COLORS, INFO_FLAGS, INFO_MOVED
 
 # Offset of a new ray's origin along the normal, relative to the surface's `magnitude`: about 80 float32 steps.
 OFFSET = 1e-5

@@ -16,9 +16,9 @@ from tiscene.device.memory import empty_on_device
 from tiscene.frame.buffers import RANKS
 from tiscene.render.integrators.labels.first_hits import first_hits
 from tiscene.render.intersect.ray_queue import HitIds, Hits, Rays, RayWave, write_ray
-from tiscene.render.intersect.surface_interaction import INFO_INSTANCE_ID
 from tiscene.render.view import View, camera_ray
 from tiscene.scene.device_scene import DeviceScene
+from tiscene.scene.instance_upload import INFO_INSTANCE_ID
 from tiscene.scene.placement import CURRENT, MOVERS
 
 COVERAGES = ("coverage", "material_coverage")

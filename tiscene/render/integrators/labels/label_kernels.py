@@ -5,8 +5,9 @@ import taichi as ti
 
 from tiscene.device.kernel_types import Bytes2, Floats1, Floats2, Floats3, Ints1, Ints2, Template, vec2, vec3
 from tiscene.render.intersect.ray_queue import HitIds, Hits, Rays, write_ray
-from tiscene.render.intersect.surface_interaction import INFO_MOVED, object_point_at, transform_point, vertex_offset
+from tiscene.render.intersect.surface_interaction import object_point_at, transform_point, vertex_offset
 from tiscene.render.view import FORWARD, POSITION, camera_ray, view_vector
+from tiscene.scene.instance_upload import INFO_MOVED
 from tiscene.scene.placement import CURRENT
 
 # Columns of the instance motion array after the three matrices to camera coordinates, see `instance_motion`.

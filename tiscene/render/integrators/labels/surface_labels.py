@@ -31,10 +31,6 @@ from tiscene.render.integrators.labels.label_kernels import (
 )
 from tiscene.render.intersect.ray_queue import HitIds, Hits, Rays, ray_direction, write_ray
 from tiscene.render.intersect.surface_interaction import (
-    INFO_CATEGORY_ID,
-    INFO_INSTANCE_ID,
-    INFO_MOVED,
-    INFO_PART,
     Geometry,
     object_point_at,
     offset_origin,
@@ -43,6 +39,7 @@ from tiscene.render.intersect.surface_interaction import (
 )
 from tiscene.render.texture_lookup import Textures
 from tiscene.render.view import FORWARD, HALF_HEIGHT, RIGHT, TANGENT, UP, view_vector
+from tiscene.scene.instance_upload import INFO_CATEGORY_ID, INFO_INSTANCE_ID, INFO_MOVED, INFO_PART
 from tiscene.scene.material_table import DIFFUSE, EMISSIVE, FLAGS, MAY_MIRROR, METALLIC, NORMAL, ROUGHNESS, SPECULAR
 from tiscene.scene.placement import CURRENT, NEXT, PREVIOUS
 

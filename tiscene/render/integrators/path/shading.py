@@ -52,7 +52,7 @@ from tiscene.render.intersect.ray_queue import (
     write_hit,
     write_ray,
 )
-from tiscene.render.intersect.surface_interaction import INFO_LINK_CLASS, Geometry, offset_origin, surface_at
+from tiscene.render.intersect.surface_interaction import Geometry, offset_origin, surface_at
 from tiscene.render.lights import dispatch
 from tiscene.render.lights.intersect import (
     LIGHT_FRONT,
@@ -65,6 +65,7 @@ from tiscene.render.lights.intersect import (
 from tiscene.render.lights.light_sample import is_linked, lights_of
 from tiscene.render.sampling.sobol import combine, draw, set_key, set_keys
 from tiscene.render.texture_lookup import Textures
+from tiscene.scene.instance_upload import INFO_LINK_CLASS
 from tiscene.scene.lights.light_kinds import MESH
 from tiscene.scene.lights.light_table import KIND, SHADOWING, SHADOWLESS
 from tiscene.scene.material_table import COVERAGE, EMITS, FLAGS, GLASS, MATTE, TRANSLUCENT, UNSEEN
@@ -163,7 +164,7 @@ def shade(
 ):
     """Shade the hits of the paths in queue[0..count) and generate their next segments and shadow rays.
 
-    The first 18 arguments are the scene, see `path_scene.SceneArrays`.
+    The first 18 arguments are the scene, see `PathScene.arrays`.
 
     Args:
         cache: Light in which paths may end.

@@ -23,9 +23,10 @@ from tiscene.render.intersect.ray_queue import (
     ray_origin,
     write_ray,
 )
-from tiscene.render.intersect.surface_interaction import INFO_LINK_CLASS, Geometry, offset_origin, surface_at
+from tiscene.render.intersect.surface_interaction import Geometry, offset_origin, surface_at
 from tiscene.render.sampling.sobol import combine, set_key, uniform
 from tiscene.render.texture_lookup import Textures
+from tiscene.scene.instance_upload import INFO_LINK_CLASS
 from tiscene.scene.material_table import COVERAGE, OPACITY
 from tiscene.scene.placement import CURRENT
 
