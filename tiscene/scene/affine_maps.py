@@ -6,6 +6,8 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+_CORNERS = np.array([[x, y, z] for x in (0, 1) for y in (0, 1) for z in (0, 1)])
+
 
 def inverted(matrices: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Return inverses of affine maps [..., 3, 4], zeros for singular ones, and determinants [...]."""
@@ -40,6 +42,12 @@ def with_origin(maps: NDArray[np.float64], origin: ArrayLike) -> NDArray[np.floa
     result = maps.copy()
     result[..., :3, 3] += np.einsum("...ij,...j->...i", maps[..., :3, :3], offset)
     return result
+
+
+def corners_of(boxes: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return the corners of boxes, [n, 8, 3]; boxes: lower and upper corner, [n, 2, 3]."""
+    corners: NDArray[np.float64] = boxes[:, _CORNERS, np.arange(3)]
+    return corners
 
 
 def transformed_boxes(boxes: NDArray[np.float64], matrices: NDArray[np.float64]) -> NDArray[np.float64]:

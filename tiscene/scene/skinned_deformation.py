@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from tiscene.scene.affine_maps import corners_of
 from tiscene.scene.animation import Deformation
 
 Floats = NDArray[np.float64]
@@ -294,9 +295,8 @@ class SkinnedDeformation(Deformation):
     def corners(self) -> NDArray[np.float32]:
         """Return the corners [8, 3] of a box that holds the mesh at all times."""
         if vars(self)["_corners"] is None:
-            low, high = self.skin.box() * self.meters
-            rows = np.array([[x, y, z] for x in (0, 1) for y in (0, 1) for z in (0, 1)])
-            object.__setattr__(self, "_corners", np.where(rows == 1, high, low).astype(np.float32))
+            corners = corners_of((self.skin.box() * self.meters)[None])[0]
+            object.__setattr__(self, "_corners", corners.astype(np.float32))
         found: NDArray[np.float32] = vars(self)["_corners"]
         return found
 

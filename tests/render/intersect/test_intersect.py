@@ -349,7 +349,7 @@ def test_occluded_by_instance_ignores_other_instances(traversal: str) -> None:
     targets = np.arange(600, dtype=np.int32) % 12 * 5
     result = device_array(ti.i32, 600)
     queue = upload(np.arange(600, dtype=np.int32))
-    trace.occluded_by_instance(scene, CURRENT, upload_vectors(rays), queue, upload(targets), 600, result)
+    trace.occluded_by_instance(scene, upload_vectors(rays), queue, upload(targets), 600, result)
     for target in range(0, 60, 5):
         chosen = targets == target
         alone = placed([placement.mesh[target]], placement.world_from_object[CURRENT, target : target + 1])

@@ -27,11 +27,11 @@ from tiscene.render.annotations.measurement_kernels import (
     pixel_rays,
 )
 from tiscene.render.integrators.labels.first_hits import first_hits
-from tiscene.render.intersect.ray_queue import AnyHitArrays, RayWave
+from tiscene.render.intersect.ray_queue import RayWave
 from tiscene.render.intersect.trace import occluded_by_instance
 from tiscene.render.view import View
 from tiscene.scene.device_scene import DeviceScene
-from tiscene.scene.placement import CURRENT, MOVERS
+from tiscene.scene.placement import MOVERS
 
 MAX_SAMPLES = 16384  # rays per object outside of the image; more pixels are subsampled
 _BATCH = 1 << 18  # rays traced at once
@@ -61,7 +61,6 @@ class PixelCounter:
 
     def __init__(self, scene: DeviceScene) -> None:
         self.scene = scene
-        self._rays = AnyHitArrays()
         self._wave = RayWave()
         self._may_pass = np.zeros(0, bool)
 
@@ -112,16 +111,16 @@ class PixelCounter:
         firsts = np.cumsum([0, *(windows[:, COLUMNS] * windows[:, ROWS])]).astype(np.int32)
         count = int(firsts[-1])
         samples = np.empty((count, 3), np.int32)
-        tests, wave = self._rays.reserved(count), self._wave.reserved(count if may_pass else 1)
-        rays = wave.rays if may_pass else tests.rays
-        pixel_rays(view.array(), windows, firsts, view.width, view.height, samples, rays, tests.targets)
+        wave = self._wave.reserved(count)
+        targets, hit_target = wave.next_queues  # no ray continues where all of a mesh is opaque
+        pixel_rays(view.array(), windows, firsts, view.width, view.height, samples, wave.rays, targets)
         if may_pass:
             self.scene.place_movers(np.arange(self.scene.instance_count) == windows[0, INSTANCE])
             first_hits(self.scene, MOVERS, wave, wave.queue, count)
             is_hit = wave.hit_ids.to_numpy()[:count, 0] >= 0
         else:
-            occluded_by_instance(self.scene, CURRENT, rays, tests.queue, tests.targets, count, tests.result)
-            is_hit = tests.result.to_numpy()[:count] > 0
+            occluded_by_instance(self.scene, wave.rays, wave.queue, targets, count, hit_target)
+            is_hit = hit_target.to_numpy()[:count] > 0
         hits: NDArray[np.int32] = samples[is_hit]
         return hits
 

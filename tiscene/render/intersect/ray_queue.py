@@ -9,7 +9,7 @@ import taichi as ti
 from numpy.typing import NDArray
 
 from tiscene.device.kernel_types import Template
-from tiscene.device.memory import device_array
+from tiscene.device.memory import device_array, upload
 from tiscene.render.sampling.sobol import pixel_order
 
 _TILE = 8
@@ -84,32 +84,60 @@ def upload_rows(rows: NDArray[np.int32], places: NDArray[np.int32]) -> Any:
     return array
 
 
-class RayArrays:
-    """One ray and its hit for each pixel; reallocated when the size changes.
+class TracedRays:
+    """Rays and their hits.
 
     Attributes:
-        count: Number of pixels.
-        rays: [n] of `ray`, row y * width + x, as the following.
+        rays: [n] of `ray`.
         hits: [n] of `hit`.
         hit_ids: [n] of `hit_id`.
-        distance: f32 [n], scratch space for one number per ray.
-        queue: i32 [n], all pixels in tracing order; `queue_of` returns a subset.
+        queue: i32 [n], all rays.
         next_queues: Two queues, i32 [n], for rays that continue after a hit. Their order depends on scheduling, and
             results do not, since each ray writes to its own row.
-        mirrored: Two more, for rays that are reflected by mirrors.
     """
 
     def __init__(self) -> None:
-        self.count = 0
-        self._size = (0, 0)
         self.rays: Any = None
         self.hits: Any = None
         self.hit_ids: Any = None
-        self.distance: Any = None
         self.queue: Any = None
+        self.next_queues: tuple[Any, Any] = (None, None)
+
+    def _allocate(self, order: NDArray[np.int32]) -> None:
+        """Make arrays of as many rows as are in the queue."""
+        count = len(order)
+        self.rays, self.hits, self.hit_ids = (device_array(kind, count) for kind in (ray, hit, hit_id))
+        self.queue = upload(order)
+        self.next_queues = _two_queues(count)
+
+
+class RayWave(TracedRays):
+    """Rays that belong to no pixel, queued in order; reallocated when more are needed."""
+
+    def reserved(self, count: int) -> Self:
+        """Return itself, with at least `count` rows."""
+        if self.rays is None or self.rays.shape[0] < count:
+            self._allocate(np.arange(1 << (count - 1).bit_length(), dtype=np.int32))
+        return self
+
+
+class RayArrays(TracedRays):
+    """One ray and its hit for each pixel, in row y * width + x; reallocated when the size changes.
+
+    Attributes:
+        count: Number of pixels.
+        distance: f32 [n], scratch space for one number per ray.
+        queue: i32 [n], all pixels in tracing order; `queue_of` returns a subset.
+        mirrored: Two queues, i32 [n], for rays that are reflected by mirrors.
+    """
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.count = 0
+        self._size = (0, 0)
+        self.distance: Any = None
         self._subset: Any = None
         self._subset_values = np.zeros(0, np.int32)
-        self.next_queues: tuple[Any, Any] = (None, None)
         self.mirrored: tuple[Any, Any] = (None, None)
 
     def resized(self, width: int, height: int) -> Self:
@@ -117,16 +145,11 @@ class RayArrays:
         if self._size != (width, height):
             self._size = (width, height)
             self.count = width * height
-            self.rays = device_array(ray, self.count)
-            self.hits = device_array(hit, self.count)
-            self.hit_ids = device_array(hit_id, self.count)
+            self._allocate(tiled_order(width, height))
             self.distance = device_array(ti.f32, (self.count,))
-            self.queue = device_array(ti.i32, (self.count,))
-            self.queue.from_numpy(tiled_order(width, height))
             self._subset = device_array(ti.i32, (self.count,))
             self._subset_values = np.zeros(self.count, np.int32)  # rows past the subset's keep what they had
-            self.next_queues = device_array(ti.i32, (self.count,)), device_array(ti.i32, (self.count,))
-            self.mirrored = device_array(ti.i32, (self.count,)), device_array(ti.i32, (self.count,))
+            self.mirrored = _two_queues(self.count)
         return self
 
     def copy_of(self, other: Self) -> Self:
@@ -147,65 +170,8 @@ class RayArrays:
         return self._subset, len(queue)
 
 
-class RayWave:
-    """Rays that belong to no pixel, and their hits; reallocated when more are needed.
-
-    Attributes:
-        rays: [n] of `ray`.
-        hits: [n] of `hit`.
-        hit_ids: [n] of `hit_id`.
-        queue: i32 [n], all rays in order.
-        next_queues: Two queues, i32 [n], for rays that continue after a hit.
-    """
-
-    def __init__(self) -> None:
-        self._capacity = 0
-        self.rays: Any = None
-        self.hits: Any = None
-        self.hit_ids: Any = None
-        self.queue: Any = None
-        self.next_queues: tuple[Any, Any] = (None, None)
-
-    def reserved(self, count: int) -> Self:
-        """Return itself, with at least `count` rows."""
-        if self._capacity < count:
-            self._capacity = 1 << (count - 1).bit_length()
-            self.rays = device_array(ray, self._capacity)
-            self.hits = device_array(hit, self._capacity)
-            self.hit_ids = device_array(hit_id, self._capacity)
-            self.queue = device_array(ti.i32, (self._capacity,))
-            self.queue.from_numpy(np.arange(self._capacity, dtype=np.int32))
-            self.next_queues = device_array(ti.i32, (self._capacity,)), device_array(ti.i32, (self._capacity,))
-        return self
-
-
-class AnyHitArrays:
-    """Occlusion rays against one instance each; reallocated when more are needed.
-
-    Attributes:
-        rays: [n] of `ray`.
-        targets: i32 [n], the instance row of each.
-        result: i32 [n], 1 where the instance is hit.
-        queue: i32 [n], all rays in order.
-    """
-
-    def __init__(self) -> None:
-        self._capacity = 0
-        self.rays: Any = None
-        self.targets: Any = None
-        self.result: Any = None
-        self.queue: Any = None
-
-    def reserved(self, count: int) -> Self:
-        """Return itself, with at least `count` rows."""
-        if self._capacity < count:
-            self._capacity = 1 << (count - 1).bit_length()
-            self.rays = device_array(ray, self._capacity)
-            self.targets = device_array(ti.i32, (self._capacity,))
-            self.result = device_array(ti.i32, (self._capacity,))
-            self.queue = device_array(ti.i32, (self._capacity,))
-            self.queue.from_numpy(np.arange(self._capacity, dtype=np.int32))
-        return self
+def _two_queues(count: int) -> tuple[Any, Any]:
+    return device_array(ti.i32, (count,)), device_array(ti.i32, (count,))
 
 
 @lru_cache(maxsize=4)

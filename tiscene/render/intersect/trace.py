@@ -78,13 +78,13 @@ def occluded(scene: DeviceScene, time: int, rays: Any, queue: Any, count: int, r
 
 
 def occluded_by_instance(
-    scene: DeviceScene, time: int, rays: Any, queue: Any, instance_rows: Any, count: int, result: Any
+    scene: DeviceScene, rays: Any, queue: Any, instance_rows: Any, count: int, result: Any
 ) -> None:
-    """Test each ray against one instance only, in row instance_rows[ray] (i32 [n]); else as `occluded`.
+    """Test each ray against one instance only, in row instance_rows[ray] (i32 [n]); else as `occluded` at CURRENT.
 
-    Instances that are not present at `time` are hit as well: the caller chooses the rows.
+    Instances that are not present are hit as well: the caller chooses the rows.
     """
-    _occluded(scene, time, rays, queue, count, instance_rows, 1, result)
+    _occluded(scene, CURRENT, rays, queue, count, instance_rows, 1, result)
 
 
 def _occluded(

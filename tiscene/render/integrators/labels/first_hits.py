@@ -17,8 +17,9 @@ from tiscene.device.kernel_types import Bytes2, Ints1, Template
 from tiscene.device.memory import device_array
 from tiscene.device.restart import cached_on_device
 from tiscene.render.bsdfs.material_inputs import Footprint, Materials, material_at
-from tiscene.render.integrators.labels.label_kernels import primary_rays
-from tiscene.render.intersect.ray_queue import HitIds, Hits, RayArrays, Rays, RayWave, ray_direction
+from tiscene.render.integrators.labels import label_kernels as kernels
+from tiscene.render.integrators.labels.label_frames import LabelFrames
+from tiscene.render.intersect.ray_queue import HitIds, Hits, RayArrays, Rays, TracedRays, ray_direction
 from tiscene.render.intersect.surface_interaction import Geometry, geometry_of, offset_origin, surface_at
 from tiscene.render.intersect.trace import closest
 from tiscene.render.texture_lookup import Textures
@@ -35,7 +36,7 @@ TRAVELED = 3  # column of a ray: distance of its origin from the original one
 def first_hits(
     scene: DeviceScene,
     time: int,
-    rays: RayArrays | RayWave,
+    rays: TracedRays,
     queue: Any,
     count: int,
     *,
@@ -76,7 +77,7 @@ def first_hits(
 def center_hits(scene: DeviceScene, view: View | CubeView, rays: RayArrays, *, coherent: bool = False) -> RayArrays:
     """Trace the rays through the centers of all pixels of a view at CURRENT, see `first_hits`, and return them."""
     rays = rays.resized(view.width, view.height)
-    primary_rays(rays.queue, rays.count, view.array(), view.width, view.height, rays.rays, False)
+    kernels.primary_rays(rays.queue, rays.count, view.array(), view.width, view.height, rays.rays, False)
     first_hits(scene, CURRENT, rays, rays.queue, rays.count, coherent=coherent)
     return rays
 
@@ -185,29 +186,40 @@ def reject_transparent_hits(
     return next_count[0]
 
 
-def occlude_transparent_points(
+def find_occlusion(
     scene: DeviceScene,
+    frames: LabelFrames,
     time: int,
     materials: MaterialArrays,
     points: RayArrays,
     sight: RayArrays,
     queue: Any,
     count: int,
-    width: int,
     occluded: Any,
 ) -> None:
-    """Mark points of surfaces that are alpha-rejected at a time, if the coverage of some material varies.
+    """Write whether points of surfaces are not visible at a time.
+
+    They are not where another surface is in front, or they are outside of the image, not present, or alpha-rejected.
 
     Args:
         scene: The scene.
+        frames: The cameras, and the motion of the instances.
         time: PREVIOUS, CURRENT or NEXT.
         materials: Those of the time.
         points: The points, as hits.
-        sight: Rays from the camera of that time to the points.
+        sight: Scratch, as many rows, for rays from the camera of that time to the points.
         queue: i32 rows on the device; count: their number.
-        width: Width of `occluded`.
         occluded: Output, bool as u8 [rows / width, width].
     """
+    width = occluded.shape[1]
+    kernels.occlusion_rays(
+        queue, count, time, points.hits, points.hit_ids,
+        scene.vertex_position, scene.triangle_vertices, scene.instance_info, scene.world_from_instance,
+        frames.instance_motion, frames.camera_motion, frames.cameras, frames.width, frames.height,
+        sight.rays, sight.distance, frames.stacked,
+    )  # fmt: skip
+    first_hits(scene, time, sight, queue, count, rays_per_frame=frames.pixels, materials=materials)
+    kernels.occlusion_labels(queue, count, points.hit_ids, sight.distance, sight.hits, sight.hit_ids, width, occluded)
     if scene.materials.varies_coverage:
         mark_transparent_points(
             queue, count, sight.rays, points.hits, points.hit_ids,
@@ -230,7 +242,7 @@ def mark_transparent_points(
     width: ti.i32,
     occluded: Bytes2,
 ):
-    """Write 1 for points whose surface has an opacity below OPACITY_THRESHOLD; see `occlude_transparent_points`."""
+    """Write 1 for points whose surface has an opacity below OPACITY_THRESHOLD; see `find_occlusion`."""
     for i in range(count):
         point = queue[i]
         row = hit_ids[point][0]

@@ -22,13 +22,13 @@ from tiscene.render.integrators.labels.coverage import COVERAGES, CoverageLabels
 from tiscene.render.integrators.labels.first_hits import (
     StaticHits,
     counter,
+    find_occlusion,
     first_hits,
     keep_nearer,
-    occlude_transparent_points,
 )
 from tiscene.render.integrators.labels.label_frames import LabelFrames
 from tiscene.render.integrators.labels.label_images import Images, LabelImages
-from tiscene.render.integrators.labels.static_labels import StaticImage, StaticLabelCache, boxes_in_view, corners_of
+from tiscene.render.integrators.labels.static_labels import StaticImage, StaticLabelCache, boxes_in_view
 from tiscene.render.integrators.labels.surface_labels import (
     FILTERED_ALBEDO,
     MATERIAL_BUFFERS,
@@ -38,6 +38,7 @@ from tiscene.render.integrators.labels.surface_labels import (
 from tiscene.render.intersect.ray_queue import RayArrays
 from tiscene.render.intersect.surface_interaction import geometry_of
 from tiscene.render.view import View
+from tiscene.scene.affine_maps import corners_of
 from tiscene.scene.device_scene import DeviceScene
 from tiscene.scene.placement import CURRENT, MOVERS, NEXT, PREVIOUS, Placement
 
@@ -258,18 +259,9 @@ class LabelPass:
         self, frames: LabelFrames, rays: RayArrays, queue: Any, count: int, time: int, occluded: Any
     ) -> None:
         """Write whether the queued pixels' surface points are occluded from the camera at another time."""
-        scene, other = self.scene, self._occlusion_rays.resized(frames.width, frames.height * len(frames.views))
-        kernels.occlusion_rays(
-            queue, count, time, rays.hits, rays.hit_ids,
-            scene.vertex_position, scene.triangle_vertices, scene.instance_info, scene.world_from_instance,
-            frames.instance_motion, frames.camera_motion, frames.cameras, frames.width, frames.height,
-            other.rays, other.distance, frames.stacked,
-        )  # fmt: skip
+        scene, sight = self.scene, self._occlusion_rays.resized(frames.width, frames.height * len(frames.views))
         materials = scene.materials.arrays_at(float(scene.placement.seconds[time]))
-        first_hits(scene, time, other, queue, count, rays_per_frame=frames.pixels, materials=materials)
-        hits = rays.hit_ids, other.distance, other.hits, other.hit_ids
-        kernels.occlusion_labels(queue, count, *hits, frames.width, occluded)
-        occlude_transparent_points(scene, time, materials, rays, other, queue, count, frames.width, occluded)
+        find_occlusion(scene, frames, time, materials, rays, sight, queue, count, occluded)
 
 
 @cached_on_device(maxsize=64)

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tiscene.render.integrators.labels import label_kernels as kernels
-from tiscene.render.integrators.labels.first_hits import first_hits, occlude_transparent_points
+from tiscene.render.integrators.labels.first_hits import find_occlusion, first_hits
 from tiscene.render.integrators.labels.label_frames import LabelFrames
 from tiscene.render.intersect.ray_queue import RayArrays
 from tiscene.render.view import View
@@ -91,20 +91,9 @@ class PointPass:
         capacity = self._load(rows, points.triangles, points.hits)
         frames = LabelFrames.of([view], [self.scene.placement])
         moved = np.where(rows[:, None] == NOTHING, np.float32(0.0), self._project(frames)[:count] - points.projected)
-        own, other = self._points, self._sight.resized(capacity, 1)
-        scene = self.scene
-        kernels.occlusion_rays(
-            own.queue, capacity, CURRENT, own.hits, own.hit_ids, scene.vertex_position, scene.triangle_vertices,
-            scene.instance_info, scene.world_from_instance, frames.instance_motion, frames.camera_motion,
-            frames.cameras, view.width, view.height, other.rays, other.distance, False,
-        )  # fmt: skip
-        first_hits(scene, CURRENT, other, own.queue, capacity)
-        occluded = np.zeros((1, capacity), np.uint8)
-        kernels.occlusion_labels(
-            own.queue, capacity, own.hit_ids, other.distance, other.hits, other.hit_ids, capacity, occluded
-        )
-        materials = scene.materials.arrays()
-        occlude_transparent_points(scene, CURRENT, materials, own, other, own.queue, capacity, capacity, occluded)
+        own, sight, occluded = self._points, self._sight.resized(capacity, 1), np.zeros((1, capacity), np.uint8)
+        materials = self.scene.materials.arrays()
+        find_occlusion(self.scene, frames, CURRENT, materials, own, sight, own.queue, capacity, occluded)
         return points.pixels + moved, occluded[0, :count] != 0
 
     def _load(self, rows: NDArray[Any], triangles: NDArray[np.int32], hits: NDArray[np.float32]) -> int:

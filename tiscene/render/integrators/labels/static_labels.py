@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from dynamics.lru_cache import LRUCache
 from tiscene.render.integrators.labels.coverage import CoverageSamples
 from tiscene.render.view import View
+from tiscene.scene.affine_maps import corners_of
 from tiscene.scene.camera import Camera
 from tiscene.scene.device_scene import DeviceScene
 from tiscene.scene.placement import CURRENT, NEXT, PREVIOUS, Placement
@@ -140,12 +141,6 @@ class StaticLabelCache:
         return changed
 
 
-def corners_of(boxes: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return the corners of boxes, [n, 8, 3]; boxes: lower and upper corner, [n, 2, 3]."""
-    corners: NDArray[np.float64] = boxes[:, _CORNERS, np.arange(3)]
-    return corners
-
-
 def boxes_in_view(view: View, corners: NDArray[np.float64]) -> Iterator[tuple[tuple[slice, slice], float]]:
     """Yield rows and columns of the pixels that each visible box may cover at CURRENT, and its least distance, m.
 
@@ -168,9 +163,6 @@ def boxes_in_view(view: View, corners: NDArray[np.float64]) -> Iterator[tuple[tu
     visible = (sides.max(axis=1) > 0.0).all(axis=1) & (seen[..., 2].max(axis=1) > 0.0)
     for (x0, y0), (x1, y1), z in zip(low[visible], high[visible], nearest[visible] * (1.0 - _MARGIN), strict=True):
         yield (slice(y0, y1), slice(x0, x1)), float(z)
-
-
-_CORNERS = np.array([[x, y, z] for x in (0, 1) for y in (0, 1) for z in (0, 1)])
 
 
 def _unchanged(before: Placement, now: Placement, static: NDArray[np.bool_]) -> NDArray[np.bool_]:
