@@ -84,7 +84,7 @@ def tiscene_images(stage: Stage, runs: int = RUNS, spp: int = SPP, depth: int | 
     paths = PathPass(device_scene(stage.description), SIZE, SIZE)
     scene = paths.scene_arrays()
     if not stage.compensates:
-        scene = replace(scene, arrays=scene.arrays._replace(energy=_lossless(scene.arrays.energy)))
+        scene = replace(scene, energy=_lossless(scene.energy))
     view = View(stage.camera, stage.camera, stage.camera, SIZE, SIZE)
     images = []
     for seed in range(runs):

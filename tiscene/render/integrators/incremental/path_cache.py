@@ -183,12 +183,12 @@ class PathCache:
             )  # fmt: skip
             # The last segments become shadow rays, which alone can bring light.
             is_finishing = scene.ends_at_lights and step == self.max_depth - 1 > 0
-            live, shadow_count = self._paths.advance(scene, state, live, first, step, self.samples, self.max_depth, 1)
+            live, shadow_count = self._paths.advance(scene, state, live, first, step, self.samples, self.max_depth)
             if step == 0 and self._boxes is not None:
                 live, shadow_count = self._drop_far(count)
             if not is_finishing:
                 record.record_segment_light(
-                    *scene.arrays.lighting[-3:], last_depth, group,
+                    *scene.lights, last_depth, group,
                     segments.paths, segments.count, state.hits, state.state, segments.restart, segments.rays,
                     segments.light, shadow_counts if group else segment_counts,
                 )  # fmt: skip

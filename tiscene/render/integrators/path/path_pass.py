@@ -25,12 +25,11 @@ from tiscene.render.integrators.path import wavefront_kernels as kernels
 from tiscene.render.integrators.path.frame_stack import FrameStack
 from tiscene.render.integrators.path.last_segment import finish_at_lights
 from tiscene.render.integrators.path.path_image import PathImage, developed
-from tiscene.render.integrators.path.path_scene import PathScene, SceneArrays
+from tiscene.render.integrators.path.path_scene import PathScene
 from tiscene.render.integrators.path.path_state import CHUNK, FILM_COLUMNS, PathSamples, PathState, check_numbers
 from tiscene.render.integrators.path.shading import shade
 from tiscene.render.integrators.path.shadow_rays import continue_shadow_rays
 from tiscene.render.intersect.ray_queue import tiled_order, tiled_ranks, upload_pixels, upload_rows
-from tiscene.render.intersect.surface_interaction import geometry_of
 from tiscene.render.intersect.trace import closest, occluded, trees_at
 from tiscene.render.lights.intersect import WEIGHTED
 from tiscene.render.sampling.pixel_filter import pixel_filter as pixel_filter_named
@@ -185,12 +184,12 @@ class PathPass:
         """
         scene, state, samples = self.scene_arrays(), PathState(CHUNK), PathSamples(1, 0, 0)
         self._make_film(self.width * self.height)
-        self._trace_batch(scene, view, state, 0, 0, samples, 0, 1)
+        self._trace_batch(scene, view, state, 0, 0, samples, max_depth=0)
         closest(self.scene, CURRENT, state.rays, state.queue, 0, state.hits, state.hit_ids)
         self.cast_shadows(scene, state, 0, 0, 0, samples)
         self.developed(1)
         yield
-        self.advance(replace(scene, any_emission=emission()), state, 0, 0, 0, samples, 1, 1)
+        self.advance(replace(scene, any_emission=emission()), state, 0, 0, 0, samples, max_depth=1)
 
     @contextlib.contextmanager
     def restricted_to(self, pixels: Any) -> Iterator[None]:
@@ -220,7 +219,7 @@ class PathPass:
         step: int,
         samples: PathSamples,
         max_depth: int,
-        mis: int,
+        mis: int = WEIGHTED,
         segments: int = 1,
     ) -> tuple[int, int]:
         """Intersect and shade one segment of the first `live` paths of the queue, or several.
@@ -243,13 +242,13 @@ class PathPass:
         if scene.ends_at_lights and step == max_depth - 1 > 0:
             with self.vector_mode():
                 finish_at_lights(
-                    *scene.arrays.lighting, mis, state.queue, live, state.rays, state.shadow_rays, state.occluded,
-                    state.state, state.status, scene.any_links,
+                    *scene.textures, *scene.lights, mis, state.queue, live, state.rays, state.shadow_rays,
+                    state.occluded, state.state, state.status, scene.any_links,
                 )  # fmt: skip
         else:
             rays = state.rays, state.queue
             closest(self.scene, scene.tree, *rays, live, state.hits, state.hit_ids, step == 0, self._stack.paths)
-            unread = scene.arrays.light_nodes, state.hits, scene.arrays.instance_info, 0
+            unread = scene.lights.nodes, state.hits, scene.geometry.instance_info, 0
             tree = trees_at(self.scene, scene.tree) if self._shades_segments else unread
             with self.vector_mode():
                 shade(
@@ -314,17 +313,12 @@ class PathPass:
         Args:
             lights: Lights to sample; None: all lights of the scene.
         """
-        scene = self.scene
-        materials = scene.materials
+        scene, materials = self.scene, self.scene.materials
         key = (*materials.glass_iors, materials.any_extended)
         if key != self._energy_key:
             self._energy = upload(energy_tables(materials.glass_iors, extended=materials.any_extended))
             self._energy_key = key
-        lit = lights or scene.lights.arrays(scene.textures)
-        arrays = SceneArrays(
-            *geometry_of(scene), *scene.materials.arrays(), *scene.textures.arrays(), *lit, self._energy
-        )
-        return PathScene.of(arrays, materials, scene.lights)
+        return PathScene.of(scene, lights or scene.lights.arrays(scene.textures), self._energy)
 
     def _check(self, view: View, spp: int, max_depth: int) -> None:
         check_numbers(self.width * self.height, spp, max_depth)
@@ -374,7 +368,7 @@ class PathPass:
         count: int,
         samples: PathSamples,
         max_depth: int,
-        mis: int,
+        mis: int = WEIGHTED,
         on_start: StartCallback | None = None,
     ) -> None:
         """Trace the paths first .. first + count - 1 to their ends and add them to the film."""

@@ -1,14 +1,18 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Scene data for the path tracing kernels: device arrays in the order of kernel arguments, and what they contain."""
+"""Scene data for the path tracing kernels: device arrays, and what they contain."""
 
 from dataclasses import dataclass
-from typing import Any, NamedTuple, Self
+from functools import cached_property
+from typing import Any, Self
 
 from tiscene.render.integrators.path.radiance_cache import RadianceCache, last_depth
+from tiscene.render.intersect.surface_interaction import Geometry, geometry_of
 from tiscene.render.view import SKY
-from tiscene.scene.lights.light_table import LightTable
-from tiscene.scene.material_table import MaterialTable
+from tiscene.scene.device_scene import DeviceScene
+from tiscene.scene.lights.light_table import LightArrays
+from tiscene.scene.material_table import MaterialArrays
 from tiscene.scene.placement import CURRENT
+from tiscene.scene.textures.atlas import TextureArrays
 
 # Alpha-rejected surfaces that a path passes without counting them as path depth.
 MAX_ALPHA_LAYERS = 16
@@ -18,45 +22,13 @@ MAX_UNLINKED_LAYERS = 256
 FEW_PATHS = 1 << 10
 
 
-class SceneArrays(NamedTuple):
-    """Scene arrays in the order in which `shade` and `continue_shadow_rays` take them."""
-
-    vertex_position: Any
-    vertex_normal: Any
-    vertex_uv: Any
-    triangle_vertices: Any
-    triangle_material: Any
-    instance_info: Any
-    world_from_instance: Any
-    instance_from_world: Any
-    material_values: Any
-    material_info: Any
-    material_lookups: Any
-    texture_info: Any
-    texture_words: Any
-    texture_floats: Any
-    light_values: Any
-    light_nodes: Any
-    light_distribution: Any
-    energy: Any
-
-    @property
-    def surfaces(self) -> tuple[Any, ...]:
-        """Arrays of geometry and materials, without textures."""
-        return self[:10]
-
-    @property
-    def lighting(self) -> tuple[Any, ...]:
-        """Arrays of textures and lights."""
-        return self[11:17]
-
-
 @dataclass(frozen=True, eq=False)
 class PathScene:
     """Scene data for the path tracing kernels.
 
     Attributes:
-        arrays: Device arrays.
+        geometry, materials, textures, lights: Device arrays.
+        energy: Device array of `energy_tables`.
         any_coverage: Whether a material is partially opaque (alpha), so that hits may be rejected.
         any_emission: Whether a material is emissive.
         any_extended: Whether a material has extended lobes.
@@ -69,7 +41,11 @@ class PathScene:
         first_group: Whether its lights are those of the first light group, to which a background of one color belongs.
     """
 
-    arrays: SceneArrays
+    geometry: Geometry
+    materials: MaterialArrays
+    textures: TextureArrays
+    lights: LightArrays
+    energy: Any
     any_coverage: bool
     any_emission: bool
     any_extended: bool
@@ -81,17 +57,33 @@ class PathScene:
     first_group: bool = True
 
     @classmethod
-    def of(cls, arrays: SceneArrays, materials: MaterialTable, lights: LightTable) -> Self:
-        """Return what the tables of materials and lights contain, with their arrays."""
+    def of(cls, scene: DeviceScene, lights: LightArrays, energy: Any) -> Self:
+        """Return the data of a scene as it is now.
+
+        Args:
+            scene: The scene.
+            lights: Lights to sample.
+            energy: Device array of `energy_tables`.
+        """
+        materials = scene.materials
         return cls(
-            arrays,
+            geometry_of(scene),
+            materials.arrays(),
+            scene.textures.arrays(),
+            lights,
+            energy,
             any_coverage=materials.any_coverage,
             any_emission=materials.any_emission,
             any_extended=materials.any_extended,
             ends_at_lights=not (materials.any_coverage or materials.any_emission),
-            any_links=lights.any_links,
-            any_shadow_links=lights.any_shadow_links,
+            any_links=scene.lights.any_links,
+            any_shadow_links=scene.lights.any_shadow_links,
         )
+
+    @cached_property
+    def arrays(self) -> tuple[Any, ...]:
+        """All device arrays, in the order in which `shade` and `continue_shadow_rays` take them."""
+        return *self.geometry, *self.materials, *self.textures, *self.lights, self.energy
 
     @property
     def shadow_layers(self) -> int:
@@ -118,4 +110,4 @@ class PathScene:
         """Return the cache as arguments of `shade`, and after how many surfaces paths may end in it."""
         if self.cache:
             return *self.cache, last_depth(max_depth)
-        return self.arrays.light_nodes, 1, 0.0, 0.0, 0.0, 0  # an array of that type, which is not read
+        return self.lights.nodes, 1, 0.0, 0.0, 0.0, 0  # an array of that type, which is not read
