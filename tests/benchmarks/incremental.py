@@ -43,6 +43,7 @@ from tiscene.render.film.postprocess import Postprocessor
 from tiscene.render.film.tone_map import auto_exposure, tone_map
 from tiscene.render.integrators.incremental.base_image_cache import BaseImageCache
 from tiscene.render.integrators.incremental.incremental_pass import IncrementalImage, IncrementalPass
+from tiscene.render.integrators.path.path_pass import PathPass
 from tiscene.render.view import View
 from tiscene.scene.device_scene import DeviceScene
 
@@ -161,9 +162,9 @@ def incremental_results(room: Room, plan: Plan, truth: Reference, seed: int) -> 
 
     with tempfile.TemporaryDirectory() as folder:
         images = BaseImageCache(Path(folder))
-        base, _, _ = timed(prepare, IncrementalPass(scene, plan.width, plan.height, images=images), 0, 1)
+        base, _, _ = timed(prepare, IncrementalPass(PathPass(scene, plan.width, plan.height), images=images), 0, 1)
         for paths in PATHS:  # each finds the base image on disk
-            renderer = IncrementalPass(scene, plan.width, plan.height, images=images)
+            renderer = IncrementalPass(PathPass(scene, plan.width, plan.height), images=images)
             first, _, _ = timed(render_frames, renderer, paths, range(1))
             several, _, image = timed(render_frames, renderer, paths, range(1, FRAMES))
             wall = several / (FRAMES - 1)

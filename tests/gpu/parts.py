@@ -122,7 +122,7 @@ def incremental(scenes: list[BakedScene], scale: float) -> Iterator[Check]:
     for scene in scenes:
         if scene.moving.any():
             device, view = scene.device_scene(), scene.view((48, 36))
-            renderer = IncrementalPass(device, 48, 36)
+            renderer = IncrementalPass(PathPass(device, 48, 36))
             renderer.prepare(view, scene.placements[1], scene.moving, seed=1, spp=16, max_depth=6, base_spp=256)
             device.place(scene.placements[1])
             image = renderer.render(scene.moving).hdr

@@ -88,7 +88,7 @@ class MovingBalls:
         self.moving = np.arange(len(meshes)) >= static_count
         self.groups: LightGroups | None = None
         self.view = View(camera, camera, camera, *SIZE)
-        self.incremental = IncrementalPass(self.device, *SIZE)
+        self.incremental = IncrementalPass(PathPass(self.device, *SIZE))
 
     def at(self, *positions: Position) -> Placement:
         """Return a placement of the balls; a ball without a position is absent."""
@@ -127,8 +127,7 @@ class MovingBalls:
         self.device.place(base_placement(placement, self.moving))
         lights = BaseLights(self.device, self.groups)
         self.device.place(placement)
-        factors = np.ones((1, 3), np.float32) if self.groups is None else self.groups.factors
-        scene = paths.scene_arrays(lights.scaled(factors))
+        scene = paths.scene_arrays(lights.scaled(placement.light_factors))
         return paths.render(self.view, frame_index=frame, seed=1, spp=spp, max_depth=QUALITY["max_depth"], scene=scene)
 
 
@@ -139,7 +138,7 @@ def corrected_path_mean(incremental: IncrementalPass) -> PathImage:
     """
     base, scratch = incremental._prepared()
     mean = base.mean.to_numpy()
-    for group, factor in enumerate(incremental._light_factors()[1:], 1):
+    for group, factor in enumerate(incremental.scene.placement.light_factors[1:], 1):
         mean[:, :3] += factor * mean[:, light_column(group) : light_column(group) + 3]
     total = mean[:, : light_column(1)] + scratch.correction.to_numpy()[:, : light_column(1)]
     image = total.reshape(incremental.height, incremental.width, light_column(1))

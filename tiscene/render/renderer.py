@@ -21,12 +21,12 @@ from tiscene.render.film.postprocess import Postprocessor
 from tiscene.render.film.tone_map import auto_exposure, tone_map
 from tiscene.render.film.upsample import reduced_size
 from tiscene.render.film.visible_lights import visible_lights
-from tiscene.render.integrators.incremental.base_image import ProgressCallback
+from tiscene.render.integrators.incremental.base_image import ProgressCallback, no_progress
 from tiscene.render.integrators.incremental.base_image_cache import BaseImageCache
-from tiscene.render.integrators.incremental.incremental_pass import CACHE_BYTES, IncrementalPass
+from tiscene.render.integrators.incremental.incremental_pass import CACHE_BYTES, IncrementalImage, IncrementalPass
 from tiscene.render.integrators.labels.label_pass import LabelPass
 from tiscene.render.integrators.labels.surface_labels import FILTERED_ALBEDO
-from tiscene.render.integrators.panorama.panorama_pass import PanoramaPass
+from tiscene.render.integrators.panorama.panorama_pass import PanoramaImage, PanoramaPass
 from tiscene.render.integrators.path.path_frames import PathFrames
 from tiscene.render.integrators.path.path_image import PathImage
 from tiscene.render.integrators.path.path_pass import PathPass
@@ -82,7 +82,7 @@ class Renderer:
         settings: RenderSettings,
         *,
         cache_bytes: int = CACHE_BYTES,
-        progress: ProgressCallback | None = None,
+        progress: ProgressCallback = no_progress,
     ) -> None:
         self.scene = scene
         self.width = width
@@ -95,17 +95,9 @@ class Renderer:
         self._path_frames: PathFrames | None = None
         self._paths = PathPass(scene, *reduced_size(width, height, settings.downscale), **options)
         self._full_size_paths = self._paths if settings.downscale == 1 else PathPass(scene, width, height, **options)
-        images = BaseImageCache()
-        self._incremental = IncrementalPass(
-            scene, width, height,
-            memory_limit=cache_bytes, images=images, progress=progress, paths=self._full_size_paths,
-        )  # fmt: skip
-        self._panorama = PanoramaPass(
-            self._full_size_paths,
-            memory_limit=cache_bytes // 2,
-            progress=progress or (lambda stage, done: None),
-            images=images,
-        )
+        kept: dict[str, Any] = {"images": BaseImageCache(), "progress": progress}
+        self._incremental = IncrementalPass(self._full_size_paths, memory_limit=cache_bytes, **kept)
+        self._panorama = PanoramaPass(self._full_size_paths, memory_limit=cache_bytes // 2, **kept)
 
     def render(
         self,
@@ -156,7 +148,14 @@ class Renderer:
         if colored:
             self.spp = float(settings.spp)
             blurred = self._trace_shutter(shutter_samples, frame_index, seed)
-            result |= self._color(view, frame_index, seed, exposure, buffers, moving, shared, result, blurred, light)
+            image: PathImage | PanoramaImage
+            if moving is not None and shared is self._panorama:
+                image = self._panorama.render(moving, result["instance"], spp=settings.spp)
+            elif moving is not None and shared is self._incremental:
+                image = self._incremental.render(moving)
+            else:
+                image = blurred or light or self._trace(self._traced_view(view), frame_index, seed)
+            result |= self._color(image, view, exposure, buffers, result, is_blurred=blurred is not None)
         return {name: result[name] for name in buffers}
 
     def shares_light(self, view: View) -> bool:
@@ -230,60 +229,34 @@ class Renderer:
 
     def _color(
         self,
+        image: PathImage | PanoramaImage,
         view: View,
-        frame_index: int,
-        seed: int,
         exposure: float,
         buffers: Sequence[str],
-        moving: NDArray[np.bool_] | None,
-        shared: IncrementalPass | PanoramaPass | None,
         labels: dict[str, NDArray[Any]],
-        blurred: PathImage | None,
-        light: PathImage | None,
+        *,
+        is_blurred: bool,
     ) -> dict[str, NDArray[Any]]:
         """Return the requested color buffers.
 
         Args:
+            image: The frame's light, path traced or shared with other frames.
             view: Camera and image size.
-            frame_index: Frame number.
-            seed: Seed of the random numbers.
             exposure: Exposure of `rgb`, stops.
             buffers: Names of the requested buffers.
-            moving: The movers, see `render`.
-            shared: The pass that shares light with other frames; None: path tracing.
-            labels: Rendered labels, with UPSAMPLING_GUIDES and `distance` if light is traced at reduced size, and
-                `instance` for a frame over a panorama.
-            blurred: Image over the shutter interval, if the shutter is open.
-            light: The path-traced image, if it is there already.
+            labels: Rendered labels, with UPSAMPLING_GUIDES and `distance` if light is traced at reduced size.
+            is_blurred: Whether the image is the mean over the shutter interval, of full size.
         """
-        settings, sharp = self.settings, view.current.lens_radius == 0.0 and blurred is None
-        downscale = 1 if blurred else settings.downscale
+        settings, sharp = self.settings, view.current.lens_radius == 0.0 and not is_blurred
+        downscale = 1 if is_blurred else settings.downscale
         denoising = Postprocessor(settings.denoiser if settings.denoise else None, downscale, sharp)
-        upsampling = replace(denoising, denoiser=None)
+        is_traced = not isinstance(image, PanoramaImage | IncrementalImage)
+        guides = self._guides(view, labels) if is_traced and downscale > 1 else (image.albedo, image.normal)
         result: dict[str, NDArray[Any]] = {}
-        needs_denoised = "rgb" in buffers or "denoised" in buffers
-        if moving is not None and shared is self._panorama:
-            panorama = self._panorama.render(moving, labels["instance"], spp=settings.spp)
-            if "hdr" in buffers:
-                result["hdr"] = panorama.hdr
-            guides = panorama.albedo, panorama.normal
-            if needs_denoised:
-                radiance = denoising.process_panorama(panorama)
-        elif moving is not None and shared is self._incremental:
-            incremental = self._incremental.render(moving)
-            result["hdr"] = incremental.hdr
-            guides = incremental.albedo, incremental.normal
-            if needs_denoised:
-                radiance = denoising.process_incremental(incremental)
-        else:
-            image = blurred or light or self._trace(self._traced_view(view), frame_index, seed)
-            guides = image.albedo, image.normal
-            if downscale > 1:
-                guides = self._guides(view, labels)
-            if "hdr" in buffers:
-                result["hdr"] = upsampling.process(image, *guides)
-            if needs_denoised:
-                radiance = denoising.process(image, *guides)
+        if "hdr" in buffers:
+            result["hdr"] = replace(denoising, denoiser=None).process(image, *guides) if is_traced else image.hdr
+        if "rgb" in buffers or "denoised" in buffers:
+            radiance = denoising.process(image, *guides)
         if "denoised" in buffers:
             result["denoised"] = radiance
         if "rgb" in buffers:

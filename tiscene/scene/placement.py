@@ -48,6 +48,11 @@ class Placement:
     light_groups: LightGroups | None = None
     materials: tuple[tuple[int, int, Material], ...] | None = None
 
+    @property
+    def light_factors(self) -> NDArray[np.float32]:
+        """Intensity of each light group, float32 [groups, 3]; without groups, 1 for all lights together."""
+        return np.ones((1, 3), np.float32) if self.light_groups is None else self.light_groups.factors
+
     def resembles(self, other: Placement) -> bool:
         """Return whether the instances are another placement's, with the same arrays, but for when they are present."""
         names = "mesh", "instance_id", "category_id", "world_from_object", "box_from_object", "part"

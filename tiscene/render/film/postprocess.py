@@ -42,8 +42,18 @@ class Postprocessor:
     downscale: int
     sharp: bool
 
-    def process(self, image: PathImage, albedo: FloatImage, normal: FloatImage) -> FloatImage:
-        """Return the radiance, [h, w, 3], of a path-traced image of the reduced size. albedo, normal: of full size."""
+    def process(self, image: PathImage | PanoramaImage, albedo: FloatImage, normal: FloatImage) -> FloatImage:
+        """Return the radiance, [h, w, 3], of an image; if it is path traced, of the reduced size.
+
+        Args:
+            image: The image.
+            albedo: Of full size, float32 [h, w, 3].
+            normal: The same.
+        """
+        if isinstance(image, PanoramaImage):
+            return self.process_panorama(image)
+        if isinstance(image, IncrementalImage):
+            return self.process_incremental(image)
         if self.downscale == 1:
             return self._denoised(image.hdr, image.albedo, image.normal, self.sharp)
         irradiance, white, _ = demodulate(image.hdr, image.albedo, image.normal)

@@ -13,8 +13,9 @@ import pytest
 from tests.render.incremental_scenes import BALLS, BLUE, LAMP, QUALITY, SIZE, MovingBalls, stacked
 from tests.render.path_scenes import CORNELL, WHITE, ball, box, described, matte
 from tiscene.files import cache_folder
-from tiscene.render.integrators.incremental.base_image_cache import BaseImageCache
+from tiscene.render.integrators.incremental.base_image_cache import BaseImageCache, content_digest
 from tiscene.render.integrators.incremental.incremental_pass import IncrementalPass
+from tiscene.render.integrators.path.path_pass import PathPass
 from tiscene.scene.description import SceneDescription, Texture, TextureLookup
 
 SETTINGS = {"seed": 1, "spp": 4, "max_depth": 5}
@@ -120,16 +121,27 @@ def test_key_depends_on_textures_and_materials() -> None:
     assert len(set(keys)) == 4
 
 
+def test_descriptions_at_the_same_address_have_different_digests() -> None:
+    """Python gives the memory of one that is deleted to the next."""
+    digests, addresses = set(), set()
+    for number in range(100):
+        description = SceneDescription("scene", materials=(matte(str(number), WHITE),))
+        digests.add(content_digest(description))
+        addresses.add(id(description))
+    assert len(digests) == 100
+    assert len(addresses) < 100
+
+
 def test_loaded_base_gives_same_bytes_and_is_not_rendered_again(tmp_path: Path) -> None:
     """A file with other pixels changes the image, which shows that it is loaded."""
     images = BaseImageCache(tmp_path)
     scene = MovingBalls()
     plain = stacked(scene.render(*BALLS))
     for _ in range(2):
-        scene.incremental = IncrementalPass(scene.device, *SIZE, images=images)
+        scene.incremental = IncrementalPass(PathPass(scene.device, *SIZE), images=images)
         np.testing.assert_array_equal(stacked(scene.render(*BALLS)), plain)
     (path,) = tmp_path.iterdir()
     images.save(path.stem, np.full((SIZE[1], SIZE[0], 9), 7.0, np.float32))
-    scene.incremental = IncrementalPass(scene.device, *SIZE, images=images)
+    scene.incremental = IncrementalPass(PathPass(scene.device, *SIZE), images=images)
     assert (scene.render().hdr == 7.0).all()
     assert QUALITY["spp"] == scene.incremental._prepared()[0].cache.spp

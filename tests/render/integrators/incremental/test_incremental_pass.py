@@ -33,6 +33,7 @@ from tiscene.render.integrators.incremental.incremental_pass import EXTRA_PATHS_
 from tiscene.render.integrators.incremental.mover_bounds import cluster_boxes
 from tiscene.render.integrators.incremental.outlier_filter import filter_outliers
 from tiscene.render.integrators.incremental.path_cache import BLOCK
+from tiscene.render.integrators.path.path_pass import PathPass
 from tiscene.render.view import View
 from tiscene.scene.description import Material
 from tiscene.scene.placement import CURRENT
@@ -237,7 +238,7 @@ def test_memory_limit_reduces_cached_spp() -> None:
     one_base = scene.incremental.cached_bytes
     scene.render(*BALLS, seed=2)
     assert scene.incremental.cached_bytes > 1.9 * one_base  # both are in memory
-    scene.incremental = IncrementalPass(scene.device, *SIZE, memory_limit=one_base * 6 // 10)
+    scene.incremental = IncrementalPass(PathPass(scene.device, *SIZE), memory_limit=one_base * 6 // 10)
     scene.render(*BALLS, seed=2)
     scene.render(*BALLS)
     assert scene.incremental._prepared()[0].cache.spp == 2

@@ -33,6 +33,10 @@ FloatImage = NDArray[np.float32]
 ProgressCallback = Callable[[str, float], None]  # takes a stage's name and its completed fraction, 0..1
 
 
+def no_progress(stage: str, done: float) -> None:
+    """Report nothing."""
+
+
 @dataclass(frozen=True, eq=False)
 class IncrementalBase:
     """Everything that the frames before one static scene, camera and set of lights share.

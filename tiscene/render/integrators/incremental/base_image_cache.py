@@ -9,6 +9,7 @@ from __future__ import annotations
 import dataclasses
 import hashlib
 import platform
+import weakref
 from collections.abc import Mapping
 from functools import cache
 from pathlib import Path
@@ -20,6 +21,7 @@ from numpy.typing import NDArray
 from tiscene.device import runtime
 from tiscene.files import DiskCache
 from tiscene.render.view import CubeView, View
+from tiscene.scene.description import SceneDescription
 from tiscene.scene.device_scene import DeviceScene
 from tiscene.scene.placement import CURRENT
 
@@ -38,7 +40,6 @@ class BaseImageCache:
     def __init__(self, folder: Path | None = None, size_limit: int = SIZE_LIMIT) -> None:
         self._files = DiskCache(_SUFFIX, size_limit, folder)
         self.folder = self._files.folder
-        self._digests: dict[int, bytes] = {}
 
     def key(
         self, scene: DeviceScene, still: NDArray[np.bool_], view: View | CubeView, settings: Mapping[str, int | str]
@@ -58,7 +59,7 @@ class BaseImageCache:
             meshes = range(first, first + len(description.meshes))
             shown, lit = np.flatnonzero(np.isin(rows, meshes)), [light for number, light in lights if number == row]
             if len(shown) or lit:  # lights have textures too
-                digest.update(self._content_digest(description))
+                digest.update(content_digest(description))
                 digest.update((rows[shown] - first).tobytes())
                 digest.update(placement.world_from_object[CURRENT, still][shown].tobytes())
                 _add(digest, lit)
@@ -77,13 +78,16 @@ class BaseImageCache:
         """Store an image. Does nothing if the folder is not writable."""
         self._files.save(key, np.ascontiguousarray(image, "<f4").tobytes())
 
-    def _content_digest(self, description: Any) -> bytes:
-        """Return a digest of the meshes, materials and textures of a description; computed once."""
-        digest = self._digests.get(id(description))
-        if digest is None:
-            digest = digest_of([description.meshes, description.materials, description.textures])
-            self._digests[id(description)] = digest
-        return digest
+
+# Of the descriptions that exist.
+_known: weakref.WeakKeyDictionary[SceneDescription, bytes] = weakref.WeakKeyDictionary()
+
+
+def content_digest(description: SceneDescription) -> bytes:
+    """Return a digest of the meshes, materials and textures of a description; computed once."""
+    if description not in _known:
+        _known[description] = digest_of([description.meshes, description.materials, description.textures])
+    return _known[description]
 
 
 def digest_of(value: Any) -> bytes:

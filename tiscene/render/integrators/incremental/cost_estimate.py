@@ -4,10 +4,10 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
 
+from tiscene.render.integrators.incremental.frame_scratch import FrameScratch
 from tiscene.render.integrators.incremental.path_cache import PathCache, state_size
 from tiscene.render.integrators.incremental.path_recording import SEGMENT
 from tiscene.render.integrators.path.path_pass import PathPass
@@ -34,6 +34,7 @@ class ProbePaths:
 
     Attributes:
         cache: The paths; block: their only block.
+        scratch: Arrays for tests of their rays.
     """
 
     def __init__(self, paths: PathPass, scene: PathScene, view: View, seed: int, max_depth: int) -> None:
@@ -49,15 +50,12 @@ class ProbePaths:
             max_depth=max_depth,
         )
         (self.block,) = self.cache.blocks
+        self.scratch = FrameScratch([self.cache])
         self._is_segment = self.block.rays.to_numpy()[: self.block.rows, SEGMENT] >= 0.0
 
-    def invalidated_fraction(self, blocked: Any) -> float:
-        """Return the fraction of the paths that have a blocked segment.
-
-        Args:
-            blocked: i32 [rows] on the device, whether a mover blocks each recorded ray.
-        """
-        found = (blocked.to_numpy()[: self.block.rows] > 0) & self._is_segment
+    def invalidated_fraction(self) -> float:
+        """Return the fraction of the paths that have a segment that is blocked, as `scratch` says."""
+        found = (self.scratch.blocked.to_numpy()[: self.block.rows] > 0) & self._is_segment
         found_before = np.concatenate([[0], np.cumsum(found)])
         offsets = self.block.host_offsets
         return float(np.mean(found_before[offsets[1:]] > found_before[offsets[:-1]]))

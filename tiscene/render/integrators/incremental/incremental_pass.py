@@ -28,6 +28,7 @@ from tiscene.render.integrators.incremental.base_image import (
     IncrementalBase,
     ProgressCallback,
     base_placement,
+    no_progress,
     render_base_image,
     scene_under_group,
     static_scene_key,
@@ -47,7 +48,6 @@ from tiscene.render.integrators.path.path_pass import PathPass
 from tiscene.render.integrators.path.path_state import PathSamples, PathState
 from tiscene.render.sampling.sobol import frame_key, index_bits
 from tiscene.render.view import View
-from tiscene.scene.device_scene import DeviceScene
 from tiscene.scene.placement import CURRENT, Placement
 
 # Frame numbers of the random numbers of cached paths, and of shadow rays through partially opaque movers.
@@ -82,34 +82,27 @@ class IncrementalPass:
     """Renders radiance of a DeviceScene in which some instances move, before a static camera.
 
     Args:
-        scene: The scene.
-        width: Image width, px.
-        height: Image height, px.
+        paths: Path tracer of the image size.
         memory_limit: Limit of the cached paths' memory, bytes; if necessary fewer paths per pixel are cached.
         images: Disk cache of base images; None: none.
         progress: Called with the name of a stage and its completed fraction, 0..1.
-        paths: Path pass of the same size to use; None: a new one.
     """
 
     def __init__(
         self,
-        scene: DeviceScene,
-        width: int,
-        height: int,
+        paths: PathPass,
         *,
         memory_limit: int = CACHE_BYTES,
         images: BaseImageCache | None = None,
-        progress: ProgressCallback | None = None,
-        paths: PathPass | None = None,
+        progress: ProgressCallback = no_progress,
     ) -> None:
-        self.scene = scene
-        self.width, self.height = width, height
-        self.memory_limit = memory_limit
-        self._images = images
-        self._progress = progress or (lambda stage, done: None)
-        self._paths = paths or PathPass(scene, width, height)
+        self.scene = paths.scene
+        self.width, self.height = paths.width, paths.height
+        self._memory_limit = memory_limit
+        self._images, self._progress = images, progress
+        self._paths = paths
         self._bases: dict[tuple[Any, ...], IncrementalBase] = {}  # least recently used first
-        self._probes: LRUCache[tuple[Any, ...], tuple[ProbePaths, FrameScratch]] = LRUCache(MAX_PROBES)
+        self._probes: LRUCache[tuple[Any, ...], ProbePaths] = LRUCache(MAX_PROBES)
         self._scratch: FrameScratch | None = None
         self._selection = PathSelection()
         self._retracer = PathRetracer(self._paths)
@@ -146,9 +139,7 @@ class IncrementalPass:
             base_spp: Samples per pixel of the base image.
             near_spp: Further cached paths per pixel, for pixels in which a mover will be visible.
         """
-        still = placement.present[CURRENT] & ~moving
-        scene_key = static_scene_key(self.scene, placement, still)
-        key = (view.rows()[CURRENT].tobytes(), *scene_key, seed, spp, max_depth, base_spp, near_spp)
+        key = self._key(view, placement, moving, seed, spp, max_depth, base_spp, near_spp)
         base = self._bases.pop(key, None)
         if base is None:
             static = base_placement(placement, moving)
@@ -160,15 +151,15 @@ class IncrementalPass:
             lights = BaseLights(self.scene, placement.light_groups)
             self._state(max(spp, near_spp))  # one allocation for both caches
             keys = frame_key(seed, CACHED_PATHS_FRAME), frame_key(seed, MOVER_OPACITY_FRAME)
-            cache = self._cache_paths(view, lights, keys, spp, max_depth, self.memory_limit)
-            extra_cache, remaining = None, self.memory_limit - cache.bytes
+            cache = self._cache_paths(view, lights, keys, spp, max_depth, self._memory_limit)
+            extra_cache, remaining = None, self._memory_limit - cache.bytes
             if near_spp and remaining > cache.bytes // cache.spp:
                 keys = frame_key(seed, EXTRA_PATHS_FRAME), frame_key(seed, EXTRA_OPACITY_FRAME)
                 extra_cache = self._cache_paths(view, lights, keys, near_spp, max_depth, remaining)
             coverage = MoverCoverage(self.scene, view, cache.order, cache.pixels)
             base = IncrementalBase(lights, image, cache, coverage, extra_cache)
             self._progress("paths", 1.0)
-            while self._bases and self.cached_bytes + base.bytes > self.memory_limit:
+            while self._bases and self.cached_bytes + base.bytes > self._memory_limit:
                 self._bases.pop(next(iter(self._bases)))
         self._bases[key] = base
         # For all bases in memory: one that returns may need more room than the one made last.
@@ -185,19 +176,16 @@ class IncrementalPass:
         A function of the arguments alone, which are those of `prepare`; it uses random numbers of no image. Places the
         frame's instances at CURRENT. `prepare` need not be called before.
         """
-        still = placement.present[CURRENT] & ~moving
-        key = (view.rows()[CURRENT].tobytes(), *static_scene_key(self.scene, placement, still), seed, max_depth)
 
-        def new() -> tuple[ProbePaths, FrameScratch]:
+        def new() -> ProbePaths:
             self.scene.place(base_placement(placement, moving))
-            paths = ProbePaths(self._paths, self._paths.scene_arrays(), view, seed, max_depth)
-            return paths, FrameScratch([paths.cache])
+            return ProbePaths(self._paths, self._paths.scene_arrays(), view, seed, max_depth)
 
-        paths, scratch = self._probes.get(key, new)
+        probes = self._probes.get(self._key(view, placement, moving, seed, max_depth), new)
         self.scene.place(placement)
         self._retracer.place_movers(moving)
-        self._retracer.test(paths.block.rays, paths.block.rows, scratch)
-        return paths.invalidated_fraction(scratch.blocked) <= MAX_INVALIDATED
+        self._retracer.test(probes.block.rays, probes.block.rows, probes.scratch)
+        return probes.invalidated_fraction() <= MAX_INVALIDATED
 
     def render(self, moving: NDArray[np.bool_]) -> IncrementalImage:
         """Render what the scene has placed at CURRENT, over the base prepared last.
@@ -210,7 +198,7 @@ class IncrementalPass:
         """
         base, scratch = self._prepared()
         self._retracer.place_movers(moving)
-        factors = self._light_factors()
+        factors = self.scene.placement.light_factors
         scene = self._paths.scene_arrays(base.lights.scaled(factors))
         for block in base.cache.blocks:
             self._retracer.retrace(scene, base.cache, block, base.cache.pixels, factors, scratch)
@@ -231,15 +219,21 @@ class IncrementalPass:
         regions = changed_regions(scratch.correction, denoiser_input, filtered, static_mask)
         return IncrementalImage(hdr, albedo, normal, filtered, base, factors, static_mask, regions)
 
+    def _key(self, view: View, placement: Placement, moving: NDArray[np.bool_], *numbers: int) -> tuple[Any, ...]:
+        """Return what distinguishes the static scene before a camera from others, with further numbers."""
+        still = placement.present[CURRENT] & ~moving
+        return (view.rows()[CURRENT].tobytes(), *static_scene_key(self.scene, placement, still), *numbers)
+
     def _prepared(self) -> tuple[IncrementalBase, FrameScratch]:
         if self._scratch is None:
             raise ArgumentError("no base image is prepared: call prepare() first")
         return next(reversed(self._bases.values())), self._scratch
 
-    def _light_factors(self) -> NDArray[np.float32]:
-        """Return the intensity of each light group in the placed frame, float32 [groups, 3]."""
-        groups = self.scene.placement.light_groups
-        return np.ones((1, 3), np.float32) if groups is None else groups.factors
+    def _count_covered(self, all_subpixels: bool) -> NDArray[np.int32]:
+        base, scratch = self._prepared()
+        return base.coverage.count(
+            lambda rays, count: self._retracer.test(rays, count, scratch), scratch.blocked, all_subpixels
+        )
 
     def _cache_paths(
         self, view: View, lights: BaseLights, keys: tuple[int, int], spp: int, max_depth: int, limit: int
@@ -269,9 +263,3 @@ class IncrementalPass:
         if self._path_state is None or self._path_state.size < size:
             self._path_state = PathState(size)
         return self._path_state
-
-    def _count_covered(self, all_subpixels: bool) -> NDArray[np.int32]:
-        base, scratch = self._prepared()
-        return base.coverage.count(
-            lambda rays, count: self._retracer.test(rays, count, scratch), scratch.blocked, all_subpixels
-        )

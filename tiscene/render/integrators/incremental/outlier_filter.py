@@ -14,6 +14,8 @@ import taichi as ti
 from numpy.typing import NDArray
 
 from tiscene.device.kernel_types import Floats2, Floats3, Template, vec3
+from tiscene.render.film.upsample import read, spline
+from tiscene.render.integrators.path.shading import read3
 
 NEIGHBORHOOD = 2  # radius of the window that a correction is compared with, px
 CELL = 16  # px; an outlier is distributed by the quadratic B-spline over cells of this size
@@ -36,7 +38,7 @@ def find_outliers(width: ti.i32, height: ti.i32, correction: Floats2, hdr: Float
     """Write to outliers [h, w, 3] the part of each pixel's correction beyond its limit."""
     for pixel in range(width * height):
         x, y = pixel % width, pixel // width
-        correction_here = vec3(correction[pixel, 0], correction[pixel, 1], correction[pixel, 2])
+        correction_here = read3(correction, pixel, 0)
         size = ti.abs(correction_here).sum()
         outlier = vec3(0.0)
         if size > 0.0 and is_static(correction, pixel):
@@ -48,7 +50,7 @@ def find_outliers(width: ti.i32, height: ti.i32, correction: Floats2, hdr: Float
                         neighbors += 1.0
                         for c in ti.static(range(3)):
                             neighbor_sum += ti.abs(correction[other, c])
-            uncorrected = ti.max(vec3(hdr[y, x, 0], hdr[y, x, 1], hdr[y, x, 2]).sum() - correction_here.sum(), 0.0)
+            uncorrected = ti.max(read(hdr, y, x).sum() - correction_here.sum(), 0.0)
             limit = RADIANCE_FRACTION * uncorrected + NEIGHBOR_MULTIPLE * neighbor_sum / ti.max(neighbors, 1.0)
             if size > limit:
                 outlier = correction_here * (1.0 - limit / size)
@@ -61,8 +63,7 @@ def spline_cells(x: ti.i32):
     """Return the middle one of the three cells along an axis whose B-splines cover a pixel, and their weights."""
     position = (x + 0.5) / CELL - 0.5
     middle = ti.round(position, ti.i32)
-    offset = position - middle
-    return middle, vec3(0.5 * (0.5 - offset) ** 2, 0.75 - offset * offset, 0.5 * (0.5 + offset) ** 2)
+    return middle, spline(position - middle)
 
 
 @ti.func
@@ -106,14 +107,12 @@ def distribute_outliers(
         x, y = pixel % width, pixel // width
         middle_x, weights_x = spline_cells(x)
         middle_y, weights_y = spline_cells(y)
-        value = vec3(
-            hdr[y, x, 0] - outliers[y, x, 0], hdr[y, x, 1] - outliers[y, x, 1], hdr[y, x, 2] - outliers[y, x, 2]
-        )
+        value = read(hdr, y, x) - read(outliers, y, x)
         for j, i in ti.static(ti.ndrange(3, 3)):
             row = ti.math.clamp(middle_y + j - 1, 0, cells.shape[0] - 1)
             column = ti.math.clamp(middle_x + i - 1, 0, cells.shape[1] - 1)
             weight = weights_y[j] * weights_x[i]
-            value += weight * vec3(cells[row, column, 0], cells[row, column, 1], cells[row, column, 2])
+            value += weight * read(cells, row, column)
         for c in ti.static(range(3)):
             filtered[y, x, c] = value[c]
 

@@ -27,6 +27,7 @@ from tiscene.render.film.upsample import ALBEDO_OFFSET, block_means, demodulate,
 from tiscene.render.integrators.incremental.base_image import (
     ProgressCallback,
     base_placement,
+    no_progress,
     static_scene_key,
 )
 from tiscene.render.integrators.incremental.base_image_cache import BaseImageCache
@@ -36,6 +37,7 @@ from tiscene.render.integrators.incremental.retrace_kernels import MOVER_HITS
 from tiscene.render.integrators.labels.first_hits import StaticHits
 from tiscene.render.integrators.panorama.anchors import Anchors, walks
 from tiscene.render.integrators.panorama.light_changes import REDUCTION, LightChanges, changed_beside_movers
+from tiscene.render.integrators.panorama.light_probe import LightProbe
 from tiscene.render.integrators.panorama.panorama import PanoramaSettings
 from tiscene.render.integrators.panorama.panoramas import Panoramas
 from tiscene.render.integrators.panorama.reprojection import Reprojection
@@ -107,6 +109,35 @@ class PanoramaImage:
 
 
 @dataclass(frozen=True, eq=False)
+class _StaticImage:
+    """What a view shows of the static scene.
+
+    Attributes:
+        key: What it was made for; None where the camera moves: it serves one frame.
+        images: float32 [n, h, w, 3], see `Panorama.images`.
+        known: int32 [h, w], likewise.
+        probe: The panorama's.
+        is_anchored: Whether the panorama is that of an anchor.
+    """
+
+    key: tuple[Any, ...] | None
+    images: FloatImage
+    known: NDArray[np.int32]
+    probe: LightProbe
+    is_anchored: bool
+
+    def light(self, factors: FloatImage) -> tuple[FloatImage, FloatImage, FloatImage, FloatImage]:
+        """Return radiance, the same denoised, albedo and normals, to be changed, under the lights' factors."""
+        images = self.images if self.key is None else self.images.copy()
+        radiance, *others = (images[light_column(group) // 3] for group in range(len(factors)))
+        denoised, *others_denoised = images[-len(factors) :]
+        for light, clean, factor in zip(others, others_denoised, factors[1:], strict=True):
+            radiance += factor * light
+            denoised += factor * clean
+        return radiance, denoised, images[AUXILIARY // 3], images[AUXILIARY // 3 + 1]
+
+
+@dataclass(frozen=True, eq=False)
 class _Movers:
     """Where an image shows movers, and what they change.
 
@@ -131,8 +162,8 @@ class PanoramaPass:
     Args:
         paths: Path tracer of the image size.
         memory_limit: Limit of the memory of all panoramas, bytes. One view's cells are kept even if they exceed it.
-        progress: Called with the name of a stage and its completed fraction, 0..1.
         images: Disk cache of base images, in whose folder cells are kept too; None: none.
+        progress: Called with the name of a stage and its completed fraction, 0..1.
 
     Attributes:
         panoramas: Those in memory.
@@ -140,7 +171,12 @@ class PanoramaPass:
     """
 
     def __init__(
-        self, paths: PathPass, *, memory_limit: int, progress: ProgressCallback, images: BaseImageCache | None = None
+        self,
+        paths: PathPass,
+        *,
+        memory_limit: int,
+        images: BaseImageCache | None = None,
+        progress: ProgressCallback = no_progress,
     ) -> None:
         self.scene = paths.scene
         self._paths = paths
@@ -151,10 +187,8 @@ class PanoramaPass:
         self._anchors, self._points = Anchors(paths.scene), Reprojection(paths.scene)
         self.panoramas = Panoramas(self._cell_paths, self._anchors, images, memory_limit, progress)
         self._label_hits = RayArrays()
-        self._anchored = False  # whether the static image is that of an anchor, at `_points`
-        # What the static image was made for, and paths per pixel of `_changes`: they serve again where a view rests.
-        self._shown_for: tuple[Any, ...] | None = None
-        self._recorded_spp = 0
+        self._static: _StaticImage | None = None
+        self._recorded_spp = 0  # paths per pixel of `_changes`, which serve again where a view rests
 
     def prepare(
         self,
@@ -187,9 +221,9 @@ class PanoramaPass:
             return False
         static = base_placement(placement, moving)
         contents = view.background, *static_scene_key(self.scene, static, static.present[CURRENT])
-        shown = (view, panorama_spp, max_depth, seed, *contents)
-        if shown != self._shown_for:
-            self._shown_for, self._recorded_spp = None, 0
+        key = (view, panorama_spp, max_depth, seed, *contents)
+        if self._static is None or key != self._static.key:
+            self._static, self._recorded_spp = None, 0
             if walks(view):
                 self.scene.place(static)  # for what follows to trace
             anchor = self._anchors.nearest(view)
@@ -198,15 +232,13 @@ class PanoramaPass:
             settings = PanoramaSettings.of(view, anchor, spp=panorama_spp, max_depth=max_depth, seed=seed)
             if not settings.possible:
                 return False
-            self._anchored = anchor != view.current.position
-            if self._anchored:
-                self._points.trace(view, anchor)
-            points = self._points if self._anchored else None
-            panorama, (self._shown, self._known) = self.panoramas.images(view, static, settings, contents, points)
-            self._probe = panorama.probe
-            self._shown_for = shown if view.is_still else None
+            points = None if anchor == view.current.position else self._points
+            if points is not None:
+                points.trace(view, anchor)
+            panorama, images = self.panoramas.images(view, static, settings, contents, points)
+            self._static = _StaticImage(key if view.is_still else None, *images, panorama.probe, points is not None)
         self.static_hits = None
-        if self._anchored:
+        if self._static.is_anchored:
             # Labels change the hits, and where the view rests they serve again.
             hits = self._label_hits.copy_of(self._points.centers) if view.is_still else self._points.centers
             self.static_hits = StaticHits(hits, moving)
@@ -220,7 +252,7 @@ class PanoramaPass:
             self.scene.place(static)
             keys = (frame_key(frame_key(seed, frame), frame_index) for frame in (CHANGES_FRAME, OPACITY_FRAME))
             depth = min(max_depth, CHANGES_DEPTH)
-            self._changes.record(view, placement, moving, self._probe, keys, spp=spp, max_depth=depth)
+            self._changes.record(view, placement, moving, self._static.probe, keys, spp=spp, max_depth=depth)
             self._recorded_spp = spp
         return True
 
@@ -232,14 +264,15 @@ class PanoramaPass:
             instance: The frame's label of that name, int32 [h, w].
             spp: Paths per subpixel that shows a mover, or what the panorama does not.
         """
-        groups = self.scene.placement.light_groups
-        factors = np.ones((1, 3), np.float32) if groups is None else groups.factors
-        radiance, denoised, albedo, normal = self._static_light(factors)
+        shown = self._static
+        assert shown is not None, "made by prepare()"
+        factors = self.scene.placement.light_factors
+        radiance, denoised, albedo, normal = shown.light(factors)
         moving = moving & self.scene.placement.present[CURRENT]
         movers = self._find_movers(moving, instance, radiance, factors) if moving.any() else None
         traced = np.zeros(instance.shape, bool) if movers is None else movers.visible
         beside = np.zeros(instance.shape, np.float32) if movers is None else movers.beside
-        known_share = _SHARES[self._known]
+        known_share = _SHARES[shown.known]
         unknown = known_share < 0.5
         if unknown.any():
             traced |= unknown & dilated(dilated(~dilated(dilated(~unknown))))  # not strips beside edges
@@ -249,9 +282,9 @@ class PanoramaPass:
         panorama = radiance[blended], denoised[blended]
         static_mask = np.where(traced, np.float32(0.0), known_share)[..., None]
         hidden = self._subpixels.fill(
-            self._view, np.where(traced, np.int32(NONE_KNOWN), self._known), (radiance, denoised, albedo, normal),
+            self._view, np.where(traced, np.int32(NONE_KNOWN), shown.known), (radiance, denoised, albedo, normal),
             spp=spp, key=self._movers_key, max_depth=self._max_depth,
-            scene=replace(self._paths.scene_arrays(), cache=self._probe.cache(factors)),
+            scene=replace(self._paths.scene_arrays(), cache=shown.probe.cache(factors)),
         )  # fmt: skip
         static = radiance.copy() if blended.any() else radiance
         radiance[blended], denoised[blended] = panorama
@@ -278,16 +311,6 @@ class PanoramaPass:
             static_mask=static_mask,
             panorama_spp=self._panorama_spp,
         )
-
-    def _static_light(self, factors: FloatImage) -> tuple[FloatImage, FloatImage, FloatImage, FloatImage]:
-        """Return radiance, the same denoised, albedo and normals of the static image, under the lights' factors."""
-        images = self._shown.copy() if self._view.is_still else self._shown  # what follows changes them
-        radiance, *others = (images[light_column(group) // 3] for group in range(len(factors)))
-        denoised, *others_denoised = images[-len(factors) :]
-        for light, clean, factor in zip(others, others_denoised, factors[1:], strict=True):
-            radiance += factor * light
-            denoised += factor * clean
-        return radiance, denoised, images[AUXILIARY // 3], images[AUXILIARY // 3 + 1]
 
     def _find_movers(
         self, moving: NDArray[np.bool_], instance: NDArray[np.int32], radiance: FloatImage, factors: FloatImage

@@ -26,6 +26,7 @@ from tiscene.render.integrators.panorama.reprojection_kernels import (
 from tiscene.render.integrators.path.path_pass import PathPass
 from tiscene.render.integrators.path.path_scene import PathScene
 from tiscene.render.integrators.path.path_state import PathState
+from tiscene.render.integrators.path.shading import read3
 from tiscene.render.intersect.ray_queue import ROW, Pixels, Rays, write_ray
 from tiscene.render.view import View, camera_ray
 from tiscene.scene.placement import CURRENT
@@ -230,9 +231,9 @@ def _fill(
         for down, right in ti.ndrange(SIDE, SIDE):
             row = rows[y * SIDE + down, x * SIDE + right]
             if row >= 0:
-                light += sample(samples, row, 0)
-                white += sample(samples, row, 3)
-                up += sample(samples, row, 6)
+                light += read3(samples, row, 0)
+                white += read3(samples, row, 3)
+                up += read3(samples, row, 6)
                 if known[y, x] != NONE_KNOWN:
                     mean, error, own = smoothed(rows, samples, known, y * SIDE + down, x * SIDE + right, row)
                     smooth += mean
@@ -251,36 +252,30 @@ def _fill(
 
 
 @ti.func
-def sample(samples: Template, row: ti.i32, column: ti.i32) -> vec3:
-    """Return three columns of a row."""
-    return vec3(samples[row, column], samples[row, column + 1], samples[row, column + 2])
-
-
-@ti.func
 def smoothed(rows: Template, samples: Template, known: Template, y: ti.i32, x: ti.i32, own: ti.i32):
     """Return the radiance of a hidden subpixel, with the mean irradiance of those around it that are oriented like it.
 
     Returns:
         The radiance, its standard deviation, and one over the number of subpixels, in effect.
     """
-    normal = sample(samples, own, 6)
+    normal = read3(samples, own, 6)
     sums, squares, total, total_squares = vec3(0.0), 0.0, 0.0, 0.0
     for down, right in ti.ndrange((-REACH, REACH + 1), (-REACH, REACH + 1)):
         at_y, at_x = y + down, x + right
         if at_y >= 0 and at_y < rows.shape[0] and at_x >= 0 and at_x < rows.shape[1]:
             row = rows[at_y, at_x]
             if row >= 0 and known[at_y // SIDE, at_x // SIDE] != NONE_KNOWN:
-                weight = ti.max(normal.dot(sample(samples, row, 6)), 0.0) ** 4
-                irradiance = sample(samples, row, 0) / (sample(samples, row, 3) + ALBEDO_OFFSET)
+                weight = ti.max(normal.dot(read3(samples, row, 6)), 0.0) ** 4
+                irradiance = read3(samples, row, 0) / (read3(samples, row, 3) + ALBEDO_OFFSET)
                 sums += weight * irradiance
                 squares += weight * irradiance.norm_sqr()
                 total += weight
                 total_squares += weight * weight
-    result, deviation, share = sample(samples, own, 0), 0.0, 0.0  # the background
+    result, deviation, share = read3(samples, own, 0), 0.0, 0.0  # the background
     if total > 0.0:
         mean = sums / total
         share = total_squares / total**2
-        white = sample(samples, own, 3) + ALBEDO_OFFSET
+        white = read3(samples, own, 3) + ALBEDO_OFFSET
         result = mean * white
         variance = ti.max(squares / total - mean.norm_sqr(), 0.0) * share / ti.max(1.0 - share, 0.01)
         deviation = ti.sqrt(variance) * white.max()
