@@ -48,7 +48,7 @@ angles, where a class accepts them, are degrees (see `dynamics.rotation`). Axes 
     rotation, random                    quaternions; counter-based random numbers
     errors, argument_checks             exceptions; validation of arguments
     kernel_types                        types of kernel arguments
-    lru_cache                           a cache of a bounded number of values
+    lru_cache, weak_cache               caches: of a bounded number of values, of objects that exist
     checkpoints                         states at intervals, in bounded memory
     whole_changes                       methods that an exception may leave half done
     lazy_names                          names of packages that are imported at first use

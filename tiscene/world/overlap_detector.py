@@ -3,7 +3,6 @@
 
 from __future__ import annotations
 
-import weakref
 from collections.abc import Callable, Sequence
 
 import numpy as np
@@ -12,6 +11,7 @@ from numpy.typing import NDArray
 from dynamics.lru_cache import LRUCache
 from dynamics.rotation import matrix_from_quaternion
 from dynamics.surface_overlap import boxes_touch, shrunk, surfaces_cross, winding_number
+from dynamics.weak_cache import weakly_cached
 from tiscene.scenario.edits import EditLog
 from tiscene.scenario.objects import Object
 from tiscene.scene.description import Instance, SceneDescription
@@ -23,9 +23,6 @@ MARGIN = 0.005  # m: how deep an object may be in another one, such as the floor
 MAX_SHRINK = 0.2  # the same as a fraction of the object's size
 MAX_SOLID = 100_000  # triangles of a mesh that is tested for objects that lie wholly inside
 MAX_BOXES = 1024  # kept, one per template and scale
-
-# `OverlapDetector._mesh_boxes` of the stages that exist.
-_known_boxes: weakref.WeakKeyDictionary[SceneDescription, Array] = weakref.WeakKeyDictionary()
 
 
 class OverlapDetector:
@@ -98,24 +95,13 @@ class OverlapDetector:
         spec = self._log.histories[row].spec
         return self._boxes.get((spec.template, spec.scale), lambda: _box(self._surface(spec)))
 
-    @property
-    def _mesh_boxes(self) -> Array:
-        """Lowest and highest corner [meshes, 2, 3] of the stage's meshes in their own space; NaN for an empty mesh."""
-        if self._stage not in _known_boxes:
-            boxes = np.full((len(self._stage.meshes), 2, 3), np.nan)
-            for box, mesh in zip(boxes, self._stage.meshes, strict=True):
-                if len(mesh.positions) and len(mesh.triangles):
-                    box[:] = mesh.positions.min(axis=0), mesh.positions.max(axis=0)
-            _known_boxes[self._stage] = boxes
-        return _known_boxes[self._stage]
-
     def _on_stage(self, row: int, surface: Array, frame: int) -> list[Collision]:
         """Return the overlaps of an object with the stage: objects by row, then colliders without an object."""
         instances, present = self._instances(frame)
         if not instances:
             return []
         matrices = np.array([each.world_from_object[:3] for each in instances], np.float64)
-        local = self._mesh_boxes[[each.mesh for each in instances]]
+        local = _mesh_boxes(self._stage)[[each.mesh for each in instances]]
         centers = np.einsum("ijk,ik->ij", matrices[:, :, :3], local.mean(axis=1)) + matrices[:, :, 3]
         halves = np.einsum("ijk,ik->ij", np.abs(matrices[:, :, :3]), 0.5 * (local[:, 1] - local[:, 0]))
         near = boxes_touch(np.stack([centers - halves, centers + halves], axis=1), _box(surface))
@@ -189,6 +175,16 @@ def _box(triangles: Array) -> Array:
     """Return lowest and highest corner [2, 3] of a surface; of no triangles NaN."""
     points = triangles.reshape(-1, 3)
     return np.stack([points.min(axis=0), points.max(axis=0)]) if len(points) else np.full((2, 3), np.nan)
+
+
+@weakly_cached
+def _mesh_boxes(stage: SceneDescription) -> Array:
+    """Return lowest and highest corner [meshes, 2, 3] of a stage's meshes in their own space; NaN for an empty mesh."""
+    boxes = np.full((len(stage.meshes), 2, 3), np.nan)
+    for box, mesh in zip(boxes, stage.meshes, strict=True):
+        if len(mesh.positions) and len(mesh.triangles):
+            box[:] = mesh.positions.min(axis=0), mesh.positions.max(axis=0)
+    return boxes
 
 
 def _box_at(box: Array, pose: Array) -> Array:

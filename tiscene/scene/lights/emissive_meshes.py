@@ -3,19 +3,14 @@
 
 from __future__ import annotations
 
-import weakref
 from collections.abc import Iterable
 
 import numpy as np
 from numpy.typing import NDArray
 
+from dynamics.weak_cache import weakly_cached
 from tiscene.scene.description import Material, Mesh, SceneDescription
 from tiscene.scene.lights.mesh_lights import MeshLight, build_mesh_light, mean_emission
-
-# Of the descriptions that exist: mean luminance of each material, and the light tree of each mesh.
-_known: weakref.WeakKeyDictionary[SceneDescription, tuple[NDArray[np.float64], list[MeshLight | None]]] = (
-    weakref.WeakKeyDictionary()
-)
 
 
 class EmissiveMeshes:
@@ -34,10 +29,7 @@ class EmissiveMeshes:
 
     def add(self, description: SceneDescription) -> None:
         """Add the meshes of a description, whose rows continue those of earlier ones."""
-        if description not in _known:
-            emission = np.array([mean_emission(material, description.textures) for material in description.materials])
-            _known[description] = emission, [_mesh_light(mesh, emission) for mesh in description.meshes]
-        emission, lights = _known[description]
+        emission, lights = _authored(description)
         self._descriptions.append((len(self.lights), description))
         self._emission.append(emission.copy())
         self.lights += lights
@@ -69,6 +61,13 @@ class EmissiveMeshes:
         """Return which meshes emit, or may at another time, given their rows."""
         result: NDArray[np.bool_] = self.of(meshes) | np.array(self.varying, bool)[meshes]
         return result
+
+
+@weakly_cached
+def _authored(description: SceneDescription) -> tuple[NDArray[np.float64], list[MeshLight | None]]:
+    """Return the mean luminance of each material, and the light tree of each mesh, as they are authored."""
+    emission = np.array([mean_emission(material, description.textures) for material in description.materials])
+    return emission, [_mesh_light(mesh, emission) for mesh in description.meshes]
 
 
 def _mesh_light(mesh: Mesh, emission: NDArray[np.float64]) -> MeshLight | None:

@@ -1,5 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Sampling distributions of light textures: piecewise constant, in proportion to luminance, as tables of the CDF."""
+"""Sampling distributions of light textures: piecewise constant, in proportion to luminance, as tables of the CDF.
+
+What is computed of a texture is kept as long as the texture exists.
+"""
 
 from __future__ import annotations
 
@@ -8,6 +11,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
+from dynamics.weak_cache import weakly_cached
 from tiscene.scene.color import LUMINANCE
 from tiscene.scene.description import Texture
 from tiscene.scene.textures.atlas import linear_pixels
@@ -21,6 +25,7 @@ _SUN_THRESHOLD = 16.0
 _MIN_GEOMETRIC_FRACTION = 0.1
 
 
+@weakly_cached
 def dome_distribution(texture: Texture) -> tuple[NDArray[np.float32], tuple[int, int]]:
     """Return the distribution of a latlong image, in proportion to luminance times solid angle.
 
@@ -33,11 +38,13 @@ def dome_distribution(texture: Texture) -> tuple[NDArray[np.float32], tuple[int,
     return _distribution(weight * (edges[:-1] - edges[1:])[:, None])
 
 
+@weakly_cached
 def area_distribution(texture: Texture) -> tuple[NDArray[np.float32], tuple[int, int]]:
     """Return the distribution of the texture of an area light, in proportion to luminance; as `dome_distribution`."""
     return _distribution(_pixel_means(_luminance(texture), wrap=False))
 
 
+@weakly_cached
 def image_fraction(texture: Texture) -> float:
     """Return the fraction of an area light's samples to draw from its texture: 0 for a constant one, up to 0.9."""
     luminance = _luminance(texture)
@@ -45,6 +52,7 @@ def image_fraction(texture: Texture) -> float:
     return 0.0 if mean <= 0.0 else min(1.0 - mean * mean / float((luminance**2).mean()), 1.0 - _MIN_GEOMETRIC_FRACTION)
 
 
+@weakly_cached
 def sun_fraction(texture: Texture) -> float:
     """Return the fraction, 0..0.75, of a latlong image's light that comes from its brightest pixels, the sun."""
     luminance = _luminance(texture)
@@ -54,6 +62,7 @@ def sun_fraction(texture: Texture) -> float:
     return 0.0 if mean <= 0.0 else min(float(light[luminance > _SUN_THRESHOLD * mean].sum()) / mean, 0.75)
 
 
+@weakly_cached
 def small_image(texture: Texture) -> NDArray[np.float32] | None:
     """Return the image filtered by solid angle to float32 [SMALL_HEIGHT, SMALL_WIDTH, 3]; None if it is smaller."""
     pixels = linear_pixels(texture)[..., :3].astype(np.float64)
@@ -68,6 +77,7 @@ def small_image(texture: Texture) -> NDArray[np.float32] | None:
     return np.stack(channels, axis=-1).astype(np.float32)
 
 
+@weakly_cached
 def mean_luminance(texture: Texture) -> float:
     """Return the mean luminance of all pixels."""
     return float(_luminance(texture).mean())

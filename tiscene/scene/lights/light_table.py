@@ -187,12 +187,6 @@ class LightTable:
         self._meshes: list[tuple[int, MeshLight, int]] = []  # row of instance, mesh, first triangle
         self._places: NDArray[np.float64] = np.zeros((0, 3, 4))
         self._arrays: LightArrays | None = None
-        # By row of the atlas: CDF, grid and sun fraction of domes' textures; filtered copies; CDF, grid and image
-        # fraction of area lights' textures; mean luminance.
-        self._skies: dict[int, tuple[Floats, tuple[int, int], float]] = {}
-        self._copies: dict[int, Floats | None] = {}
-        self._panels: dict[int, tuple[Floats, tuple[int, int], float]] = {}
-        self._means: dict[int, float] = {}
         # LightArrays.distribution and its parts on the host: not uploaded again when a light moves.
         self._distributions: list[Floats] = []
         self._uploaded: Any = None
@@ -272,10 +266,8 @@ class LightTable:
         distributions = _Distributions()
         _add_links(lights, values, distributions)  # first: rays hold their places as float32
 
-        def add_distribution(row: int, made: tuple[Floats, tuple[int, int], float]) -> float:
-            """Append a CDF; returns the fraction that comes with it."""
-            values[row, DISTRIBUTION], values[row, GRID : GRID + 2] = distributions.add(made[0]), made[1]
-            return made[2]
+        def add_distribution(row: int, cdf: Floats, grid: tuple[int, int]) -> None:
+            values[row, DISTRIBUTION], values[row, GRID : GRID + 2] = distributions.add(cdf), grid
 
         boxes: list[NDArray[np.float64]] = []
         through_portals = {}  # luminance of each dome with portals, by row
@@ -295,9 +287,7 @@ class LightTable:
                 image_row = first_texture + texture
                 image = atlas.textures[image_row]
                 values[row, TEXTURE] = image_row
-                if image_row not in self._means:
-                    self._means[image_row] = mean_luminance(image)
-                luminance *= self._means[image_row]
+                luminance *= mean_luminance(image)
             if shape is not None:
                 geometry = shape(light, luminance)
                 values[row, SIZE : SIZE + len(geometry.sizes)] = geometry.sizes
@@ -309,9 +299,8 @@ class LightTable:
                 if groups[row] == AREA:
                     boxes.append(_box(light, geometry))
                 if texture is not None:
-                    if image_row not in self._panels:
-                        self._panels[image_row] = (*area_distribution(image), image_fraction(image))
-                    values[row, IMAGE_FRACTION] = add_distribution(row, self._panels[image_row])
+                    add_distribution(row, *area_distribution(image))
+                    values[row, IMAGE_FRACTION] = image_fraction(image)
             elif isinstance(light, DistantLight):
                 half = 0.5 * light.angle
                 values[row, SIZE : SIZE + 2] = math.cos(half), 2.0 * math.sin(0.5 * half) ** 2
@@ -325,13 +314,10 @@ class LightTable:
             elif isinstance(light, DomeLight):
                 fraction = 0.0
                 if texture is not None:
-                    if image_row not in self._skies:
-                        self._skies[image_row] = (*dome_distribution(image), sun_fraction(image))
-                        self._copies[image_row] = small_image(image)
-                    fraction = add_distribution(row, self._skies[image_row])
-                    values[row, SMALL_IMAGE] = -1.0
-                    copy = self._copies[image_row]
-                    if fraction == 0.0 and copy is not None:
+                    add_distribution(row, *dome_distribution(image))
+                    fraction, values[row, SMALL_IMAGE] = sun_fraction(image), -1.0
+                    copy = small_image(image) if fraction == 0.0 else None
+                    if copy is not None:
                         values[row, SMALL_IMAGE] = distributions.add(copy)
                 odds = fraction / (1.0 - fraction)
                 leaves[row, [ROUND, STRENGTH, SIZE2]] = not light.portals, max(luminance, 0.0), odds

@@ -6,13 +6,13 @@ Levels are box-filtered in linear color, and end at images that fit into a proce
 
 from __future__ import annotations
 
-import weakref
 from dataclasses import replace
 from functools import cache
 
 import numpy as np
 from numpy.typing import NDArray
 
+from dynamics.weak_cache import weakly_cached
 from tiscene.scene.color import decode_srgb
 from tiscene.scene.description import Texture
 
@@ -25,21 +25,13 @@ def srgb_decoding() -> NDArray[np.float32]:
     return decode_srgb(np.arange(256) / 255.0).astype(np.float32)
 
 
+@weakly_cached
 def coarser_copies(texture: Texture) -> tuple[Texture, ...]:
     """Return the mipmap levels of an 8-bit image, from half its size down to at most SMALLEST_SIZE pixels a side.
 
     Each pixel is the mean of four pixels of the level above, in linear values. Float images have no levels. They are
     computed once for each texture, and kept as long as it exists.
     """
-    if texture not in _known:
-        _known[texture] = _filtered(texture)
-    return _known[texture]
-
-
-_known: weakref.WeakKeyDictionary[Texture, tuple[Texture, ...]] = weakref.WeakKeyDictionary()
-
-
-def _filtered(texture: Texture) -> tuple[Texture, ...]:
     pixels = texture.pixels
     if pixels.dtype != np.uint8 or max(pixels.shape[:2]) <= SMALLEST_SIZE:
         return ()

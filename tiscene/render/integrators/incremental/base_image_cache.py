@@ -9,7 +9,6 @@ from __future__ import annotations
 import dataclasses
 import hashlib
 import platform
-import weakref
 from collections.abc import Mapping
 from functools import cache
 from pathlib import Path
@@ -18,6 +17,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from dynamics.weak_cache import weakly_cached
 from tiscene.device import runtime
 from tiscene.files import DiskCache
 from tiscene.render.view import CubeView, View
@@ -79,15 +79,10 @@ class BaseImageCache:
         self._files.save(key, np.ascontiguousarray(image, "<f4").tobytes())
 
 
-# Of the descriptions that exist.
-_known: weakref.WeakKeyDictionary[SceneDescription, bytes] = weakref.WeakKeyDictionary()
-
-
+@weakly_cached
 def content_digest(description: SceneDescription) -> bytes:
-    """Return a digest of the meshes, materials and textures of a description; computed once."""
-    if description not in _known:
-        _known[description] = digest_of([description.meshes, description.materials, description.textures])
-    return _known[description]
+    """Return a digest of the meshes, materials and textures of a description."""
+    return digest_of([description.meshes, description.materials, description.textures])
 
 
 def digest_of(value: Any) -> bytes:
