@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from tiscene.device.memory import upload, upload_vectors
 from tiscene.scene.color import LUMINANCE
-from tiscene.scene.description import DistantLight, DomeLight, Light, Portal, Shaping
+from tiscene.scene.description import DistantLight, DomeLight, Light, Portal, Shaping, Texture
 from tiscene.scene.lights import light_bvh, light_tree
 from tiscene.scene.lights.image_distribution import (
     area_distribution,
@@ -152,30 +152,97 @@ def _box(light: Light, shape: LightShape) -> NDArray[np.float64]:
     return np.array([matrix[:, 3] - reach, matrix[:, 3] + reach])
 
 
-class _Distributions:
-    """The parts of `LightArrays.distribution`, while it is put together."""
+class _Rows:
+    """The rows of all lights in the light table and the light tree, while they are filled in.
 
-    def __init__(self) -> None:
-        self.parts: list[Floats] = []
+    Args:
+        count: Number of lights, portals and emissive instances.
+
+    Attributes:
+        values: float32 [count, COLUMNS], of `LightArrays.values`.
+        leaves: float32 [count, light_tree.ATTRIBUTES].
+        distributions: The parts of `LightArrays.distribution`.
+    """
+
+    def __init__(self, count: int) -> None:
+        self.values, self.leaves = np.zeros((count, COLUMNS), np.float32), light_tree.empty_rows(count)
+        self.values[:, [TEXTURE, PROFILE, LIT, SHADOWING]] = -1.0
+        self.leaves[:, ROW] = np.arange(count)
+        self.distributions: list[Floats] = []
         self._used = 0
 
-    def add(self, part: NDArray[np.floating]) -> int:
+    def add_distribution(self, part: NDArray[np.floating]) -> int:
         """Append a part; return where it begins."""
         begin, self._used = self._used, self._used + part.size
-        self.parts.append(part.astype(np.float32, copy=False).ravel())
+        self.distributions.append(part.astype(np.float32, copy=False).ravel())
         return begin
 
+    def add_links(self, lights: Sequence[Light]) -> None:
+        """Fill in the columns LIT and SHADOWING. Comes first: rays hold these places as float32."""
+        begins: dict[tuple[bool, ...], int] = {}
+        for value, light in zip(self.values, lights, strict=False):
+            for column, link in ((LIT, light.lit), (SHADOWING, light.shadowing)):
+                if link is not None:
+                    if link not in begins:
+                        begins[link] = self.add_distribution(np.array(link, np.float32))
+                    value[column] = begins[link]
 
-def _add_links(lights: Sequence[Light], values: Floats, distributions: _Distributions) -> None:
-    """Fill in the columns LIT and SHADOWING."""
-    values[:, [LIT, SHADOWING]] = -1.0
-    begins: dict[tuple[bool, ...], int] = {}
-    for row, light in enumerate(lights):
-        for column, link in ((LIT, light.lit), (SHADOWING, light.shadowing)):
-            if link is not None:
-                if link not in begins:
-                    begins[link] = distributions.add(np.array(link, np.float32))
-                values[row, column] = begins[link]
+    def fill(self, row: int, light: Light, kind: int) -> None:
+        """Fill in what all kinds of lights have."""
+        value = self.values[row]
+        value[KIND], value[TRANSFORM : TRANSFORM + 12] = kind, light.world_from_light[:3].ravel()
+        value[ON_DIFFUSE : SHADOWLESS + 1] = light.diffuse, light.specular, not light.casts_shadows
+        value[ON_INDIRECT], value[UNSEEN] = light.indirect, not light.seen_by_camera
+
+    def fill_shape(self, row: int, light: Light, shape: LightShape, first_texture: int, image: Texture | None) -> None:
+        """Fill in a light that has a position."""
+        value, leaf = self.values[row], self.leaves[row]
+        value[SIZE : SIZE + len(shape.sizes)] = shape.sizes
+        leaf[CENTER : CENTER + 3] = light.world_from_light[:3, 3]
+        leaf[NORMAL : NORMAL + 3] = light.world_from_light[:3, 2] * shape.flat
+        leaf[[ROUND, STRENGTH, SIZE2]] = not shape.flat, max(shape.strength, 0.0), shape.size2
+        if light.shaping is not None:
+            value[SHAPED : PROFILE + 1] = _shaping_columns(light.shaping, first_texture)
+            leaf[BACK] = CONE
+            if not (light.casts_shadows and light.shadowing is None):
+                value[CONE_REACH] = np.linalg.norm(shape.box) + max(shape.ellipsoid)
+        if image is not None:
+            self._fill_image(row, *area_distribution(image))
+            value[IMAGE_FRACTION] = image_fraction(image)
+
+    def fill_distant(self, row: int, light: DistantLight, luminance: float, portals: Sequence[Portal]) -> None:
+        """Fill in a distant light of this irradiance, by luminance."""
+        half = 0.5 * light.angle
+        self.values[row, SIZE : SIZE + 2] = math.cos(half), 2.0 * math.sin(0.5 * half) ** 2
+        self.leaves[row, [ROUND, STRENGTH, SIZE2]] = 1.0, max(luminance, 0.0) * FAR2, FAR2
+        self.values[row, PORTAL_MAPS] = -1.0
+        if portals:
+            maps = _portal_maps(light.world_from_light[:3, 2], portals)
+            self.values[row, PORTAL_MAPS] = self.add_distribution(maps)
+
+    def fill_dome(self, row: int, light: DomeLight, luminance: float, image: Texture | None) -> None:
+        """Fill in a dome of this mean radiance, by luminance."""
+        fraction = 0.0
+        if image is not None:
+            self._fill_image(row, *dome_distribution(image))
+            fraction, self.values[row, SMALL_IMAGE] = sun_fraction(image), -1.0
+            copy = small_image(image) if fraction == 0.0 else None
+            if copy is not None:
+                self.values[row, SMALL_IMAGE] = self.add_distribution(copy)
+        odds = fraction / (1.0 - fraction)
+        self.leaves[row, [ROUND, STRENGTH, SIZE2]] = not light.portals, max(luminance, 0.0), odds
+
+    def fill_portal(self, row: int, portal: Portal, dome: int, luminance: float) -> None:
+        """Fill in a portal of the dome in a row, whose mean radiance has this luminance."""
+        value, leaf = self.values[row], self.leaves[row]
+        matrix, area = portal.world_from_portal[:3], portal.width * portal.height
+        value[KIND], value[DOME_ROW], value[TRANSFORM : TRANSFORM + 12] = PORTAL, dome, matrix.ravel()
+        value[SIZE : SIZE + 2] = portal.width, portal.height
+        leaf[CENTER : CENTER + 3], leaf[NORMAL : NORMAL + 3] = matrix[:, 3], matrix[:, 2]
+        leaf[[STRENGTH, SIZE2]] = area * max(luminance, 0.0), area / (2.0 * math.pi)
+
+    def _fill_image(self, row: int, cdf: Floats, grid: tuple[int, int]) -> None:
+        self.values[row, DISTRIBUTION], self.values[row, GRID : GRID + 2] = self.add_distribution(cdf), grid
 
 
 class LightTable:
@@ -244,11 +311,8 @@ class LightTable:
         return np.argsort(np.array(self._order(), np.int64))
 
     def _order(self) -> list[int]:
-        def key(row: int) -> tuple[int, int]:
-            code = kind_of(self.lights[row])
-            return LIGHT_KINDS[code].group, code
-
-        return sorted(range(len(self.lights)), key=key)
+        kinds = [kind_of(light) for light in self.lights]
+        return sorted(range(len(kinds)), key=lambda row: (LIGHT_KINDS[kinds[row]].group, kinds[row]))
 
     def _build(self, atlas: TextureAtlas) -> LightArrays:
         close_registry()
@@ -258,94 +322,49 @@ class LightTable:
         groups = [LIGHT_KINDS[kind].group for kind in kinds]
         domes = [(row, light) for row, light in enumerate(lights) if isinstance(light, DomeLight)]
         portals = [(row, portal) for row, dome in domes for portal in dome.portals]
-        first_mesh = len(lights) + len(portals)
-        values = np.zeros((first_mesh + len(self._meshes), COLUMNS), np.float32)
-        leaves = light_tree.empty_rows(len(values))
-        leaves[:, ROW] = np.arange(len(leaves))
-        values[:, TEXTURE] = values[:, PROFILE] = -1.0
-        distributions = _Distributions()
-        _add_links(lights, values, distributions)  # first: rays hold their places as float32
-
-        def add_distribution(row: int, cdf: Floats, grid: tuple[int, int]) -> None:
-            values[row, DISTRIBUTION], values[row, GRID : GRID + 2] = distributions.add(cdf), grid
-
+        rows = _Rows(len(lights) + len(portals) + len(self._meshes))
+        rows.add_links(lights)
         boxes: list[NDArray[np.float64]] = []
-        through_portals = {}  # luminance of each dome with portals, by row
+        of_dome: dict[int, float] = {}  # luminance, by row
         for row, (light, kind, source) in enumerate(zip(lights, kinds, order, strict=True)):
             color = np.asarray(emission_of(light), np.float64)
-            luminance = float(color @ LUMINANCE)
-            first_texture, shape = self._first_texture[source], LIGHT_KINDS[kind].shape
-            values[row, KIND] = kind
-            values[row, TRANSFORM : TRANSFORM + 12] = light.world_from_light[:3].ravel()
-            values[row, ON_DIFFUSE : SHADOWLESS + 1] = light.diffuse, light.specular, not light.casts_shadows
-            values[row, ON_INDIRECT], values[row, UNSEEN] = light.indirect, not light.seen_by_camera
-            if light.shaping is not None and shape is not None:
-                values[row, SHAPED : PROFILE + 1] = _shaping_columns(light.shaping, first_texture)
-                leaves[row, BACK] = CONE
+            luminance, image = float(color @ LUMINANCE), None
+            first_texture, shape_of = self._first_texture[source], LIGHT_KINDS[kind].shape
+            rows.fill(row, light, kind)
             texture = getattr(light, "texture", None)
             if texture is not None:
-                image_row = first_texture + texture
-                image = atlas.textures[image_row]
-                values[row, TEXTURE] = image_row
+                rows.values[row, TEXTURE] = first_texture + texture
+                image = atlas.textures[first_texture + texture]
                 luminance *= mean_luminance(image)
-            if shape is not None:
-                geometry = shape(light, luminance)
-                values[row, SIZE : SIZE + len(geometry.sizes)] = geometry.sizes
-                leaves[row, CENTER : CENTER + 3] = light.world_from_light[:3, 3]
-                leaves[row, NORMAL : NORMAL + 3] = light.world_from_light[:3, 2] * geometry.flat
-                leaves[row, [ROUND, STRENGTH, SIZE2]] = not geometry.flat, max(geometry.strength, 0.0), geometry.size2
-                if light.shaping is not None and not (light.casts_shadows and light.shadowing is None):
-                    values[row, CONE_REACH] = np.linalg.norm(geometry.box) + max(geometry.ellipsoid)
+            if shape_of is not None:
+                shape = shape_of(light, luminance)
+                rows.fill_shape(row, light, shape, first_texture, image)
                 if groups[row] == AREA:
-                    boxes.append(_box(light, geometry))
-                if texture is not None:
-                    add_distribution(row, *area_distribution(image))
-                    values[row, IMAGE_FRACTION] = image_fraction(image)
+                    boxes.append(_box(light, shape))
             elif isinstance(light, DistantLight):
-                half = 0.5 * light.angle
-                values[row, SIZE : SIZE + 2] = math.cos(half), 2.0 * math.sin(0.5 * half) ** 2
+                rows.fill_distant(row, light, luminance, [portal for _, portal in portals])
                 if light.angle > 0.0:
-                    color = color / (math.pi * math.sin(half) ** 2)
-                leaves[row, [ROUND, STRENGTH, SIZE2]] = 1.0, max(luminance, 0.0) * FAR2, FAR2
-                values[row, PORTAL_MAPS] = -1.0
-                if portals:
-                    maps = _portal_maps(light.world_from_light[:3, 2], [portal for _, portal in portals])
-                    values[row, PORTAL_MAPS] = distributions.add(maps)
+                    color = color / (math.pi * math.sin(0.5 * light.angle) ** 2)
             elif isinstance(light, DomeLight):
-                fraction = 0.0
-                if texture is not None:
-                    add_distribution(row, *dome_distribution(image))
-                    fraction, values[row, SMALL_IMAGE] = sun_fraction(image), -1.0
-                    copy = small_image(image) if fraction == 0.0 else None
-                    if copy is not None:
-                        values[row, SMALL_IMAGE] = distributions.add(copy)
-                odds = fraction / (1.0 - fraction)
-                leaves[row, [ROUND, STRENGTH, SIZE2]] = not light.portals, max(luminance, 0.0), odds
-                through_portals[row] = max(luminance, 0.0)
-            values[row, RADIANCE : RADIANCE + 3] = color
+                rows.fill_dome(row, light, luminance, image)
+                of_dome[row] = luminance
+            rows.values[row, RADIANCE : RADIANCE + 3] = color
         for row, (dome, portal) in enumerate(portals, len(lights)):
-            matrix, area = portal.world_from_portal[:3], portal.width * portal.height
-            values[row, KIND], values[row, DOME_ROW] = PORTAL, dome
-            values[row, TRANSFORM : TRANSFORM + 12] = matrix.ravel()
-            values[row, SIZE : SIZE + 2] = portal.width, portal.height
-            leaves[row, CENTER : CENTER + 3], leaves[row, NORMAL : NORMAL + 3] = matrix[:, 3], matrix[:, 2]
-            leaves[row, [STRENGTH, SIZE2]] = area * through_portals[dome], area / (2.0 * math.pi)
-        ends = [0, *np.searchsorted(groups, (AT_INFINITY, SURROUNDING)).tolist(), len(lights), first_mesh]
-        nodes = self._nodes(values, leaves, ends, boxes, distributions)
-        distributions.add(np.zeros(1))
-        known, parts = self._distributions, distributions.parts
+            rows.fill_portal(row, portal, dome, of_dome[dome])
+        ends = np.searchsorted(groups, (AT_INFINITY, SURROUNDING)).tolist()
+        nodes = self._nodes(rows, [0, *ends, len(lights), len(lights) + len(portals)], boxes)
+        rows.add_distribution(np.zeros(1))
+        known, parts = self._distributions, rows.distributions
         if len(known) != len(parts) or not all(map(np.array_equal, known, parts)):
             self._distributions, self._uploaded = parts, upload(np.concatenate(parts))
-        return LightArrays(upload(values), upload_vectors(nodes), self._uploaded)
+        return LightArrays(upload(rows.values), upload_vectors(nodes), self._uploaded)
 
-    def _nodes(
-        self, values: Floats, leaves: Floats, ends: Sequence[int], boxes: Sequence[Any], distributions: _Distributions
-    ) -> Floats:
+    def _nodes(self, rows: _Rows, ends: Sequence[int], boxes: Sequence[Any]) -> Floats:
         """Return the light tree and the BVH of lights; fill in the column SLOT and the rows of emissive instances.
 
         ends: 0, then where the rows of finite lights, distant lights, domes and portals end.
         """
-        first_mesh = ends[-1]
+        values, leaves, first_mesh = rows.values, rows.leaves, ends[-1]
         finite_rows, distant_rows, dome_rows, portal_rows = (leaves[a:b] for a, b in itertools.pairwise(ends))
         for row, ((_, mesh, _), place) in enumerate(zip(self._meshes, self._places, strict=True), first_mesh):
             leaves[row] = mesh.placed(place)
@@ -355,28 +374,27 @@ class LightTable:
         nodes[0, [H_DISTANT_ROW, H_DOME_ROW, H_PORTAL_ROW, H_ROWS, H_END]] = *ends[1:], len(values)
         if self._meshes:
             nodes[0, H_HAS_CHOICE] = 1.0  # between triangles
-        rows, slots = light_tree.light_slots(nodes[1:])
-        values[rows, SLOT] = LANES + slots
-        nodes = np.concatenate([nodes, *self._add_meshes(values[first_mesh:], len(nodes), distributions)])
+        numbers, slots = light_tree.light_slots(nodes[1:])
+        values[numbers, SLOT] = LANES + slots
+        nodes = np.concatenate([nodes, *self._add_meshes(rows, first_mesh, len(nodes))])
         nodes[0, [H_AREA_COUNT, H_BVH_ROW]] = len(boxes), ROWS * len(nodes)
         lower, upper = np.reshape(boxes, (-1, 2, 3)).transpose(1, 0, 2)
         return np.concatenate([nodes.reshape(-1, LANES), light_bvh.build(lower, upper, ROWS * len(nodes))])
 
-    def _add_meshes(self, rows: Floats, used_nodes: int, distributions: _Distributions) -> list[Floats]:
-        """Fill in the rows of emissive instances; returns the trees of their meshes, each once."""
+    def _add_meshes(self, rows: _Rows, first: int, used_nodes: int) -> list[Floats]:
+        """Fill in the rows of emissive instances, from a row on; return the trees of their meshes, each once."""
         trees: list[Floats] = []
         known: dict[int, tuple[int, int]] = {}
-        for row, (instance, mesh, first_triangle) in zip(rows, self._meshes, strict=True):
+        for value, (instance, mesh, first_triangle) in zip(rows.values[first:], self._meshes, strict=True):
             if first_triangle not in known:
                 nodes = light_tree.rebased(mesh.nodes, used_nodes, first_triangle)
                 triangles, slots = light_tree.light_slots(mesh.nodes)
                 slot_of = np.zeros(mesh.triangles, np.float32)
                 slot_of[triangles] = LANES * used_nodes + slots
                 trees.append(nodes)
-                known[first_triangle] = used_nodes, distributions.add(slot_of)
+                known[first_triangle] = used_nodes, rows.add_distribution(slot_of)
                 used_nodes += len(nodes)
-            row[[KIND, INSTANCE, FIRST_TRIANGLE]] = MESH, instance, first_triangle
-            row[[TREE, DISTRIBUTION]] = known[first_triangle]
-            row[[TEXTURE, PROFILE]] = -1.0
-            row[[ON_DIFFUSE, ON_SPECULAR, ON_INDIRECT]] = 1.0
+            value[[KIND, INSTANCE, FIRST_TRIANGLE]] = MESH, instance, first_triangle
+            value[[TREE, DISTRIBUTION]] = known[first_triangle]
+            value[[ON_DIFFUSE, ON_SPECULAR, ON_INDIRECT]] = 1.0
         return trees
