@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Rendering of a device scene: labels, path tracing, incremental rendering. Independent of USD.
+"""Rendering of a device scene: labels, path tracing, light that frames share. Independent of USD.
 
 `Renderer.render` is the entry point: a view and a placement in, buffers out.
 
@@ -10,7 +10,7 @@
     view             cameras of a frame, camera rays, projection
     warm_up          compile the kernels by rendering one pixel
     texture_lookup   filtered texture lookups
-    integrators      label pass, path tracer, incremental renderer
+    integrators      label pass, path tracer, incremental renderer, panoramas
     intersect        ray-scene intersection
     lights           sampling and intersecting lights
     bsdfs            surface scattering

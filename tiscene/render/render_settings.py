@@ -25,7 +25,7 @@ class RenderSettings:
             1024.
         denoise: whether radiance is denoised by Intel Open Image Denoise.
         denoiser: its quality, one of `denoise.QUALITIES`; "high" takes about four times as long as "fast".
-        incremental: whether frames with a static camera are rendered incrementally.
+        incremental: whether frames share light where the camera stands still; with `panorama_spp`, also where it moves.
         base_spp: samples per pixel of the base image of the static scene, in incremental rendering.
         near_spp: samples per pixel added to `spp` where movers are visible, in incremental rendering.
         panorama_spp: samples per pixel of the panoramas that frames of a camera that turns or walks show, about,

@@ -1,8 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """Renderer: all rendered buffers of a frame.
 
-The label pass always runs. If color buffers are requested, radiance comes from the incremental pass if movers leave
-most light unchanged, else from the path pass; it is then denoised, upsampled and tone mapped.
+The label pass always runs. If color buffers are requested, radiance comes from the panorama pass if the camera moves,
+from the incremental pass if it stands still and movers leave most light unchanged, else from the path pass; it is then
+denoised, upsampled and tone mapped.
 """
 
 from __future__ import annotations

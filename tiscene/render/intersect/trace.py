@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """Closest hits and occlusion of arrays of rays. All passes trace through these functions.
 
-Rays are rows of eight: origin x, y, z, unused, direction x, y, z, t_max; hits are in (0, t_max). The rays to trace are
-`queue[0 .. count)` (i32). Of hits at the same distance, the lowest (instance row, triangle) wins, independent of how
-the hierarchy was built. The traversal is `scene.traversal`: "bvh8" or "bvh2".
+Rays are rows of eight: origin x, y, z, one that is not read here, direction x, y, z, t_max; hits are in (0, t_max). The
+rays to trace are `queue[0 .. count)` (i32). Of hits at the same distance, the lowest (instance row, triangle) wins,
+independent of how the hierarchy was built. The traversal is `scene.traversal`: "bvh8" or "bvh2".
 """
 
 from __future__ import annotations

@@ -46,8 +46,8 @@ def refit_leaf_blocks(
     offset: ti.i32,
 ):
     """Write the triangles of leaf blocks again. `offset` is added to each row of `triangle_vertices`."""
-    for pack in range(count):
-        at = BLOCK_ROWS * (first + pack)
+    for block in range(count):
+        at = BLOCK_ROWS * (first + block)
         for lane in ti.static(range(4)):
             triangle = ti.bit_cast(leaf_blocks[at + 9][lane], ti.i32)
             if triangle >= 0:
@@ -58,6 +58,7 @@ def refit_leaf_blocks(
 
 @ti.kernel
 def refit_bvh8(nodes: Float8s1, first: ti.i32, count: ti.i32, leaf_blocks: Float4s1):
+    """Fit the boxes of consecutive nodes, from the last to the first."""
     ti.loop_config(serialize=True)
     for turn in range(count):
         at = 8 * (first + count - 1 - turn)
@@ -70,11 +71,11 @@ def refit_bvh8(nodes: Float8s1, first: ti.i32, count: ti.i32, leaf_blocks: Float
                         low[c] = ti.min(low[c], nodes[child + c][lane])
                         high[c] = ti.max(high[c], nodes[child + 3 + c][lane])
                 else:
-                    pack = -1 - child
+                    block = -1 - child
                     for lane in ti.static(range(4)):
-                        if ti.bit_cast(leaf_blocks[pack + 9][lane], ti.i32) >= 0:
+                        if ti.bit_cast(leaf_blocks[block + 9][lane], ti.i32) >= 0:
                             for corner, c in ti.static(ti.ndrange(3, 3)):
-                                value = leaf_blocks[pack + 3 * corner + c][lane]
+                                value = leaf_blocks[block + 3 * corner + c][lane]
                                 low[c] = ti.min(low[c], value)
                                 high[c] = ti.max(high[c], value)
                     margin = ti.max(_MARGIN * ti.max(ti.abs(low), ti.abs(high)).max(), 1e-12)
