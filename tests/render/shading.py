@@ -16,7 +16,7 @@ from tiscene.render.bsdfs.energy_tables import energy_tables
 from tiscene.render.bsdfs.material_inputs import ALL_INPUTS, Footprint, Materials, material_at
 from tiscene.render.intersect.surface_interaction import VisibleSurface
 from tiscene.render.lights import dispatch
-from tiscene.render.lights.importance import weigh_entries
+from tiscene.render.lights.importance import EntryWeights, weigh_entries
 from tiscene.render.lights.light_sample import LightTables
 from tiscene.render.texture_lookup import Textures
 from tiscene.scene.description import Light, Material, Texture
@@ -152,7 +152,8 @@ def illuminate(
         if distance < ti.math.inf or infinite:
             weights = ti.Vector.zero(ti.f32, MAX_ENTRIES)
             count, scale, _ = weigh_entries(lights, origin, vec3(0.0), weights, weights, False)
-            results[i, 3] = dispatch.pdf(lights, weights, count, scale, 0, -1, origin, direction, distance)
+            entries = ti.static(EntryWeights(weights, weights, count, scale, scale))
+            results[i, 3] = dispatch.pdf(lights, entries, 0, -1, origin, direction, distance)
             results[i, 5] = dispatch.emitted(lights, textures, 0, origin, direction, distance, results[i, 3]).y
 
 

@@ -8,7 +8,7 @@ from scipy import stats
 
 from tests.reference.chi_square import MIN_P_VALUE
 from tiscene.device.kernel_types import Float8s1, Floats1, Floats2
-from tiscene.render.lights.importance import weigh_entries
+from tiscene.render.lights.importance import EntryWeights, weigh_entries
 from tiscene.render.lights.light_sample import LightTables
 from tiscene.render.lights.light_sampler import choose_light, light_probabilities
 from tiscene.scene.description import DistantLight, DomeLight, Portal, RectLight, SphereLight
@@ -55,16 +55,16 @@ def choices(
     for _ in range(1):
         weights, faced = ti.Vector.zero(ti.f32, MAX_ENTRIES), ti.Vector.zero(ti.f32, MAX_ENTRIES)
         count, scale, faced_scale = weigh_entries(lights, point, normal, weights, faced, True)
+        entries = ti.static(EntryWeights(weights, faced, count, scale, faced_scale))
+        facing = ti.static(EntryWeights(weights, weights, count, scale, scale))
         for k in range(numbers.shape[0]):
-            row, _place, both, left[k] = choose_light(
-                lights, weights, faced, count, scale, faced_scale, point, normal, numbers[k]
-            )
+            row, _place, both, left[k] = choose_light(lights, entries, point, normal, numbers[k])
             counts[row] += 1.0
             chosen_with[row] = both.x
-            again = light_probabilities(lights, weights, weights, count, scale, scale, row, point).y
+            again = light_probabilities(lights, facing, row, point).y
             mismatch[0] = ti.max(mismatch[0], ti.abs(both.y - again))
         for row in range(probabilities.shape[0]):
-            probabilities[row] = light_probabilities(lights, weights, weights, count, scale, scale, row, point).y
+            probabilities[row] = light_probabilities(lights, facing, row, point).y
 
 
 def chosen(lights, point, numbers, normal=(0.0, 0.0, 0.0)):

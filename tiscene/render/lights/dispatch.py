@@ -5,7 +5,7 @@ import taichi as ti
 
 from tiscene.device.kernel_types import Template, vec2, vec3
 from tiscene.render.lights import dome, emission_profile, emissive_mesh, rect
-from tiscene.render.lights.importance import weigh_entries
+from tiscene.render.lights.importance import EntryWeights, weigh_entries
 from tiscene.render.lights.light_kernels import LIGHT_KERNELS
 from tiscene.render.lights.light_sample import header, integer, no_sample
 from tiscene.render.lights.light_sampler import choose_light, light_probabilities
@@ -32,9 +32,8 @@ def sample(lights: Template, textures: Template, origin: vec3, normal: vec3, u: 
     if header(lights.nodes, H_ENTRY_NODES) > 0:
         weights, faced = ti.Vector.zero(ti.f32, MAX_ENTRIES), ti.Vector.zero(ti.f32, MAX_ENTRIES)
         count, scale, faced_scale = weigh_entries(lights, origin, normal, weights, faced, True)
-        row, slot, probabilities, rest = choose_light(
-            lights, weights, faced, count, scale, faced_scale, origin, normal, u.x
-        )
+        entries = ti.static(EntryWeights(weights, faced, count, scale, faced_scale))
+        row, slot, probabilities, rest = choose_light(lights, entries, origin, normal, u.x)
         point = vec2(rest, u.y)
         if probabilities.x > 0.0:
             kind = integer(lights.values, row, KIND)
@@ -50,9 +49,7 @@ def sample(lights: Template, textures: Template, origin: vec3, normal: vec3, u: 
                     result.row = row
             densities = result.pdf * probabilities
             if (kind == DOME or kind == PORTAL) and result.pdf > 0.0:
-                densities += dome_densities(
-                    lights, weights, faced, count, scale, faced_scale, result.row, row, origin, result.direction
-                )
+                densities += dome_densities(lights, entries, result.row, row, origin, result.direction)
             result.pdf, result.mis_pdf = densities.x, densities.y
             if lights.values[row, SHAPED] > 0.0 and result.pdf > 0.0:
                 hit = origin + result.direction * result.distance
@@ -62,26 +59,13 @@ def sample(lights: Template, textures: Template, origin: vec3, normal: vec3, u: 
 
 @ti.func
 def dome_densities(
-    lights: Template,
-    weights: Template,
-    faced: Template,
-    count: ti.i32,
-    scale: ti.f32,
-    faced_scale: ti.f32,
-    row: ti.i32,
-    excluded: ti.i32,
-    origin: vec3,
-    direction: vec3,
+    lights: Template, entries: Template, row: ti.i32, excluded: ti.i32, origin: vec3, direction: vec3
 ) -> vec2:
     """Return the density of a dome's direction, summed over its image and its portals.
 
     Args:
         lights: LightTables.
-        weights: As `weigh_entries` fills and returns it, like the next four.
-        faced: Weights for a surface of the normal.
-        count: Nodes of entries.
-        scale: Of `weights`.
-        faced_scale: Of `faced`.
+        entries: EntryWeights.
         row: The dome.
         excluded: Row of a strategy to leave out; -1 for none.
         origin: Shading point.
@@ -100,7 +84,7 @@ def dome_densities(
         if strategy != excluded and (
             candidate < first or (distance < ti.math.inf and integer(lights.values, strategy, DOME_ROW) == row)
         ):
-            probabilities = light_probabilities(lights, weights, faced, count, scale, faced_scale, strategy, origin)
+            probabilities = light_probabilities(lights, entries, strategy, origin)
             if probabilities.x > 0.0:
                 if candidate < first:
                     result += probabilities * dome.pdf(lights, strategy, origin, direction, distance)
@@ -112,9 +96,7 @@ def dome_densities(
 @ti.func
 def pdf(
     lights: Template,
-    weights: Template,
-    count: ti.i32,
-    scale: ti.f32,
+    entries: Template,
     row: ti.i32,
     triangle: ti.i32,
     origin: vec3,
@@ -125,9 +107,7 @@ def pdf(
 
     Args:
         lights: LightTables.
-        weights: As `weigh_entries` fills it at `origin`.
-        count: As it returns.
-        scale: As it returns.
+        entries: EntryWeights at `origin`, without a normal.
         row: The light.
         triangle: Of an emissive mesh, the triangle that is hit.
         origin: Shading point.
@@ -137,7 +117,7 @@ def pdf(
     result = 0.0
     kind = integer(lights.values, row, KIND)
     if kind == DOME:
-        result = dome_densities(lights, weights, weights, count, scale, scale, row, -1, origin, direction).y
+        result = dome_densities(lights, entries, row, -1, origin, direction).y
     else:
         for k in ti.static(range(len(LIGHT_KERNELS))):
             if ti.static(LIGHT_KERNELS[k].kind != DOME and LIGHT_KERNELS[k].kind != PORTAL):
@@ -147,7 +127,7 @@ def pdf(
             if kind == MESH:
                 result = emissive_mesh.pdf(lights, row, triangle, origin, direction, distance)
         if result > 0.0:
-            result *= light_probabilities(lights, weights, weights, count, scale, scale, row, origin).y
+            result *= light_probabilities(lights, entries, row, origin).y
     return result
 
 

@@ -6,6 +6,7 @@ light counts only where it shines through one: the sun is hardly ever sampled wh
 """
 
 import math
+from typing import Any, NamedTuple
 
 import taichi as ti
 
@@ -52,6 +53,24 @@ _MIN_COSINE = 0.05
 _NEAR = 4.0
 # Ratio, see `rect.is_far`, below which a portal is weighed like other lights.
 _FAR_PORTAL = 0.5
+
+
+class EntryWeights(NamedTuple):
+    """Estimated contributions of the entries to a shading point, as `weigh_entries` returns them; a static tuple.
+
+    Attributes:
+        weights: Vector of MAX_ENTRIES, for a surface that faces each light.
+        faced: The same for a surface of a normal; `weights`, if there is none.
+        count: Number of nodes of entries; 0 if there is nothing to choose.
+        scale: An entry's probability is scale * weight + UNIFORM.
+        faced_scale: As scale, for `faced`.
+    """
+
+    weights: Any
+    faced: Any
+    count: Any
+    scale: Any
+    faced_scale: Any
 
 
 @ti.func
@@ -226,8 +245,7 @@ def weigh_entries(
         faces: Static.
 
     Returns:
-        (count, scale, faced_scale). count: number of nodes of entries; 0 if there is nothing to choose. scale: an
-        entry's probability is scale * weight + UNIFORM; faced_scale: as scale, for `faced`.
+        (count, scale, faced_scale), see `EntryWeights`.
     """
     nodes = ti.static(lights.nodes)
     count, scale, faced_scale = 0, 0.0, 0.0

@@ -10,7 +10,7 @@ import taichi as ti
 from tiscene.device.kernel_types import Template, float8, vec3
 from tiscene.render.intersect.bvh8 import fast_max, fast_min, mask_bits, slabs
 from tiscene.render.lights import dispatch, emissive_mesh
-from tiscene.render.lights.importance import weigh_entries
+from tiscene.render.lights.importance import EntryWeights, weigh_entries
 from tiscene.render.lights.lane_ops import lowest_set_bit
 from tiscene.render.lights.light_sample import header, is_linked
 from tiscene.scene.lights.light_bvh import BLOCK_ROWS, BLOCKS, REFERENCE
@@ -203,9 +203,8 @@ def weighted_emission(
                 if not is_weighed:
                     count, scale, _ = weigh_entries(lights, last_vertex, vec3(0.0), weights, weights, False)
                     is_weighed = True
-                light_pdf = dispatch.pdf(
-                    lights, weights, count, scale, row, triangle, last_vertex, direction, from_vertex
-                )
+                entries = ti.static(EntryWeights(weights, weights, count, scale, scale))
+                light_pdf = dispatch.pdf(lights, entries, row, triangle, last_vertex, direction, from_vertex)
                 weight = power_heuristic(pdf, light_pdf)
             radiance *= weight * response(lights.values, row, diffuse_part, depth)
         result += radiance

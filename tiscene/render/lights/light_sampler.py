@@ -77,26 +77,12 @@ def descend(lights: Template, entry: ti.i32, entry_probabilities: vec2, u: ti.f3
 
 
 @ti.func
-def choose_light(
-    lights: Template,
-    weights: Template,
-    faced: Template,
-    count: ti.i32,
-    scale: ti.f32,
-    faced_scale: ti.f32,
-    origin: vec3,
-    normal: vec3,
-    u: ti.f32,
-):
+def choose_light(lights: Template, entries: Template, origin: vec3, normal: vec3, u: ti.f32):
     """Choose the light or portal to sample.
 
     Args:
         lights: LightTables.
-        weights: As `weigh_entries` fills and returns it, like the next four.
-        faced: Weights for a surface of the normal.
-        count: Nodes of entries.
-        scale: Of `weights`.
-        faced_scale: Of `faced`.
+        entries: EntryWeights.
         origin: Shading point.
         normal: Surface normal there, or zero.
         u: Uniform in [0, 1).
@@ -108,17 +94,18 @@ def choose_light(
     """
     nodes = ti.static(lights.nodes)
     entry, probabilities, rest = 0, vec2(1.0), u
-    if count > 0:
+    if entries.count > 0:
         before, probability = 0.0, 0.0
-        for k in range(count):
-            here = load_lanes(faced, k)
-            here = ti.select(here > 0.0, here * faced_scale + node_lanes(nodes, 1 + k, UNIFORM), 0.0)
+        for k in range(entries.count):
+            here = load_lanes(entries.faced, k)
+            here = ti.select(here > 0.0, here * entries.faced_scale + node_lanes(nodes, 1 + k, UNIFORM), 0.0)
             lane, lane_probability, low = select_lane(here, u - before)
             if lane_probability > 0.0 and u >= before:
                 entry, probability, rest = LANES * k + lane, lane_probability, u - before - low
             before += sum_lanes(here)
         rest = ti.min(rest / ti.max(probability, 1e-20), _ONE_MINUS_EPSILON)
-        probabilities = vec2(probability, weights[entry] * scale + entry_value(nodes, entry, UNIFORM))
+        uniform = entry_value(nodes, entry, UNIFORM)
+        probabilities = vec2(probability, entries.weights[entry] * entries.scale + uniform)
     return descend(lights, LANES + entry, probabilities, rest, origin, normal)
 
 
@@ -137,27 +124,17 @@ def conditional_probability(lights: Template, slot: ti.i32, origin: vec3):
 
 
 @ti.func
-def light_probabilities(
-    lights: Template,
-    weights: Template,
-    faced: Template,
-    count: ti.i32,
-    scale: ti.f32,
-    faced_scale: ti.f32,
-    row: ti.i32,
-    origin: vec3,
-) -> vec2:
+def light_probabilities(lights: Template, entries: Template, row: ti.i32, origin: vec3) -> vec2:
     """Return the probabilities with which `choose_light` chooses a light.
 
     The first, for the normal, is valid for domes and portals alone. Arguments as for `choose_light`.
     """
     result = vec2(1.0)
-    if count > 0:
+    if entries.count > 0:
         slot, part = conditional_probability(lights, integer(lights.values, row, SLOT), origin)
         entry = slot - LANES
         result = vec2(0.0)
-        if weights[entry] > 0.0:
-            result = part * (
-                vec2(faced[entry] * faced_scale, weights[entry] * scale) + entry_value(lights.nodes, entry, UNIFORM)
-            )
+        if entries.weights[entry] > 0.0:
+            scaled = vec2(entries.faced[entry] * entries.faced_scale, entries.weights[entry] * entries.scale)
+            result = part * (scaled + entry_value(lights.nodes, entry, UNIFORM))
     return result
