@@ -8,7 +8,7 @@ import warnings
 import numpy as np
 import pytest
 
-from tests.usd.helpers import STAGES, write
+from tests.usd.helpers import STAGES, problems_of, write
 from tiscene.errors import StageWarning
 from tiscene.usd.read.stage_reader import read_stage
 from tiscene.usd.read.template import read_template
@@ -138,6 +138,12 @@ def test_blend_shapes_with_inbetweens_deform_over_time(tmp_path):
         positions, _ = mesh.deformation.at(seconds)
         np.testing.assert_allclose(positions, [(0, 0, 0), (right, 0, 0), (0, up, 0)], atol=1e-6)
     assert mesh.deformation.at(0.6)[0][1, 0] == pytest.approx(3.8)  # between 4 and 3
+
+
+def test_blend_shape_of_missing_points_is_named(tmp_path):
+    wrong = FACE.replace("pointIndices = [1, 2]", "pointIndices = [1, 3]")
+    text = "</Face/Skin> skinning: blend shape 'smile' moves points that do not exist"
+    assert text in problems_of(tmp_path, wrong)[0]
 
 
 def test_normal_offsets_of_blend_shapes_and_inbetweens_turn_the_normals(tmp_path):

@@ -270,6 +270,38 @@ def test_constant_primvar_gives_color(tmp_path):
     assert colors == {"M": (0.0, 0.5, 0.0), "N": (0.0, 0.0, 1.0)}
 
 
+def test_surface_connected_to_an_output_that_does_not_exist_is_reported(tmp_path):
+    body = material(PREVIEW.replace("token outputs:surface", ""))
+    text = "surface is connected to an output that does not exist; its UsdPreviewSurface is used: </Looks/L>"
+    assert only_material(read_with_warning(tmp_path, body, text)).diffuse_color == (1.0, 0.0, 0.0)
+
+
+READS_TINT = shader("Reader", "UsdPrimvarReader_float3", 'string inputs:varname = "tint"', "float3 outputs:result")
+READS_TINT += shader(
+    "Surface", "UsdPreviewSurface", "color3f inputs:diffuseColor.connect = </Looks/L/Reader.outputs:result>"
+)
+
+
+def test_primvar_of_a_material_is_read_where_the_gprim_has_none(tmp_path):
+    body = material("color3f primvars:tint = (0.25, 0.5, 1)\n" + READS_TINT)
+    assert only_material(read(tmp_path, body)).diffuse_color == (0.25, 0.5, 1.0)
+    own = body.replace("displayColor = [", "other = [").replace(QUAD, QUAD + "\ncolor3f primvars:tint = (1, 0, 0)")
+    assert only_material(read(tmp_path, own)).diffuse_color == (1.0, 0.0, 0.0)
+
+
+def test_primvar_of_a_subset_is_named(tmp_path):
+    subset = """
+    def GeomSubset "S"
+    {
+        int[] indices = [0]
+        uniform token familyName = "materialBind"
+        color3f primvars:tint = (1, 0, 0)
+    }"""
+    body = material(READS_TINT).replace(QUAD, QUAD + "color3f primvars:tint = (0, 0, 1)" + subset)
+    description = read_with_warning(tmp_path, body, "primvars:tint of a subset is not read: its mesh's is: </M/S>")
+    assert only_material(description).diffuse_color == (0.0, 0.0, 1.0)
+
+
 def test_missing_primvar_gives_reader_fallback(tmp_path):
     reader = shader(
         "Reader",

@@ -165,6 +165,9 @@ def test_orthographic_camera_survives_a_file(tmp_path):
 OMITTED = [
     ("float4[] clippingPlanes = [(0, 0, 1, 5)]", "clippingPlanes of a camera cut nothing: </Eye>", 1),
     ("float2 clippingRange = (5, 1)", "clippingRange of 5 to 1 m is not used: </Eye>", 1),
+    ('token projection = "spherical"', "projection 'spherical' is not known; 'perspective' is used: </Eye>", 1),
+    ('custom token cameraProjectionType = "fisheyeSpherical"', "cameraProjectionType 'fisheyeSpherical' is drawn", 1),
+    ('custom token omni:lensdistortion:model = "ftheta"', "model 'ftheta' is drawn without distortion: </Eye>", 1),
 ]
 
 

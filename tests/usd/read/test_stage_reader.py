@@ -293,6 +293,14 @@ def test_unbound_skinned_mesh_is_reported(tmp_path):
     )
 
 
+def test_mesh_whose_blend_shapes_have_no_skeleton_is_reported(tmp_path):
+    lines = 'uniform token[] skel:blendShapes = ["smile"]\nrel skel:blendShapeTargets = </M/smile>'
+    lines += '\ndef BlendShape "smile"\n{\nuniform vector3f[] offsets = [(0, 0, 1), (0, 0, 1), (0, 0, 1), (0, 0, 1)]\n}'
+    body = f'def Mesh "M" (prepend apiSchemas = ["SkelBindingAPI"])\n{{\n{QUAD}\n{lines}\n}}'
+    text = "a mesh with blend shapes is drawn without them, since it is not below a SkelRoot: </M>"
+    assert read_with_warning(tmp_path, body, text).meshes[0].positions[:, 2].max() == 0.0
+
+
 def test_empty_stage_is_valid(tmp_path):
     with warnings.catch_warnings():
         warnings.simplefilter("error")

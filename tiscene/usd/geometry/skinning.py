@@ -61,12 +61,18 @@ def skin_of(prim: Usd.Prim, report: StageReport) -> Skin | None:
     return found
 
 
-def why_unskinned(prim: Usd.Prim, report: StageReport) -> str | None:
-    """Return why `prepare_skinning` has not posed a gprim that has joints; None if it has, or has no need to."""
-    if not UsdSkel.BindingAPI(prim).GetJointIndicesPrimvar().HasAuthoredValue():
-        return None
+def report_unskinned(prim: Usd.Prim, report: StageReport) -> None:
+    """Report a gprim with joints or blend shapes that `prepare_skinning` has not posed."""
+    has_joints = UsdSkel.BindingAPI(prim).GetJointIndicesPrimvar().HasAuthoredValue()
+    if not (has_joints or UsdSkel.BindingAPI(prim).GetBlendShapeTargetsRel().HasAuthoredTargets()):
+        return
     if prim.GetPath() in report.budget.skins or prim.GetPath() in report.budget.baked_skins:
-        return None
+        return
+    what = "joints is drawn without its skinning" if has_joints else "blend shapes is drawn without them"
+    report.omission(prim.GetPath(), f"a mesh with {what}, since {_why_unskinned(prim)}")
+
+
+def _why_unskinned(prim: Usd.Prim) -> str:
     if not any(each.IsA(UsdSkel.Root) for each in ancestors(prim)):
         return "it is not below a SkelRoot"
     relationships = (UsdSkel.BindingAPI(each).GetSkeletonRel() for each in with_ancestors(prim))
@@ -240,7 +246,8 @@ class _SkinReader:
             chosen = moved[blend.GetBlendShapeIndex(number)]
             at = np.asarray(chosen, np.int64) if len(chosen) else np.arange(len(values))
             if len(values) and (len(at) != len(values) or outside(at, points) is not None):
-                text = f"blend shape {number} moves points that do not exist, or has another number of offsets"
+                name = blend.GetBlendShape(blend.GetBlendShapeIndex(number)).GetPrim().GetName()
+                text = f"blend shape {name!r} moves points that do not exist, or has another number of offsets"
                 self._report.problem(query.GetPrim().GetPath(), "skinning", text)
                 continue
             if len(values):

@@ -76,6 +76,11 @@ class MaterialTableBuilder:
         self._unwrapped: dict[Any, tuple[UnwrappedTexture, ...]] = {}
         self._checked_uses: set[tuple[Any, UnwrappedTexture]] = set()
 
+    @property
+    def primvar_names(self) -> set[str]:
+        """Names of the primvars that the materials read so far read, other than texture coordinates."""
+        return {name for read in self._primvars.values() for name, _ in read}
+
     def binding(self, prim: Usd.Prim, gprim: Usd.Prim) -> Binding:
         """Return the material bound to a gprim or to a subset of it, else one of its displayColor.
 

@@ -64,7 +64,7 @@ class NetworkReader:
         surface = surface_shader(material, self._time, self._report)
         if surface is None:
             return None
-        self._path = surface.GetPath()
+        self._path, self._material = surface.GetPath(), material.GetPrim()
         for attribute, target in broken_connections(surface):
             text = "an input connected to an attribute that does not exist keeps its own value, else its default"
             self._report.omission(attribute.GetPath(), text, target)
@@ -214,7 +214,10 @@ class NetworkReader:
         return value if value is not None else self._numbers(fallback.value if fallback else None, "fallback")
 
     def _primvar_value(self, name: str, width: int) -> tuple[float, ...] | TextureLookup | None:
-        """Return a primvar's value, or the vertices' color or opacity where it varies; None if the gprim lacks it."""
+        """Return a primvar's value, or the vertices' color or opacity where it varies; None if there is none.
+
+        One that the gprim lacks is the material's own, as in Hydra.
+        """
         if (name, width) not in self.constants:
             self.constants.append((name, width))
         if width != 2 and varies_over_surface(self._gprim, name, self._time):
@@ -222,7 +225,8 @@ class NetworkReader:
             if getattr(self.primvars, field) in ("", name):
                 self.primvars = replace(self.primvars, **{field: name})
                 return TextureLookup(VERTEX_COLORS, "a" if width == 1 else "rgb")
-        return constant_primvar(self._gprim, name, width, self._time, self._report)
+        value = constant_primvar(self._gprim, name, width, self._time, self._report)
+        return value if value is not None else constant_primvar(self._material, name, width, self._time, self._report)
 
     def _texture(self, source: Source) -> TextureLookup | tuple[float, ...] | None:
         """Return the lookup of a UsdUVTexture, or its fallback if the image cannot be read."""

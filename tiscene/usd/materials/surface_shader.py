@@ -3,6 +3,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 from pxr import Usd, UsdShade
 
 from tiscene.usd.core.report import StageReport
@@ -47,20 +49,22 @@ def surface_shader(material: UsdShade.Material, time: Usd.TimeCode, report: Stag
                 unknown.append(name or ("" if shader else str(attribute.GetPrim().GetTypeName())))
     if preview is not None:
         if unknown:
-            _report_unsupported(material, unknown[0], "its UsdPreviewSurface is used", report)
+            _report_unsupported(material, unknown, "its UsdPreviewSurface is used", report)
         return preview
     for shader in map(UsdShade.Shader, Usd.PrimRange(material.GetPrim(), Usd.PrimAllPrimsPredicate)):
         if shader and shader_id(shader) == "UsdPreviewSurface":
-            name = unknown[0] if unknown else "none"
-            _report_unsupported(material, name, "its UsdPreviewSurface is used", report)
+            _report_unsupported(material, unknown, "its UsdPreviewSurface is used", report)
             return shader
-    if unknown:
-        _report_unsupported(material, unknown[0], "displayColor is used", report)
-    else:
-        report.omission(material.GetPath(), "a material without a surface shader; displayColor is used")
+    _report_unsupported(material, unknown, "displayColor is used", report)
     return None
 
 
-def _report_unsupported(material: UsdShade.Material, name: str, instead: str, report: StageReport) -> None:
-    text = f"shader {name!r} is not supported" if name else "a surface shader without info:id"
+def _report_unsupported(material: UsdShade.Material, names: Sequence[str], instead: str, report: StageReport) -> None:
+    """Report what is used instead of the first shader that is not supported; `names` is empty if there is no shader."""
+    if names:
+        text = f"shader {names[0]!r} is not supported" if names[0] else "a surface shader without info:id"
+    elif any(output.GetAttr().GetConnections() for output in material.GetSurfaceOutputs()):
+        text = "a material whose surface is connected to an output that does not exist"
+    else:
+        text = "a material without a surface shader"
     report.omission(material.GetPath(), f"{text}; {instead}")

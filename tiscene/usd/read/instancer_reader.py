@@ -20,8 +20,10 @@ from tiscene.usd.core.report import StageReport
 from tiscene.usd.core.semantics import asset_name, direct_label, inherited_label, name_label
 from tiscene.usd.core.time_samples import NOT_ANIMATED, AnimatedAncestors, TransformSamples
 from tiscene.usd.core.transform import from_matrix, range_fault, to_matrix
+from tiscene.usd.geometry.display_color import DISPLAY_PRIMVARS
 from tiscene.usd.lights.animated_light import light_track
 from tiscene.usd.lights.light import LightReader
+from tiscene.usd.materials.material import MaterialTableBuilder
 from tiscene.usd.read.mesh_table import MeshTable
 from tiscene.usd.read.object_builder import StageObject, StageObjectTable, is_rigid_body
 from tiscene.usd.read.point_instancer import (
@@ -55,6 +57,7 @@ class PointInstancerReader:
     _taxonomy: str | None
     _report: StageReport
     _meters: float
+    _materials: MaterialTableBuilder
     _meshes: MeshTable
     _lights: LightReader
     _objects: StageObjectTable
@@ -90,13 +93,13 @@ class PointInstancerReader:
         used = np.unique(np.concatenate([each.prototype_of_point for each in instances.values()])).tolist()
         if not used:
             self._report.omission(prim.GetPath(), "a point instancer without points")
-        self._report_colors_of_points(prim)
         roots = [instances[self._time].prototypes[number] for number in used]
         prototypes, lights = [], []
         for root in roots:
             parts, found_lights = self._prototype(prim, root, here)
             prototypes.append(parts)
             lights.append(found_lights)
+        self._report_values_of_points(prim)
         if any(lights) and (own_times or here.animated.movers):
             self._report.frozen(prim.GetPath(), "the place of the lights at the points of an instancer")
         self._place_lights(prim, world, here.animated, instances[self._time], used, lights)
@@ -149,9 +152,9 @@ class PointInstancerReader:
                         suffix = f"[{prim.GetName()} {points.ids[row]}]"
                         self._add_light(light, point @ matrix, placed, suffix=suffix)
 
-    def _report_colors_of_points(self, prim: Usd.Prim) -> None:
-        """Report colors that an instancer gives to each point, which other renderers draw its prototypes with."""
-        for name in ("displayColor", "displayOpacity"):
+    def _report_values_of_points(self, prim: Usd.Prim) -> None:
+        """Report primvars that an instancer gives to each point, and that materials of its prototypes may read."""
+        for name in (*DISPLAY_PRIMVARS, *sorted(self._materials.primvar_names - set(DISPLAY_PRIMVARS))):
             primvar = UsdGeom.PrimvarsAPI(prim).GetPrimvar(name)
             if primvar and primvar.HasAuthoredValue() and primvar.GetInterpolation() != UsdGeom.Tokens.constant:
                 self._report.omission(prim.GetPath(), f"{name} of each point of an instancer is not applied")

@@ -227,6 +227,9 @@ class MeshTable:
             indices = self._subset_faces(subset, faces, time)
             if indices is not None:
                 found.append((self._materials.binding(subset.GetPrim(), prim), indices))
+            for primvar in UsdGeom.PrimvarsAPI(subset).GetAuthoredPrimvars():
+                text = f"primvars:{primvar.GetPrimvarName()} of a subset is not read: its mesh's is"
+                self._report.omission(subset.GetPath(), text)
         return found
 
     def _subset_faces(self, subset: UsdGeom.Subset, faces: int, time: Usd.TimeCode) -> NDArray[np.int64] | None:

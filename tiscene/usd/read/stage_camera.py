@@ -19,6 +19,7 @@ from tiscene.usd.core.report import StageReport
 from tiscene.usd.core.time_samples import in_seconds
 from tiscene.usd.core.transform import unmirrored, unscaled
 from tiscene.usd.core.value_times import dense_times, is_time_varying, value_at, value_times
+from tiscene.usd.geometry.primvar import token_of
 from tiscene.usd.read.stage_render_settings import StageRenderSettings
 
 _MAX_APERTURE = 1e6  # in focal lengths: a field of view of 180 degrees but for 0.0002
@@ -30,6 +31,7 @@ _LENS_ATTRIBUTES = (
     *("horizontalApertureOffset", "verticalApertureOffset"),
     *_EXPOSURE_ATTRIBUTES[1:],
 )
+_LENS_MODELS = ("cameraProjectionType", "omni:lensdistortion:model")  # Omniverse's attributes, older and newer
 _OPTIONAL = ("aspect", "exposure")  # of a `Camera`; None says that the stage has no valid value
 
 
@@ -107,7 +109,7 @@ def _read_at(
         value = value_at(prim.GetAttribute(name), time)
         return math.nan if value is None else float(value)
 
-    orthographic = camera.GetProjectionAttr().Get(time) == UsdGeom.Tokens.orthographic
+    orthographic = token_of(camera.GetProjectionAttr(), time, report) == UsdGeom.Tokens.orthographic
     upright = unmirrored(world_from_prim)
     if upright is not world_from_prim:
         report.omission(path, "the image of a mirrored camera is not mirrored")
@@ -154,6 +156,10 @@ def _read_at(
             report.omission(path, f"a camera's clippingRange of {near:g} to {far:g} m is not used")
     if camera.GetClippingPlanesAttr().Get(time):
         report.omission(path, "clippingPlanes of a camera cut nothing")
+    for name in _LENS_MODELS:
+        model = prim.GetAttribute(name).Get(time)
+        if model is not None and model != "pinhole":
+            report.omission(path, f"the lens of a camera with the {name} {str(model)!r} is drawn without distortion")
     if any(str(each).startswith("BackPlateAPI:") for each in prim.GetAppliedSchemas()):
         report.omission(path, "back plates of a camera are not drawn")
     shutter_open, shutter_close = number("shutter:open"), number("shutter:close")

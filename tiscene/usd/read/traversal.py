@@ -22,7 +22,7 @@ from tiscene.usd.core.semantics import direct_label, is_component, is_object_ins
 from tiscene.usd.core.time_samples import TransformSamples
 from tiscene.usd.core.transform import is_singular, range_fault, to_matrix
 from tiscene.usd.core.value_times import JUMP, dense_times, is_time_varying
-from tiscene.usd.geometry.skinning import why_unskinned
+from tiscene.usd.geometry.skinning import report_unskinned
 from tiscene.usd.lights.animated_light import mesh_emission_over_time
 from tiscene.usd.lights.light import LightReader, is_light, is_light_only
 from tiscene.usd.materials.material import Binding, MaterialTableBuilder
@@ -254,9 +254,8 @@ class StageReader(PointInstancerReader):
         shapes = self._meshes.rows(prim, emitter)
         if not shapes:
             return
-        if here.is_drawn and (reason := why_unskinned(prim, self._report)) is not None:
-            text = f"a mesh with joints is drawn without its skinning, since {reason}"
-            self._report.omission(prim.GetPath(), text)
+        if here.is_drawn:
+            report_unskinned(prim, self._report)
         matrix = to_matrix(here.world, self._meters)
         samples = TransformSamples.of(here.animated, here.world, self._meters) if self._parts is None else None
         matrix = first_shown(matrix, samples)
