@@ -24,9 +24,17 @@ def Mesh "Wall" (
 """ + preview_material("/Paint", "%s")
 
 
+def materials_at(description, seconds):
+    """Return the animated materials at a time, by row."""
+    return {
+        track.row: track.applied(description.materials[track.row], track.moment(seconds))
+        for track in description.material_tracks
+    }
+
+
 def material_at(description, seconds):
-    (track,) = description.material_tracks
-    return track.applied(description.materials[track.row], track.moment(seconds))
+    (material,) = materials_at(description, seconds).values()
+    return material
 
 
 def test_material_inputs_are_interpolated_linearly_between_samples(tmp_path):
@@ -116,6 +124,39 @@ def test_display_color_plays(tmp_path):
     frames = stream(write(tmp_path, body, more=RANGE), buffers=("albedo",))
     np.testing.assert_allclose(frames[3].albedo[6, 8], (0.7, 0, 0.3), atol=1e-6)
     assert frames[10].albedo.tobytes() == frames[25].albedo.tobytes()
+
+
+def test_instances_play_the_display_colors_that_they_inherit(tmp_path):
+    colors = {"A": "{ 0: [(1, 0, 0)], 10: [(0, 0, 1)] }", "B": "{ 0: [(0, 1, 0)], 10: [(0, 1, 1)] }"}
+    body = f'class "Proto"\n{{\ndef Mesh "Wall"\n{{\n{SQUARE}\n}}\n}}\n'
+    for name, samples in colors.items():
+        body += f"""def Xform "{name}" (
+            inherits = </Proto>
+            instanceable = true
+        )\n{{\ncolor3f[] primvars:displayColor.timeSamples = {samples}\n}}\n"""
+    description = read(tmp_path, body, more=RANGE)
+    rows = [description.meshes[each.mesh].materials[0] for each in description.instances]
+    first, second = (materials_at(description, 0.5)[row].diffuse_color for row in rows)
+    assert (first, second) == (pytest.approx((0.5, 0, 0.5)), pytest.approx((0, 1, 0.5)))
+
+
+def test_primvar_that_a_material_reads_plays(tmp_path):
+    nodes = """color3f inputs:diffuseColor.connect = </Paint/Tint.outputs:result>
+        token outputs:surface
+    }
+    def Shader "Tint"
+    {
+        uniform token info:id = "UsdPrimvarReader_float3"
+        string inputs:varname = "tint"
+        float3 outputs:result"""
+    tints = ["{ 0: (1, 0, 0), 10: (0, 0, 1) }", "{ 0: (1, 0, 0), 10: (0, 1, 0) }"]
+    lines = [f"{SQUARE}\ncolor3f primvars:tint.timeSamples = {each}" for each in tints]
+    body = PAINTED % (lines[0], nodes)
+    body += body[body.index("def Mesh") : body.index("def Material")].replace(lines[0], lines[1]).replace("Wall", "B")
+    description = read(tmp_path, body, more=RANGE)
+    first, second = materials_at(description, 0.5).values()
+    assert first.diffuse_color == pytest.approx((0.5, 0, 0.5))
+    assert second.diffuse_color == pytest.approx((0.5, 0.5, 0))
 
 
 def test_animated_albedo_is_seen_by_cached_labels_and_seeks(tmp_path):

@@ -7,6 +7,8 @@ A primvar that varies over the surface becomes its mean (`constant_primvar`), on
 
 from __future__ import annotations
 
+from collections.abc import Iterable
+
 import numpy as np
 from numpy.typing import NDArray
 from pxr import Usd, UsdGeom
@@ -89,15 +91,15 @@ def varies_over_surface(gprim: Usd.Prim, name: str, time: Usd.TimeCode, *, withi
     return len(values) > 1 and bool((values != values[0]).any())
 
 
-def display_color_times(gprim: Usd.Prim, report: StageReport) -> list[float]:
-    """Return the time codes of a gprim's constant displayColor and displayOpacity; empty if they do not vary.
+def constant_times(gprim: Usd.Prim, names: Iterable[str], report: StageReport) -> list[float]:
+    """Return the time codes of those primvars of a gprim that are constant over its surface; empty if none is animated.
 
-    Those that vary over the surface are not played, which `deforming.shape_times` reports.
+    Others are not played; `deforming.shape_times` reports those of displayColor and displayOpacity.
     """
     if not report.reads_animation:
         return []
     times: set[float] = set()
-    for name in _DEFAULTS:
+    for name in names:
         primvar = UsdGeom.PrimvarsAPI(gprim).FindPrimvarWithInheritance(name)
         if primvar and not _is_not_constant(primvar) and primvar.ValueMightBeTimeVarying():
             times.update(value_times(primvar.GetAttr()), value_times(primvar.GetIndicesAttr()))

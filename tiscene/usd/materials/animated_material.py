@@ -7,7 +7,7 @@ interpolated linearly, which is exact for UsdPreviewSurface; other networks are 
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 
 from pxr import Sdf, Usd, UsdShade
 
@@ -23,11 +23,12 @@ _LINEAR_NODES = ("", "UsdPreviewSurface", "UsdUVTexture", "UsdTransform2d")
 _CHILDREN = Usd.TraverseInstanceProxies(Usd.PrimDefaultPredicate)
 
 
-def material_times(material: Usd.Prim, report: StageReport) -> list[float]:
+def material_times(material: Usd.Prim, primvar_times: Iterable[float], report: StageReport) -> list[float]:
     """Return the time codes at which to read a material; empty if it is constant, or cannot be played.
 
     Args:
         material: the Material, whose whole network is below it.
+        primvar_times: time codes of the primvars that it reads.
         report: says whether the stage plays; receives a texture of too many files.
     """
     if not report.reads_animation:
@@ -47,7 +48,7 @@ def material_times(material: Usd.Prim, report: StageReport) -> list[float]:
                     continue
             linear = linear and attribute.GetBaseName() != "rotation"
             varying.append(attribute)
-    times = {time for each in varying for time in value_times(each)}
+    times = {*primvar_times, *(time for each in varying for time in value_times(each))}
     return sorted(times) if linear else dense_times(times)
 
 

@@ -22,7 +22,7 @@ from tiscene.usd.core.semantics import shared_path
 from tiscene.usd.geometry.display_color import (
     DISPLAY_PRIMVARS,
     constant_primvar,
-    display_color_times,
+    constant_times,
     quantize_colors,
     read_element_colors,
     varies_over_surface,
@@ -193,14 +193,15 @@ class MaterialTableBuilder:
         """Return the material of a gprim's displayColor and displayOpacity."""
         if any(varies_over_surface(gprim, name, self._time, within_faces=True) for name in DISPLAY_PRIMVARS):
             return self._vertex_colors(gprim)
-        times = display_color_times(gprim, self._report)
+        times = constant_times(gprim, DISPLAY_PRIMVARS, self._report)
         if not times:
             return self._display_color(*self._constant_color(gprim, self._time))
 
         def read_at(code: Usd.TimeCode) -> Material:
             return replace(_of_color(*self._constant_color(gprim, code)), opacity_mode="presence")
 
-        key = ("displayColor over time", shared_path(gprim))
+        values = tuple(map(read_at, map(Usd.TimeCode, times)))  # instances may inherit different ones
+        key = ("displayColor over time", shared_path(gprim), tuple(times), values)
         is_new = key not in self._bindings
         binding = self._row(key, read_at(self._time), is_display_color=True)
         if is_new:
@@ -249,7 +250,8 @@ class MaterialTableBuilder:
                 self._bindings[key] = None
             else:
                 binding = self._row(key, read, reader.primvars)
-                times = material_times(material.GetPrim(), self._report)
+                primvar_times = constant_times(gprim, (name for name, _ in reader.constants), self._report)
+                times = material_times(material.GetPrim(), primvar_times, self._report)
 
                 def read_at(code: Usd.TimeCode) -> Material | None:
                     return NetworkReader(gprim, self._textures, code, self._report).read(material)
@@ -276,13 +278,19 @@ class MaterialTableBuilder:
             self._report.omission(gprim.GetPath(), text)
 
     def _primvar_values(self, gprim: Usd.Prim, primvars: Iterable[tuple[str, int]]) -> tuple[Any, ...]:
-        """Return the gprim's values of the primvars that a material reads as constants: part of the cache key."""
-        return tuple(
-            "varies"
-            if varies_over_surface(gprim, name, self._time)
-            else constant_primvar(gprim, name, width, self._time, self._report)
-            for name, width in primvars
-        )
+        """Return the gprim's values of the primvars that a material reads as constants: part of the cache key.
+
+        Of those that are animated, the values at all their time codes.
+        """
+        found: list[Any] = []
+        for name, width in primvars:
+            if varies_over_surface(gprim, name, self._time):
+                found.append("varies")
+                continue
+            times = constant_times(gprim, (name,), self._report)
+            codes = (self._time, *map(Usd.TimeCode, times))
+            found.append((*times, *(constant_primvar(gprim, name, width, code, self._report) for code in codes)))
+        return tuple(found)
 
 
 def _of_color(color: Color, opacity: float) -> Material:
