@@ -8,12 +8,13 @@ and reverses left-handed faces. A mesh that contradicts itself is reported as a 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 from pxr import Usd, UsdGeom
 
+from tiscene.scene.skinned_deformation import Skin
 from tiscene.usd.core.content import content_digest
 from tiscene.usd.core.report import StageReport
 from tiscene.usd.core.semantics import shared_path
@@ -68,78 +69,125 @@ def read_mesh(
     skin = skin_of(prim, report)
     if skin is not None and len(skin.points) != len(points):
         skin = None
-    scheme = token_of(mesh.GetSubdivisionSchemeAttr(), time, report)
-    if scheme == "loop":
-        report.omission(prim.GetPath(), "Loop subdivision is drawn by the Catmull-Clark rules")
-    smooth = scheme in ("catmullClark", "loop")
-    rule = mesh.GetTriangleSubdivisionRuleAttr().Get(time)
-    if scheme == "catmullClark" and rule == UsdGeom.Tokens.smooth and (topology.counts == 3).any():
-        report.omission(prim.GetPath(), "triangleSubdivisionRule 'smooth' is not applied")
+    smooth = _is_smooth(mesh, topology, time, report)
     normals = None if smooth else read_normals(prim, topology, time, report)
     if skin is not None:
         skin = with_normals(skin, normals, topology)
         points, normals = posed(skin, normals, in_seconds(prim.GetStage(), [time_code_number(prim, time)])[0])
-    position_samples = None if skin is not None else read_point_samples(prim, times, len(points), report)
+    samples = None if skin is not None else read_point_samples(prim, times, len(points), report)
     uv = _read_values(prim, topology, time, report, primvars, primvars_of_face)
-    visible = np.ones(len(topology.counts), dtype=bool)
-    holes = array_of(mesh.GetHoleIndicesAttr(), time, np.int64)
-    if (worst := outside(holes, len(visible))) is not None:
-        text = f"holeIndices refer to face {worst}, but there are {len(visible)} (0-{len(visible) - 1})"
-        report.problem(prim.GetPath(), "mesh", text)
+    visible = _visible_faces(mesh, len(topology.counts), time, report)
+    if visible is None:
         return None
-    visible[holes] = False
+    faces = _Faces(points, topology, visible, uv, samples, skin)
     if smooth:
-        creases = _read_creases(mesh, topology, time, report)
-        boundary = token_of(mesh.GetInterpolateBoundaryAttr(), time, report)
-        uv_rule = token_of(mesh.GetFaceVaryingLinearInterpolationAttr(), time, report)
-        if uv is not None and uv.interpolation == "varying":  # linear over each face, whatever the surface is
-            uv, uv_rule = Attribute(uv.at(topology.indices, np.arange(len(topology.indices))), True), "all"
-        source = shared_path(prim)
-        levels = report.budget.levels.get(source, MAX_LEVELS)
-        key = content_digest(
-            (
-                *(points, topology.counts, topology.indices, visible, *vars(creases).values()),
-                *(() if uv is None else (uv.values, uv.per_corner)),
-                *(boundary, uv_rule, position_samples, levels, skin is not None),
-            )
-        )
-        if key not in report.budget.refined:
-            report.budget.refined[key] = subdivide(
-                points,
-                topology,
-                creases,
-                visible,
-                uv,
-                boundary=boundary,
-                uv_rule=uv_rule,
-                position_samples=position_samples,
-                levels=levels,
-                controlled=skin is not None,
-            )
-        surface: WeldedMesh = report.budget.refined[key]
+        surface = _refined(mesh, faces, time, report)
     else:
-        corners, face = triangulate(points, topology.counts, topology.indices)
-        kept = visible[face]
-        normal_samples = (
-            _normals_over_time(prim, topology, normals, times, report) if position_samples is not None else None
-        )
-        split_by = (
-            np.arange(len(topology.indices)) if normal_samples and normals is not None and normals.per_corner else None
-        )
-        surface = weld(points, topology.indices, corners[kept], face[kept], normals, uv, split_by)
-        if position_samples is not None:
-            surface = with_position_samples(surface, position_samples, normal_samples)
-        if skin is not None:
-            surface = replace(surface, control=control_of(surface, normals))
+        normal_samples = None if samples is None else _normals_over_time(prim, topology, normals, times, report)
+        surface = _triangulated(faces, normals, normal_samples)
     if len(surface.triangles) == 0:
         text = "a mesh without a visible face"
-        if smooth and boundary == "none" and visible.any():
+        if smooth and mesh.GetInterpolateBoundaryAttr().Get(time) == "none" and visible.any():
             text += ': its interpolateBoundary "none" leaves out every face with a point on its boundary'
         report.omission(prim.GetPath(), text)
         return None
     if token_of(mesh.GetOrientationAttr(), time, report) == UsdGeom.Tokens.leftHanded:
         surface = _reverse_winding(surface, flip_normals=smooth)
-    return replace(surface, times=times if position_samples is not None else (), skin=skin)
+    return replace(surface, times=times if samples is not None else (), skin=skin)
+
+
+@dataclass(frozen=True, eq=False)
+class _Faces:
+    """What the triangles of a mesh are made of.
+
+    Attributes:
+        points: float32 [n, 3].
+        topology: the faces over them.
+        visible: bool [faces], False for holes.
+        uv: what its materials read per vertex.
+        samples: points at other times, as of `read_point_samples`; None for a constant shape.
+        skin: what moves the points; None if nothing does.
+    """
+
+    points: NDArray[np.float32]
+    topology: Topology
+    visible: NDArray[np.bool_]
+    uv: Attribute | None
+    samples: NDArray[np.float32] | None
+    skin: Skin | None
+
+
+def _is_smooth(mesh: UsdGeom.Mesh, topology: Topology, time: Usd.TimeCode, report: StageReport) -> bool:
+    """Return whether a mesh is a subdivision surface, and report rules that are not applied."""
+    scheme = token_of(mesh.GetSubdivisionSchemeAttr(), time, report)
+    if scheme == "loop":
+        report.omission(mesh.GetPath(), "Loop subdivision is drawn by the Catmull-Clark rules")
+    rule = mesh.GetTriangleSubdivisionRuleAttr().Get(time)
+    if scheme == "catmullClark" and rule == UsdGeom.Tokens.smooth and (topology.counts == 3).any():
+        report.omission(mesh.GetPath(), "triangleSubdivisionRule 'smooth' is not applied")
+    return scheme in ("catmullClark", "loop")
+
+
+def _visible_faces(mesh: UsdGeom.Mesh, count: int, time: Usd.TimeCode, report: StageReport) -> NDArray[np.bool_] | None:
+    """Return which of `count` faces are no holes; None, with a problem reported, if a hole is no face."""
+    holes = array_of(mesh.GetHoleIndicesAttr(), time, np.int64)
+    if (worst := outside(holes, count)) is not None:
+        text = f"holeIndices refer to face {worst}, but there are {count} (0-{count - 1})"
+        report.problem(mesh.GetPath(), "mesh", text)
+        return None
+    visible = np.ones(count, dtype=bool)
+    visible[holes] = False
+    return visible
+
+
+def _refined(mesh: UsdGeom.Mesh, faces: _Faces, time: Usd.TimeCode, report: StageReport) -> WeldedMesh:
+    """Return a subdivision surface, refined once for all equal meshes of the stage."""
+    topology, uv, levels = faces.topology, faces.uv, report.budget.levels.get(shared_path(mesh.GetPrim()), MAX_LEVELS)
+    creases = _read_creases(mesh, topology, time, report)
+    boundary = token_of(mesh.GetInterpolateBoundaryAttr(), time, report)
+    uv_rule = token_of(mesh.GetFaceVaryingLinearInterpolationAttr(), time, report)
+    if uv is not None and uv.interpolation == "varying":  # linear over each face, whatever the surface is
+        uv, uv_rule = Attribute(uv.at(topology.indices, np.arange(len(topology.indices))), True), "all"
+    key = content_digest(
+        (
+            *(faces.points, topology.counts, topology.indices, faces.visible, *vars(creases).values()),
+            *(() if uv is None else (uv.values, uv.per_corner)),
+            *(boundary, uv_rule, faces.samples, levels, faces.skin is not None),
+        )
+    )
+    if key not in report.budget.refined:
+        report.budget.refined[key] = subdivide(
+            faces.points,
+            topology,
+            creases,
+            faces.visible,
+            uv,
+            boundary=boundary,
+            uv_rule=uv_rule,
+            position_samples=faces.samples,
+            levels=levels,
+            controlled=faces.skin is not None,
+        )
+    surface: WeldedMesh = report.budget.refined[key]
+    return surface
+
+
+def _triangulated(faces: _Faces, normals: Attribute | None, normal_samples: list[Attribute] | None) -> WeldedMesh:
+    """Return the triangles of flat faces.
+
+    Args:
+        faces: the faces.
+        normals: authored normals; None for flat shading.
+        normal_samples: the same at the times of the points' samples; None if they do not change.
+    """
+    topology = faces.topology
+    corners, face = triangulate(faces.points, topology.counts, topology.indices)
+    kept = faces.visible[face]
+    split_by = np.arange(len(topology.indices)) if normal_samples and normals and normals.per_corner else None
+    surface = weld(faces.points, topology.indices, corners[kept], face[kept], normals, faces.uv, split_by)
+    if faces.samples is not None:
+        surface = with_position_samples(surface, faces.samples, normal_samples)
+    return surface if faces.skin is None else replace(surface, control=control_of(surface, normals))
 
 
 def _normals_over_time(

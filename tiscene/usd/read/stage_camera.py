@@ -103,13 +103,6 @@ def _read_at(
 ) -> Camera | None:
     """Read a camera at a time code; arguments as of `read_camera`."""
     path = prim.GetPath()
-    camera = UsdGeom.Camera(prim)
-
-    def number(name: str) -> float:
-        value = value_at(prim.GetAttribute(name), time)
-        return math.nan if value is None else float(value)
-
-    orthographic = token_of(camera.GetProjectionAttr(), time, report) == UsdGeom.Tokens.orthographic
     upright = unmirrored(world_from_prim)
     if upright is not world_from_prim:
         report.omission(path, "the image of a mirrored camera is not mirrored")
@@ -117,76 +110,132 @@ def _read_at(
     if pose is None:
         report.problem(path, "camera", "its transform is singular or not finite")
         return None
-    aperture, focal_length = number("verticalAperture"), number("focalLength")
-    if orthographic:
-        focal_length = 1.0  # unused
-    if not (aperture > 0.0 and focal_length > 0.0 and math.isfinite(aperture) and math.isfinite(focal_length)):
-        text = f"verticalAperture {aperture} and focalLength {focal_length} must be positive numbers"
-        report.problem(path, "camera", text)
+    lens = _Lens(prim, time, meters_per_unit, report, settings)
+    if fault := lens.fault():
+        report.problem(path, "camera", fault)
         return None
-    optional: dict[str, Any] = {}
-    offset = number("horizontalApertureOffset"), number("verticalApertureOffset")
-    if all(abs(each) <= _MAX_APERTURE * (aperture if orthographic else focal_length) for each in offset):
-        scale = meters_per_unit / 10.0 if orthographic else 1.0 / focal_length
-        optional["aperture_offset"] = (offset[0] * scale, offset[1] * scale)
-    else:
-        report.omission(
-            path, f"a camera's aperture offset of {offset[0]:g}, {offset[1]:g} is not used: it is too large"
-        )
-    width = number("horizontalAperture")
-    if settings.policy != "adjustApertureWidth":  # that policy keeps the height in all images
-        if 0.0 < width < math.inf and (orthographic or width <= _MAX_APERTURE * focal_length):
-            optional.update(aspect=width / aperture, conform=settings.policy)
-        else:
-            allowed = f"positive, and at most {_MAX_APERTURE:g} focal lengths"
-            report.omission(path, f"a camera's horizontalAperture of {width:g} is not used: it must be {allowed}")
-    f_stop, focus = number("fStop"), number("focusDistance")
-    if orthographic:
-        optional["orthographic_height"] = aperture / 10.0 * meters_per_unit
-    elif f_stop > 0.0 and focus > 0.0 and settings.has_depth_of_field:
-        optional["lens_radius"] = focal_length / 10.0 * meters_per_unit / (2.0 * f_stop)
-    if focus > 0.0:
-        optional["focus_distance"] = focus * meters_per_unit
-    clipping = camera.GetClippingRangeAttr()
-    if clipping.HasAuthoredValue():
-        near, far = (float(distance) * meters_per_unit for distance in value_at(clipping, time))
-        if 0.0 < near < far:
-            optional.update(near=near, far=far)
-        else:
-            report.omission(path, f"a camera's clippingRange of {near:g} to {far:g} m is not used")
-    if camera.GetClippingPlanesAttr().Get(time):
-        report.omission(path, "clippingPlanes of a camera cut nothing")
-    for name in _LENS_MODELS:
-        model = prim.GetAttribute(name).Get(time)
-        if model is not None and model != "pinhole":
-            report.omission(path, f"the lens of a camera with the {name} {str(model)!r} is drawn without distortion")
-    if any(str(each).startswith("BackPlateAPI:") for each in prim.GetAppliedSchemas()):
-        report.omission(path, "back plates of a camera are not drawn")
-    shutter_open, shutter_close = number("shutter:open"), number("shutter:close")
-    if not settings.has_motion_blur:
-        shutter_open = shutter_close = 0.0
-    if -1.0 <= shutter_open <= shutter_close <= 1.0:
-        optional.update(shutter_open=shutter_open, shutter_close=shutter_close)
-    else:
-        text = f"a camera's shutter from {shutter_open:g} to {shutter_close:g} frames is not used: at most -1 to 1"
-        report.omission(path, text)
-    if any(prim.GetAttribute(name).HasAuthoredValue() for name in _EXPOSURE_ATTRIBUTES):
-        scale = exposure_scale(*(number(name) for name in _EXPOSURE_ATTRIBUTES))
-        if not (scale > 0.0 and math.isfinite(scale)):
-            report.problem(path, "camera", f"its exposure attributes scale the image by {scale}")
-            return None
-        optional["exposure"] = math.log2(scale)
     try:
         return Camera(
             position=(float(pose[0, 3]), float(pose[1, 3]), float(pose[2, 3])),
             rotation=quaternion_from_matrix(pose[:3, :3]),
-            vertical_fov=Camera.vertical_fov if orthographic else 2.0 * math.atan(aperture / (2.0 * focal_length)),
             name=prim.GetName(),
-            **optional,
+            **lens.fields(),
         )
     except ArgumentError as error:
         report.problem(path, "camera", str(error))
         return None
+
+
+class _Lens:
+    """Reads the fields of a `Camera` that are not its pose. Values that cannot be used are reported and left out."""
+
+    def __init__(
+        self,
+        prim: Usd.Prim,
+        time: Usd.TimeCode,
+        meters_per_unit: float,
+        report: StageReport,
+        settings: StageRenderSettings,
+    ) -> None:
+        self._prim, self._time, self._meters = prim, time, meters_per_unit
+        self._report, self._settings = report, settings
+        projection = token_of(UsdGeom.Camera(prim).GetProjectionAttr(), time, report)
+        self._is_orthographic = projection == UsdGeom.Tokens.orthographic
+        self._aperture = self._number("verticalAperture")
+        self._focal_length = 1.0 if self._is_orthographic else self._number("focalLength")  # 1: unused
+
+    def _number(self, name: str) -> float:
+        value = value_at(self._prim.GetAttribute(name), self._time)
+        return math.nan if value is None else float(value)
+
+    def _omit(self, text: str) -> None:
+        self._report.omission(self._prim.GetPath(), text)
+
+    def _exposure_scale(self) -> float | None:
+        """Return the linear exposure scale; None if no exposure attribute is authored."""
+        if not any(self._prim.GetAttribute(name).HasAuthoredValue() for name in _EXPOSURE_ATTRIBUTES):
+            return None
+        return exposure_scale(*map(self._number, _EXPOSURE_ATTRIBUTES))
+
+    def fault(self) -> str:
+        """Return why there is no camera, "" if there is one."""
+        if not (0.0 < self._aperture < math.inf and 0.0 < self._focal_length < math.inf):
+            values = f"verticalAperture {self._aperture} and focalLength {self._focal_length}"
+            return f"{values} must be positive numbers"
+        scale = self._exposure_scale()
+        if scale is not None and not 0.0 < scale < math.inf:
+            return f"its exposure attributes scale the image by {scale}"
+        return ""
+
+    def fields(self) -> dict[str, Any]:
+        """Return the fields, without those that keep their defaults; report what is not applied."""
+        self._report_unapplied()
+        fields = self._view() | self._framing() | self._focus() | self._clipping() | self._shutter()
+        scale = self._exposure_scale()
+        return fields if scale is None else fields | {"exposure": math.log2(scale)}
+
+    def _view(self) -> dict[str, Any]:
+        if self._is_orthographic:
+            return {"orthographic_height": self._aperture / 10.0 * self._meters}
+        return {"vertical_fov": 2.0 * math.atan(self._aperture / (2.0 * self._focal_length))}
+
+    def _framing(self) -> dict[str, Any]:
+        """Return the proportions of the aperture, and where the image is in it."""
+        found: dict[str, Any] = {}
+        x, y = self._number("horizontalApertureOffset"), self._number("verticalApertureOffset")
+        unit = self._aperture if self._is_orthographic else self._focal_length
+        if abs(x) <= _MAX_APERTURE * unit and abs(y) <= _MAX_APERTURE * unit:
+            scale = self._meters / 10.0 if self._is_orthographic else 1.0 / self._focal_length
+            found["aperture_offset"] = (x * scale, y * scale)
+        else:
+            self._omit(f"a camera's aperture offset of {x:g}, {y:g} is not used: it is too large")
+        if self._settings.policy == "adjustApertureWidth":  # keeps the height in all images
+            return found
+        width = self._number("horizontalAperture")
+        if 0.0 < width < math.inf and (self._is_orthographic or width <= _MAX_APERTURE * self._focal_length):
+            return found | {"aspect": width / self._aperture, "conform": self._settings.policy}
+        allowed = f"positive, and at most {_MAX_APERTURE:g} focal lengths"
+        self._omit(f"a camera's horizontalAperture of {width:g} is not used: it must be {allowed}")
+        return found
+
+    def _focus(self) -> dict[str, Any]:
+        found = {}
+        f_stop, distance = self._number("fStop"), self._number("focusDistance")
+        has_blur = not self._is_orthographic and self._settings.has_depth_of_field
+        if has_blur and f_stop > 0.0 and distance > 0.0:
+            found["lens_radius"] = self._focal_length / 10.0 * self._meters / (2.0 * f_stop)
+        if distance > 0.0:
+            found["focus_distance"] = distance * self._meters
+        return found
+
+    def _clipping(self) -> dict[str, Any]:
+        clipping = UsdGeom.Camera(self._prim).GetClippingRangeAttr()
+        if not clipping.HasAuthoredValue():
+            return {}
+        near, far = (float(distance) * self._meters for distance in value_at(clipping, self._time))
+        if 0.0 < near < far:
+            return {"near": near, "far": far}
+        self._omit(f"a camera's clippingRange of {near:g} to {far:g} m is not used")
+        return {}
+
+    def _report_unapplied(self) -> None:
+        if UsdGeom.Camera(self._prim).GetClippingPlanesAttr().Get(self._time):
+            self._omit("clippingPlanes of a camera cut nothing")
+        for name in _LENS_MODELS:
+            model = self._prim.GetAttribute(name).Get(self._time)
+            if model is not None and model != "pinhole":
+                self._omit(f"the lens of a camera with the {name} {str(model)!r} is drawn without distortion")
+        if any(str(each).startswith("BackPlateAPI:") for each in self._prim.GetAppliedSchemas()):
+            self._omit("back plates of a camera are not drawn")
+
+    def _shutter(self) -> dict[str, Any]:
+        if not self._settings.has_motion_blur:
+            return {"shutter_open": 0.0, "shutter_close": 0.0}
+        opens, closes = self._number("shutter:open"), self._number("shutter:close")
+        if -1.0 <= opens <= closes <= 1.0:
+            return {"shutter_open": opens, "shutter_close": closes}
+        self._omit(f"a camera's shutter from {opens:g} to {closes:g} frames is not used: at most -1 to 1")
+        return {}
 
 
 def exposure_scale(exposure: float, iso: float, time: float, f_stop: float, responsivity: float) -> float:
