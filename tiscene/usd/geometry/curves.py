@@ -17,7 +17,7 @@ from pxr import Usd, UsdGeom
 
 from tiscene.usd.core.report import StageReport
 from tiscene.usd.core.value_times import value_times
-from tiscene.usd.geometry.curve_evaluation import BASES, evaluate, evaluate_values, unused_points
+from tiscene.usd.geometry.curve_evaluation import BASES, CurveGroup, Curves
 from tiscene.usd.geometry.deforming import points_at
 from tiscene.usd.geometry.primvar import (
     NO_PRIMVARS,
@@ -56,71 +56,81 @@ def read_curves(
     Returns:
         The mesh; None, with the reason reported, if there is nothing to draw.
     """
-    curves = UsdGeom.BasisCurves(prim)
-    points = points_at(curves, time)
-    counts = array_of(curves.GetCurveVertexCountsAttr(), time, np.int64)
-    kind, wrap = (token_of(attribute, time, report) for attribute in (curves.GetTypeAttr(), curves.GetWrapAttr()))
-    basis = str(curves.GetBasisAttr().Get(time))
-    widths = _widths(curves.GetWidthsAttr(), time, report)
-    normals = array_or_primvar(curves.GetNormalsAttr(), time, width=3)
+    path = prim.GetPath()
+    attributes = UsdGeom.BasisCurves(prim)
+    points = points_at(attributes, time)
+    curves = _topology(attributes, time, report)
+    widths = _widths(attributes.GetWidthsAttr(), time, report)
+    normals = array_or_primvar(attributes.GetNormalsAttr(), time, width=3)
     if not normals.any():  # other programs write zeros where they have no normals
         normals = normals[:0]
-    fault = _describe_fault(counts, point=points, width=widths, normal=normals)
-    if kind == "cubic" and basis not in BASES:
-        fault = fault or f"basis {basis!r} is not known; expected one of {', '.join(BASES)}"
-    if fault:
-        report.problem(prim.GetPath(), "curves", fault)
+    if fault := _describe_fault(curves, point=points, width=widths, normal=normals):
+        report.problem(path, "curves", fault)
         return None
-    if kind == "linear":
-        basis = "linear"
     if len(points) == 0:
         return _concatenate([], prim, report)
     if len(widths) == 0:
-        report.omission(prim.GetPath(), "curves without widths are drawn with a width of a thousandth of their extent")
+        report.omission(path, "curves without widths are drawn with a width of a thousandth of their extent")
         widths = np.array([np.ptp(points, axis=0).max() / 1000.0], np.float32)
-    starts = np.cumsum(counts) - counts
-    authored = read_element_values(prim, names, time, report)
+    elements = f"{len(curves.counts)} curves nor their points"
+    if not curves.fit(widths):
+        report.problem(path, "curves", f"{len(widths)} widths fit neither {elements}")
+        return None
+    if len(normals) and not curves.fit(normals):
+        report.omission(path, f"{len(normals)} normals fit neither {elements}; tubes are drawn")
+        normals = normals[:0]
+    authored = []
+    for name, columns, values in read_element_values(prim, names, time, report):
+        if curves.fit(values):
+            authored.append((columns, values))
+        else:
+            text = f"primvars:{name}: {len(values)} values fit neither {elements}, so that it is not used"
+            report.omission(path, text)
     strips: list[Strip] = []
-    for count in np.unique(counts).tolist():
-        curve_ids = np.flatnonzero(counts == count)
-        rows = starts[curve_ids][:, None] + np.arange(count)
-        sampled = evaluate(points[rows].astype(np.float64), basis, wrap)
-        if sampled is None:
-            report.omission(prim.GetPath(), f"curves of {count} points are too short for their basis")
+    for group in curves.groups():
+        line = _line(group, points, prim, report)
+        if line is None:
             continue
-        if (unused := unused_points(count, basis, wrap)) > 0:
-            text = f"{basis} curves of {count} points, which is not valid, are drawn without the last {unused}"
-            report.omission(prim.GetPath(), text)
-        width = evaluate_values(widths[:, None], rows, curve_ids, counts, basis, wrap, sampled.shape[1])
-        if width is None:
-            report.problem(
-                prim.GetPath(), "curves", f"{len(widths)} widths fit neither {len(counts)} curves nor their points"
-            )
-            return None
-        normal = None
-        if len(normals):
-            normal = evaluate_values(normals, rows, curve_ids, counts, basis, wrap, sampled.shape[1])
-            if normal is None:
-                text = f"{len(normals)} normals fit neither {len(counts)} curves nor their points; tubes are drawn"
-                report.omission(prim.GetPath(), text)
+        samples = line.shape[1]
         vertex_values = None
         if authored or names.has_more_than_uv:
-            vertex_values = default_values(sampled.shape[:2], names)
-        for name, columns, values in authored:
-            found = evaluate_values(values, rows, curve_ids, counts, basis, wrap, sampled.shape[1])
-            if vertex_values is None or found is None:
-                text = f"primvars:{name}: {len(values)} values fit neither {len(counts)} curves nor their points"
-                report.omission(prim.GetPath(), f"{text}, so that it is not used")
-                continue
-            vertex_values[..., columns] = np.clip(found, values.min(axis=0), values.max(axis=0))
-        strips.append(Strip(sampled, width[..., 0], normal, vertex_values, curve_ids))
+            vertex_values = default_values(line.shape[:2], names)
+            for columns, values in authored:
+                found = group.sampled(values, samples)
+                vertex_values[..., columns] = np.clip(found, values.min(axis=0), values.max(axis=0))
+        normal = group.sampled(normals, samples) if len(normals) else None
+        width = group.sampled(widths[:, None], samples)[..., 0]
+        strips.append(Strip(line, width, normal, vertex_values, group.ids))
+    return _sweep(strips, curves, prim, report, {} if before is None else before)
+
+
+def _topology(attributes: UsdGeom.BasisCurves, time: Usd.TimeCode, report: StageReport) -> Curves:
+    counts = array_of(attributes.GetCurveVertexCountsAttr(), time, np.int64)
+    kind, wrap = (token_of(each, time, report) for each in (attributes.GetTypeAttr(), attributes.GetWrapAttr()))
+    return Curves(counts, "linear" if kind == "linear" else str(attributes.GetBasisAttr().Get(time)), wrap)
+
+
+def _line(group: CurveGroup, points: Floats, prim: Usd.Prim, report: StageReport) -> Floats | None:
+    """Return samples [c, m, 3] along curves; None, which is reported, if they are too short."""
+    line, count, basis = group.along(points), group.rows.shape[1], group.curves.basis
+    if line is None:
+        report.omission(prim.GetPath(), f"curves of {count} points are too short for their basis")
+    elif (unused := group.unused_points()) > 0:
+        text = f"{basis} curves of {count} points, which is not valid, are drawn without the last {unused}"
+        report.omission(prim.GetPath(), text)
+    return line
+
+
+def _sweep(
+    strips: list[Strip], curves: Curves, prim: Usd.Prim, report: StageReport, before: dict[int, Start]
+) -> WeldedMesh | None:
+    """Return the tubes, or the ribbons, of curves; None, with the reason reported, if there is nothing to draw."""
     samples = sum(strip.line.shape[0] * strip.line.shape[1] for strip in strips)
     if samples > _MAX_SAMPLES:
         report.omission(prim.GetPath(), f"curves of {samples:,} samples are not drawn: the limit is {_MAX_SAMPLES:,}")
         return None
     sides = 8 if samples <= _MAX_FINE_SAMPLES else 4
-    corners, closed = basis == "linear" and samples <= _MAX_FINE_SAMPLES, wrap == "periodic"
-    before = {} if before is None else before
+    corners, closed = curves.basis == "linear" and samples <= _MAX_FINE_SAMPLES, curves.wrap == "periodic"
     surfaces = [
         tubes(strip, sides, corners, closed, before)
         if strip.normal is None
@@ -205,8 +215,9 @@ def _point_values(
     return result
 
 
-def _describe_fault(counts: NDArray[np.int64], **values: Floats) -> str:
+def _describe_fault(curves: Curves, **values: Floats) -> str:
     """Describe what is wrong with the curves' values; `point` has a row for each control point. "" if nothing."""
+    counts, basis = curves.counts, curves.basis
     if len(counts) and counts.min() < 0:
         return f"curveVertexCounts holds {counts.min()}"
     if counts.sum() != len(values["point"]):
@@ -214,6 +225,8 @@ def _describe_fault(counts: NDArray[np.int64], **values: Floats) -> str:
     for name, numbers in values.items():
         if not np.isfinite(numbers).all():
             return f"a {name} is not a finite number"
+    if basis != "linear" and basis not in BASES:
+        return f"basis {basis!r} is not known; expected one of {', '.join(BASES)}"
     return ""
 
 
