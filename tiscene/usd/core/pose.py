@@ -63,7 +63,7 @@ def read_pose(prim: Usd.Prim, time: Usd.TimeCode, units: Units) -> PrimPose | st
         stretch = np.eye(4)
         if f"transform:{STRETCH}" in values:
             stretch = to_matrix(values[f"transform:{STRETCH}"], units.meters)
-        position = units.to_json(values["translate"], True)
+        position = units.to_json(values["translate"])
         return PrimPose(tuple(position), tuple(rotation), tuple(values.get("scale", (1.0, 1.0, 1.0))), stretch)
     pose = rigid(matrix)
     stretch = np.linalg.inv(pose) @ matrix
@@ -110,7 +110,7 @@ class PoseOperations:
             time: time code of the sample; None: the default value.
         """
         time = Usd.TimeCode.Default() if time is None else time
-        self.translate.Set(Gf.Vec3d(units.to_stage(position, True)), time)
+        self.translate.Set(Gf.Vec3d(units.to_stage(position)), time)
         self.rotate.Set(Gf.Quatd(*rotation) if len(rotation) == 4 else Gf.Vec3d(*rotation), time)
 
 

@@ -23,7 +23,7 @@ _BLENDER_OBJECT = "userProperties:blender:object_name"  # attribute of objects t
 ROOM = "room"  # taxonomy of volumes of rooms, which are no objects
 
 
-def direct_label(prim: Usd.Prim, time: Usd.TimeCode, taxonomy: str | None = None) -> str:
+def direct_label(prim: Usd.Prim, time: Usd.TimeCode, taxonomy: str | None) -> str:
     """Return the label authored on a prim itself, "" for none.
 
     Args:
@@ -65,7 +65,7 @@ def _omniverse_labels(prim: Usd.Prim, time: Usd.TimeCode) -> dict[str, str]:
     return labels
 
 
-def inherited_label(prim: Usd.Prim, time: Usd.TimeCode, taxonomy: str | None = None) -> str:
+def inherited_label(prim: Usd.Prim, time: Usd.TimeCode, taxonomy: str | None) -> str:
     """Return the `direct_label` of a prim or of its nearest ancestor that has one, "" for none."""
     labels = (direct_label(each, time, taxonomy) for each in with_ancestors(prim))
     return next(filter(None, labels), "")

@@ -27,12 +27,12 @@ class Units:
         """Return the unit of a stage."""
         return cls(float(UsdGeom.GetStageMetersPerUnit(stage)))
 
-    def to_json(self, value: Any, length: bool = False) -> Any:
+    def to_json(self, value: Any, length: bool = True) -> Any:
         """Return an attribute's value as JSON: vectors and arrays as lists, tokens as text.
 
         Args:
             value: the value.
-            length: whether it is a length, which is converted to meters.
+            length: whether it is a length, which is converted to meters; False: a number without a unit.
         """
         if isinstance(value, str | bool | int):
             return value
@@ -40,12 +40,12 @@ class Units:
             return [self.to_json(each, length) for each in value]
         return self._scaled(float(value), Fraction(repr(self.meters))) if length else float(value)
 
-    def to_stage(self, value: Any, length: bool = False) -> Any:
+    def to_stage(self, value: Any, length: bool = True) -> Any:
         """Return a JSON value as an attribute takes it: vectors and arrays as tuples.
 
         Args:
             value: the value.
-            length: whether it is a length in meters, which is converted to stage units.
+            length: whether it is a length in meters, which is converted to stage units; False: a number without a unit.
         """
         if isinstance(value, Iterable) and not isinstance(value, str):
             return tuple(self.to_stage(each, length) for each in value)

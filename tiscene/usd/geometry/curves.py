@@ -28,7 +28,7 @@ from tiscene.usd.geometry.primvar import (
     read_element_values,
     token_of,
 )
-from tiscene.usd.geometry.swept_curves import Start, Strip, ribbons, tubes
+from tiscene.usd.geometry.swept_curves import Start, Strip, repeated, ribbons, tubes
 from tiscene.usd.geometry.vertex_weld import WeldedMesh
 
 Floats = NDArray[np.floating]
@@ -181,15 +181,9 @@ def read_points(
     radius = np.broadcast_to(widths, len(at))[rows] / 2.0
     values = _point_values(prim, names, time, len(at), report)
     positions = at[rows][:, None] + sphere * radius[:, None, None]
-    triangles = faces + np.arange(len(rows))[:, None, None] * len(sphere)
-    surface = WeldedMesh(
-        positions.reshape(-1, 3).astype(np.float32),
-        triangles.reshape(-1, 3).astype(np.int32),
-        np.tile(sphere, (len(rows), 1)).astype(np.float32),
-        None if values is None else np.repeat(values[rows], len(sphere), axis=0).astype(np.float32),
-        np.repeat(rows, len(faces)).astype(np.int32),
-    )
-    return _concatenate([surface], prim, report)
+    normals = np.broadcast_to(sphere, positions.shape)
+    every = None if values is None else np.repeat(values[rows][:, None], len(sphere), axis=1)
+    return _concatenate([repeated(positions, normals, faces, every, rows)], prim, report)
 
 
 def _widths(attribute: Usd.Attribute, time: Usd.TimeCode, report: StageReport) -> Floats:

@@ -14,7 +14,7 @@ from collections.abc import Iterator
 from pxr import Gf, Kind, Sdf, Usd, UsdGeom, UsdShade, Vt
 
 from tiscene.usd.core.broken_prims import has_bounds
-from tiscene.usd.core.prims import DEFINED, DRAWN_PURPOSES, distinct_prims, outermost_instance
+from tiscene.usd.core.prims import DEFINED, DRAWN_PURPOSES, distinct_prims, uninstance
 from tiscene.usd.core.report import StageReport
 
 _SIDES = ("Pos", "Neg")
@@ -34,10 +34,8 @@ def apply_draw_modes(stage: Usd.Stage, time: Usd.TimeCode, report: StageReport) 
     """
     if not any(map(_has_mode, distinct_prims(stage))):
         return
-    while instances := _instances_with_cards(stage):
-        with Usd.EditContext(stage, stage.GetSessionLayer()):
-            for path in instances:
-                stage.GetPrimAtPath(path).SetInstanceable(False)
+    with Usd.EditContext(stage, stage.GetSessionLayer()):
+        uninstance(stage, lambda: [prim for prim, mode, _ in _drawn_otherwise(stage) if mode == "cards"])
     cache = UsdGeom.BBoxCache(time, DRAWN_PURPOSES, useExtentsHint=True)
     for prim, mode, shows_up_axis in list(_drawn_otherwise(stage)):
         with report.guard(prim):
@@ -82,12 +80,6 @@ def _is_applied(prim: Usd.Prim) -> bool:
     if attribute and attribute.HasAuthoredValue():
         return bool(attribute.Get())
     return bool(Kind.Registry.IsA(Usd.ModelAPI(prim).GetKind(), Kind.Tokens.component))
-
-
-def _instances_with_cards(stage: Usd.Stage) -> set[Sdf.Path]:
-    """Return the paths of the instances that are, or hold, a model drawn as cards."""
-    found = (outermost_instance(prim) for prim, mode, _ in _drawn_otherwise(stage) if mode == "cards")
-    return {instance.GetPath() for instance in found if instance}
 
 
 def _geometry(prim: Usd.Prim) -> str:

@@ -46,7 +46,7 @@ def read_mesh(
     report: StageReport,
     primvars: Sequence[PrimvarNames],
     primvars_of_face: NDArray[np.intp] | None,
-    times: Sequence[float] = (),
+    times: Sequence[float],
 ) -> WeldedMesh | None:
     """Read a mesh as triangles that are counter-clockwise seen from outside.
 

@@ -17,7 +17,7 @@ from pxr import Sdf, Usd, UsdGeom, UsdSkel, Vt
 
 from tiscene.scene.skinned_deformation import BlendShapes, SkeletonPoses, Skin
 from tiscene.usd.core.content import content_digest
-from tiscene.usd.core.prims import DEFINED, ancestors, outermost_instance, with_ancestors
+from tiscene.usd.core.prims import DEFINED, ancestors, uninstance, with_ancestors
 from tiscene.usd.core.report import StageReport
 from tiscene.usd.core.semantics import shared_path
 from tiscene.usd.core.time_samples import in_seconds
@@ -39,10 +39,8 @@ def prepare_skinning(stage: Usd.Stage, time: Usd.TimeCode, report: StageReport) 
     """
     if not _skel_roots(stage):
         return
-    while instances := _instances_to_bake(stage):
-        with Usd.EditContext(stage, stage.GetSessionLayer()):
-            for path in instances:
-                stage.GetPrimAtPath(path).SetInstanceable(False)
+    with Usd.EditContext(stage, stage.GetSessionLayer()):
+        uninstance(stage, lambda: filter(Usd.Prim.IsInstanceProxy, map(stage.GetPrimAtPath, baked_paths(stage))))
     reader = _SkinReader(stage, time, report)
     for root in _skel_roots(stage):
         with report.guard(root.GetPath()):
@@ -111,12 +109,6 @@ def _is_on_demand(query: UsdSkel.SkinningQuery) -> bool:
         mapper = query.GetBlendShapeMapper()
         return mapper is not None and not mapper.IsNull()  # else its transform alone moves it
     return bool(query.GetSkinningMethod() != UsdSkel.Tokens.dualQuaternion)
-
-
-def _instances_to_bake(stage: Usd.Stage) -> set[Sdf.Path]:
-    """Return the paths of the outermost instances that contain a prim to bake."""
-    prims = map(stage.GetPrimAtPath, baked_paths(stage))
-    return {outermost_instance(prim).GetPath() for prim in prims if prim.IsInstanceProxy()}
 
 
 class _SkinReader:

@@ -171,7 +171,7 @@ def tubes(strip: Strip, sides: int, corners: bool, closed: bool, before: dict[in
         ends = [np.repeat(-sections.along[:, :1], sides, axis=1), np.repeat(sections.along[:, -1:], sides, axis=1)]
         normals = np.concatenate([normals, *ends], axis=1)
         sample_of_vertex = np.concatenate([sample_of_vertex, np.repeat(sections.sample[[0, -1]], sides)])
-    return _repeat_triangles(positions, normals, triangles, strip, sample_of_vertex)
+    return _sampled_mesh(positions, normals, triangles, strip, sample_of_vertex)
 
 
 def ribbons(strip: Strip, normal: Floats, corners: bool, closed: bool) -> WeldedMesh:
@@ -187,23 +187,35 @@ def ribbons(strip: Strip, normal: Floats, corners: bool, closed: bool) -> Welded
     low = 2 * np.arange(edges.shape[1] - 1)[:, None]
     triangles = (low[:, :, None] + np.array([[0, 1, 3], [0, 3, 2]])).reshape(-1, 3)
     sample_of_vertex = np.repeat(sections.sample, 2)
-    return _repeat_triangles(positions, np.repeat(facing, 2, axis=1), triangles, strip, sample_of_vertex)
+    return _sampled_mesh(positions, np.repeat(facing, 2, axis=1), triangles, strip, sample_of_vertex)
 
 
-def _repeat_triangles(
+def _sampled_mesh(
     positions: Floats, normals: Floats, triangles: NDArray[Any], strip: Strip, sample_of_vertex: NDArray[Any]
 ) -> WeldedMesh:
-    """Make a mesh of c curves with the same triangles; positions and normals are [c, v, 3].
+    """Make a mesh of curves; `sample_of_vertex` [v]: the sample of the curve whose values each vertex has."""
+    values = None if strip.values is None else strip.values[:, sample_of_vertex]
+    return repeated(positions, normals, triangles, values, strip.curve_ids)
 
-    sample_of_vertex: [v], the sample of the curve whose values each vertex has.
+
+def repeated(
+    positions: Floats, normals: Floats, triangles: NDArray[Any], values: Floats | None, elements: NDArray[Any]
+) -> WeldedMesh:
+    """Make a mesh of n shapes with the same triangles.
+
+    Args:
+        positions: [n, v, 3].
+        normals: [n, v, 3].
+        triangles: [t, 3], of one shape.
+        values: vertex values [n, v, columns]; None: there are none.
+        elements: [n], the curve or point that each shape is of.
     """
-    curves, vertices = positions.shape[:2]
-    values = strip.values
-    every = triangles + (np.arange(curves) * vertices)[:, None, None]
+    shapes, vertices = positions.shape[:2]
+    every = triangles + (np.arange(shapes) * vertices)[:, None, None]
     return WeldedMesh(
         positions.reshape(-1, 3).astype(np.float32),
         every.reshape(-1, 3).astype(np.int32),
         normals.reshape(-1, 3).astype(np.float32),
-        None if values is None else values[:, sample_of_vertex].reshape(-1, values.shape[-1]).astype(np.float32),
-        np.repeat(strip.curve_ids, len(triangles)).astype(np.int32),
+        None if values is None else values.reshape(-1, values.shape[-1]).astype(np.float32),
+        np.repeat(elements, len(triangles)).astype(np.int32),
     )

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from pxr import Sdf, Usd, UsdGeom, UsdLux, UsdSemantics, Vt
 
 from tiscene.errors import StageError
-from tiscene.usd.core.prims import outermost_instance
+from tiscene.usd.core.prims import uninstance
 from tiscene.usd.core.report import StageReport
 from tiscene.usd.core.semantics import ROOM
 from tiscene.usd.geometry.gprim import TYPES, read_gprim
@@ -80,12 +80,7 @@ class GprimCut:
 
 def release_instances(stage: Usd.Stage, boxes: Sequence[Floats]) -> None:
     """Make instances that are cut by a box editable, in the stage's edit target."""
-    while True:
-        met = [prim for prim in _gprims(stage) if prim.IsInstanceProxy() and _is_cut(prim, boxes)]
-        if not met:
-            return
-        for path in sorted({outermost_instance(prim).GetPath() for prim in met}):
-            stage.GetPrimAtPath(path).SetInstanceable(False)
+    uninstance(stage, lambda: [prim for prim in _gprims(stage) if prim.IsInstanceProxy() and _is_cut(prim, boxes)])
 
 
 def _is_cut(prim: Usd.Prim, boxes: Sequence[Floats]) -> bool:

@@ -32,7 +32,7 @@ class RemainderReader(StageReader):
         time: Usd.TimeCode,
         report: StageReport,
         extract: Collection[str],
-        taxonomy: str | None = None,
+        taxonomy: str | None,
     ) -> None:
         """Start with an empty description. `extract`: paths of the prims to leave out; others as of StageReader."""
         super().__init__(stage, time, report, taxonomy)
@@ -59,7 +59,7 @@ class _ExtractedReader(StageReader):
 
 
 def extracted_templates(
-    stage: Usd.Stage, extract: Collection[str], time: Usd.TimeCode, report: StageReport, taxonomy: str | None = None
+    stage: Usd.Stage, extract: Collection[str], time: Usd.TimeCode, report: StageReport, taxonomy: str | None
 ) -> list[tuple[Template, NDArray[np.float64]]]:
     """Read each extracted prim as a template that is named by its path, and return it with its box in the world.
 

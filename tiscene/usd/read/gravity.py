@@ -23,7 +23,7 @@ def read_gravity(stage: Usd.Stage) -> Vector3 | None:
     length = float(np.linalg.norm(direction))
     if not math.isfinite(length) or not -math.inf <= strength < math.inf or (strength < 0.0 and length == 0.0):
         return None
-    strength = EARTH if strength < 0.0 else Units.of(stage).to_json(strength, True)
+    strength = EARTH if strength < 0.0 else Units.of(stage).to_json(strength)
     down = [0.0, -1.0, 0.0] if UsdGeom.GetStageUpAxis(stage) == "Y" else [0.0, 0.0, -1.0]
     x, y, z = (strength * (direction / length if length > 0.0 else np.array(down))).tolist()
     return x, y, z

@@ -106,7 +106,7 @@ def root_prim(stage: Usd.Stage) -> Usd.Prim | None:
     return roots[0] if len(roots) == 1 else None
 
 
-def stage_templates(stage: Usd.Stage, report: StageReport, taxonomy: str | None = None) -> tuple[Template, ...]:
+def stage_templates(stage: Usd.Stage, report: StageReport, taxonomy: str | None) -> tuple[Template, ...]:
     """Read the children of the class prim /Templates of a stage as templates.
 
     Args:

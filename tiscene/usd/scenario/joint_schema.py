@@ -92,11 +92,11 @@ def _write_limits(joint: Any, each: Mapping[str, Any], units: Units) -> None:
             (each["upper_limit"], joint.CreateUpperLimitAttr),
         ):
             if value is not None:
-                create(units.to_stage(value, True) if length else value)
+                create(units.to_stage(value, length))
     if each["type"] == "DistanceJoint":
-        joint.CreateMinDistanceAttr(units.to_stage(each["min_distance"], True))
+        joint.CreateMinDistanceAttr(units.to_stage(each["min_distance"]))
         most = each["max_distance"]
-        joint.CreateMaxDistanceAttr(-1.0 if most is None else units.to_stage(most, True))
+        joint.CreateMaxDistanceAttr(-1.0 if most is None else units.to_stage(most))
 
 
 def read_joints(

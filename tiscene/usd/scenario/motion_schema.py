@@ -145,7 +145,7 @@ def read_waypoints(prim: Usd.Prim, units: Units, report: StageReport) -> list[di
         if orientations:
             quaternion = [orientations[row].real, *orientations[row].imaginary]
             rotation = quaternion if any(quaternion) else rotation
-        waypoints.append({"position": units.to_json(position, True), "rotation": rotation})
+        waypoints.append({"position": units.to_json(position), "rotation": rotation})
     return waypoints
 
 
@@ -204,7 +204,7 @@ def write_dynamic(
 
 
 def _write_waypoints(prim: Usd.Prim, waypoints: Sequence[Content], units: Units) -> None:
-    positions = [Gf.Vec3d(units.to_stage(each["position"], True)) for each in waypoints]
+    positions = [Gf.Vec3d(units.to_stage(each["position"])) for each in waypoints]
     eulers = [each["rotation"] if len(each["rotation"]) == 3 else (0.0, 0.0, 0.0) for each in waypoints]
     quaternions = [each["rotation"] if len(each["rotation"]) == 4 else (0.0, 0.0, 0.0, 0.0) for each in waypoints]
     _author(prim, "positions", _TYPES.Point3dArray, Vt.Vec3dArray(positions))

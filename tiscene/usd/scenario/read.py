@@ -288,7 +288,7 @@ class _ScenarioReader:
             content["scene"] = str(scene)
         far = authored(root, "tiscene:scenario:frustumFar")
         if far:
-            content["frustum"] = {"far": -1.0 if far == -1.0 else self._units.to_json(far, True)}
+            content["frustum"] = {"far": -1.0 if far == -1.0 else self._units.to_json(far)}
         stops = authored(root, "tiscene:scenario:exposureCompensation")
         if stops:
             content["exposure_compensation"] = float(stops)

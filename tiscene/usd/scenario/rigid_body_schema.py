@@ -39,7 +39,7 @@ def write_rigid_body(prim: Usd.Prim, content: Mapping[str, Any] | None, units: U
     body.CreateRigidBodyEnabledAttr(True)
     body.CreateKinematicEnabledAttr(False)
     to_prim = _transform(prim, Usd.TimeCode.Default()).GetRotation().GetInverse()
-    velocity, spin = units.to_stage(content["velocity"], True), map(math.degrees, content["angular_velocity"])
+    velocity, spin = units.to_stage(content["velocity"]), map(math.degrees, content["angular_velocity"])
     body.CreateVelocityAttr(Gf.Vec3f(to_prim.TransformDir(Gf.Vec3d(*velocity))))
     body.CreateAngularVelocityAttr(Gf.Vec3f(to_prim.TransformDir(Gf.Vec3d(*spin))))
     _write_mass(prim, content, units)
@@ -100,7 +100,7 @@ def _write_mass(prim: Usd.Prim, content: Mapping[str, Any], units: Units) -> Non
         mass.CreateMassAttr(content["mass"] / per_unit)
     if content["center_of_mass"] is not None:
         scale = _transform(prim, Usd.TimeCode.Default()).GetScale()
-        center = units.to_stage(content["center_of_mass"], True)
+        center = units.to_stage(content["center_of_mass"])
         mass.CreateCenterOfMassAttr(Gf.Vec3f(*(each / size for each, size in zip(center, scale, strict=True))))
     if content["diagonal_inertia"] is not None:
         moments = [each / (per_unit * units.meters**2) for each in content["diagonal_inertia"]]

@@ -52,7 +52,7 @@ def write_scenario(content: Mapping[str, Any], path: str | os.PathLike[str]) -> 
         _write_timings(root, content["timings"])
         if content["frustum"] is not None:
             far = content["frustum"]["far"]
-            far = far if far == -1.0 else over.units.to_stage(far, True)
+            far = far if far == -1.0 else over.units.to_stage(far)
             schema.author(root, "tiscene:scenario:frustumFar", _TYPES.Double, far)
         prims = [_write_object(over, each, report) for each in content["objects"]]
         root.CreateRelationship("tiscene:scenario:objects", False).SetTargets([prim.GetPath() for prim in prims])
@@ -90,7 +90,7 @@ def _write_object(over: OverLayer, content: Mapping[str, Any], report: StageRepo
     schema.author(prim, "tiscene:object:lastFrame", _TYPES.Int64, -1 if last is None else last)
     schema.author(prim, "tiscene:object:frustumLimited", _TYPES.Bool, content["frustum_limited"])
     schema.author(prim, "tiscene:object:collide", _TYPES.Bool, content["collide"])
-    back = over.units.to_json(over.units.to_stage(content["position"], True), True)
+    back = over.units.to_json(over.units.to_stage(content["position"]))
     if back != list(content["position"]) or unit_rotation(rotation) != tuple(rotation):
         exact = Vt.DoubleArray([*content["position"], *rotation])
         schema.author(prim, "tiscene:object:exactPose", _TYPES.DoubleArray, exact)
