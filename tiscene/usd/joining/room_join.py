@@ -75,15 +75,10 @@ def join(
         raise ArgumentError(f"join(sky={sky!r}): the rooms are {', '.join(each.label for each in placements)}")
     with quiet(), readable(target):
         first = _common_stage(placements, target)
-        stage = Usd.Stage.CreateInMemory(f"{target.stem}.usda")
         up_axis, meters = str(UsdGeom.GetStageUpAxis(first)), float(UsdGeom.GetStageMetersPerUnit(first))
-        UsdGeom.SetStageUpAxis(stage, up_axis)
-        UsdGeom.SetStageMetersPerUnit(stage, meters)
         name = name or Tf.MakeValidIdentifier(scene_name(target).title().replace("_", ""))
-        root = UsdGeom.Xform.Define(stage, f"/{name}").GetPrim()
-        Usd.ModelAPI(root).SetKind(Kind.Tokens.assembly)
-        stage.SetDefaultPrim(root)
-        _copy_render_settings(first, stage)
+        stage = _empty_stage(target, name, first)
+        root = stage.GetDefaultPrim()
         prims = [
             _place(stage, f"{root.GetPath()}/{each}", placement, up_axis, meters)
             for each, placement in zip(names, placements, strict=True)
@@ -91,12 +86,7 @@ def join(
         _report(stage, target)
         choices = _forward_variants(stage, root, prims)
         for prim, placement in zip(prims, placements, strict=True):
-            report = StageReport(str(placement.file))
-            deactivate_broken(prim, report)  # on this stage only: what is written still has them
-            report.raise_problems(anything_left=prim.IsActive())
-            report.warn()
-            if not has_volume(prim):
-                define_volume(stage, prim.GetPath().AppendChild("RoomVolume"), *interior(prim), placement.label)
+            _prepare(prim, placement)
         _keep_one_sky(prims, [each.label for each in placements], sky)
         boxes = [_in_units(opening.box(up_axis), meters) for opening in openings]
         release_instances(stage, boxes)
@@ -154,6 +144,18 @@ def _common_stage(placements: Sequence[RoomPlacement], target: Path) -> Usd.Stag
     return stages[0]
 
 
+def _empty_stage(target: Path, name: str, like: Usd.Stage) -> Usd.Stage:
+    """Return a stage with the axes, units and render settings of another, and an assembly as its default prim."""
+    stage = Usd.Stage.CreateInMemory(f"{target.stem}.usda")
+    UsdGeom.SetStageUpAxis(stage, UsdGeom.GetStageUpAxis(like))
+    UsdGeom.SetStageMetersPerUnit(stage, UsdGeom.GetStageMetersPerUnit(like))
+    root = UsdGeom.Xform.Define(stage, f"/{name}").GetPrim()
+    Usd.ModelAPI(root).SetKind(Kind.Tokens.assembly)
+    stage.SetDefaultPrim(root)
+    _copy_render_settings(like, stage)
+    return stage
+
+
 def _copy_render_settings(source: Usd.Stage, stage: Usd.Stage) -> None:
     """Copy the render settings of a stage, which references do not bring along."""
     path = source.GetMetadata("renderSettingsPrimPath")
@@ -184,6 +186,16 @@ def _report(stage: Usd.Stage, target: Path) -> None:
     errors = [str(each) for each in stage.GetCompositionErrors()]
     if errors:
         raise StageError(str(target), errors)
+
+
+def _prepare(room: Usd.Prim, placement: RoomPlacement) -> None:
+    """Leave out what is broken in a room, on this stage only, and give it a volume if it has none."""
+    report = StageReport(str(placement.file))
+    deactivate_broken(room, report)  # what is written still has them
+    report.raise_problems(anything_left=room.IsActive())
+    report.warn()
+    if not has_volume(room):
+        define_volume(room.GetStage(), room.GetPath().AppendChild("RoomVolume"), *interior(room), placement.label)
 
 
 def _forward_variants(stage: Usd.Stage, root: Usd.Prim, rooms: Sequence[Usd.Prim]) -> dict[str, list[str]]:

@@ -18,7 +18,7 @@ from tiscene.usd.core.broken_prims import ENDLESS
 from tiscene.usd.core.prims import ALSO_ABSTRACT
 from tiscene.usd.core.report import StageReport
 from tiscene.usd.core.semantics import asset_name, direct_label, inherited_label, name_label
-from tiscene.usd.core.time_samples import NOT_ANIMATED, AnimatedAncestors, TransformSamples
+from tiscene.usd.core.time_samples import AnimatedAncestors, TransformSamples
 from tiscene.usd.core.transform import from_matrix, range_fault, to_matrix
 from tiscene.usd.geometry.display_color import DISPLAY_PRIMVARS
 from tiscene.usd.lights.animated_light import light_track
@@ -163,7 +163,7 @@ class PointInstancerReader:
         self,
         prim: Usd.Prim,
         matrix: Matrix,
-        ancestors: AnimatedAncestors = NOT_ANIMATED,
+        ancestors: AnimatedAncestors,
         *,
         emission: bool = True,
         suffix: str = "",
