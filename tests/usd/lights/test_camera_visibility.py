@@ -50,6 +50,15 @@ def test_attributes_of_renderers_decide_whether_the_camera_sees_a_light(tmp_path
     assert light.seen_by_camera is seen
 
 
+@pytest.mark.parametrize("line", [each for each in HIDDEN if "primvars:" in each])
+def test_primvars_that_hide_lights_and_meshes_are_inherited(tmp_path, line):
+    description = read(tmp_path, f'def Xform "Above"\n{{\n{line}\n{LAMP % ""}\n{WALL}\n}}')
+    assert not description.lights[0].seen_by_camera
+    assert [each.seen_by_camera for each in description.materials] == [True, False]  # as bound, and as used
+    own = LAMP % line.replace(" = 0", " = 1").replace('"* & -primary"', '"*"')
+    assert read(tmp_path, f'def Xform "Above"\n{{\n{line}\n{own}\n{WALL}\n}}').lights[0].seen_by_camera
+
+
 @pytest.fixture(scope="module")
 def centers(tmp_path_factory):
     """The radiance at the center of images with a light seen, hidden, and hidden but shown by a mirror."""

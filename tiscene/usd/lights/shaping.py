@@ -118,10 +118,13 @@ def _profile(
 def is_seen_by_camera(prim: Usd.Prim, time: Usd.TimeCode) -> bool:
     """Return whether the camera sees a light or gprim: False if a renderer's visibility attribute says so.
 
-    UsdLux has no such attribute; those of RenderMan, Arnold, Karma, Cycles and Omniverse are read.
+    UsdLux has no such attribute; those of RenderMan, Arnold, Karma, Cycles and Omniverse are read. Those that are
+    primvars are inherited.
     """
+    primvars = UsdGeom.PrimvarsAPI(prim)
     for name in CAMERA_VISIBILITY:
-        attribute = prim.GetAttribute(name)
+        is_primvar = name.startswith("primvars:")
+        attribute = primvars.FindPrimvarWithInheritance(name).GetAttr() if is_primvar else prim.GetAttribute(name)
         value = attribute.Get(time) if attribute and attribute.HasAuthoredValue() else None
         if isinstance(value, str):
             if "-primary" in value.replace("&", " ").split():
