@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import itertools
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -59,6 +60,20 @@ def test_furniture_keeps_clear_of_paths(room_of_boxes):
         corners = boxes_of(scenario.with_factor("furniture", {"shift": (0.0, 0.9)}, seed=seed))["A"]
         nearest = np.clip((-0.6, 0.3, 0.5), corners.min(0), corners.max(0))
         assert np.linalg.norm(nearest - (-0.6, 0.3, 0.5)) > 0.1
+
+
+@pytest.mark.parametrize("more", [{"collide": False}, {"dynamic": ts.Still(), "rotation": (0, 90, 0)}])
+def test_furniture_that_carries_an_object_of_the_scenario_stays(room_of_boxes, more):
+    on_a = ts.Object("distractor_0", "Cup 01", (-0.6, 0.25, 0), **more)
+    scenario = Scenario(room_of_boxes, [on_a])
+    free = Scenario(room_of_boxes, [replace(on_a, position=(-0.6, 0.29, 0))])  # 4 cm higher: it rests on nothing
+    for seed in range(4):
+        moved, other = (
+            {each.prim for each in each.with_factor("furniture", {"shift": (0.2, 0.5)}, seed=seed).overrides}
+            for each in (scenario, free)
+        )
+        assert "/Room/A" in other
+        assert moved == other - {"/Room/A"}
 
 
 def test_furniture_variants_are_selected():

@@ -22,7 +22,7 @@ from tiscene.randomization.factor_ranges import ClutterRanges, is_number
 from tiscene.randomization.free_space import FreeSpace
 from tiscene.randomization.object_factors import DISTRACTOR, category_of, is_distractor
 from tiscene.randomization.object_paths import clear_of, swept_balls
-from tiscene.randomization.scene_collisions import SceneCollisions, about, box_of, transformed, unique_edges
+from tiscene.randomization.scene_collisions import SceneCollisions, about, box_of, template_edges, transformed
 from tiscene.randomization.scene_files import free_space_of, stage_of, template_of
 from tiscene.randomization.template_extent import template_extent
 from tiscene.scenario.objects import Object
@@ -116,15 +116,7 @@ class _DistractorPlacer:
         self, template: SceneDescription, scale: float, own: Draws
     ) -> tuple[tuple[float, float, float], float] | None:
         """Return the position of a template at rest, and its turn about the vertical in degrees; None if none fits."""
-        edges = np.concatenate(
-            [
-                transformed(
-                    template.meshes[each.mesh].positions[unique_edges(template.meshes[each.mesh])].astype(np.float64),
-                    each.world_from_object,
-                )
-                for each in template.instances
-            ]
-        )
+        edges = template_edges(template)
         up = self.collisions.up
         heights = edges * scale @ up
         lowest, height = float(heights.min()), float(np.ptp(heights))

@@ -14,7 +14,7 @@ from typing import Any
 from tiscene.errors import ArgumentError, ScenarioError
 from tiscene.frame.difficulty import MEASURES, Difficulty, summary
 from tiscene.randomization.factors import factor_draws, with_factor
-from tiscene.randomization.ranges import range_of
+from tiscene.randomization.ranges import check_frames, range_of
 from tiscene.scenario.scenario import Scenario
 from tiscene.stream.progress import ProgressBar
 from tiscene.stream.stream import Stream
@@ -48,7 +48,7 @@ def sample_difficulty(
     reached: dict[str, list[float]] = {name: [] for name in limits}
     progress = ProgressBar()
     buffers = ("instance", "forward_flow", *(("rgb",) if "contrast" in limits else ()))
-    end = round(SECONDS * FPS) if frames is None else frames
+    end = round(SECONDS * FPS) if frames is None else check_frames(frames, "frames")
     indices = sorted({number * end // FRAMES for number in range(FRAMES)})
     stream: Stream | None = None
     try:

@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """The factor "furniture": movable objects of the scene elsewhere on their support, and in other variants.
 
-An object is moved if its author made it movable (UsdPhysics rigid bodies), it stands on something, nothing rests on
-it, and its new place neither penetrates the scene nor crosses the path of an object of the scenario. An object for
-which no such place is drawn stays.
+An object is moved if its author made it movable (UsdPhysics rigid bodies), it stands on something, nothing of the scene
+or of the scenario rests on it, and its new place neither penetrates the scene nor crosses the path of an object of the
+scenario. An object for which no such place is drawn stays.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from tiscene.randomization.draws import Draws
 from tiscene.randomization.factor_ranges import FurnitureRanges, is_number
-from tiscene.randomization.object_paths import clear_of, swept_balls
+from tiscene.randomization.object_paths import clear_of, resting_edges, swept_balls
 from tiscene.randomization.scene_collisions import SceneCollisions, about, box_of, horizontal, transformed
 from tiscene.randomization.scene_files import stage_of, variant_sets_of
 from tiscene.scenario.overrides import ObjectOverride, Override
@@ -52,12 +52,13 @@ def with_furniture(scenario: Scenario, value: Any, draws: Callable[[str], Draws]
     if ranges.shift[1] > 0.0 or ranges.turn[1] > 0.0:
         stage = stage_of(scenario)
         balls = swept_balls(scenario.objects, stage.up_axis)
+        resting = resting_edges(scenario.objects, stage.up_axis)
         collisions = SceneCollisions(stage)
         templates = {each.template for each in scenario.objects}
         animated = {stage.instances[row].object for track in stage.tracks for row in track.instances.tolist()}
         for number, each in enumerate(stage.objects):
             if each.movable and number not in animated and each.prim_path not in templates:
-                by = _moved(collisions, number, ranges, draws(each.prim_path), balls)
+                by = _moved(collisions, number, ranges, draws(each.prim_path), balls, resting)
                 if by is not None:
                     collisions.move(number, by)
                     overrides.append(_override(stage, number, by))
@@ -77,14 +78,19 @@ def _with_variants(scenario: Scenario, ranges: FurnitureRanges, draws: Callable[
     return replace(scenario, variants=variants)
 
 
-def _moved(collisions: SceneCollisions, number: int, ranges: FurnitureRanges, own: Draws, balls: Array) -> Array | None:
-    """Return the 4x4 matrix to an object's new place; None if it stays."""
+def _moved(
+    collisions: SceneCollisions, number: int, ranges: FurnitureRanges, own: Draws, balls: Array, resting: Array
+) -> Array | None:
+    """Return the 4x4 matrix to an object's new place, apart from balls [n, 4]; None if it stays.
+
+    It stays if it carries something of the scene, or of the edges `resting`.
+    """
     edges = collisions.edges_of(number)
     if not len(edges):
         return None
     collisions.select(number)
     before = collisions.support(edges)
-    if before < LEAST_SUPPORT or collisions.carries() or collisions.penetrates(edges, np.eye(4)):
+    if before < LEAST_SUPPORT or collisions.carries(resting) or collisions.penetrates(edges, np.eye(4)):
         return None
     low, high = box_of(edges)
     center = 0.5 * (low + high)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Where the objects of a scenario pass: balls along their paths, which drawn furniture and clutter keep clear of."""
+"""Where the objects of a scenario are: balls along their paths, which drawn furniture and clutter keep clear of."""
 
 from __future__ import annotations
 
@@ -8,8 +8,11 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from dynamics import Body, ClosedForm, Simulation, Still
+from dynamics import Body, ClosedForm, RigidBody, Simulation, Still
+from dynamics.rotation import quaternion, rotate
 from tiscene import catalog
+from tiscene.randomization.scene_collisions import template_edges
+from tiscene.randomization.scene_files import template_of
 from tiscene.randomization.template_extent import template_extent
 from tiscene.scenario.objects import Object
 
@@ -33,6 +36,16 @@ def swept_balls(objects: Sequence[Object], up_axis: str) -> Array:
         gaps = np.linalg.norm(np.diff(points, axis=0), axis=1)
         balls.append(np.column_stack([points, np.full(len(points), radius + 0.5 * gaps.max(initial=0.0))]))
     return np.concatenate(balls)
+
+
+def resting_edges(objects: Sequence[Object], up_axis: str) -> Array:
+    """Return the edges of the objects that stand still or fall, at their start, float64 [n, 2, 3], m."""
+    edges = [np.zeros((0, 2, 3))]
+    for each in objects:
+        if isinstance(each.dynamic, RigidBody | Still | None) and not catalog.is_prim_path(each.template):
+            own = template_edges(template_of(each.template, up_axis)) * each.scale
+            edges.append(rotate(quaternion(each.rotation), own) + each.position)
+    return np.concatenate(edges)
 
 
 def path_of(each: Object) -> Array:

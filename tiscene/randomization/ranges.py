@@ -10,7 +10,7 @@ from numbers import Real
 from typing import Any
 
 from dynamics import argument_checks
-from tiscene.errors import ArgumentError
+from tiscene.errors import ArgumentError, ArgumentTypeError
 
 DYNAMICS = ("still", "linear", "catmull", "bounce")
 
@@ -64,10 +64,9 @@ class ScenarioRanges:
             raise ArgumentError(f"region={self.region}: must be left < right and top < bottom, within 0..1")
         if self.occlusion[0] > 0.0 and self.in_view[1] == 0.0:
             raise ArgumentError("occlusion is a fraction of the path in view, but in_view=0 leaves none; raise in_view")
+        self._set("frames", argument_checks.optional(check_frames)(self.frames, "frames"))
         if self.life is not None and (self.frames is None or self.life[1] > self.frames):
             raise ArgumentError(f"life={self.life} is longer than the stream: frames={self.frames}")
-        if self.frames is not None:
-            self._set("frames", whole_range_of(self.frames, "frames", 1, math.inf)[0])
         min_size = argument_checks.number(self.min_size, "min_size")
         if not 0.0 <= min_size <= 1.0:
             raise ArgumentError(
@@ -81,9 +80,16 @@ class ScenarioRanges:
         object.__setattr__(self, name, value)
 
 
+def check_frames(value: Any, name: str) -> int:
+    """Return `value`, the length of a stream, as an int of 1 or more."""
+    return argument_checks.integer(value, name, 1)
+
+
 def range_of(value: Any, name: str, most: float, least: float = 0.0) -> tuple[float, float]:
     """Return `value` as (low, high) within least..most."""
     values = (value, value) if isinstance(value, Real) else value
+    if not argument_checks.is_series(values):
+        raise ArgumentTypeError(f"{name}={value!r}: must be a number or a range (low, high)")
     low, high = argument_checks.numbers(values, name, 2)
     if not least <= low <= high <= most:
         limits = f"must be {least:g} or more" if most == math.inf else f"must lie within {least:g}..{most:g}"

@@ -101,11 +101,15 @@ class SceneCollisions:
         back = np.linalg.inv(by)
         return bool(self._hits(transformed(near - (LIFT * self.up), np.asarray(back, np.float64)), NEXT).any())
 
-    def carries(self) -> bool:
-        """Return whether another object rests on the selected one."""
+    def carries(self, others: Array) -> bool:
+        """Return whether another object of the scene, or one of `others`, rests on the selected one.
+
+        Args:
+            others: edges of objects that are not of the scene, float64 [n, 2, 3].
+        """
         low, high = box_of(self.edges_of(_EVERYTHING if self._selected is None else self._selected))
-        near = self._rest_near(low, high + CONTACT) - CONTACT * self.up
-        return bool(self._hits(near, NEXT).any())
+        near = np.concatenate([self._rest_near(low, high + CONTACT), others])
+        return bool(self._hits(near - CONTACT * self.up, NEXT).any())
 
     def support(self, edges: Array) -> float:
         """Return the fraction of an object's lowest points that the scene supports, 0..1."""
@@ -161,6 +165,15 @@ def unique_edges(mesh: Mesh) -> NDArray[np.int64]:
     pairs = np.sort(np.concatenate([triangles[:, [0, 1]], triangles[:, [1, 2]], triangles[:, [2, 0]]]), axis=1)
     keys = np.unique(pairs[:, 0] << 32 | pairs[:, 1])
     return np.stack([keys >> 32, keys & 0xFFFFFFFF], axis=1)
+
+
+def template_edges(template: SceneDescription) -> Array:
+    """Return the edges of a template in its own axes, float64 [n, 2, 3], m."""
+    meshes = (template.meshes[each.mesh] for each in template.instances)
+    edges = (mesh.positions[unique_edges(mesh)].astype(np.float64) for mesh in meshes)
+    return np.concatenate(
+        [transformed(part, each.world_from_object) for part, each in zip(edges, template.instances, strict=True)]
+    )
 
 
 def box_of(edges: Array) -> tuple[Array, Array]:
