@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 import tiscene as ts
+from tests.randomization.rooms import write_room
 from tests.usd.helpers import write
 from tiscene import catalog
 from tiscene.errors import CameraNotFound, ScenarioError
@@ -98,3 +99,15 @@ def test_views_turn_and_zoom_within_ranges(drawn):
     moving = replace(drawn, camera=ts.Camera(dynamic=ts.Orbit()))
     with pytest.raises(ScenarioError, match="moves along a trajectory"):
         moving.with_factor("views")
+
+
+def test_views_shift_a_camera_over_a_floor_without_walls_in_all_directions(tmp_path):
+    eye = np.array((0.0, 0.3, 2.5))
+    scenario = Scenario(write_room(tmp_path, (0, 0.3, 2.5), {"Floor": ((0, -0.05, 0), (3, 0.05, 3))}))
+    places = [scenario.with_factor("views", {"shift": (0.1, 0.3)}, seed=n).overrides[0].position for n in range(12)]
+    shifts = np.array(places) - eye
+    lengths = np.linalg.norm(shifts, axis=1)
+    assert ((lengths >= 0.1 - 1e-5) & (lengths <= 0.3 + 1e-5)).all()
+    assert (shifts.min(axis=0) < -0.03).all()
+    assert (shifts.max(axis=0) > 0.03).all()
+    assert (np.array(places)[:, 1] > 0.12).all()  # clear of the floor

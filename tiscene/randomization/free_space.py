@@ -129,19 +129,26 @@ class FreeSpace:
             return np.ones(len(points), np.bool_)
         in_view = self.in_view(points)
         origins = np.where(in_view[:, None], self._sight_origins(points), self.camera.position)
-        within: Mask = np.all((points > self.bounds[0]) & (points < self.bounds[1]), axis=1)
+        within = self.is_within_bounds(points)
         result: Mask = (in_view | within) & ~self._is_blocked(origins, points, NEXT)
         rows = np.flatnonzero(within & ~result)
         result[rows] = self._sees_any(points[rows], self._landmarks)
         return result
+
+    def is_within_bounds(self, points: Array) -> Mask:
+        """Return which of the points [n, 3] lie within the scene's bounds."""
+        return np.array(((points > self.bounds[0]) & (points < self.bounds[1])).all(axis=1), np.bool_)
+
+    def sees(self, points: Array) -> Mask:
+        """Return which of the points [n, 3], in any direction, no surface or collider separates from the camera."""
+        return ~self._is_blocked(np.broadcast_to(np.asarray(self.camera.position), points.shape), points, NEXT)
 
     def _reachable_landmarks(self) -> Array:
         """Return random points [n, 3] of the scene's bounds that are connected to the camera by free space."""
         numbers = np.random.Philox(key=np.zeros(2, np.uint64)).random_raw(3 * LANDMARKS) >> np.uint64(11)
         low, high = self.bounds
         points: Array = low + numbers.reshape(-1, 3) * 2.0**-53 * (high - low)
-        origins = np.broadcast_to(np.asarray(self.camera.position), points.shape)
-        is_reached: Mask = ~self._is_blocked(origins, points, NEXT)
+        is_reached = self.sees(points)
         found = True
         while found:
             rest = np.flatnonzero(~is_reached)

@@ -83,16 +83,22 @@ def _watched(scenario: Scenario, camera: Camera | str) -> Scenario:
 
 
 def _position(scenario: Scenario, camera: Camera, ranges: ViewRanges, own: Draws) -> tuple[float, float, float]:
-    """Return a position with free space around it, connected to the authored one."""
+    """Return a position with free space around it, connected to the authored one.
+
+    A camera within the scene's bounds stays within them, or within its view. One that looks at a scene from outside, or
+    over a floor without walls, has all around it free that it sees.
+    """
     x, y, z = camera.position
     if ranges.shift[1] == 0.0:
         return x, y, z
     space = free_space_of(scenario, camera)
+    is_inside = space.is_within_bounds(np.array([camera.position]))[0]
+    is_free = space.is_reachable if is_inside else space.sees
     offsets = MARGIN * np.concatenate([np.zeros((1, 3)), np.eye(3), -np.eye(3)])
     for attempt in range(ATTEMPTS):
         by = own.between("shift", attempt, *ranges.shift) * np.asarray(own.direction("to", attempt))
         place = np.round(np.asarray(camera.position) + by, DECIMALS)
-        if space.is_reachable(place + offsets).all():
+        if is_free(place + offsets).all():
             x, y, z = place.tolist()
             return x, y, z
     raise ScenarioError(
