@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Overrides of a stage: lights, materials, objects and cameras differ from frame 0 on, at no cost per frame."""
 
+import warnings
 from dataclasses import replace
 
 import numpy as np
@@ -8,7 +9,7 @@ import pytest
 
 import tiscene as ts
 from tests.world.test_collisions import CUBE, TEMPLATE, at, mesh
-from tiscene.errors import CameraNotFound, LightNotFound, MaterialNotFound, ObjectNotFound, ScenarioError
+from tiscene.errors import CameraNotFound, LightNotFound, MaterialNotFound, ObjectNotFound, ScenarioError, StageWarning
 from tiscene.scenario.overrides import CameraOverride, LightOverride, MaterialOverride, ObjectOverride
 from tiscene.scene.animation import InstanceTrack
 from tiscene.scene.description import (
@@ -121,6 +122,17 @@ def test_camera_override_keeps_other_attributes():
     made = World(ts.Scenario("room", camera="Window", overrides=[CameraOverride("Window", lens_radius=0.1)]), STAGE,
                  load, 25.0)  # fmt: skip
     assert (made.camera.position, made.camera.lens_radius) == ((1, 2, 3), 0.1)
+
+
+@pytest.mark.parametrize("override", [CameraOverride("Door", vertical_fov=1.0), CameraOverride(lens_radius=0.1)])
+def test_override_of_a_camera_of_the_scenario_warns(override):
+    own = ts.Camera(name="Door", dynamic=ts.Orbit())
+    with pytest.warns(StageWarning, match="camera 'Door' is one of the scenario's own"):
+        made = World(ts.Scenario("room", camera=own, overrides=[override]), STAGE, load, 25.0)
+    assert made.camera == own
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        World(ts.Scenario("room", camera=("Door", replace(own, name="Own")), overrides=[override]), STAGE, load, 25.0)
 
 
 @pytest.mark.parametrize(

@@ -111,6 +111,8 @@ class ObjectOverride:
 class CameraOverride:
     """Changes a camera of the stage. It keeps its other attributes, such as its exposure.
 
+    Cameras of the scenario itself stay as they are. Those are also the ones that move on the stage.
+
     Attributes:
         prim: name or prim path of the camera; "": the first.
         position: m; None: as authored.

@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import math
+import warnings
 from collections.abc import Sequence
 from dataclasses import fields, replace
 from typing import Protocol, TypeVar
@@ -12,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynamics.rotation import matrix_from_quaternion, quaternion
-from tiscene.errors import LightNotFound, MaterialNotFound, ObjectNotFound, ScenarioError
+from tiscene.errors import LightNotFound, MaterialNotFound, ObjectNotFound, ScenarioError, StageWarning
 from tiscene.scenario.overrides import CameraOverride, LightOverride, MaterialOverride, ObjectOverride, Override
 from tiscene.scene.assembly import object_matrices, rigid
 from tiscene.scene.camera import Camera
@@ -129,6 +130,20 @@ def check_materials(descriptions: Sequence[SceneDescription], overrides: Sequenc
             if all(row is None for row in found):
                 known = [material.prim_path for one in descriptions for material in one.materials if material.prim_path]
                 raise MaterialNotFound("material", each.prim, known, " on the stage or in a template of the scenario")
+
+
+def warn_of_own_cameras(
+    cameras: Sequence[Camera | str | None], stage: SceneDescription, overrides: Sequence[Override]
+) -> None:
+    """Warn of overrides of cameras that the scenario replaces by its own, such as those that move on the stage."""
+    own = {each.name for each in cameras if isinstance(each, Camera)}
+    for each in overrides:
+        if isinstance(each, CameraOverride) and (name := stage.camera(each.prim or None).name) in own:
+            text = (
+                f"overrides: the camera {name!r} is one of the scenario's own (one that moves on the stage is read as "
+                "such), which no override changes. Change the scenario's `camera` by dataclasses.replace."
+            )
+            warnings.warn(StageWarning(text), stacklevel=3)
 
 
 def _row(prims: Sequence[AnyPrim], name: str) -> int | None:

@@ -33,7 +33,7 @@ from tiscene.world.material_animation import MaterialAnimation
 from tiscene.world.object_edits import ObjectEdits
 from tiscene.world.object_registry import ObjectRegistry
 from tiscene.world.overlap_detector import OverlapDetector
-from tiscene.world.overridden_stage import check_materials, overridden, with_materials
+from tiscene.world.overridden_stage import check_materials, overridden, warn_of_own_cameras, with_materials
 from tiscene.world.physics_trajectories import PhysicsTrajectories
 from tiscene.world.place_finder import PlaceFinder
 from tiscene.world.room_finder import RoomFinder
@@ -95,6 +95,7 @@ class World(WholeChanges, ObjectEdits):
         self.stage = stage = overridden(stage, scenario.overrides)
         self.fps = argument_checks.positive(fps, "fps")
         self.cameras = tuple(each if isinstance(each, Camera) else stage.camera(each) for each in scenario.cameras)
+        warn_of_own_cameras(scenario.cameras, stage, scenario.overrides)
         names = [camera.name for camera in self.cameras]
         if len(set(names)) < len(names):
             raise ScenarioError(f"camera: {', '.join(names)}: two cameras share a name; give each its own")
