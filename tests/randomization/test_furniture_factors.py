@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 import tiscene as ts
-from tests.randomization.rooms import BOXES
+from tests.randomization.rooms import BOXES, write_room
 from tiscene.errors import ScenarioError
 from tiscene.scenario.overrides import ObjectOverride
 from tiscene.scenario.scenario import Scenario
@@ -107,3 +107,34 @@ def test_clutter_rests_in_view_and_changes_no_motion(room_of_boxes):
 def test_clutter_that_fits_nowhere_raises(room_of_boxes):
     with pytest.raises(ScenarioError, match=r"'distractor_0' rests nowhere in view.*lower count or scale"):
         Scenario(room_of_boxes).with_factor("clutter", {"count": 1, "templates": ("Cup 01",), "scale": 90})
+
+
+def test_clutter_does_not_rest_where_a_prim_that_the_scenario_moves_was(tmp_path):
+    cubes = {"Floor": ((0, -0.05, 0), (3, 0.05, 3)), "Table": ((0, 0.2, 0), (1.5, 0.2, 1.5))}
+    room = write_room(tmp_path, (0, 1, 2.5), cubes)
+    away, near = (Scenario(room, [ts.Object("table", "/Room/Table", (0, 0.2, z))]) for z in (9, 0.05))
+    ranges = {"count": 4, "templates": ("Cup 01",), "depth": (1, 4)}
+    for scenario, support in ((Scenario(room), 0.4), (away, 0.0), (near, 0.0)):
+        cluttered = scenario.with_factor("clutter", ranges, seed=1)
+        with ts.Stream(cluttered, width=8, height=6, buffers=("instance",)) as stream:
+            cups = [each for each in stream[0].objects if each.template == "Cup 01"]
+        np.testing.assert_allclose([each.world_bounds[0][1] for each in cups], [support] * 4, atol=1e-3)
+    assert all(max(abs(each.position[0]), abs(each.position[2])) > 1.5 for each in cups)  # not inside of the table
+
+
+def test_factors_of_a_scenario_that_moves_a_prim_with_a_light(tmp_path):
+    lamp = """
+    def Xform "Lamp" (kind = "component")
+    {
+        def Cube "Shade" { double size = 0.2
+        }
+        def SphereLight "Bulb" { float inputs:radius = 0.3
+        }
+    }"""
+    room = write_room(tmp_path, (0, 1, 2.5), {"Floor": ((0, -0.05, 0), (3, 0.05, 3))}, lamp)
+    scenario = Scenario(room, [ts.Object("lamp", "/Room/Lamp", (0, 0.5, 0), dynamic=ts.Orbit((0, 0.5, 0.3)))])
+    lit = scenario.with_factor("illumination", {"strength": 2.0}).with_factor("materials", 0.5)
+    with ts.Stream(lit, width=8, height=6, buffers=("instance",)) as stream:
+        assert stream[0].objects.by_name("lamp").id
+    with pytest.raises(ScenarioError, match="rooms: the prim '/Room/Lamp'"):
+        scenario.with_factor("rooms", "object_view")

@@ -80,7 +80,7 @@ class _DistractorPlacer:
         self.ranges = ranges
         self.up_axis = stage.up_axis
         self.space: FreeSpace = free_space_of(scenario)
-        self.balls = swept_balls(scenario.objects, stage.up_axis)
+        self.balls = swept_balls(scenario)
         self.collisions = SceneCollisions(stage)
         self.collisions.select()
         self.is_empty = not stage.instances

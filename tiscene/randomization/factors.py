@@ -93,7 +93,7 @@ def without_missing(scenario: Scenario) -> Scenario:
     """
     stage = stage_of(scenario)
     lights = {name for each in stage.lights for name in (each.prim_path, each.name)}
-    descriptions = [stage, *templates_of(scenario, stage.up_axis)]
+    descriptions = [stage, *templates_of(scenario).values()]
     materials = [{name for each in one.materials for name in (each.prim_path, each.name)} for one in descriptions]
 
     def exists(each: Override) -> bool:

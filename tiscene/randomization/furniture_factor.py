@@ -51,13 +51,12 @@ def with_furniture(scenario: Scenario, value: Any, draws: Callable[[str], Draws]
     overrides: list[Override] = [each for each in scenario.overrides if not isinstance(each, ObjectOverride)]
     if ranges.shift[1] > 0.0 or ranges.turn[1] > 0.0:
         stage = stage_of(scenario)
-        balls = swept_balls(scenario.objects, stage.up_axis)
-        resting = resting_edges(scenario.objects, stage.up_axis)
+        balls = swept_balls(scenario)
+        resting = resting_edges(scenario)
         collisions = SceneCollisions(stage)
-        templates = {each.template for each in scenario.objects}
         animated = {stage.instances[row].object for track in stage.tracks for row in track.instances.tolist()}
         for number, each in enumerate(stage.objects):
-            if each.movable and number not in animated and each.prim_path not in templates:
+            if each.movable and number not in animated:
                 by = _moved(collisions, number, ranges, draws(each.prim_path), balls, resting)
                 if by is not None:
                     collisions.move(number, by)

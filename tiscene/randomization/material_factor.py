@@ -43,12 +43,11 @@ def with_materials_drawn(scenario: Scenario, value: Any, draws: Callable[[str], 
     if is_number(value):
         value = {"color": value, "roughness": 0.5 * value, "swap": value}
     ranges = MaterialRanges.of(value, "materials")
-    stage = stage_of(scenario)
     share = draws("").between("share", 0, *ranges.share)
     swaps = draws("").between("swap", 0, *ranges.swap)
     overrides: list[Override] = [each for each in scenario.overrides if not isinstance(each, MaterialOverride)]
     known = set()
-    for description in (stage, *templates_of(scenario, stage.up_axis)):
+    for description in (stage_of(scenario), *templates_of(scenario).values()):
         pictures = _pictures(description)
         kinds = [_kind(each, row in pictures) for row, each in enumerate(description.materials)]
         for row, material in enumerate(description.materials):

@@ -3,47 +3,42 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-
 import numpy as np
 from numpy.typing import NDArray
 
 from dynamics import Body, ClosedForm, RigidBody, Simulation, Still
 from dynamics.rotation import quaternion, rotate
-from tiscene import catalog
 from tiscene.randomization.scene_collisions import template_edges
-from tiscene.randomization.scene_files import template_of
-from tiscene.randomization.template_extent import template_extent
+from tiscene.randomization.scene_files import templates_of
+from tiscene.randomization.template_extent import enclosing_radius
 from tiscene.scenario.objects import Object
+from tiscene.scenario.scenario import Scenario
 
 Array = NDArray[np.float64]
 SAMPLES = 512  # per path
 ENDLESS = 60.0  # s of a path without a period
 
 
-def swept_balls(objects: Sequence[Object], up_axis: str) -> Array:
-    """Return balls [n, 4], center and radius in m, that enclose the objects along their paths.
+def swept_balls(scenario: Scenario) -> Array:
+    """Return balls [n, 4], center and radius in m, that enclose the objects of a scenario along their paths.
 
     A bouncing object counts at its start: where it goes depends on what it meets.
     """
-    balls = [np.zeros((0, 4))]
-    for each in objects:
-        if catalog.is_prim_path(each.template):
-            continue
-        scale = np.broadcast_to(each.scale, 3).max()
-        radius = template_extent(each.template, up_axis).radius * float(scale)
+    balls, templates = [np.zeros((0, 4))], templates_of(scenario)
+    for each in scenario.objects:
+        radius = enclosing_radius(templates[each.template], each.scale)
         points = path_of(each)
         gaps = np.linalg.norm(np.diff(points, axis=0), axis=1)
         balls.append(np.column_stack([points, np.full(len(points), radius + 0.5 * gaps.max(initial=0.0))]))
     return np.concatenate(balls)
 
 
-def resting_edges(objects: Sequence[Object], up_axis: str) -> Array:
+def resting_edges(scenario: Scenario) -> Array:
     """Return the edges of the objects that stand still or fall, at their start, float64 [n, 2, 3], m."""
-    edges = [np.zeros((0, 2, 3))]
-    for each in objects:
-        if isinstance(each.dynamic, RigidBody | Still | None) and not catalog.is_prim_path(each.template):
-            own = template_edges(template_of(each.template, up_axis)) * each.scale
+    edges, templates = [np.zeros((0, 2, 3))], templates_of(scenario)
+    for each in scenario.objects:
+        if isinstance(each.dynamic, RigidBody | Still | None):
+            own = template_edges(templates[each.template]) * each.scale
             edges.append(rotate(quaternion(each.rotation), own) + each.position)
     return np.concatenate(edges)
 

@@ -69,12 +69,14 @@ def with_room(scenario: Scenario, value: Any, draws: Callable[[str], Draws]) -> 
 
     Raises:
         SceneNotFound: there is no such scene.
-        ScenarioError: the scenario was edited, or its objects do not fit there.
+        ScenarioError: the scenario was edited or moves prims of its scene, or its objects do not fit there.
     """
     if scenario.edits:
         raise ScenarioError(
             "rooms: the scenario has edits, whose places are of its own scene; draw from an unedited one"
         )
+    if scenario.moved_prims:
+        raise ScenarioError(f"rooms: the prim {scenario.moved_prims[0]!r} that the scenario moves is of its own scene")
     names = [name for name in catalog.scenes() if name != scenario.scene] if value is None else value
     names = words_of([names] if isinstance(names, str) else names, "rooms")
     name = names[draws("").whole("scene", 0, 0, len(names) - 1)]

@@ -25,10 +25,13 @@ KEPT = 4
 def stage_of(scenario: Scenario) -> SceneDescription:
     """Return the stage of a scenario with its variants, as authored: without overrides.
 
+    The prims that the scenario moves are not part of it, but templates.
+
     Raises:
         SceneNotFound, MissingFile, StageError: it cannot be read.
+        UnknownName: it does not have a prim that the scenario moves.
     """
-    return _stage(catalog.find_scene(scenario.scene), json.dumps(scenario.variants, sort_keys=True))
+    return _stage(*_reading(scenario))
 
 
 def variant_sets_of(scenario: Scenario) -> Mapping[str, tuple[str, tuple[str, ...]]]:
@@ -36,19 +39,16 @@ def variant_sets_of(scenario: Scenario) -> Mapping[str, tuple[str, tuple[str, ..
     return _variant_sets(catalog.find_scene(scenario.scene))
 
 
-def templates_of(scenario: Scenario, up_axis: str) -> list[SceneDescription]:
-    """Return the templates of a scenario's objects, in the order of first use.
-
-    Args:
-        scenario: the scenario.
-        up_axis: of its stage.
+def templates_of(scenario: Scenario) -> dict[str, SceneDescription]:
+    """Return the templates of a scenario's objects by name, in the order of first use.
 
     Raises:
         TemplateNotFound, MissingFile, StageError: one cannot be read.
     """
-    names = dict.fromkeys(each.template for each in scenario.objects if not catalog.is_prim_path(each.template))
-    stage = {template.name: template.description for template in stage_of(scenario).templates}
-    return [stage[name] if name in stage else template_of(name, up_axis) for name in names]
+    stage = stage_of(scenario)
+    own = {template.name: template.description for template in stage.templates}
+    names = dict.fromkeys(each.template for each in scenario.objects)
+    return {name: own[name] if name in own else template_of(name, stage.up_axis) for name in names}
 
 
 def main_camera_of(scenario: Scenario) -> Camera:
@@ -72,22 +72,30 @@ def free_space_of(scenario: Scenario, camera: Camera | None = None, aspect: floa
         camera: the camera; None: the main camera.
         aspect: width / height of its image.
     """
-    file = catalog.find_scene(scenario.scene)
     moved = tuple(each for each in scenario.overrides if isinstance(each, ObjectOverride))
-    variants = json.dumps(scenario.variants, sort_keys=True)
-    return _free_space(file, variants, moved, camera or main_camera_of(scenario), aspect)
+    return _free_space(*_reading(scenario), moved, camera or main_camera_of(scenario), aspect)
+
+
+def _reading(scenario: Scenario) -> tuple[Path, str, tuple[str, ...]]:
+    """Return the file of a scenario's stage, its variants as JSON, and the prims that are left out of the scene."""
+    return catalog.find_scene(scenario.scene), json.dumps(scenario.variants, sort_keys=True), scenario.moved_prims
 
 
 @cached_by_layers(KEPT)
 def _free_space(
-    file: Path, variants: str, moved: tuple[ObjectOverride, ...], camera: Camera, aspect: float
+    file: Path,
+    variants: str,
+    extract: tuple[str, ...],
+    moved: tuple[ObjectOverride, ...],
+    camera: Camera,
+    aspect: float,
 ) -> FreeSpace:
-    return FreeSpace(overridden(_stage(file, variants), moved), camera, aspect)
+    return FreeSpace(overridden(_stage(file, variants, extract), moved), camera, aspect)
 
 
 @cached_by_layers(KEPT)
-def _stage(file: Path, variants: str) -> SceneDescription:
-    return read_stage(file, variants=json.loads(variants) or None)
+def _stage(file: Path, variants: str, extract: tuple[str, ...]) -> SceneDescription:
+    return read_stage(file, variants=json.loads(variants) or None, extract=extract)
 
 
 @cached_by_layers(KEPT)

@@ -130,6 +130,11 @@ class Scenario:
         """The cameras, the main one first; None stands for the stage's own."""
         return self.camera if isinstance(self.camera, tuple) else (self.camera,)
 
+    @property
+    def moved_prims(self) -> tuple[str, ...]:
+        """Paths of the prims of the stage that are objects of the scenario, sorted."""
+        return tuple(sorted({each.template for each in self.objects if catalog.is_prim_path(each.template)}))
+
     @classmethod
     def sample(
         cls,

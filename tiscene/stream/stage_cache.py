@@ -89,7 +89,7 @@ class StageCache:
         key = self._key(scenario)
         stage = self._stages.pop(key, None)
         if stage is None:
-            options = self._options | {"variants": dict(scenario.variants) or None, "extract": _extracted(scenario)}
+            options = self._options | {"variants": dict(scenario.variants) or None, "extract": scenario.moved_prims}
             stage, self.arch = load(file, arch=self.arch, **self._loading, **options)
         self._stages[key] = stage
         while len(self._stages) > MAX_STAGES:
@@ -120,7 +120,7 @@ class StageCache:
         """Return what the stage of a scenario depends on."""
         file = catalog.find_scene(scenario.scene)
         variants = tuple(sorted(scenario.variants.items()))
-        return str(file.resolve()), variants, _extracted(scenario), self._state(file)
+        return str(file.resolve()), variants, scenario.moved_prims, self._state(file)
 
     def _state(self, file: Path) -> Hashable:
         """Return what changes with the files of a stage; with its own file alone if none may be opened here."""
@@ -143,8 +143,3 @@ class StageCache:
         if limits is not None:
             return read_template(file, up_axis=stage.up_axis, taxonomy=taxonomy, variants=variants, limits=limits)
         return kept_template(file, up_axis=stage.up_axis, taxonomy=taxonomy, variants=variants)
-
-
-def _extracted(scenario: Scenario) -> tuple[str, ...]:
-    """Return the paths of the prims that a scenario moves."""
-    return tuple(sorted({each.template for each in scenario.objects if catalog.is_prim_path(each.template)}))
