@@ -9,6 +9,7 @@ import json
 import math
 import subprocess
 import sys
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import fields
 
 import numpy as np
@@ -64,6 +65,20 @@ def test_same_arguments_give_same_scenario(room):
     assert drawn[0] == drawn[1]
     assert Scenario.sample(room, seed=4, objects=3, templates=SMALL) != drawn[0]
     assert Scenario.from_json(drawn[0].to_json()) == drawn[0]
+
+
+def test_threads_draw_the_same_scenarios(room):
+    def draw(seed: int) -> Scenario:
+        return Scenario.sample(room, seed=seed, objects=2, templates=SMALL).with_factor("clutter", 1, seed=seed)
+
+    drawn = [draw(seed) for seed in range(6)]
+    interval = sys.getswitchinterval()
+    sys.setswitchinterval(1e-5)
+    try:
+        with ThreadPoolExecutor(4) as pool:
+            assert list(pool.map(draw, range(6))) == drawn
+    finally:
+        sys.setswitchinterval(interval)
 
 
 def test_additional_object_changes_no_other(room):

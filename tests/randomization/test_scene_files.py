@@ -3,6 +3,8 @@
 
 from __future__ import annotations
 
+import subprocess
+import sys
 from pathlib import Path
 
 import tiscene as ts
@@ -41,3 +43,23 @@ def test_scene_is_read_again_once_a_sublayer_has_changed(tmp_path):
     assert free_space_of(scenario) is not space
     assert list(variant_sets_of(scenario)) == ["/Lamp{lighting}"]
     assert recipe._aspect(str(file), {}) == 2.0
+
+
+def test_scenarios_are_drawn_again_after_a_restart_of_taichi(room_of_boxes):
+    text = """
+import sys
+import taichi as ti
+import tiscene as ts
+
+def draw():
+    ranges = {"objects": 1, "templates": ("Cup 01",), "clutter": {"count": 1, "templates": ("Cup 01",)}}
+    return ts.Scenario.sample(sys.argv[1], seed=1, furniture=0.2, **ranges)
+
+first = draw()
+ti.reset()
+assert draw() == first
+ti.init(arch=ti.cpu, fast_math=False, advanced_optimization=False, log_level=ti.ERROR)
+assert draw() == first
+"""
+    done = subprocess.run([sys.executable, "-c", text, room_of_boxes], capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr

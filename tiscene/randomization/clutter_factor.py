@@ -22,8 +22,8 @@ from tiscene.randomization.factor_ranges import ClutterRanges, is_number
 from tiscene.randomization.free_space import FreeSpace
 from tiscene.randomization.object_factors import DISTRACTOR, category_of, is_distractor
 from tiscene.randomization.object_paths import clear_of, swept_balls
-from tiscene.randomization.scene_collisions import SceneCollisions, about, box_of, template_edges, transformed
-from tiscene.randomization.scene_files import free_space_of, stage_of, template_of
+from tiscene.randomization.scene_collisions import about, box_of, template_edges, transformed
+from tiscene.randomization.scene_files import collisions_of, free_space_of, stage_of, template_of
 from tiscene.randomization.template_extent import template_extent
 from tiscene.scenario.objects import Object
 from tiscene.scenario.scenario import Scenario
@@ -81,7 +81,7 @@ class _DistractorPlacer:
         self.up_axis = stage.up_axis
         self.space: FreeSpace = free_space_of(scenario)
         self.balls = swept_balls(scenario)
-        self.collisions = SceneCollisions(stage)
+        self.collisions = collisions_of(scenario)
         self.collisions.select()
         self.is_empty = not stage.instances
         self.boxes: list[tuple[Array, Array]] = []

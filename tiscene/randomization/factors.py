@@ -15,6 +15,7 @@ from dataclasses import dataclass, replace
 from typing import Any, get_args
 
 from dynamics.argument_checks import integer
+from tiscene.device import runtime
 from tiscene.errors import UnknownName
 from tiscene.randomization.clutter_factor import with_clutter
 from tiscene.randomization.draws import Draws
@@ -65,6 +66,7 @@ FACTORS: dict[str, Factor] = {
 }  # fmt: skip
 
 
+@runtime.one_thread_at_a_time
 def with_factor(scenario: Scenario, name: str, value: Any = None, *, seed: int = 0) -> Scenario:
     """Return a scenario with one factor drawn anew, and everything else as it was.
 

@@ -21,6 +21,7 @@ from dynamics import CatmullWaypoints, LinearWaypoints, Waypoint
 from dynamics.argument_checks import integer
 from dynamics.dynamic import Pose
 from tiscene import catalog
+from tiscene.device import runtime
 from tiscene.errors import ScenarioError
 from tiscene.randomization.draws import Draws
 from tiscene.randomization.free_space import FreeSpace
@@ -37,6 +38,7 @@ MAX_TEMPLATES = 32  # templates that are tried for one object
 SCENARIO = 2**64 - 1  # number of the draws that belong to no object
 
 
+@runtime.one_thread_at_a_time
 def sample(
     scene: str | os.PathLike[str], *, seed: int = 0, camera: Camera | str | None = None, **ranges: Any
 ) -> dict[str, Any]:

@@ -62,10 +62,11 @@ class SceneCollisions:
         """
         if self._selected == number or not self._instances:
             return
-        self._selected = number
         own = self._owner == number
         placement = static_placement(self._instances, np.stack([np.ones_like(own), ~own, own]))
+        self._selected = None  # until an interruption can no longer come between
         self._scene.place(placement, (CURRENT, NEXT) if own.any() else (CURRENT,))
+        self._selected = number
 
     def edges_of(self, number: int) -> Array:
         """Return the edges of an object of the scene, float64 [n, 2, 3], m."""

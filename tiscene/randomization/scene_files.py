@@ -8,7 +8,9 @@ from collections.abc import Mapping
 from pathlib import Path
 
 from tiscene import catalog
+from tiscene.device import runtime
 from tiscene.randomization.free_space import FreeSpace
+from tiscene.randomization.scene_collisions import SceneCollisions
 from tiscene.scenario.overrides import CameraOverride, ObjectOverride
 from tiscene.scenario.scenario import Scenario
 from tiscene.scene.camera import Camera
@@ -72,8 +74,19 @@ def free_space_of(scenario: Scenario, camera: Camera | None = None, aspect: floa
         camera: the camera; None: the main camera.
         aspect: width / height of its image.
     """
-    moved = tuple(each for each in scenario.overrides if isinstance(each, ObjectOverride))
-    return _free_space(*_reading(scenario), moved, camera or main_camera_of(scenario), aspect)
+    runtime.start()
+    camera = camera or main_camera_of(scenario)
+    return _free_space(*_reading(scenario), _moved(scenario), camera, aspect, runtime.session())
+
+
+def collisions_of(scenario: Scenario) -> SceneCollisions:
+    """Return the collisions with a scenario's stage, with its overrides. They are kept: leave its objects in place."""
+    runtime.start()
+    return _collisions(*_reading(scenario), _moved(scenario), runtime.session())
+
+
+def _moved(scenario: Scenario) -> tuple[ObjectOverride, ...]:
+    return tuple(each for each in scenario.overrides if isinstance(each, ObjectOverride))
 
 
 def _reading(scenario: Scenario) -> tuple[Path, str, tuple[str, ...]]:
@@ -81,6 +94,7 @@ def _reading(scenario: Scenario) -> tuple[Path, str, tuple[str, ...]]:
     return catalog.find_scene(scenario.scene), json.dumps(scenario.variants, sort_keys=True), scenario.moved_prims
 
 
+# A restart of Taichi destroys the arrays of what was kept, so its session is an argument.
 @cached_by_layers(KEPT)
 def _free_space(
     file: Path,
@@ -89,8 +103,16 @@ def _free_space(
     moved: tuple[ObjectOverride, ...],
     camera: Camera,
     aspect: float,
+    session: object,
 ) -> FreeSpace:
     return FreeSpace(overridden(_stage(file, variants, extract), moved), camera, aspect)
+
+
+@cached_by_layers(KEPT)
+def _collisions(
+    file: Path, variants: str, extract: tuple[str, ...], moved: tuple[ObjectOverride, ...], session: object
+) -> SceneCollisions:
+    return SceneCollisions(overridden(_stage(file, variants, extract), moved))
 
 
 @cached_by_layers(KEPT)
