@@ -70,6 +70,15 @@ def test_instances_stay_in_their_category_and_categories_do_not(drawn):
     assert all(b == "ball" or (b == "cup" and a != "cup") for a, b in zip(categories(drawn), others, strict=True))
 
 
+def test_distractors_keep_their_sizes_in_another_room(room_of_boxes):
+    clutter = {"count": 3, "templates": ("Cup 01", "Ball 01"), "scale": (0.4, 0.6)}
+    cluttered = ts.Scenario(room_of_boxes).with_factor("clutter", clutter, seed=2)
+    scales = [max(each.scale) for each in cluttered.objects]
+    moved = cluttered.with_factor("rooms", "object_view", seed=2)
+    assert len(moved.objects) == 3
+    assert all(min(scales) <= max(each.scale) <= max(scales) for each in moved.objects)
+
+
 def test_rooms_and_occlusion_keep_templates_and_speeds(drawn):
     def speeds(scenario):
         result = []

@@ -2,7 +2,7 @@
 """Difficulty: measures of how hard a frame is for vision, from its labels.
 
 Size, visibility, contrast and novelty are means over the targets that are visible: the objects of the scenario, or, of
-a frame without such objects, all objects. Measures whose buffer a frame does not have are None.
+a frame at which none of them exists, all objects. Measures whose buffer a frame does not have are None.
 """
 
 from __future__ import annotations

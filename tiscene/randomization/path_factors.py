@@ -93,7 +93,9 @@ def with_room(scenario: Scenario, value: Any, draws: Callable[[str], Draws]) -> 
     distractors = [each for each in scenario.objects if is_distractor(each)]
     if distractors:
         templates = list(dict.fromkeys(each.template for each in distractors))
-        other = with_clutter(other, {"count": len(distractors), "templates": templates}, draws)
+        scales = [float(np.max(each.scale)) for each in distractors]
+        ranges = {"count": len(distractors), "templates": templates, "scale": (min(scales), max(scales))}
+        other = with_clutter(other, ranges, draws)
     return other
 
 
