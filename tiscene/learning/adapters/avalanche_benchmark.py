@@ -30,19 +30,31 @@ def avalanche_benchmark(course: Course, *, size: int = 33, policy: Policy | None
         policy: which pixels of the tests are classified; None: one of each moving object in each frame.
 
     Returns:
-        A `CLScenario` with `train_stream` and `test_stream`, in the order of the course. Pictures are float32
-        [3, size, size], 0..1; classes are category ids. Experiences have `classes_in_this_experience` and the like.
+        A `CLScenario` with `train_stream` and `test_stream`, in the order of the course. Samples are (picture, class,
+        task): pictures are float32 [3, size, size], 0..1, classes are category ids, and all are of task 0, since a
+        course does not tell which phase it is in. Experiences have `classes_in_this_experience` and the like.
 
     Raises:
         MissingExtra: Avalanche is not installed.
         ArgumentError: the course has no labels or no tests, or the policy chooses no pixels of a test.
     """
     with requires_extra("avalanche"):
-        from avalanche.benchmarks import benchmark_from_datasets, with_classes_timeline
-        from avalanche.benchmarks.utils import as_classification_dataset
+        from avalanche.benchmarks import benchmark_from_datasets, with_classes_timeline, with_task_labels
+        from avalanche.benchmarks.utils import (
+            ConstantSequence,
+            TaskAwareClassificationDataset,
+            TaskLabels,
+            as_classification_dataset,
+        )
+
+    def dataset(patches: Sequence[LabeledPatch]) -> Any:
+        pictures = as_classification_dataset(_Pictures(patches))
+        return TaskAwareClassificationDataset(
+            [pictures], data_attributes=[TaskLabels(ConstantSequence(0, len(patches)))]
+        )
 
     def datasets(phases: dict[int, list[LabeledPatch]]) -> list[Any]:
-        return [as_classification_dataset(_Pictures(patches)) for _, patches in sorted(phases.items())]
+        return [dataset(patches) for _, patches in sorted(phases.items())]
 
     train = _by_phase(labeled_patches(course, size))
     test = _by_phase(patches_of_tests(course, size, policy))
@@ -51,7 +63,8 @@ def avalanche_benchmark(course: Course, *, size: int = 33, policy: Policy | None
     for number, phase in enumerate(course.test_phases):
         if number not in test:  # the tests after it would take its number
             raise ArgumentError(f"test {phase.name!r}: the policy chooses no pixels of it: policy=RandomPixels(4)")
-    return with_classes_timeline(benchmark_from_datasets(train=datasets(train), test=datasets(test)))
+    benchmark = benchmark_from_datasets(train=datasets(train), test=datasets(test))
+    return with_task_labels(with_classes_timeline(benchmark))
 
 
 class _Pictures:
