@@ -25,7 +25,7 @@ from tiscene.learning.suite_names import suites
 from tiscene.learning.svg_chart import line_chart, line_styles
 
 DOCS = Path(__file__).parents[1]
-SUITES = ("solids", "room")
+SUITES = ("solids", "room", "home")
 STYLE = (
     "<style>svg{background:#fff}text{font:11px sans-serif;fill:#444c56}polyline{fill:none;stroke-width:1.8}"
     ".grid{stroke:#e3e6e9}.mark{stroke:#8a939c;stroke-dasharray:3 3}</style>"
@@ -55,6 +55,10 @@ moving object is labeled, and two random pixels.
 
 `tiscene evaluate room --learner naive` takes 153 s and 2.6 GB of memory on two cores, in a fresh environment with an
 empty cache of kernels. Rendering is nine tenths of it, and learners that are evaluated at once share it.
+
+Networks come out differently with another version of PyTorch or on another processor. `solids` computed again with
+PyTorch 2.15: `blind` and `ncm`, which are no networks, had every digit of the table; the ACC of `replay` was
+93.7 ± 1.2, and that of `naive` 25.8 ± 5.6, within the deviations.
 """
 
 

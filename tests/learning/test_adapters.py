@@ -17,6 +17,7 @@ from tiscene.learning.phase import Phase
 from tiscene.learning.supervision_rules import SupervisionRules
 from tiscene.learning.teaching_policies import Combined, OnePixelPerMovingObject, RandomPixels
 from tiscene.scenario.scenario import Scenario
+from tiscene.usd.core.limits import Limits
 
 TAUGHT = SupervisionRules(Combined([OnePixelPerMovingObject(), RandomPixels(1)]))
 
@@ -122,7 +123,7 @@ def test_avalanche_trains_and_evaluates_on_a_course(course):
     pytest.importorskip("avalanche")
     import torch
     from avalanche.models import SimpleMLP
-    from avalanche.training.supervised import Naive
+    from avalanche.training.supervised import LwF, Naive
 
     from tiscene.learning.adapters.avalanche_benchmark import avalanche_benchmark
 
@@ -130,6 +131,7 @@ def test_avalanche_trains_and_evaluates_on_a_course(course):
     assert [len(each.dataset) for each in benchmark.train_stream] == [12, 12]
     assert [sorted(set(each.dataset.targets)) for each in benchmark.train_stream] == [[0, 1], [0, 2]]
     assert [each.classes_seen_so_far for each in benchmark.train_stream] == [{0, 1}, {0, 1, 2}]
+    assert [each.task_labels for each in benchmark.train_stream] == [[0], [0]]
     assert len(benchmark.test_stream) == 2
     picture, target, *_ = benchmark.train_stream[0].dataset[0]
     first = next(labeled_patches(course, 9))
@@ -142,6 +144,15 @@ def test_avalanche_trains_and_evaluates_on_a_course(course):
     results = strategy.eval(benchmark.test_stream)
     accuracy = [value for name, value in results.items() if name.startswith("Top1_Acc_Exp")]
     assert accuracy[0] > accuracy[1]  # it has learned the ball, not the cube
+    distilling = LwF(  # reads task labels, as most strategies do that keep old outputs
+        model=model,
+        optimizer=torch.optim.Adam(model.parameters()),
+        criterion=torch.nn.CrossEntropyLoss(),
+        alpha=1.0,
+        temperature=2.0,
+    )
+    for experience in benchmark.train_stream:
+        distilling.train(experience)
 
 
 @pytest.mark.filterwarnings("ignore")
@@ -231,6 +242,18 @@ def test_course_frames_are_equal_in_a_worker(course):
     there = pickle.loads(pickle.dumps(CourseFrames(course))).dataset()
     assert len(there) == 12
     assert (there[7]["rgb"] == course[7].rgb).all()
+
+
+def test_worker_keeps_the_device_and_limits_of_a_course_and_drops_its_progress_callback():
+    limits = Limits(prims=1000)
+    made = Course(make_course().phases, width=32, height=24, arch="cpu", limits=limits, progress=lambda *_: None)
+    there = pickle.loads(pickle.dumps(CourseFrames(made))).course
+    assert {name: there.settings.get(name) for name in ("arch", "limits", "progress")} == {
+        "arch": "cpu",
+        "limits": limits,
+        "progress": None,
+    }
+    assert there.digest() == made.digest()
 
 
 def test_grain_shuffles_a_course(course):

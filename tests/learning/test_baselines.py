@@ -173,6 +173,20 @@ def test_late_labels_train_on_the_picture_that_they_are_of():
     assert all((a == b).all() for a, b in zip(late.network.parameters(), prompt.network.parameters(), strict=True))
 
 
+@pytest.mark.parametrize("name", ["naive", "ncm"])
+def test_labels_arrive_up_to_128_frames_late(name):
+    """Both keep the pictures of as many frames, so that a delay is as hard for one as for the other."""
+    frame, truth = drawn(0, 1)
+    for late, learned in ((127, True), (128, False)):
+        learner = make_learner(name, CATEGORIES, seed=1)
+        known = learner.sums if name == "ncm" else learner.network.head.bias.detach().numpy()
+        before = known.copy()
+        for index in range(late):
+            learner.learn(drawn(index, 1)[0], [])
+        learner.learn(drawn(late, 2)[0], answers(frame, truth))
+        assert (known != before).any() == learned
+
+
 @pytest.mark.parametrize("name", ["blind"])
 def test_blind_learner_repeats_labels_and_ignores_pictures(name):
     learner = make_learner(name, CATEGORIES)

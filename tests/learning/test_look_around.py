@@ -43,6 +43,12 @@ def test_episodes_of_equal_actions_are_equal(environment):
     assert episode() == episode()
 
 
+def test_options_of_an_episode_are_refused(environment):
+    with pytest.raises(ArgumentError, match=r"options=.*LookAround has none; pass arguments to gymnasium.make"):
+        environment.reset(options={"length": 3})
+    environment.reset(options={})
+
+
 def test_changed_observation_does_not_change_the_environment(environment):
     observation, _ = environment.reset()
     before = environment.unwrapped._frame.rgb.copy()

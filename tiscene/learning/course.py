@@ -25,7 +25,7 @@ from tiscene.learning import course_file
 from tiscene.learning.phase import CourseFrame, Phase, check_phases
 from tiscene.learning.pixel_counts import check_pixels
 from tiscene.learning.pixel_labels import LABELS, moving_instances
-from tiscene.learning.stream_pool import StreamPool
+from tiscene.learning.stream_pool import StreamPool, without_progress
 from tiscene.learning.supervision_rules import SupervisionRules
 from tiscene.scenario import serialization
 from tiscene.scenario.scenario import Scenario
@@ -109,6 +109,10 @@ class Course(Iterator[CourseFrame]):
         self._keys: dict[tuple[int, tuple[float, ...]], tuple[str, Scenario]] = {}
         self._position = 0
         self._shared = False
+
+    def __getstate__(self) -> dict[str, Any]:
+        """Return all but the progress callback, as a stream does."""
+        return {**vars(self), "settings": without_progress(self.settings)}
 
     @property
     def tests(self) -> Course | None:

@@ -28,8 +28,8 @@ class StreamPool:
         self.categories: tuple[str, ...] | None = self._settings.get("categories")
 
     def __getstate__(self) -> dict[str, Any]:
-        """Return what a copy needs to read all stages again."""
-        return {"settings": self._settings, "categories": self.categories}
+        """Return what a copy needs to read all stages again, without the progress callback."""
+        return {"settings": without_progress(self._settings), "categories": self.categories}
 
     def __setstate__(self, state: dict[str, Any]) -> None:
         StreamPool.__init__(self, state["settings"])
@@ -78,3 +78,8 @@ class StreamPool:
         for stream in self._streams.values():
             stream.close()
         self._streams.clear()
+
+
+def without_progress(settings: Mapping[str, Any]) -> dict[str, Any]:
+    """Return settings without the progress callback, which a copy does not have, as that of a stream."""
+    return {name: value for name, value in settings.items() if name != "progress"}

@@ -135,6 +135,12 @@ def check_state(state: Mapping[str, Any], settings: Mapping[str, Any]) -> None:
 
 
 def differences(saved: Mapping[str, Any], here: Mapping[str, Any]) -> dict[str, str]:
-    """Return how settings differ, in words, by the names of those that do."""
-    names = [name for name in {**saved, **here} if saved.get(name) != here.get(name)]
-    return {name: f"{name}: {saved.get(name)!r} there, {here.get(name)!r} here" for name in names}
+    """Return how settings differ, in words, by the names of those that do; those of a nested mapping one by one."""
+    found: dict[str, str] = {}
+    for name in {**saved, **here}:
+        there, own = saved.get(name), here.get(name)
+        if isinstance(there, Mapping) and isinstance(own, Mapping):
+            found |= differences(there, own)
+        elif there != own:
+            found[name] = f"{name}: {there!r} there, {own!r} here"
+    return found

@@ -8,7 +8,7 @@ import sys
 import numpy as np
 import pytest
 
-from tiscene.errors import ArgumentError
+from tiscene.errors import ArgumentError, ArgumentTypeError
 from tiscene.stream.stream import Stream
 
 datasets = pytest.importorskip("datasets")
@@ -91,6 +91,11 @@ def test_transform_and_objects_reach_the_examples(stream):
     assert list(dataset) == [{"nearest": float(stream[index].depth.min())} for index in range(2)]
     (example,) = stream.huggingface(frames=range(1), objects=True)
     assert example["objects"]["id"].tolist() == [row.id for row in stream[0].objects if row.visible_pixels]
+
+
+def test_transform_that_returns_no_columns_is_named(stream):
+    with pytest.raises(ArgumentTypeError, match="transform returned int: must return a dict of columns"):
+        next(iter(stream.huggingface(transform=lambda frame: frame.index)))
 
 
 @pytest.mark.parametrize("shards", [0, 11])

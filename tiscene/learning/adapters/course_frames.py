@@ -14,7 +14,7 @@ from tiscene.stream.loaders.loader_methods import LoaderMethods
 class CourseFrames(LoaderMethods):
     """The frames of a course, with the methods `torch`, `dataset` and `huggingface` of a stream.
 
-    `transform=` gets frames that know their `phase`. A worker process makes the course anew, from its JSON.
+    `transform=` gets frames that know their `phase`.
 
     Args:
         course: the course.
@@ -61,9 +61,3 @@ class CourseFrames(LoaderMethods):
 
     def __getitem__(self, index: int) -> CourseFrame:
         return self.course[index]
-
-    def __getstate__(self) -> dict[str, Any]:
-        return {"course": self.course.to_json(), "position": self.course.position}
-
-    def __setstate__(self, state: dict[str, Any]) -> None:
-        self.course = Course.from_json(state["course"]).seek(state["position"])

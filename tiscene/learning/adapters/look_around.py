@@ -119,8 +119,14 @@ class LookAround(gymnasium.Env):  # type: ignore[misc]  # gymnasium is not read
         self._start = self.stream.world.state(0).cameras[0].current
 
     def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> tuple[Any, dict[str, Any]]:
-        """Begin an episode at frame 0, with the scenario's camera. Nothing is drawn, so `seed` changes nothing."""
+        """Begin an episode at frame 0, with the scenario's camera. Nothing is drawn, so `seed` changes nothing.
+
+        Raises:
+            ArgumentError: there are options.
+        """
         super().reset(seed=seed)
+        if options:
+            raise ArgumentError(f"options={options!r}: LookAround has none; pass arguments to gymnasium.make")
         self._index, self._label, self._asked = 0, 0, 0
         self._known: set[int] = set()
         self._camera, self._walks = self._start, Axes()

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from tiscene.errors import requires_extra
 from tiscene.learning.answers import Answer
-from tiscene.learning.baselines.pixel_network import one_thread
+from tiscene.learning.baselines.pixel_network import keep_recent, one_thread
 from tiscene.learning.phase import CourseFrame
 
 with requires_extra("torch"):
@@ -39,7 +39,7 @@ class NearestMean:
         self.sums: NDArray[np.float64] = np.zeros((self.count, dimensions))
         self.squares: NDArray[np.float64] = np.zeros(dimensions)
         self.labels: NDArray[np.int64] = np.zeros(self.count, np.int64)
-        self._features: dict[int, NDArray[np.float64]] = {}
+        self.recent: dict[int, NDArray[np.uint8]] = {}
 
     def predict(self, frame: CourseFrame) -> NDArray[np.int64]:
         """Return the category whose mean is nearest, in units of the features' deviations."""
@@ -56,12 +56,12 @@ class NearestMean:
 
     def learn(self, frame: CourseFrame, answers: Sequence[Answer]) -> None:
         """Add the labels that have arrived to their means."""
-        self._features[frame.index] = fixed_features(frame.rgb)
-        while len(self._features) > 16:
-            del self._features[next(iter(self._features))]
+        keep_recent(self.recent, frame)
+        labeled = {each.frame for each in answers} & self.recent.keys()
+        features = {index: fixed_features(self.recent[index]) for index in labeled}
         for each in answers:
-            if each.frame in self._features:
-                feature = self._features[each.frame][each.pixel]
+            if each.frame in features:
+                feature = features[each.frame][each.pixel]
                 self.sums[each.category_id] += feature
                 self.squares += feature**2
                 self.labels[each.category_id] += 1

@@ -118,9 +118,7 @@ class PixelLearner:
 
     def learn(self, frame: CourseFrame, answers: Sequence[Answer]) -> None:
         """Take a step on the labels that have arrived, if there are any."""
-        self.recent[frame.index] = frame.rgb
-        while len(self.recent) > RECENT:
-            del self.recent[next(iter(self.recent))]
+        keep_recent(self.recent, frame)
         arrived = self._arrived(answers)
         if arrived:
             self.step(self.examples(arrived))
@@ -184,6 +182,13 @@ class PixelLearner:
                 network = PixelNetwork(self.count)
                 network.load_state_dict(weights)
                 setattr(self, name, network)
+
+
+def keep_recent(recent: dict[int, NDArray[np.uint8]], frame: CourseFrame) -> None:
+    """Add the picture of a frame to pictures by index, of which the last RECENT are kept."""
+    recent[frame.index] = frame.rgb
+    while len(recent) > RECENT:
+        del recent[next(iter(recent))]
 
 
 def pictures(rgb: Sequence[NDArray[np.uint8]]) -> torch.Tensor:

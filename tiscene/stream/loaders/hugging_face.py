@@ -9,7 +9,7 @@ from typing import Any
 import datasets
 
 from dynamics import argument_checks
-from tiscene.errors import ArgumentError
+from tiscene.errors import ArgumentError, ArgumentTypeError
 from tiscene.frame.buffers import BUFFERS
 from tiscene.stream.loaders.frame_samples import FrameSamples, Sample, frame_range, is_endless
 from tiscene.stream.stream_interface import StreamInterface
@@ -67,6 +67,8 @@ class _Render:
 
     def __call__(self, example: dict[str, int]) -> Sample:
         sample: Sample = self._samples(self._stream[example["index"]])
+        if not isinstance(sample, dict):
+            raise ArgumentTypeError(f"transform returned {type(sample).__name__}: must return a dict of columns")
         return sample
 
 

@@ -33,7 +33,7 @@ class LoaderMethods:
         """Return an IterableDataset of PyTorch whose samples are dicts of tensors. The stream's position stays.
 
         Workers and ranks share the frames without loss or double. `StatefulDataLoader` saves and restores its state.
-        Worker processes need `multiprocessing_context="spawn"`.
+        Worker processes need `multiprocessing_context="spawn"` or "forkserver", and do not see later edits.
 
         Args:
             frames: indices of the frames; None: from the stream's position to its end, if it has one.

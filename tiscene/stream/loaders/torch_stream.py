@@ -132,7 +132,8 @@ class TorchStreamIterator(Iterator[Any]):
         Raises:
             ArgumentError: the state is of another stream, other frames, or another number of workers or ranks.
         """
-        if not isinstance(state, Mapping) or state.get("version") != STATE_VERSION:
+        is_state = isinstance(state, Mapping) and isinstance(state.get("of"), Mapping) and "delivered" in state
+        if not is_state or state.get("version") != STATE_VERSION:
             raise ArgumentError(f"this is not a state of stream.torch() (version {STATE_VERSION})")
         if different := ", ".join(differences(state["of"], self._identity()).values()):
             raise ArgumentError(
