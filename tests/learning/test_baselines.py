@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Baselines on drawn pictures: colored squares on gray, with a few labels each."""
 
+import contextlib
 import pickle
 import sys
 
@@ -183,7 +184,9 @@ def test_labels_arrive_up_to_128_frames_late(name):
         before = known.copy()
         for index in range(late):
             learner.learn(drawn(index, 1)[0], [])
-        learner.learn(drawn(late, 2)[0], answers(frame, truth))
+        expected = pytest.warns(UserWarning, match="labels of frame 0 are not learned: only the last 128 pictures")
+        with contextlib.nullcontext() if learned else expected:
+            learner.learn(drawn(late, 2)[0], answers(frame, truth))
         assert (known != before).any() == learned
 
 

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from tiscene.errors import requires_extra
 from tiscene.learning.answers import Answer
-from tiscene.learning.baselines.pixel_network import keep_recent, one_thread
+from tiscene.learning.baselines.pixel_network import answers_with_picture, keep_recent, one_thread
 from tiscene.learning.phase import CourseFrame
 
 with requires_extra("torch"):
@@ -57,14 +57,13 @@ class NearestMean:
     def learn(self, frame: CourseFrame, answers: Sequence[Answer]) -> None:
         """Add the labels that have arrived to their means."""
         keep_recent(self.recent, frame)
-        labeled = {each.frame for each in answers} & self.recent.keys()
-        features = {index: fixed_features(self.recent[index]) for index in labeled}
-        for each in answers:
-            if each.frame in features:
-                feature = features[each.frame][each.pixel]
-                self.sums[each.category_id] += feature
-                self.squares += feature**2
-                self.labels[each.category_id] += 1
+        known = answers_with_picture(answers, self.recent)
+        features = {index: fixed_features(self.recent[index]) for index in {each.frame for each in known}}
+        for each in known:
+            feature = features[each.frame][each.pixel]
+            self.sums[each.category_id] += feature
+            self.squares += feature**2
+            self.labels[each.category_id] += 1
 
     def stored_bytes(self) -> int:
         """Return the memory of the means."""

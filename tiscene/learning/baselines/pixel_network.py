@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import contextlib
 import copy
+import warnings
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -126,9 +127,8 @@ class PixelLearner:
 
     def _arrived(self, answers: Sequence[Answer]) -> list[LabeledPicture]:
         rows: dict[int, list[tuple[int, int, int]]] = {}
-        for each in answers:
-            if each.frame in self.recent:
-                rows.setdefault(each.frame, []).append((*each.pixel, each.category_id))
+        for each in answers_with_picture(answers, self.recent):
+            rows.setdefault(each.frame, []).append((*each.pixel, each.category_id))
         return [LabeledPicture(self.recent[frame], np.array(labels)) for frame, labels in rows.items()]
 
     def examples(self, arrived: list[LabeledPicture]) -> list[LabeledPicture]:
@@ -189,6 +189,16 @@ def keep_recent(recent: dict[int, NDArray[np.uint8]], frame: CourseFrame) -> Non
     recent[frame.index] = frame.rgb
     while len(recent) > RECENT:
         del recent[next(iter(recent))]
+
+
+def answers_with_picture(answers: Sequence[Answer], recent: Mapping[int, Any]) -> list[Answer]:
+    """Return the answers that are of recent frames. Warns of others, which cannot be learned."""
+    found = [each for each in answers if each.frame in recent]
+    if len(found) < len(answers):
+        lost = next(each.frame for each in answers if each.frame not in recent)
+        text = f"labels of frame {lost} are not learned: only the last {RECENT} pictures are kept; shorten delay="
+        warnings.warn(text, stacklevel=3)
+    return found
 
 
 def pictures(rgb: Sequence[NDArray[np.uint8]]) -> torch.Tensor:
