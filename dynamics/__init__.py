@@ -47,7 +47,7 @@ angles, where a class accepts them, are degrees (see `dynamics.rotation`). Axes 
     surface_overlap                     surfaces that cross; points inside of closed ones
     rotation, random                    quaternions; counter-based random numbers
     errors, argument_checks             exceptions; validation of arguments
-    kernel_types                        types of kernel arguments
+    kernel_types, balanced_loops        types of kernel arguments; loops whose work threads share evenly
     lru_cache, weak_cache               caches: of a bounded number of values, of objects that exist
     checkpoints                         states at intervals, in bounded memory
     whole_changes                       methods that an exception may leave half done

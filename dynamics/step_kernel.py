@@ -8,6 +8,7 @@ threads nor bodies far away change any bit of it. Columns are those of `dynamics
 
 import taichi as ti
 
+from dynamics.balanced_loops import first_items, iterations_of_long_items, next_item
 from dynamics.body_access import (
     quaternion_from_rotation_vector,
     read3,
@@ -296,53 +297,56 @@ def substep(
                         neighbors[body, count] = other
         neighbors[body, 0] = count
     # Let each body attempt one motion after another, until its time is used up.
-    ti.loop_config(block_dim=1)
-    for body in range(targets.shape[0]):
-        tries = 0
-        if bodies[body, TIME_LEFT] > 0.0 and integers[body, KIND] != BOUNCES:
-            propose(bodies, integers, body)
-        while bodies[body, TIME_LEFT] > 0.0 and tries < MAX_ATTEMPTS:
-            tries += 1
-            first = integers[body, FIRST_GROUP]
-            for group in range(first, first + integers[body, GROUP_COUNT]):
-                counts[group] = 0
-            time = ti.cast(1.0, ti.f32)
-            normal = vec3(0.0)
-            kind = NOTHING
-            row = -1
-            ahead_time = ti.cast(0.0, ti.f64)
-            queries_obstacles = True
-            if integers[body, KIND] == BOUNCES:
-                queries_obstacles = bodies[body, FREE_TIME] <= 0.0
+    taken = 0
+    for iteration in range(iterations_of_long_items(targets.shape[0])):
+        body, end = first_items(taken, iteration, targets.shape[0], 1)
+        while body < end:
+            tries = 0
+            if bodies[body, TIME_LEFT] > 0.0 and integers[body, KIND] != BOUNCES:
+                propose(bodies, integers, body)
+            while bodies[body, TIME_LEFT] > 0.0 and tries < MAX_ATTEMPTS:
+                tries += 1
+                first = integers[body, FIRST_GROUP]
+                for group in range(first, first + integers[body, GROUP_COUNT]):
+                    counts[group] = 0
+                time = ti.cast(1.0, ti.f32)
+                normal = vec3(0.0)
+                kind = NOTHING
+                row = -1
+                ahead_time = ti.cast(0.0, ti.f64)
+                queries_obstacles = True
+                if integers[body, KIND] == BOUNCES:
+                    queries_obstacles = bodies[body, FREE_TIME] <= 0.0
+                    if queries_obstacles:
+                        ahead_time = look_ahead(bodies, integers, body)
                 if queries_obstacles:
-                    ahead_time = look_ahead(bodies, integers, body)
-            if queries_obstacles:
-                time, normal, row = sweep_obstacles(
-                    bodies, integers, groups, spheres, bounding, touches, times, counts,
-                    is_bvh8, nodes, triangles, instances, roots, root, body,
+                    time, normal, row = sweep_obstacles(
+                        bodies, integers, groups, spheres, bounding, touches, times, counts,
+                        is_bvh8, nodes, triangles, instances, roots, root, body,
+                    )  # fmt: skip
+                    if time < 1.0:
+                        kind = OBSTACLE
+                if ahead_time > 0.0:
+                    bodies[body, FREE_TIME] = time * ahead_time
+                    if time > 0.0:
+                        time = 1.0
+                        kind = NOTHING
+                    propose(bodies, integers, body)
+                elif not queries_obstacles:
+                    propose(bodies, integers, body)
+                other_time, other_normal, other_kind, other = sweep_walls_and_movers(
+                    bodies, integers, groups, spheres, bounding, frozen, frozen_groups, frozen_bodies,
+                    neighbors, planes, touches, times, counts, body, time,
                 )  # fmt: skip
-                if time < 1.0:
-                    kind = OBSTACLE
-            if ahead_time > 0.0:
-                bodies[body, FREE_TIME] = time * ahead_time
-                if time > 0.0:
-                    time = 1.0
-                    kind = NOTHING
-                propose(bodies, integers, body)
-            elif not queries_obstacles:
-                propose(bodies, integers, body)
-            other_time, other_normal, other_kind, other = sweep_walls_and_movers(
-                bodies, integers, groups, spheres, bounding, frozen, frozen_groups, frozen_bodies,
-                neighbors, planes, touches, times, counts, body, time,
-            )  # fmt: skip
-            if other_kind != NOTHING:
-                time, normal, kind, row = other_time, other_normal, other_kind, other
-            if not queries_obstacles and time <= 0.0 and kind != WAIT:
-                bodies[body, FREE_TIME] = 0.0  # a bounce depends on all touches: query the obstacles too
-            else:
-                advance(bodies, integers, touches, counts, body, time, normal, kind, row)
-        if bodies[body, TIME_LEFT] > 0.0:
-            # Out of attempts: the remaining time is lost.
-            if integers[body, KIND] == BOUNCES:
-                bodies[body, LOST_TIME] += bodies[body, TIME_LEFT]
-            bodies[body, TIME_LEFT] = 0.0
+                if other_kind != NOTHING:
+                    time, normal, kind, row = other_time, other_normal, other_kind, other
+                if not queries_obstacles and time <= 0.0 and kind != WAIT:
+                    bodies[body, FREE_TIME] = 0.0  # a bounce depends on all touches: query the obstacles too
+                else:
+                    advance(bodies, integers, touches, counts, body, time, normal, kind, row)
+            if bodies[body, TIME_LEFT] > 0.0:
+                # Out of attempts: the remaining time is lost.
+                if integers[body, KIND] == BOUNCES:
+                    bodies[body, LOST_TIME] += bodies[body, TIME_LEFT]
+                bodies[body, TIME_LEFT] = 0.0
+            body, end = next_item(taken, body, end, targets.shape[0], 1)

@@ -6,7 +6,6 @@
     runtime           start Taichi once per process
     restart           notice that the user's code restarted Taichi
     worker_affinity   bind each of Taichi's threads to a core
-    balanced_loops    loops whose work threads share evenly
     prefix_sums       prefix sums whose result does not depend on threads
     vector_mode       compile kernels with SIMD vectors
     memory            host arrays to device arrays

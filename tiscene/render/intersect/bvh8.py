@@ -10,7 +10,7 @@ Compiled in vector mode only (`tiscene.device.vector_mode`).
 
 import taichi as ti
 
-from tiscene.device.balanced_loops import first_items, iterations, next_item
+from dynamics.balanced_loops import first_items, iterations, next_item
 from tiscene.device.kernel_types import Float4s1, Float8s1, Floats3, Ints1, Ints2, Template, float4, float8, int8
 from tiscene.render.intersect.bvh2 import reciprocal
 from tiscene.render.intersect.ray_queue import HitIds, Hits, Rays, write_hit

@@ -11,7 +11,7 @@ Compiled in vector mode only.
 
 import taichi as ti
 
-from tiscene.device.balanced_loops import first_items, iterations, next_item
+from dynamics.balanced_loops import first_items, iterations, next_item
 from tiscene.device.kernel_types import Float4s1, Float8s1, Floats3, Ints1, Ints2, Template, float8
 from tiscene.render.intersect.bvh2 import reciprocal
 from tiscene.render.intersect.bvh8 import (

@@ -8,6 +8,7 @@ slot after it. Subtrees are thereby numbered independently, and the tree is the 
 
 import taichi as ti
 
+from dynamics.balanced_loops import first_items, iterations_of_long_items, next_item
 from tiscene.device.kernel_types import Floats2, Ints1, Ints2, Template
 
 BINS = 16
@@ -214,39 +215,44 @@ def grow(
     Returns:
         The number of appended tasks.
     """
-    found = 0
-    ti.loop_config(block_dim=1)
-    for task in range(first, first + count):
-        stack = ti.Matrix([[0] * 4] * STACK)
-        for c in ti.static(range(4)):
-            stack[0, c] = tasks[task, c]
-        depth_of_stack = 1
-        while depth_of_stack > 0:
-            top = depth_of_stack - 1
-            slot = stack[top, 0]
-            begin = stack[top, 1]
-            end = stack[top, 2]
-            depth = stack[top, 3]
-            depth_of_stack -= 1
-            if end - begin <= stop:
-                for c in ti.static(range(4)):
-                    tasks[first + count + found, c] = stack[top, c]
-                found += 1
-            else:
-                middle = split(boxes, order, node_box, slot, begin, end, depth, sah_depth, leaf_size, block, node_cost)
-                node_link[slot, 0] = -1
-                node_link[slot, 1] = -1
-                node_link[slot, 2] = begin
-                node_link[slot, 3] = end - begin
-                if middle >= 0:
-                    left = slot + 1
-                    right = slot + 2 * (middle - begin)
-                    node_link[slot, 0] = left
-                    node_link[slot, 1] = right
-                    for side, s, b, e in ti.static(((0, right, middle, end), (1, left, begin, middle))):
-                        stack[top + side, 0] = s
-                        stack[top + side, 1] = b
-                        stack[top + side, 2] = e
-                        stack[top + side, 3] = depth + 1
-                    depth_of_stack += 2
+    found, taken = 0, 0
+    for iteration in range(iterations_of_long_items(count)):
+        item, last_item = first_items(taken, iteration, count, 1)
+        while item < last_item:
+            task = first + item
+            stack = ti.Matrix([[0] * 4] * STACK)
+            for c in ti.static(range(4)):
+                stack[0, c] = tasks[task, c]
+            depth_of_stack = 1
+            while depth_of_stack > 0:
+                top = depth_of_stack - 1
+                slot = stack[top, 0]
+                begin = stack[top, 1]
+                end = stack[top, 2]
+                depth = stack[top, 3]
+                depth_of_stack -= 1
+                if end - begin <= stop:
+                    for c in ti.static(range(4)):
+                        tasks[first + count + found, c] = stack[top, c]
+                    found += 1
+                else:
+                    middle = split(
+                        boxes, order, node_box, slot, begin, end, depth, sah_depth, leaf_size, block, node_cost
+                    )
+                    node_link[slot, 0] = -1
+                    node_link[slot, 1] = -1
+                    node_link[slot, 2] = begin
+                    node_link[slot, 3] = end - begin
+                    if middle >= 0:
+                        left = slot + 1
+                        right = slot + 2 * (middle - begin)
+                        node_link[slot, 0] = left
+                        node_link[slot, 1] = right
+                        for side, s, b, e in ti.static(((0, right, middle, end), (1, left, begin, middle))):
+                            stack[top + side, 0] = s
+                            stack[top + side, 1] = b
+                            stack[top + side, 2] = e
+                            stack[top + side, 3] = depth + 1
+                        depth_of_stack += 2
+            item, last_item = next_item(taken, item, last_item, count, 1)
     return found

@@ -9,8 +9,8 @@ combined by multiple importance sampling. See Physically Based Rendering, 4th ed
 
 import taichi as ti
 
+from dynamics.balanced_loops import first_items, iterations, next_item
 from tiscene.device.argument_bundles import bundled
-from tiscene.device.balanced_loops import first_items, iterations, next_item
 from tiscene.device.kernel_types import Float4s1, Float8s1, Floats1, Floats2, Ints1, Ints2, Template, vec2, vec3
 from tiscene.render.bsdfs import extended_surface_bsdf as extended_bsdf
 from tiscene.render.bsdfs import preview_surface_bsdf as bsdf

@@ -14,13 +14,13 @@ worker, which takes the next few items until there are none::
             item, end = next_item(taken, item, end, count, size)
             ...
 
-Other iterations are idle, about 2 ns each; so short loops have few workers. GPUs have loops of `count` iterations, one
-for each item.
+Other iterations are idle, about 2 ns each; so short loops have few workers, unless an item takes many microseconds.
+GPUs have loops of `count` iterations, one for each item.
 """
 
 import taichi as ti
 
-from tiscene.device.kernel_types import Template
+from dynamics.kernel_types import Template
 
 MIN_RANGE = 512  # iterations of a loop that Taichi gives to one thread, at least
 WORKERS, MAX_WORKERS = 32, 128  # in short and in long loops
@@ -34,6 +34,18 @@ def iterations(count: ti.i32) -> ti.i32:
     if ti.static(ti.cfg.arch != ti.cuda):
         few = ti.min(WORKERS, (count + (1 << LOG_ITEMS) - 1) >> LOG_ITEMS)
         result = MIN_RANGE * ti.math.clamp(count >> LOG_MANY_ITEMS, few, MAX_WORKERS)
+    return result
+
+
+@ti.func
+def iterations_of_long_items(count: ti.i32) -> ti.i32:
+    """Return the number of iterations of a loop over `count` items that take many microseconds each.
+
+    Such a loop calls `next_item` when it is done with an item: another thread may be free sooner.
+    """
+    result = count
+    if ti.static(ti.cfg.arch != ti.cuda):
+        result = MIN_RANGE * ti.min(count, MAX_WORKERS)
     return result
 
 

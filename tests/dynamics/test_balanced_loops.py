@@ -3,8 +3,8 @@ import numpy as np
 import pytest
 import taichi as ti
 
+from dynamics.balanced_loops import MIN_RANGE, first_items, iterations, iterations_of_long_items, next_item
 from tiscene.device import runtime
-from tiscene.device.balanced_loops import MIN_RANGE, first_items, iterations, next_item
 from tiscene.device.kernel_types import Ints1
 
 
@@ -59,3 +59,40 @@ def test_a_free_thread_takes_the_items_of_a_busy_one():
         pytest.skip("one thread")
     thread = worker_of // max(MIN_RANGE, -(-total // threads))
     assert (thread[8:] == thread[0]).mean() < 0.25
+
+
+@ti.kernel
+def record_long_items(work: Ints1, worker_of: Ints1, visits: Ints1):
+    """As `record_workers`, for items that take long."""
+    count = work.shape[0]
+    taken = 0
+    for iteration in range(iterations_of_long_items(count)):
+        item, end = first_items(taken, iteration, count, 1)
+        while item < end:
+            x = 1.0
+            for _ in range(work[item]):
+                x = x * 0.999 + 0.1
+            worker_of[item] = iteration
+            visits[item] += ti.cast(x > 0.0, ti.i32)
+            item, end = next_item(taken, item, end, count, 1)
+
+
+@pytest.mark.parametrize("count", [1, 2, 127, 129, 1000])
+def test_every_long_item_is_visited_once(count):
+    runtime.start()
+    worker_of, visits = np.full(count, -1, np.int32), np.zeros(count, np.int32)
+    record_long_items(np.zeros(count, np.int32), worker_of, visits)
+    assert (visits == 1).all()
+    assert (worker_of % MIN_RANGE == 0).all()
+
+
+def test_two_long_items_have_two_threads():
+    runtime.start()
+    if ti.cfg.cpu_max_num_threads == 1:
+        pytest.skip("one thread")
+    work, worker_of = np.full(2, 20_000_000, np.int32), np.zeros(2, np.int32)
+    for _ in range(50):  # on a busy machine, a thread may start when the other has done both
+        record_long_items(work, worker_of, np.zeros(2, np.int32))
+        if worker_of[0] != worker_of[1]:
+            break
+    assert sorted(worker_of.tolist()) == [0, MIN_RANGE]
