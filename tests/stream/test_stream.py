@@ -270,7 +270,7 @@ def test_bad_arguments_say_what_to_do(error, message, source, arguments):
         ts.Stream(source, **arguments)
 
 
-@pytest.mark.parametrize("batch", [1, 2])
+@pytest.mark.parametrize("batch", [1, pytest.param(2, marks=pytest.mark.slow)])
 def test_frames_of_a_stream_cost_as_many_calls_after_200_edits_as_after_20(batch):
     stream = ts.Stream(
         "object_view", width=8, height=6, buffers=("rgb",), quality="fast", spp=1, base_spp=1, batch=batch

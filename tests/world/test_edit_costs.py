@@ -75,7 +75,7 @@ CYCLES = {
 
 
 @pytest.mark.parametrize("name", CYCLES)
-@pytest.mark.parametrize("edits", [200, pytest.param(600, marks=pytest.mark.slow)])
+@pytest.mark.parametrize("edits", [100, pytest.param(600, marks=pytest.mark.slow)])
 def test_spawn_and_despawn_make_as_many_calls_after_many_edits_as_after_20(name, edits):
     create, cycle = CYCLES[name]
     world = create()

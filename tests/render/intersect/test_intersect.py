@@ -378,7 +378,10 @@ def test_second_scene_compiles_no_kernel(traversal: str) -> None:
     assert compiled_kernels() == before
 
 
-@pytest.mark.parametrize("change", ["runtime.start(threads=1)", "trace.vector_mode = contextlib.nullcontext"])
+@pytest.mark.parametrize(
+    "change",
+    ["runtime.start(threads=1)", pytest.param("trace.vector_mode = contextlib.nullcontext", marks=pytest.mark.slow)],
+)
 def test_same_bytes_in_another_process(change: str, tmp_path: Path) -> None:
     """With one thread, and compiled in scalar instead of vector mode."""
     script = (

@@ -192,7 +192,7 @@ def test_images_whose_subpixels_or_cells_are_too_many_have_no_panorama(empty_box
 @pytest.mark.parametrize(
     ("wall", "lights"),
     [
-        (None, "sky and bulb"),
+        pytest.param(None, "sky and bulb", marks=pytest.mark.slow),
         pytest.param(GLASS, "lamp", marks=pytest.mark.slow),
         (LACE, "shadowless"),
         pytest.param(GLOSSY, "lamp", marks=pytest.mark.slow),
