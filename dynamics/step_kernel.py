@@ -298,6 +298,7 @@ def substep(
         neighbors[body, 0] = count
     # Let each body attempt one motion after another, until its time is used up.
     taken = 0
+    ti.loop_config(block_dim=1)  # on GPUs, where threads of a block would wait for the longest item of all
     for iteration in range(iterations_of_long_items(targets.shape[0])):
         body, end = first_items(taken, iteration, targets.shape[0], 1)
         while body < end:

@@ -216,6 +216,7 @@ def grow(
         The number of appended tasks.
     """
     found, taken = 0, 0
+    ti.loop_config(block_dim=1)  # on GPUs, where threads of a block would wait for the longest item of all
     for iteration in range(iterations_of_long_items(count)):
         item, last_item = first_items(taken, iteration, count, 1)
         while item < last_item:
