@@ -85,6 +85,18 @@ def preview_material(path: str, *inputs: str, shaders: str = "") -> str:
 """
 
 
+def primvar_reader(kind: str, name: str, fallback: str = "") -> str:
+    """Return the shader "Reader" as text: of a primvar of a type such as "float3"; `fallback` is an attribute."""
+    return f"""
+    def Shader "Reader"
+    {{
+        uniform token info:id = "UsdPrimvarReader_{kind}"
+        string inputs:varname = "{name}"
+        {fallback}
+        {kind} outputs:result
+    }}"""
+
+
 def area(positions: np.ndarray, triangles: np.ndarray) -> float:
     """Return the total area of a mesh."""
     a, b, c = (positions[triangles[:, k]].astype(float) for k in range(3))

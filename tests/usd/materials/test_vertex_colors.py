@@ -10,7 +10,7 @@ import pytest
 from PIL import Image
 
 import tiscene as ts
-from tests.usd.helpers import read, read_with_warning, write
+from tests.usd.helpers import primvar_reader, read, read_with_warning, write
 from tiscene.scene.description import VERTEX_COLORS, TextureLookup
 
 QUAD = """
@@ -145,13 +145,7 @@ def test_display_color_interpolates_over_subdivided_mesh(tmp_path):
 @pytest.mark.parametrize(("kind", "type"), [("float3", "color3f"), ("float4", "color4f")])
 def test_material_reads_varying_color_primvar(tmp_path, kind, type):
     surface = "color3f inputs:diffuseColor.connect = </Look/Reader.outputs:result>"
-    reader = f"""
-    def Shader "Reader"
-    {{
-        uniform token info:id = "UsdPrimvarReader_{kind}"
-        string inputs:varname = "Cd"
-        {kind} outputs:result
-    }}"""
+    reader = primvar_reader(kind, "Cd")
     values = [(0, 0, 1), (1, 0, 0), (1, 1, 0), (0, 1, 1)]
     values = [(*value, 1) for value in values] if kind == "float4" else values
     mesh = QUAD % (
@@ -167,13 +161,7 @@ def test_material_reads_varying_color_primvar(tmp_path, kind, type):
 def test_one_color_with_alpha_is_read_as_a_color(tmp_path, interpolation, count):
     """Blender writes color attributes as color4f, and reads them as float3."""
     surface = "color3f inputs:diffuseColor.connect = </Look/Reader.outputs:result>"
-    reader = """
-    def Shader "Reader"
-    {
-        uniform token info:id = "UsdPrimvarReader_float3"
-        string inputs:varname = "Cd"
-        float3 outputs:result
-    }"""
+    reader = primvar_reader("float3", "Cd")
     color = f'color4f[] primvars:Cd = {[(0.5, 0.25, 0, 0.5)] * count} (interpolation = "{interpolation}")'
     mesh = QUAD % (BOUND, color + "\n rel material:binding = </Look>")
     description = read(tmp_path, READER % (surface, reader) + mesh)
@@ -183,14 +171,7 @@ def test_one_color_with_alpha_is_read_as_a_color(tmp_path, interpolation, count)
 def test_meshes_with_and_without_color_primvar_share_a_network(tmp_path):
     """Constant, uniform and vertex colors, and none: the primvar reader's fallback."""
     surface = "color3f inputs:diffuseColor.connect = </Look/Reader.outputs:result>"
-    reader = """
-    def Shader "Reader"
-    {
-        uniform token info:id = "UsdPrimvarReader_float3"
-        string inputs:varname = "Cd"
-        float3 inputs:fallback = (0.1, 0.2, 0.3)
-        float3 outputs:result
-    }"""
+    reader = primvar_reader("float3", "Cd", "float3 inputs:fallback = (0.1, 0.2, 0.3)")
     colors = [
         'color3f[] primvars:Cd = [(0.5, 0.25, 0)] (interpolation = "constant")',
         'color3f[] primvars:Cd = [(0.5, 0.25, 0)] (interpolation = "uniform")',
@@ -209,13 +190,7 @@ def test_meshes_with_and_without_color_primvar_share_a_network(tmp_path):
 
 def test_material_reads_varying_float_primvar(tmp_path):
     surface = "float inputs:metallic.connect = </Look/Reader.outputs:result>"
-    reader = """
-    def Shader "Reader"
-    {
-        uniform token info:id = "UsdPrimvarReader_float"
-        string inputs:varname = "wear"
-        float outputs:result
-    }"""
+    reader = primvar_reader("float", "wear")
     wear = 'float[] primvars:wear = [0, 1, 1, 0] (interpolation = "vertex")\n rel material:binding = </Look>'
     frame = albedo(write(tmp_path, READER % (surface, reader) + QUAD % (BOUND, wear)), buffers=("metallic",))
     np.testing.assert_allclose(frame.metallic, expected()[0], atol=1e-5)

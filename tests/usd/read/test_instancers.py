@@ -6,7 +6,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from tests.usd.helpers import STAGES, preview_material, problems_of, read, read_with_warning
+from tests.usd.helpers import STAGES, preview_material, primvar_reader, problems_of, read, read_with_warning
 from tiscene.usd.read.stage_reader import read_stage
 
 
@@ -151,13 +151,7 @@ def test_colors_of_points_are_named(tmp_path):
 
 
 def test_primvars_of_points_that_a_material_reads_are_named(tmp_path):
-    reader = """
-    def Shader "Reader"
-    {
-        uniform token info:id = "UsdPrimvarReader_float3"
-        string inputs:varname = "tint"
-        float3 outputs:result
-    }"""
+    reader = primvar_reader("float3", "tint")
     tinted = preview_material("/L", "color3f inputs:diffuseColor.connect = </L/Reader.outputs:result>", shaders=reader)
     lines = """
     rel material:binding = </L>
