@@ -16,6 +16,7 @@ edition, chapter 15.
     path_state         arrays of a batch of paths
     wavefront_kernels  start paths, compact queues, accumulate the film
     shading            one vertex of every live path
+    direct_light       what a light sample contributes to a vertex
     shadow_rays        shadow rays through partially opaque surfaces
     last_segment       the last segment where only lights emit
     radiance_cache     light in which paths may end

@@ -16,6 +16,7 @@ from tiscene.render.bsdfs import extended_surface_bsdf as extended_bsdf
 from tiscene.render.bsdfs import preview_surface_bsdf as bsdf
 from tiscene.render.bsdfs.lobe_inputs import transmittance
 from tiscene.render.bsdfs.material_inputs import Materials, is_mirror_like, shaded_material_at, shading_normal
+from tiscene.render.integrators.path.direct_light import direct_light, shadow_ray
 from tiscene.render.integrators.path.frame_stack import instance_in_frame, key_of
 from tiscene.render.integrators.path.path_state import (
     ALBEDO,
@@ -58,16 +59,13 @@ from tiscene.render.lights.intersect import (
     LIGHT_FRONT,
     is_blocked_by_light,
     nearest_light,
-    power_heuristic,
-    response,
     weighted_emission,
 )
 from tiscene.render.lights.light_sample import is_linked, lights_of
 from tiscene.render.sampling.sobol import combine, draw, set_key, set_keys
 from tiscene.render.texture_lookup import Textures
 from tiscene.scene.instance_upload import INFO_LINK_CLASS
-from tiscene.scene.lights.light_kinds import MESH
-from tiscene.scene.lights.light_table import KIND, SHADOWING, SHADOWLESS
+from tiscene.scene.lights.light_table import SHADOWING, SHADOWLESS
 from tiscene.scene.material_table import COVERAGE, EMITS, FLAGS, GLASS, MATTE, TRANSLUCENT, UNSEEN
 from tiscene.scene.placement import CURRENT
 
@@ -114,6 +112,35 @@ def trace_path(
             occluded[i] = ti.select(instance >= 0, 1, 0)
         else:
             write_hit(hits, hit_ids, i, t, b1, b2, instance, triangle)
+
+
+@ti.func
+def continue_path(
+    i: ti.i32, rays: Template, state: Template, surface: Template, scattering: Template, throughput: vec3,
+    depth: ti.i32, u: ti.f32,
+):  # fmt: skip
+    """Begin the next segment of path i, along the sampled BSDF direction; return whether Russian roulette keeps it."""
+    continues = False
+    if scattering.onward.w > 0.0:
+        throughput_onward = throughput * scattering.onward.xyz * (1.0 / scattering.onward.w)
+        ior2 = state[i][RELATIVE_IOR2]
+        if scattering.transmits != 0:
+            ior2 *= scattering.eta * scattering.eta
+            state[i][RELATIVE_IOR2] = ior2
+        survival = 1.0
+        if depth >= RUSSIAN_ROULETTE_DEPTH:
+            # The square root minimizes cost times error: the remaining radiance of a path varies more than its
+            # throughput.
+            survival = ti.min(ti.sqrt(throughput_onward.max() * ior2), MAX_SURVIVAL)
+        if u < survival and throughput_onward.max() > 0.0:
+            continues = True
+            set3(state, i, THROUGHPUT, throughput_onward * (1.0 / survival))
+            state[i][PDF] = scattering.onward.w
+            state[i][DIFFUSE_FRACTION] = scattering.diffuse_parts.y
+            state[i][SPREAD] = ti.max(state[i][SPREAD], SCATTERED_SPREAD / ti.sqrt(scattering.onward.w))
+            set3(state, i, ORIGIN, surface.position)
+            write_ray(rays, i, offset_origin(surface, scattering.direction), scattering.direction, ti.math.inf)
+    return continues
 
 
 @ti.kernel
@@ -303,32 +330,11 @@ def shade(
                             # Direct lighting: the shadow ray decides at the next step whether DIRECT counts.
                             if light_sample.pdf > 0.0:
                                 light_row = light_sample.row
-                                direct = throughput * scattering.towards_light.xyz * light_sample.radiance
-                                reflected = response(light_values, light_row, scattering.diffuse_parts.x, depth)
-                                direct *= reflected / light_sample.pdf
-                                shadowless = light_values[light_row, SHADOWLESS] > 0.0
-                                weighs = mis != 0 and light_sample.delta == 0 and not shadowless
-                                if ti.static(any_links):  # where a shadow ray passes meshes, no BSDF sample does
-                                    weighs = weighs and light_values[light_row, SHADOWING] < 0.0
-                                if weighs:
-                                    direct *= power_heuristic(light_sample.mis_pdf, scattering.towards_light.w)
-                                if shadowless:
+                                direct = direct_light(lights, light_sample, scattering, throughput, depth, mis)
+                                if light_values[light_row, SHADOWLESS] > 0.0:
                                     radiance += direct
                                 elif direct.max() > 0.0:
-                                    towards = light_sample.direction
-                                    reach = light_sample.distance * (1.0 - LIGHT_FRONT)
-                                    start = offset_origin(surface, towards)
-                                    if ti.static(any_emission):
-                                        if light_values[light_row, KIND] == MESH:
-                                            # Triangles of mesh lights are in the BVH: aim from the offset origin at a
-                                            # point just in front of the sampled one.
-                                            aim = surface.position + towards * light_sample.distance - start
-                                            above = light_sample.height
-                                            if above.dot(aim) > 0.0:
-                                                above = -1.0 * above
-                                            aim += above
-                                            reach = aim.norm()
-                                            towards = aim / ti.max(reach, 1e-20)
+                                    start, towards, reach = shadow_ray(lights, surface, light_sample)
                                     nearer = reach * (1.0 - LIGHT_FRONT)
                                     if is_blocked_by_light(lights, light_row, start, towards, nearer) == 0:
                                         sampled = LIGHT_PENDING
@@ -336,29 +342,9 @@ def shade(
                                         if ti.static(any_links):
                                             shadow_rays[i][LINKS] = light_values[light_row, SHADOWING] + 1.0
                                         set3(state, i, DIRECT, direct)
-
-                            # Next segment, along the sampled BSDF direction.
-                            if scattering.onward.w > 0.0:
-                                throughput_onward = throughput * scattering.onward.xyz * (1.0 / scattering.onward.w)
-                                ior2 = state[i][RELATIVE_IOR2]
-                                if scattering.transmits != 0:
-                                    ior2 *= scattering.eta * scattering.eta
-                                    state[i][RELATIVE_IOR2] = ior2
-                                survival = 1.0
-                                if depth >= RUSSIAN_ROULETTE_DEPTH:
-                                    # The square root minimizes cost times error: the remaining radiance of a path
-                                    # varies more than its throughput.
-                                    survival = ti.min(ti.sqrt(throughput_onward.max() * ior2), MAX_SURVIVAL)
-                                if lobe_and_survival.y < survival and throughput_onward.max() > 0.0:
-                                    continues = True
-                                    set3(state, i, THROUGHPUT, throughput_onward * (1.0 / survival))
-                                    state[i][PDF] = scattering.onward.w
-                                    state[i][DIFFUSE_FRACTION] = scattering.diffuse_parts.y
-                                    spread = SCATTERED_SPREAD / ti.sqrt(scattering.onward.w)
-                                    state[i][SPREAD] = ti.max(state[i][SPREAD], spread)
-                                    set3(state, i, ORIGIN, surface.position)
-                                    start = offset_origin(surface, scattering.direction)
-                                    write_ray(rays, i, start, scattering.direction, ti.math.inf)
+                            continues = continue_path(
+                                i, rays, state, surface, scattering, throughput, depth, lobe_and_survival.y
+                            )
                 if emits:
                     emitted = weighted_emission(
                         lights, textures, light, instance_in_frame(instance, keys, stacked), triangle, emission,
