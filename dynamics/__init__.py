@@ -39,7 +39,8 @@ angles, where a class accepts them, are degrees (see `dynamics.rotation`). Axes 
     body_layout, body_access            columns of bodies, and access to them in kernels
     integrate                           choice of each body's next motion
     path_following, bounce_response     collision responses
-    sweep_obstacles, sweep_bodies       continuous collision detection
+    sweep_obstacles, sweep_walls        continuous collision detection of static triangles, of walls
+    sweep_movers                        and of other movers
     path_cover, collision_free          balls around paths; test for paths without any collision
     obstacles, tree_access              static triangles, and their hierarchy in kernels
     sphere_query, contact               spheres against all obstacles, and against a triangle

@@ -21,7 +21,7 @@ from dynamics.colliding_bodies import Array, CollisionState, Contact, Mover
 from dynamics.contact import MAX_TOUCHES, MOVER, OBSTACLE, TOUCH_COLUMNS, WALL
 from dynamics.obstacles import Obstacles
 from dynamics.step_kernel import substep
-from dynamics.sweep_bodies import WALLS
+from dynamics.sweep_walls import WALLS
 
 KINDS = {OBSTACLE: "obstacle", MOVER: "mover", WALL: "wall"}
 

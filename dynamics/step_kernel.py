@@ -46,11 +46,12 @@ from dynamics.body_layout import (
     WALL_PUSH,
     WALL_PUSHED,
 )
-from dynamics.contact import FAR, NOTHING, OBSTACLE, SKIN, TOLERANCE, WAIT
+from dynamics.contact import FAR, NOTHING, OBSTACLE, SKIN, TOLERANCE, WAIT, WALL
 from dynamics.integrate import advance, look_ahead, propose
 from dynamics.kernel_types import Doubles1, Doubles2, Floats1, Floats2, Ints1, Ints2, Template
-from dynamics.sweep_bodies import WALLS, sweep_walls_and_movers
+from dynamics.sweep_movers import sweep_movers
 from dynamics.sweep_obstacles import ROUNDING_MARGIN, read3_f32, rotate_to_world, sweep_obstacles
+from dynamics.sweep_walls import WALLS, sweep_walls
 from dynamics.trajectory_kernel import multiply, unit
 from dynamics.tree_access import Tree, vec3, vector_at
 
@@ -248,7 +249,7 @@ def substep(
         bodies: Float columns, updated.
         integers: Integer columns, updated.
         groups: Sphere groups; with `spheres` and `bounding` see `dynamics.sweep_obstacles`.
-        frozen: Scratch; with `frozen_groups`, `frozen_bodies` and `neighbors` see `dynamics.sweep_bodies`.
+        frozen: Scratch; with `frozen_groups`, `frozen_bodies` and `neighbors` see `dynamics.sweep_movers`.
         planes: f32 [WALLS, 4], walls at the end of the substep.
         targets: f64 [n, 7], poses on the paths at the end of the substep.
         active: f64 [n], s of the substep during which each body's clock runs.
@@ -335,12 +336,17 @@ def substep(
                     propose(bodies, integers, body)
                 elif not queries_obstacles:
                     propose(bodies, integers, body)
-                other_time, other_normal, other_kind, other = sweep_walls_and_movers(
+                wall_time, wall_normal, wall = sweep_walls(
+                    bodies, integers, groups, spheres, planes, touches, counts, body, time
+                )
+                if wall >= 0:
+                    time, normal, kind, row = wall_time, wall_normal, WALL, wall
+                mover_time, mover_normal, mover_kind, mover = sweep_movers(
                     bodies, integers, groups, spheres, bounding, frozen, frozen_groups, frozen_bodies,
-                    neighbors, planes, touches, times, counts, body, time,
+                    neighbors, touches, times, counts, body, time,
                 )  # fmt: skip
-                if other_kind != NOTHING:
-                    time, normal, kind, row = other_time, other_normal, other_kind, other
+                if mover_kind != NOTHING:
+                    time, normal, kind, row = mover_time, mover_normal, mover_kind, mover
                 if not queries_obstacles and time <= 0.0 and kind != WAIT:
                     bodies[body, FREE_TIME] = 0.0  # a bounce depends on all touches: query the obstacles too
                 else:
