@@ -8,9 +8,10 @@ import pytest
 from tests.export.fake_stream import FakeStream, fake_stream_for, skip_without_extra
 from tests.export.folders import contents
 from tiscene.errors import ExportError
-from tiscene.export import export
+from tiscene.export import export, provenance
+from tiscene.export.array_files import resolved
 from tiscene.export.formats import find_format
-from tiscene.export.packing import PACKING
+from tiscene.export.packing import PACKING, ExportRun, FramePieces
 
 EARLY = ["webdataset", "parquet", "video", "mcap", "rerun"]
 
@@ -71,3 +72,11 @@ def test_error_of_packing_ends_the_export_while_frames_are_rendered(tmp_path, mo
     with pytest.raises(ExportError, match="no room"):
         export(stream, tmp_path, format="mcap", frames=range(200))
     assert len(stream.rendered) < 200
+
+
+def test_recording_of_rerun_that_cannot_be_written_is_an_export_error(tmp_path):
+    skip_without_extra("rerun")
+    writer, stream = find_format("rerun").writer(), FakeStream(("depth",))
+    frame = FramePieces(0, resolved(writer.pieces(stream[0], {}, stream)))
+    with pytest.raises(ExportError, match=r"cannot write '.*recording-000000\.rrd': No such file"):
+        writer.pack([frame], ExportRun(provenance(stream, "rerun", None), {}, [0]), tmp_path / "gone")

@@ -12,11 +12,13 @@ import numpy as np
 import pytest
 from PIL import Image
 
+from tests.export import fake_stream
 from tests.export.fake_stream import FRAMES, FakeStream
 from tiscene.errors import MissingExtra
 from tiscene.export import FORMATS, Format, export, register_format
 from tiscene.export.coco import rle, runs_of_objects
 from tiscene.export.kitti_flow import kitti
+from tiscene.frame.object_table import ObjectTable
 from tiscene.scene.camera import Camera
 
 
@@ -96,26 +98,26 @@ def test_pycocotools_reads_masks_and_tracks(exported):
     assert tracks["videos"][0]["length"] == FRAMES
 
 
-def test_panoptic_pictures_have_the_ids_of_their_segments(exported):
-    from PIL import Image
-
-    folder, frames = exported("coco")
-    panoptic = json.loads((folder / "annotations" / "panoptic.json").read_text())
-    for frame, annotation in zip(frames, panoptic["annotations"], strict=True):
-        picture = np.asarray(Image.open(folder / "panoptic" / annotation["file_name"])).astype(int)
-        np.testing.assert_array_equal(picture @ [1, 256, 65536], frame.instance)
-        assert [segment["id"] for segment in annotation["segments_info"]] == [3]
-
-
-def test_stuff_has_panoptic_segments_but_no_instances(tmp_path, monkeypatch):
-    from tests.export import fake_stream
-
-    monkeypatch.setattr(fake_stream, "CHAIR", replace(fake_stream.CHAIR, category="wall"))
-    export(FakeStream(("rgb", "instance")), tmp_path, format="coco", frames=[0])
-    instances = json.loads((tmp_path / "annotations" / "instances.json").read_text())
+def test_panoptic_segments_are_things_and_one_for_each_kind_of_stuff_and_the_rest_is_void(tmp_path, monkeypatch):
+    kinds = {1: (12, "wall"), 2: (5, "chair"), 3: (12, "wall"), 4: (5, "chair"), 5: (0, "")}
+    rows = [replace(fake_stream.CHAIR, id=id, category_id=kind[0], category=kind[1]) for id, kind in kinds.items()]
+    monkeypatch.setattr(fake_stream, "ObjectTable", lambda *_: ObjectTable(rows, fake_stream.ChairMeasurements()))
+    stream = FakeStream(("rgb", "instance"))
+    stream.categories = {0: "", 5: "chair", 12: "wall"}
+    export(stream, tmp_path, format="coco", frames=[0])
+    instance = stream[0].instance
+    assert set(np.unique(instance)) == set(range(6))
+    expected = np.array([0, 1, 2, 1, 4, 0])[instance]
     panoptic = json.loads((tmp_path / "annotations" / "panoptic.json").read_text())
-    assert instances["annotations"] == instances["tracks"] == []
-    assert [each["id"] for each in panoptic["annotations"][0]["segments_info"]] == [3]
+    (annotation,) = panoptic["annotations"]
+    picture = np.asarray(Image.open(tmp_path / "panoptic" / annotation["file_name"])).astype(int)
+    np.testing.assert_array_equal(picture @ [1, 256, 65536], expected)
+    found = {segment["id"]: (segment["category_id"], segment["area"]) for segment in annotation["segments_info"]}
+    assert found == {id: (kinds[id][0], (expected == id).sum()) for id in (1, 2, 4)}
+    assert [each["isthing"] for each in panoptic["categories"]] == [1, 0]
+    instances = json.loads((tmp_path / "annotations" / "instances.json").read_text())
+    assert [each["instance"] for each in instances["annotations"]] == [2, 4]
+    assert [each["id"] for each in instances["tracks"]] == [2, 4]
 
 
 @pytest.mark.filterwarnings("ignore::pytest.PytestUnraisableExceptionWarning")  # webdataset does not close its files

@@ -45,8 +45,11 @@ def test_decoded_ffv1_equals_the_buffers(exported):
         assert stream.average_rate == 25
         for frame, picture in zip(frames, found, strict=True):
             np.testing.assert_array_equal(picture, pixels(frame))
-    preview, _ = decoded(folder / "preview.mp4", "rgb24")
+    preview, stream = decoded(folder / "preview.mp4", "rgb24")
     assert len(preview) == FRAMES
+    context = stream.codec_context
+    colors = context.colorspace, context.color_range, context.color_primaries, context.color_trc
+    assert colors == (6, 1, 1, 13)  # ITU-T H.273: the matrix of BT.601, studio range, the colors of sRGB
 
 
 def test_video_holds_ids_of_16_bits_and_refuses_larger_ones(tmp_path):

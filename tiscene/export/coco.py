@@ -5,7 +5,7 @@ Pictures are `images/000012.png`; `panoptic/000012.png` has the ids of the segme
 annotation is a visible object with a category: `bbox` (x, y, width, height), `area` (px), `segmentation` (compressed
 RLE, column by column), `iscrowd` 0, and, for tracking (TAO, YouTube-VIS), `track_id` and `video_id`; `instance` is its
 value in the buffer of that name. Ids begin with 1: the image of frame k is k + 1. Stuff (walls, floors, ceilings) has
-panoptic segments alone, and `isthing` 0.
+`isthing` 0 and panoptic segments alone, one for all of a category. What has no category is void: 0 in `panoptic`.
 """
 
 from __future__ import annotations
@@ -35,13 +35,24 @@ def encode(frame: Frame) -> dict[str, Contents]:
     """Return the pictures of a frame by name."""
     return {
         f"images/{frame.index:06d}.png": partial(png, frame.rgb),
-        f"panoptic/{frame.index:06d}.png": partial(_panoptic, frame.instance),
+        f"panoptic/{frame.index:06d}.png": lambda: _panoptic(_segments(frame)),
     }
 
 
-def _panoptic(instance: NDArray[np.int32]) -> bytes:
+def _segments(frame: Frame) -> NDArray[np.int32]:
+    """Return the id of the panoptic segment of each pixel: of its object, or of the first one of its kind of stuff."""
+    table = np.zeros(1 + max(int(frame.instance.max(initial=0)), *(row.id for row in frame.objects), 0), np.int32)
+    stuff: dict[int, int] = {}
+    for row in frame.objects:
+        if row.category_id:
+            table[row.id] = stuff.setdefault(row.category_id, row.id) if row.category in STUFF else row.id
+    segments: NDArray[np.int32] = table[frame.instance]
+    return segments
+
+
+def _panoptic(segments: NDArray[np.int32]) -> bytes:
     """Return the picture of the ids of segments."""
-    ids = np.ascontiguousarray(instance, "<i4").view(np.uint8).reshape(*instance.shape, 4)
+    ids = np.ascontiguousarray(segments, "<i4").view(np.uint8).reshape(*segments.shape, 4)
     return png(np.ascontiguousarray(ids[..., :3]))
 
 
@@ -57,15 +68,13 @@ def _annotations(frame: Frame) -> bytes:
     image = names | {"file_name": f"images/{frame.index:06d}.png", "video_id": 1, "time": frame.time}
     annotations, segments = [], []
     categories = {row.id: row for row in frame.objects if row.category_id}
-    for id, (counts, box) in runs_of_objects(frame.instance).items():
-        if id not in categories:
-            continue
+    for id, (counts, box) in runs_of_objects(_segments(frame)).items():
         row, area = categories[id], int(counts[1::2].sum())
         about = {"category_id": row.category_id, "bbox": list(box), "area": area, "iscrowd": 0}
         segments.append({"id": id, **about})
-        mask = {"size": [height, width], "counts": rle(counts)}
         if row.category in STUFF:
             continue
+        mask = {"size": [height, width], "counts": rle(counts)}
         track = {"image_id": frame.index + 1, "video_id": 1, "track_id": id, "instance": id, "name": row.name}
         annotations.append({**track, **about, "segmentation": mask})
     panoptic = {

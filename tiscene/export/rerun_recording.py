@@ -33,6 +33,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from tiscene.errors import ExportError
 from tiscene.export.array_files import Contents, from_npy, npy, png
 from tiscene.export.png import ids16
 
@@ -207,7 +208,10 @@ def pack(frames: Iterable[FramePieces], run: ExportRun, folder: Path) -> dict[st
     identity = hashlib.sha256(repr(sorted(run.provenance["settings"].items())).encode()).hexdigest()[:32]
     digest = hashlib.sha256()
     stream = LazyChunkStream.from_iter(_digested(_chunks(chain([first], rows)), digest))
-    stream.write_rrd(path, application_id="tiscene", recording_id=identity)
+    try:
+        stream.write_rrd(path, application_id="tiscene", recording_id=identity)
+    except RuntimeError as error:  # of a file that cannot be written
+        raise ExportError(f"cannot write {str(path)!r}: {error}") from error
     return {path.name: digest.hexdigest()}
 
 

@@ -44,6 +44,8 @@ PREVIEW = "preview.mp4"
 PACKED = (PREVIEW, *(f"{name}.mkv" for name in BUFFERS))
 # x264's tree of macroblocks reads memory that it never wrote when pictures are small: other bytes in a rare run.
 _H264 = {"crf": "20", "preset": "veryfast", "mbtree": "0"}
+# What FFmpeg converts to. Players guess another matrix for large pictures where a video does not say it.
+_H264 |= {"colorspace": "smpte170m", "color_range": "tv", "color_primaries": "bt709", "color_trc": "iec61966-2-1"}
 _LAYOUTS = {  # by dtype and number of channels: the layout of arrays, and of FFV1's pixels
     ("uint8", 3): ("rgb24", "bgr0"),
     ("uint8", 1): ("gray", "gray"),
