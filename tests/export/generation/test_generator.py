@@ -249,7 +249,7 @@ def test_scene_camera_or_template_that_is_not_there_does_not_lose_the_others(who
     assert f"{len(failed)} of {COUNT} scenarios cannot be drawn, the first is {failed[0]['number']}: " in shown.err
 
 
-def test_scenario_whose_scene_was_not_there_is_made_when_it_is(tmp_path):
+def test_scenario_whose_scene_was_not_there_is_made_when_it_is_and_of_no_changed_one(tmp_path):
     stage = tmp_path / "later.usda"
     later = Recipe.from_json(RECIPE | {"scenes": [str(stage)]})
     summaries = generate(later, tmp_path / "data", COUNT).summaries()
@@ -259,6 +259,14 @@ def test_scenario_whose_scene_was_not_there_is_made_when_it_is(tmp_path):
     generate(later, tmp_path / "at once", COUNT)
     assert contents(tmp_path / "data") == contents(tmp_path / "at once")
     assert not any("error" in summary for _, summary in DataSet.load(tmp_path / "data").summaries())
+    text, before = stage.read_text(), contents(tmp_path / "data")
+    stage.write_text(text + "\n# changed\n")
+    changed = r"later\.usda' has changed since scenarios in .* were made of it:\n  later\.usda: .*\nRestore it"
+    with pytest.raises(ExportError, match=changed):
+        generate(later, tmp_path / "data", COUNT + 1)
+    stage.write_text(text)
+    generate(later, tmp_path / "data", COUNT)
+    assert contents(tmp_path / "data") == before
 
 
 def test_split_with_the_name_of_a_file_of_the_data_set_is_refused(tmp_path):

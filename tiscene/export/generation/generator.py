@@ -3,8 +3,9 @@
 
 from __future__ import annotations
 
+import contextlib
 import shutil
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -69,8 +70,8 @@ def generate(
 
     Raises:
         ArgumentError: An argument or a setting of the recipe is invalid.
-        ExportError: The folder has a data set of another recipe, more scenarios, or other files where scenarios go, or
-            cannot be written.
+        ExportError: The folder has a data set of another recipe, more scenarios, scenarios of other files of a scene or
+            template, or other files where scenarios go, or cannot be written.
     """
     integer(count, "count", 1)
     part = Shard(*shard, (0, count, 1))
@@ -192,6 +193,7 @@ class ScenarioRenderer:
     def __init__(self, data_set: DataSet, arch: str | None) -> None:
         self.data_set, self._arch = data_set, arch
         self._stream: Stream | None = None
+        self._files: dict[str, dict[str, str]] | None = None  # as `_recorded_files` returns; None: not read yet
 
     def __enter__(self) -> ScenarioRenderer:
         return self
@@ -211,7 +213,7 @@ class ScenarioRenderer:
 
         Raises:
             ArgumentError: A setting of the recipe is invalid.
-            ExportError: The folder cannot be written.
+            ExportError: The folder cannot be written, or has scenarios of other files of the scene or of a template.
         """
         summary = read_summary(self.data_set.scenario_folder(number))
         if summary is None or "error" in summary:  # what was not there may be now
@@ -228,6 +230,7 @@ class ScenarioRenderer:
             _clear(folder)
             write_atomically(folder / FILE, json_file({**about, "error": str(error)}))
             return
+        self._check_files(scenario.scene, stream.file_digests())
         _clear(folder)
         summary = ScenarioSummary(recipe.frames)
 
@@ -246,6 +249,18 @@ class ScenarioRenderer:
         about["objects"] = [each.template for each in scenario.objects]
         summary.save(folder, about, manifest)
 
+    def _check_files(self, scene: str, digests: Mapping[str, str]) -> None:
+        """Raise ExportError unless scene and templates are the files that the scenarios in the folder are made of."""
+        if self._files is None:
+            self._files = _recorded_files(self.data_set)
+        for source, files in _by_source(scene, digests).items():
+            found = differences(self._files.setdefault(source, files), files)
+            if found:
+                raise ExportError(
+                    f"{source!r} has changed since scenarios in {str(self.data_set.folder)!r} were made of it:"
+                    f"{listing(found)}\nRestore it, or choose another folder."
+                )
+
     def _restarted(self, scenario: Scenario) -> Stream:
         """Return the stream, restarted with a scenario. It depends on the scenario alone, not on those before it."""
         settings = self.data_set.recipe.stream_settings()
@@ -259,6 +274,28 @@ class ScenarioRenderer:
             width, height = image_size(settings.get("width"), settings.get("height"), resolution)
             self._stream.restart(scenario, width=width, height=height)
         return self._stream
+
+
+def _recorded_files(data_set: DataSet) -> dict[str, dict[str, str]]:
+    """Return the digests of the files that the scenarios were made of, by scene or template, from few manifests."""
+    recorded: dict[str, dict[str, str]] = {}
+    for number, summary in data_set.summaries():
+        if summary is None or "error" in summary or {summary["scene"], *summary["objects"]} <= recorded.keys():
+            continue
+        with contextlib.suppress(ExportError):  # a damaged manifest, which `verify` names
+            manifest = Manifest.load(data_set.scenario_folder(number))
+            if manifest is not None:
+                recorded = _by_source(summary["scene"], manifest.provenance["file_digests"]) | recorded
+    return recorded
+
+
+def _by_source(scene: str, digests: Mapping[str, str]) -> dict[str, dict[str, str]]:
+    """Return the digests of files by scene or template, from those of `Stream.file_digests`."""
+    result: dict[str, dict[str, str]] = {}
+    for name, digest in digests.items():
+        template, _, file = name.rpartition(": ")
+        result.setdefault(template or scene, {})[file] = digest
+    return result
 
 
 def _clear(folder: Path) -> None:
