@@ -9,11 +9,14 @@ from pathlib import Path
 import pytest
 
 import tiscene as ts
+from tests.export.fake_stream import FakeStream, fake_stream_for, skip_without_extra
+from tests.export.folders import contents
 from tiscene.cli import main as cli
 from tiscene.cli import terminal
 from tiscene.errors import ExportError
 from tiscene.export import export
 from tiscene.export.manifest_stream import render_arguments
+from tiscene.export.packing import PACKING
 from tiscene.export.verification import Verification, verify
 from tiscene.files import lock_folder
 from tiscene.render.render_settings import PRESETS
@@ -181,3 +184,32 @@ def test_export_of_which_pictures_alone_differ_is_not_good():
     found = Verification(frames=4, rendered=4, damaged=(), different={1: ("depth",)})
     assert not found.is_good
     assert found.problems() == ["1 of 4 frames render otherwise (depth): 1"]
+
+
+@pytest.mark.parametrize(("format", "name"), [("sailenv", "sup/map.json"), ("parquet", "README.md")])
+def test_files_about_all_frames_are_verified(tmp_path, format, name):
+    skip_without_extra(format)
+    export(fake_stream_for(format), tmp_path, format=format, frames=range(2))
+    assert verify(tmp_path, sample=0).is_good
+    (tmp_path / name).write_bytes(b"damaged")
+    found = verify(tmp_path, sample=0)
+    assert (found.is_good, found.problems()) == (False, [f"files about all frames are missing or damaged: {name}"])
+    raw = json.loads((tmp_path / "tiscene.json").read_text())
+    (tmp_path / "tiscene.json").write_text(json.dumps(raw | {"tiscene": "0.0.1"}))  # which may write them otherwise
+    assert verify(tmp_path, sample=0).is_good
+
+
+def test_verifying_a_killed_export_deletes_nothing_and_continuing_it_does(tmp_path):
+    stream = FakeStream(("depth",))
+    stream.interrupt_at = 3
+    with pytest.raises(KeyboardInterrupt):
+        export(stream, tmp_path / "out", format="webdataset", frames=range(5))
+    for name in ("pieces/000077.bin", f"{PACKING}/000000/shard-000000.tar"):
+        (tmp_path / "out" / name).parent.mkdir(parents=True, exist_ok=True)
+        (tmp_path / "out" / name).write_bytes(b"half")
+    before = contents(tmp_path / "out")
+    assert verify(tmp_path / "out", sample=0).is_good
+    assert contents(tmp_path / "out") == before
+    for folder in ("out", "whole"):
+        export(FakeStream(("depth",)), tmp_path / folder, format="webdataset", frames=range(5))
+    assert contents(tmp_path / "out") == contents(tmp_path / "whole")

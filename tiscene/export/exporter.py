@@ -21,6 +21,7 @@ from tiscene.export.folder_writer import FolderWriter
 from tiscene.export.formats import find_format
 from tiscene.export.manifest import NAME, Manifest
 from tiscene.export.manifest_difference import cure, differences, listing
+from tiscene.export.packing import remove_leftovers
 from tiscene.files import lock_folder
 
 if TYPE_CHECKING:
@@ -151,6 +152,7 @@ def open_manifest(folder: Path, wanted: dict[str, Any], overwrite: bool) -> Mani
         return Manifest(wanted)
     found = differences(present.provenance, wanted)
     if not found:
+        remove_leftovers(folder, present)
         return present
     if not overwrite:
         raise ExportError(
@@ -165,7 +167,8 @@ def open_manifest(folder: Path, wanted: dict[str, Any], overwrite: bool) -> Mani
 
 
 def remove_export(folder: Path, manifest: Manifest) -> None:
-    """Delete the files that a manifest lists, and nothing else."""
+    """Delete the files that a manifest lists and what a killed process has left, and nothing else."""
+    remove_leftovers(folder, manifest)
     root = folder.resolve()
     for entry in manifest.frames.values():
         for name in entry["files"]:

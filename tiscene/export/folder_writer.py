@@ -72,8 +72,6 @@ class FolderWriter:
         self._first: int | None = None  # frame of the export; None: that of a shard, or not known
         self._saved_at, self._save_duration = time.monotonic(), 0.0
         self._is_new = not (folder / NAME).exists()
-        if not self._is_new:
-            remove_leftovers(folder, manifest)
 
     def claim(self, names: Iterable[str], cameras: Iterable[str]) -> None:
         """Save the manifest of a folder without one, before its first file: a killed export is told from other files.
@@ -233,10 +231,13 @@ class FolderWriter:
             return  # nothing has been written
         self.manifest.save(self.folder)
         remove_leftovers(self.folder, self.manifest)
-        if hasattr(self._format, "summary"):
-            for name, data in self._format.summary(ExportRun.of(self.manifest)).items():
-                for camera in self.manifest.folders:
-                    write_atomically(self.folder / camera / name, data)
+        for name, data in self.summary().items():
+            write_atomically(self.folder / name, data)
+
+    def summary(self) -> dict[str, bytes]:
+        """Return the files about all frames by name."""
+        files = self._format.summary(ExportRun.of(self.manifest)) if hasattr(self._format, "summary") else {}
+        return {f"{camera}{name}": data for camera in self.manifest.folders for name, data in files.items()}
 
     def _group(self, index: int) -> int:
         size = self._format.FRAMES_PER_FILE

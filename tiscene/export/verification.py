@@ -4,16 +4,18 @@
 from __future__ import annotations
 
 import contextlib
+import hashlib
 import os
 from collections.abc import Callable, Collection, Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
+import tiscene
 from tiscene.errors import ArgumentError, ExportError
 from tiscene.export.exporter import provenance
 from tiscene.export.folder_writer import FolderWriter
 from tiscene.export.generation.data_set_index import DATA_SET
-from tiscene.export.manifest import Manifest, buffer_digests
+from tiscene.export.manifest import Manifest, buffer_digests, file_digest
 from tiscene.export.manifest_difference import differences, listing
 from tiscene.export.manifest_stream import stream_of
 from tiscene.files import FolderLockedError, lock_folder
@@ -30,23 +32,27 @@ class Verification:
         rendered: Number of frames that were rendered again.
         damaged: Frames with a file that is missing or has other bytes.
         different: By frame that renders otherwise, the names of the buffers.
+        files: Files about all frames that are missing or have other bytes.
     """
 
     frames: int
     rendered: int
     damaged: tuple[int, ...]
     different: dict[int, tuple[str, ...]]
+    files: tuple[str, ...] = ()
 
     @property
     def is_good(self) -> bool:
         """Whether everything is as recorded."""
-        return not self.damaged and not self.different
+        return not self.damaged and not self.different and not self.files
 
     def problems(self) -> list[str]:
         """Return what is wrong, as sentences."""
         found = []
         if self.damaged:
             found.append(f"files of {len(self.damaged)} frames are missing or damaged: {_listed(self.damaged)}")
+        if self.files:
+            found.append(f"files about all frames are missing or damaged: {', '.join(self.files)}")
         if self.different:
             names = sorted({name for buffers in self.different.values() for name in buffers})
             frames = f"{len(self.different)} of {self.rendered} frames render otherwise ({', '.join(names)})"
@@ -85,7 +91,7 @@ def verify(
     if manifest is None:
         hint = "; a data set is verified by `verify_data_set`" if (folder / DATA_SET).is_file() else ""
         raise ExportError(f"{str(folder)!r} is not an export: it has no tiscene.json{hint}")
-    indices, damaged = list(manifest.frames), []
+    indices, damaged, files = list(manifest.frames), [], []
     try:
         # Nothing writes into a folder that is read-only, as those of archives are.
         with lock_folder(folder) if os.access(folder, os.W_OK) else contextlib.nullcontext():
@@ -95,6 +101,9 @@ def verify(
                     damaged.append(index)
                 if progress is not None:
                     progress(index, False)
+            if manifest.provenance["tiscene"] == tiscene.__version__:  # another one may write them otherwise
+                summary = {name: hashlib.sha256(data).hexdigest() for name, data in writer.summary().items()}
+                files = [name for name, digest in summary.items() if file_digest(folder / name) != digest]
     except FolderLockedError as error:
         raise ExportError(f"cannot verify {str(folder)!r}: {error}") from error
     chosen = evenly(indices, sample) if frames is None else [index for index in indices if index in frames]
@@ -115,7 +124,7 @@ def verify(
                     different[index] = names
                 if progress is not None:
                     progress(index, True)
-    return Verification(len(indices), len(chosen), tuple(damaged), different)
+    return Verification(len(indices), len(chosen), tuple(damaged), different, tuple(files))
 
 
 def evenly(indices: Sequence[int], count: int | None) -> list[int]:
