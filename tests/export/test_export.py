@@ -4,8 +4,6 @@
 import hashlib
 import json
 import os
-import subprocess
-import sys
 from dataclasses import replace
 
 import numpy as np
@@ -28,35 +26,30 @@ def summary_of(format):
 
 
 @pytest.mark.parametrize("format", FAKE_FORMATS)
-def test_export_writes_the_same_bytes_again_and_only_listed_files(tmp_path, format):
-    skip_without_extra(format)
-    for folder in ("a", "b"):
-        export(fake_stream_for(format), tmp_path / folder, format=format, frames=range(3))
-    assert contents(tmp_path / "a") == contents(tmp_path / "b")
-    manifest = Manifest.load(tmp_path / "a")
-    listed = {name for entry in manifest.frames.values() for name in entry["files"]}
-    assert set(contents(tmp_path / "a")) == listed | {NAME, *summary_of(format)}
-
-
-@pytest.mark.parametrize("format", FAKE_FORMATS)
-def test_export_of_any_format_is_continued_extended_and_repaired(tmp_path, format):
+def test_export_of_any_format_is_continued_extended_and_repaired_to_the_same_files_which_it_lists(tmp_path, format):
     skip_without_extra(format)
     export(fake_stream_for(format), tmp_path / "whole", format=format, frames=range(6))
+    whole, manifest = contents(tmp_path / "whole"), Manifest.load(tmp_path / "whole")
+    listed = {name for entry in manifest.frames.values() for name in entry["files"]}
+    assert set(whole) == listed | {NAME, *summary_of(format)}
     stream = fake_stream_for(format)
     stream.interrupt_at = 4
     with pytest.raises(KeyboardInterrupt):
         export(stream, tmp_path / "parts", format=format, frames=range(6))
-    again = fake_stream_for(format)
-    export(again, tmp_path / "parts", format=format, frames=range(6))
+    assert list(Manifest.load(tmp_path / "parts").frames) == [0, 1, 2, 3]
+    again, seen = fake_stream_for(format), []
+    known = {"format": format, "frames": range(6), "progress": lambda index, frame: seen.append((index, frame is None))}
+    export(again, tmp_path / "parts", **known)
     assert again.rendered == [4, 5]
-    assert contents(tmp_path / "parts") == contents(tmp_path / "whole")
+    assert seen == [(0, True), (1, True), (2, True), (3, True), (4, False), (5, False)]
+    assert contents(tmp_path / "parts") == whole
     export(fake_stream_for(format), tmp_path / "longer", format=format, frames=range(3))
     export(fake_stream_for(format), tmp_path / "longer", format=format, frames=range(3, 6))
-    assert contents(tmp_path / "longer") == contents(tmp_path / "whole")
-    name = max(Manifest.load(tmp_path / "longer").frames[5]["files"], key=lambda name: "labels" not in name)
+    assert contents(tmp_path / "longer") == whole
+    name = max(manifest.frames[5]["files"], key=lambda name: "labels" not in name)
     (tmp_path / "longer" / name).write_bytes(b"damaged")
     export(fake_stream_for(format), tmp_path / "longer", format=format, frames=range(6))
-    assert contents(tmp_path / "longer") == contents(tmp_path / "whole")
+    assert contents(tmp_path / "longer") == whole
 
 
 def test_manifest_has_provenance_and_digests(tmp_path):
@@ -94,22 +87,6 @@ def test_manifest_names_the_materials_of_material_coverage(tmp_path):
     del raw["materials"]
     (tmp_path / NAME).write_text(json.dumps(raw))
     assert Manifest.load(tmp_path).materials == {}  # as of an earlier version
-
-
-def test_interrupted_export_is_continued_to_the_same_files(tmp_path):
-    export(FakeStream(), tmp_path / "whole", frames=range(6))
-    stream = FakeStream()
-    stream.interrupt_at = 4
-    with pytest.raises(KeyboardInterrupt):
-        export(stream, tmp_path / "parts", frames=range(6))
-    assert sorted(Manifest.load(tmp_path / "parts").frames) == [0, 1, 2, 3]
-    again, seen = FakeStream(), []
-    export(
-        again, tmp_path / "parts", frames=range(6), progress=lambda index, frame: seen.append((index, frame is None))
-    )
-    assert again.rendered == [4, 5]
-    assert seen == [(0, True), (1, True), (2, True), (3, True), (4, False), (5, False)]
-    assert contents(tmp_path / "parts") == contents(tmp_path / "whole")
 
 
 def test_missing_or_changed_files_are_written_again(tmp_path):
@@ -197,32 +174,6 @@ def test_second_export_into_a_folder_is_refused_while_the_first_one_runs(tmp_pat
     export(FakeStream(), tmp_path, frames=range(2), progress=export_again)
     export(FakeStream(), tmp_path, frames=[7])
     assert sorted(Manifest.load(tmp_path).frames) == [0, 1, 7]
-
-
-KILLED = """
-import os, sys
-from pathlib import Path
-import tiscene
-from tests.export.fake_stream import FAKE_FORMATS, FakeStream, fake_stream_for, skip_without_extra
-from tiscene.export import export
-
-def kill(index, frame):
-    if index == 1:
-        # The parent's number: a thread may be writing the file of this process's own.
-        Path(sys.argv[1], "rgb", f".000002.png.{os.getppid()}-0123abcd.part").write_bytes(b"half a file")
-        os.kill(os.getpid(), 9)
-
-export(FakeStream(), sys.argv[1], frames=range(4), progress=kill)
-"""
-
-
-def test_export_takes_over_the_lock_of_a_killed_process_and_removes_its_partial_files(tmp_path):
-    killed = subprocess.run([sys.executable, "-c", KILLED, str(tmp_path / "parts")], check=False)
-    assert killed.returncode == -9
-    assert list(tmp_path.rglob("*.part"))
-    export(FakeStream(), tmp_path / "parts", frames=range(4))
-    export(FakeStream(), tmp_path / "whole", frames=range(4))
-    assert contents(tmp_path / "parts") == contents(tmp_path / "whole")
 
 
 def test_overwrite_deletes_only_files_of_the_manifest(tmp_path):

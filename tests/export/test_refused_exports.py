@@ -107,7 +107,7 @@ def test_files_of_others_are_not_replaced(tmp_path, format):
     skip_without_extra(format)
     manifest = export(fake_stream_for(format), tmp_path / "whole", format=format, frames=range(5))
     names = [name for name in manifest.frames[4]["files"] if "labels" not in name]
-    for number, name in enumerate([*names, *getattr(FORMATS[format].writer(), "SUMMARY", ())]):
+    for number, name in enumerate([*names[:4], *getattr(FORMATS[format].writer(), "SUMMARY", ())]):
         folder = tmp_path / str(number)
         (folder / name).parent.mkdir(parents=True)
         (folder / name).write_bytes(b"mine")
