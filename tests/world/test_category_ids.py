@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 import pytest
 
-from tiscene.errors import UnknownName
+from tiscene.errors import StageWarning
 from tiscene.world.category_ids import CategoryIds
 
 REGISTERED = {"chair": 1, "table": 2, "wall": 3}
@@ -26,17 +26,14 @@ def test_selection_numbers_its_categories_and_gives_others_zero():
     assert ids.names == {0: "", 1: "wall", 2: "robot"}
 
 
-def test_selection_may_name_registered_seen_and_other_known_categories():
+def test_selection_may_name_registered_seen_and_other_known_categories_and_warns_of_others():
     ids = CategoryIds(REGISTERED, 100, ("wall", "robot", "lift"))
-    with pytest.raises(UnknownName, match=r"no category 'robot'"):
-        ids.check_selection()
+    with pytest.warns(StageWarning, match=r"nothing here is 'robot', 'lift': ids that no pixel has so far \(`tiscene"):
+        ids.warn_of_absent()
     ids.of("robot")
-    with pytest.raises(UnknownName, match=r"no category 'lift'"):
-        ids.check_selection()
-    ids.check_selection(["lift"])
-    CategoryIds(REGISTERED).check_selection()
-
-
-def test_unknown_selected_category_names_the_nearest():
-    with pytest.raises(UnknownName, match=r"no category 'chiar'\. Did you mean 'chair'\? `tiscene list --json`"):
-        CategoryIds(REGISTERED, 100, ("wall", "chiar")).check_selection()
+    with pytest.warns(StageWarning, match=r"nothing here is 'lift': "):
+        ids.warn_of_absent()
+    ids.warn_of_absent(["lift"])
+    CategoryIds(REGISTERED).warn_of_absent()
+    with pytest.warns(StageWarning, match=r"nothing here is 'chiar'; did you mean 'chair'\?: "):
+        CategoryIds(REGISTERED, 100, ("wall", "chiar")).warn_of_absent()

@@ -193,7 +193,7 @@ class Stream(FixedSettings, LoaderMethods, StreamOutput, SavedState, Iterator[Fr
             source = source if camera is None else replace(source, camera=camera)
         self.width, self.height = image_size(width, height, self.stages.stage(source).resolution)
         self.restart(source)
-        self.world.category_ids.check_selection(each.category for each in catalog.templates().values())
+        self.world.category_ids.warn_of_absent(each.category for each in catalog.templates().values())
         if not COLORS.isdisjoint(rendered_buffers(self.buffers)):
             warn_if_dark(source.scene, self.world.descriptions)
 

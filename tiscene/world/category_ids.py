@@ -8,9 +8,10 @@ selection numbers its own categories 1 to n instead, and gives all others the id
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Iterable, Mapping
 
-from tiscene.errors import UnknownName
+from tiscene.errors import StageWarning, did_you_mean
 
 
 class CategoryIds:
@@ -49,19 +50,19 @@ class CategoryIds:
         self.names[number] = category
         return number
 
-    def check_selection(self, others: Iterable[str] = ()) -> None:
-        """Check that each selected category is registered, has been looked up, or is among `others`.
+    def warn_of_absent(self, others: Iterable[str] = ()) -> None:
+        """Warn of selected categories that are not registered, have not been looked up, and are not among `others`.
+
+        That is no error: other scenes, or objects that are spawned later, may have them.
 
         Args:
             others: further known categories; read only if needed.
-
-        Raises:
-            UnknownName: for the first that is not.
         """
         present = {*self._registered, *self._ids}
         missing = [name for name in self._selected or () if name not in present]
         known = {*present, *others} - {""} if missing else present
-        for name in missing:
-            if name not in known:
-                hint = "`tiscene list --json` lists those of all shipped scenes, `stream.categories` those of a scene."
-                raise UnknownName("category", name, known, hint=hint)
+        absent = [f"{name!r}{did_you_mean(name, known)}" for name in missing if name not in known]
+        if absent:
+            hint = "`tiscene list --json` lists those of all shipped scenes, `stream.categories` those of a scene"
+            text = f"categories: nothing here is {', '.join(absent)}: ids that no pixel has so far ({hint})"
+            warnings.warn(StageWarning(text), stacklevel=3)

@@ -269,6 +269,26 @@ def test_scenario_whose_scene_was_not_there_is_made_when_it_is_and_of_no_changed
     assert contents(tmp_path / "data") == before
 
 
+def test_categories_of_several_templates_have_the_same_ids_if_selected_and_are_warned_of_else(tmp_path, recwarn):
+    names = ("robot", "drone")
+    for name in names:
+        head = '#usda 1.0\n(\ndefaultPrim = "A"\nmetersPerUnit = 1\n)\n'
+        label = f'double size = 0.3\ntoken[] semantics:labels:class = ["{name}"]'
+        cube = f'def Cube "A" (prepend apiSchemas = ["SemanticsLabelsAPI:class"])\n{{\n{label}\n}}\n'
+        (tmp_path / f"{name}.usda").write_text(head + cube)
+    ranges = RECIPE["ranges"] | {"templates": [str(tmp_path / f"{name}.usda") for name in names]}
+    own = Recipe.from_json(RECIPE | {"scenes": ["object_view"], "ranges": ranges, "frames": 1})
+    generate(own, tmp_path / "any", 1)
+    with pytest.warns(UserWarning, match="the category 1000 is '.*' in some scenarios and '.*' in others: name"):
+        generate(own, tmp_path / "any", COUNT)
+    recwarn.clear()
+    selected = Recipe.from_json(own.to_json() | {"settings": RECIPE["settings"] | {"categories": list(names)}})
+    data_set = generate(selected, tmp_path / "selected", COUNT)
+    manifests = [Manifest.load(data_set.scenario_folder(number)) for number in range(COUNT)]
+    assert {tuple(manifest.categories.items()) for manifest in manifests} == {((0, ""), (1, "robot"), (2, "drone"))}
+    assert not [each for each in recwarn if "the category" in str(each.message)]
+
+
 def test_split_with_the_name_of_a_file_of_the_data_set_is_refused(tmp_path):
     for name in ("dataset.json", "Index.jsonl"):
         with pytest.raises(ArgumentError, match=f"splits: '{name}' is a file of the data set"):

@@ -5,7 +5,8 @@ from __future__ import annotations
 
 import contextlib
 import shutil
-from collections.abc import Callable, Mapping
+import warnings
+from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -193,7 +194,8 @@ class ScenarioRenderer:
     def __init__(self, data_set: DataSet, arch: str | None) -> None:
         self.data_set, self._arch = data_set, arch
         self._stream: Stream | None = None
-        self._files: dict[str, dict[str, str]] | None = None  # as `_recorded_files` returns; None: not read yet
+        self._files: dict[str, dict[str, str]] = {}  # their digests by scene or template
+        self._categories: dict[int, str] = {}
 
     def __enter__(self) -> ScenarioRenderer:
         return self
@@ -230,7 +232,11 @@ class ScenarioRenderer:
             _clear(folder)
             write_atomically(folder / FILE, json_file({**about, "error": str(error)}))
             return
-        self._check_files(scenario.scene, stream.file_digests())
+        if not self._files:
+            for manifest in _recorded(self.data_set):
+                made = manifest.provenance
+                self._compare(made["scenario"]["scene"], made["file_digests"], manifest.categories)
+        self._compare(scenario.scene, stream.file_digests(), stream.categories)
         _clear(folder)
         summary = ScenarioSummary(recipe.frames)
 
@@ -249,10 +255,14 @@ class ScenarioRenderer:
         about["objects"] = [each.template for each in scenario.objects]
         summary.save(folder, about, manifest)
 
-    def _check_files(self, scene: str, digests: Mapping[str, str]) -> None:
-        """Raise ExportError unless scene and templates are the files that the scenarios in the folder are made of."""
-        if self._files is None:
-            self._files = _recorded_files(self.data_set)
+    def _compare(self, scene: str, digests: Mapping[str, str], categories: Mapping[int, str]) -> None:
+        """Compare a scenario with those before it: each scene or template has the same files, each category one id.
+
+        Warns of an id of several categories.
+
+        Raises:
+            ExportError: A scene or template has other files.
+        """
         for source, files in _by_source(scene, digests).items():
             found = differences(self._files.setdefault(source, files), files)
             if found:
@@ -260,6 +270,12 @@ class ScenarioRenderer:
                     f"{source!r} has changed since scenarios in {str(self.data_set.folder)!r} were made of it:"
                     f"{listing(found)}\nRestore it, or choose another folder."
                 )
+        for id, name in categories.items():
+            other = self._categories.setdefault(id, name)
+            if other != name:
+                text = f"the category {id} is {other!r} in some scenarios and {name!r} in others: name all categories "
+                advice = f'in the settings of the recipe, "categories": ["{other}", "{name}", ...]'
+                warnings.warn(text + advice, stacklevel=2)
 
     def _restarted(self, scenario: Scenario) -> Stream:
         """Return the stream, restarted with a scenario. It depends on the scenario alone, not on those before it."""
@@ -276,17 +292,17 @@ class ScenarioRenderer:
         return self._stream
 
 
-def _recorded_files(data_set: DataSet) -> dict[str, dict[str, str]]:
-    """Return the digests of the files that the scenarios were made of, by scene or template, from few manifests."""
-    recorded: dict[str, dict[str, str]] = {}
+def _recorded(data_set: DataSet) -> Iterator[Manifest]:
+    """Yield manifests of some scenarios that are done, which together have all of their scenes and templates."""
+    seen: set[str] = set()
     for number, summary in data_set.summaries():
-        if summary is None or "error" in summary or {summary["scene"], *summary["objects"]} <= recorded.keys():
-            continue
-        with contextlib.suppress(ExportError):  # a damaged manifest, which `verify` names
-            manifest = Manifest.load(data_set.scenario_folder(number))
-            if manifest is not None:
-                recorded = _by_source(summary["scene"], manifest.provenance["file_digests"]) | recorded
-    return recorded
+        sources = set() if summary is None or "error" in summary else {summary["scene"], *summary["objects"]}
+        if not sources <= seen:
+            seen |= sources
+            with contextlib.suppress(ExportError):  # a damaged manifest, which `verify` names
+                manifest = Manifest.load(data_set.scenario_folder(number))
+                if manifest is not None:
+                    yield manifest
 
 
 def _by_source(scene: str, digests: Mapping[str, str]) -> dict[str, dict[str, str]]:
