@@ -11,7 +11,7 @@ from tiscene.errors import ExportError
 from tiscene.export import export, provenance
 from tiscene.export.array_files import resolved
 from tiscene.export.formats import find_format
-from tiscene.export.packing import PACKING, ExportRun, FramePieces
+from tiscene.export.packing import PACKING, ExportRun, GroupFrames, pieces_file
 
 EARLY = ["webdataset", "parquet", "video", "mcap", "rerun"]
 
@@ -79,6 +79,8 @@ def test_error_of_packing_ends_the_export_while_frames_are_rendered(tmp_path, mo
 def test_recording_of_rerun_that_cannot_be_written_is_an_export_error(tmp_path):
     skip_without_extra("rerun")
     writer, stream = find_format("rerun").writer(), FakeStream(("depth",))
-    frame = FramePieces(0, resolved(writer.pieces(stream[0], {}, stream)))
+    (data,) = resolved(pieces_file(0, writer.pieces(stream[0], {}, stream))).values()
+    (tmp_path / "0.bin").write_bytes(data)
+    run = ExportRun(provenance(stream, "rerun", None), {}, [0])
     with pytest.raises(ExportError, match=r"cannot write '.*recording-000000\.rrd': No such file"):
-        writer.pack([frame], ExportRun(provenance(stream, "rerun", None), {}, [0]), tmp_path / "gone")
+        writer.pack(GroupFrames({0: tmp_path / "0.bin"}), run, tmp_path / "gone")

@@ -80,6 +80,11 @@ class GroupFrames:
     paths: Mapping[int, Path]
     wait: Callable[[int], None] | None = None
 
+    @property
+    def first(self) -> int:
+        """The index of the first frame."""
+        return next(iter(self.paths))
+
     def __iter__(self) -> Iterator[FramePieces]:
         for index, path in self.paths.items():
             if self.wait is not None:

@@ -19,7 +19,6 @@ Doersch et al., "TAP-Vid: A Benchmark for Tracking Any Point in a Video", 2022.
 
 from __future__ import annotations
 
-from collections.abc import Iterable
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
@@ -33,7 +32,7 @@ from tiscene.export.array_files import Contents, archive, from_npy, npy
 from tiscene.render.view import View
 
 if TYPE_CHECKING:
-    from tiscene.export.packing import ExportRun, FramePieces
+    from tiscene.export.packing import ExportRun, GroupFrames
     from tiscene.frame.frame import Frame
     from tiscene.render.integrators.labels.point_pass import SurfacePoints
     from tiscene.scene.placement import Placement
@@ -140,12 +139,12 @@ def chosen_pixels(
     return chosen % instance.shape[1], chosen // instance.shape[1]
 
 
-def pack(frames: Iterable[FramePieces], run: ExportRun, folder: Path) -> None:
+def pack(frames: GroupFrames, run: ExportRun, folder: Path) -> None:
     """Write one clip."""
     clip = [(frame.index, {name: from_npy(data) for name, data in frame.members.items()}) for frame in frames]
     first, indices = clip[0][1], np.array([index for index, _ in clip], np.int64)
     query = first["query"].copy()
-    chosen_in = indices[0] // FRAMES_PER_FILE * FRAMES_PER_FILE + query[:, 0].astype(np.int64)
+    chosen_in = frames.first // FRAMES_PER_FILE * FRAMES_PER_FILE + query[:, 0].astype(np.int64)
     query[:, 0] = np.searchsorted(indices, chosen_in)
     exported = np.isin(chosen_in, indices)
     arrays = {
@@ -157,6 +156,6 @@ def pack(frames: Iterable[FramePieces], run: ExportRun, folder: Path) -> None:
     }
     if "rgb" in first:
         arrays["video"] = np.stack([each["rgb"] for _, each in clip])
-    path = folder / f"tracks/{clip[0][0] // FRAMES_PER_FILE:06d}.npz"
+    path = folder / f"tracks/{frames.first // FRAMES_PER_FILE:06d}.npz"
     path.parent.mkdir(parents=True)
     path.write_bytes(archive({f"{name}.npy": npy(array) for name, array in arrays.items()}))

@@ -26,7 +26,7 @@ from __future__ import annotations
 import hashlib
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from functools import partial
-from itertools import chain, islice
+from itertools import islice
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -38,7 +38,7 @@ from tiscene.export.array_files import Contents, from_npy, npy, png
 from tiscene.export.png import ids16
 
 if TYPE_CHECKING:
-    from tiscene.export.packing import ExportRun, FramePieces
+    from tiscene.export.packing import ExportRun, FramePieces, GroupFrames
     from tiscene.frame.frame import Frame
     from tiscene.frame.measurements import OrientedBox
     from tiscene.frame.object_table import Box, ObjectRow
@@ -198,16 +198,14 @@ def _piece(make: Callable[[], NDArray[Any]]) -> bytes:
     return npy(make())
 
 
-def pack(frames: Iterable[FramePieces], run: ExportRun, folder: Path) -> dict[str, str]:
+def pack(frames: GroupFrames, run: ExportRun, folder: Path) -> dict[str, str]:
     """Write one file of the recording; return its content digest by its name."""
     from rerun.chunk import LazyChunkStream
 
-    rows = iter(frames)
-    first = next(rows)
-    path = folder / f"recording-{first.index // FRAMES_PER_FILE:06d}.rrd"
+    path = folder / f"recording-{frames.first // FRAMES_PER_FILE:06d}.rrd"
     identity = hashlib.sha256(repr(sorted(run.provenance["settings"].items())).encode()).hexdigest()[:32]
     digest = hashlib.sha256()
-    stream = LazyChunkStream.from_iter(_digested(_chunks(chain([first], rows)), digest))
+    stream = LazyChunkStream.from_iter(_digested(_chunks(frames), digest))
     try:
         stream.write_rrd(path, application_id="tiscene", recording_id=identity)
     except RuntimeError as error:  # of a file that cannot be written

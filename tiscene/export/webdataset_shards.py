@@ -9,9 +9,7 @@ from __future__ import annotations
 
 import io
 import tarfile
-from collections.abc import Iterable
 from functools import partial
-from itertools import chain
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -19,7 +17,7 @@ from tiscene.export.array_files import Contents, npy, png
 from tiscene.export.frame_json import labels_bytes
 
 if TYPE_CHECKING:
-    from tiscene.export.packing import ExportRun, FramePieces
+    from tiscene.export.packing import ExportRun, GroupFrames
     from tiscene.frame.frame import Frame
     from tiscene.stream.stream import Stream
 
@@ -40,13 +38,11 @@ def pieces(frame: Frame, labels: dict[str, Any], stream: Stream) -> dict[str, Co
     return members
 
 
-def pack(frames: Iterable[FramePieces], run: ExportRun, folder: Path) -> None:
+def pack(frames: GroupFrames, run: ExportRun, folder: Path) -> None:
     """Write one shard. Headers have no owner and no time."""
-    rows = iter(frames)
-    first = next(rows)
-    path = folder / f"shard-{first.index // FRAMES_PER_FILE:06d}.tar"
+    path = folder / f"shard-{frames.first // FRAMES_PER_FILE:06d}.tar"
     with tarfile.open(path, "w", format=tarfile.USTAR_FORMAT) as target:
-        for frame in chain([first], rows):
+        for frame in frames:
             for extension, data in frame.members.items():
                 header = tarfile.TarInfo(f"{frame.index:09d}.{extension}")
                 header.size = len(data)
