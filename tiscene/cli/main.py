@@ -77,4 +77,4 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 def _show_warning(message: Warning | str, *_: Any, **__: Any) -> None:
     """Print a warning as one line, without its place in the source code."""
-    print(f"tiscene: warning: {message}", file=sys.stderr)
+    print(f"tiscene: warning: {message}", file=sys.stderr)  # `worker_processes` reads it

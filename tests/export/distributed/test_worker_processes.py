@@ -15,7 +15,7 @@ import pytest
 from tests.export.folders import contents
 from tests.export.generation.test_recipe import RECIPE
 from tiscene.cli import main as cli
-from tiscene.errors import DeviceError
+from tiscene.errors import DeviceError, StageWarning
 from tiscene.export.distributed import worker_processes
 from tiscene.export.distributed.worker_processes import frames_in, run_workers
 from tiscene.export.shards import SHARDS
@@ -29,6 +29,17 @@ def test_failing_command_is_reported_with_its_reason():
         DeviceError, match=r"the worker `tiscene show nowhere_at_all` failed: no scene 'nowhere_at_all'"
     ):
         run_workers([["list", "--json"], ["show", "nowhere_at_all"]])
+
+
+def test_warnings_of_workers_are_passed_on_once(tmp_path):
+    broken = tmp_path / "broken.usda"
+    broken.write_text('#usda 1.0\ndef Cube "Box" (references = @gone.usda@)\n{\n}\n')
+    command = ["render", str(broken), "--buffers", "instance", "--width", "8", "--height", "6"]
+    with pytest.warns(StageWarning) as warned:
+        run_workers([[*command, "-o", str(tmp_path / name)] for name in "ab"])
+    texts = [str(each.message) for each in warned]
+    assert any("broken.usda is not drawn quite as authored:\n  </Box> composition: Could" in text for text in texts)
+    assert len(set(texts)) == len(texts)
 
 
 def test_killed_worker_is_started_again_but_not_forever(monkeypatch):

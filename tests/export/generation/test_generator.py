@@ -15,7 +15,7 @@ from tests.export.folders import contents
 from tests.export.generation.test_recipe import RECIPE
 from tiscene import catalog
 from tiscene.cli import main as cli
-from tiscene.errors import ArgumentError, ExportError
+from tiscene.errors import ArgumentError, ExportError, StageWarning
 from tiscene.export.generation.data_set_index import DataSet
 from tiscene.export.generation.generator import finish, generate, write_scenario
 from tiscene.export.generation.recipe import Recipe
@@ -279,7 +279,7 @@ def test_categories_of_several_templates_have_the_same_ids_if_selected_and_are_w
     ranges = RECIPE["ranges"] | {"templates": [str(tmp_path / f"{name}.usda") for name in names]}
     own = Recipe.from_json(RECIPE | {"scenes": ["object_view"], "ranges": ranges, "frames": 1})
     generate(own, tmp_path / "any", 1)
-    with pytest.warns(UserWarning, match="the category 1000 is '.*' in some scenarios and '.*' in others: name"):
+    with pytest.warns(StageWarning, match="the category 1000 is '.*' in some scenarios and '.*' in others: name"):
         generate(own, tmp_path / "any", COUNT)
     recwarn.clear()
     selected = Recipe.from_json(own.to_json() | {"settings": RECIPE["settings"] | {"categories": list(names)}})

@@ -10,24 +10,26 @@ import subprocess
 import sys
 import tempfile
 import time
+import warnings
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import IO
 
-from tiscene.errors import DeviceError
+from tiscene.errors import DeviceError, StageWarning
 
 MAX_DEATHS = 3  # of each worker
 POLL_INTERVAL = 0.2  # s
+WARNING = "tiscene: warning: "
 PARENT = "TISCENE_WORKER_OF"  # environment variable that `tiscene.cli.interruption` reads
 
 
 @dataclass
 class _Worker:
-    """A process that runs a command; `errors` is what it writes to stderr."""
+    """A process that runs a command; `errors` is what it writes to stderr, at its end wherever it is read meanwhile."""
 
     arguments: Sequence[str]
-    errors: IO[bytes] = field(default_factory=tempfile.TemporaryFile)
+    errors: IO[bytes] = field(default_factory=lambda: tempfile.TemporaryFile("a+b"))  # noqa: SIM115
     process: subprocess.Popen[bytes] | None = None
     deaths: int = 0
 
@@ -40,15 +42,31 @@ class _Worker:
             command, env=environment, stdout=subprocess.DEVNULL, stderr=self.errors, start_new_session=True
         )
 
+    def lines(self) -> list[str]:
+        """Return the lines that the process has written to stderr so far."""
+        self.errors.seek(0)
+        return self.errors.read().decode(errors="replace").strip().splitlines()
+
     def message(self) -> str:
         """Return the last line that the process wrote to stderr."""
-        self.errors.seek(0)
-        lines = self.errors.read().decode(errors="replace").strip().splitlines()
+        lines = self.lines()
         return lines[-1].removeprefix("tiscene: ") if lines else "it wrote nothing to stderr"
+
+    def warnings(self) -> list[str]:
+        """Return the warnings that the process has written so far; their further lines are indented."""
+        found: list[str] = []
+        for line in self.lines():
+            if line.startswith(WARNING):
+                found.append(line.removeprefix(WARNING))
+            elif line.startswith(" ") and found:
+                found[-1] += f"\n{line}"
+        return found
 
 
 def run_workers(commands: Sequence[Sequence[str]], progress: Callable[[], None] | None = None) -> None:
     """Run `tiscene` commands at the same time until all have succeeded; the processor is divided among them.
+
+    Their warnings are passed on, each once.
 
     A worker that dies by a signal, such as one that the system kills for its memory, is started again. Workers end
     soon after this process, however it ends.
@@ -63,6 +81,7 @@ def run_workers(commands: Sequence[Sequence[str]], progress: Callable[[], None] 
     """
     threads = max(1, len(os.sched_getaffinity(0)) // len(commands)) if hasattr(os, "sched_getaffinity") else 1
     workers = [_Worker(command) for command in commands]
+    shown: set[str] = set()
     try:
         for worker in workers:
             worker.start(threads)
@@ -70,6 +89,9 @@ def run_workers(commands: Sequence[Sequence[str]], progress: Callable[[], None] 
         while running:
             time.sleep(POLL_INTERVAL)
             running = [worker for worker in running if not _has_succeeded(worker, threads)]
+            for text in (text for worker in workers for text in worker.warnings() if text not in shown):
+                shown.add(text)
+                warnings.warn(StageWarning(text), stacklevel=2)
             if progress is not None:
                 progress()
     finally:

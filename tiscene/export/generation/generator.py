@@ -17,6 +17,7 @@ from tiscene.errors import (
     MissingFile,
     ScenarioError,
     StageError,
+    StageWarning,
     UnknownName,
     export_errors,
 )
@@ -195,7 +196,7 @@ class ScenarioRenderer:
         self.data_set, self._arch = data_set, arch
         self._stream: Stream | None = None
         self._files: dict[str, dict[str, str]] = {}  # their digests by scene or template
-        self._categories: dict[int, str] = {}
+        self._categories: dict[int, list[str]] = {}
 
     def __enter__(self) -> ScenarioRenderer:
         return self
@@ -271,11 +272,12 @@ class ScenarioRenderer:
                     f"{listing(found)}\nRestore it, or choose another folder."
                 )
         for id, name in categories.items():
-            other = self._categories.setdefault(id, name)
-            if other != name:
-                text = f"the category {id} is {other!r} in some scenarios and {name!r} in others: name all categories "
-                advice = f'in the settings of the recipe, "categories": ["{other}", "{name}", ...]'
-                warnings.warn(text + advice, stacklevel=2)
+            names = self._categories.setdefault(id, [name])
+            if name not in names:
+                names.append(name)
+                advice = f'name all categories in the recipe\'s settings, "categories": ["{names[0]}", "{name}", ...]'
+                text = f"the category {id} is {names[0]!r} in some scenarios and {name!r} in others: {advice}"
+                warnings.warn(StageWarning(text), stacklevel=2)
 
     def _restarted(self, scenario: Scenario) -> Stream:
         """Return the stream, restarted with a scenario. It depends on the scenario alone, not on those before it."""
