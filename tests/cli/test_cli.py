@@ -242,12 +242,17 @@ def test_demo_writes_its_images_and_prints_their_paths(tmp_path, fake, capsys):
     assert fake.made[0].buffers == tuple(BUFFERS)
 
 
-def test_stage_warning_is_one_line_on_stderr(monkeypatch, capsys):
+def test_stage_warning_is_one_line_on_stderr_once_a_command(monkeypatch, capsys):
     from tiscene.cli import list as list_command
 
-    monkeypatch.setattr(list_command, "run", lambda args: warnings.warn("</Room/Fog> is left out", StageWarning, 2))
-    assert cli.main(["list"]) == 0
-    assert capsys.readouterr().err == "tiscene: warning: </Room/Fog> is left out\n"
+    def warn_twice(args):
+        for _ in range(2):
+            warnings.warn("</Room/Fog> is left out", StageWarning, 2)
+
+    monkeypatch.setattr(list_command, "run", warn_twice)
+    for _ in range(2):
+        assert cli.main(["list"]) == 0
+        assert capsys.readouterr().err == "tiscene: warning: </Room/Fog> is left out\n"
 
 
 def test_closed_pipe_prints_no_traceback():

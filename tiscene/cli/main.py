@@ -13,6 +13,7 @@ import os
 import sys
 import warnings
 from collections.abc import Sequence
+from functools import partial
 from typing import Any
 
 from tiscene.cli import interruption
@@ -50,7 +51,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         interruption.end_after_interrupt(interruption.WORKER_GRACE if is_worker else grace)
     with warnings.catch_warnings():
         warnings.simplefilter("always", StageWarning)
-        warnings.showwarning = _show_warning
+        warnings.showwarning = partial(_show_warning, set())
         try:
             with interruption.imports(exit_at_once=owns_process):
                 command = importlib.import_module(f"tiscene.cli.{args.command}")
@@ -75,6 +76,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
     return 0
 
 
-def _show_warning(message: Warning | str, *_: Any, **__: Any) -> None:
-    """Print a warning as one line, without its place in the source code."""
-    print(f"tiscene: warning: {message}", file=sys.stderr)  # `worker_processes` reads it
+def _show_warning(shown: set[str], message: Warning | str, *_: Any, **__: Any) -> None:
+    """Print a warning once, without its place in the source code. `worker_processes` reads it."""
+    if str(message) not in shown:
+        shown.add(str(message))
+        print(f"tiscene: warning: {message}", file=sys.stderr)
