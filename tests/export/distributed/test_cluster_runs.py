@@ -3,6 +3,7 @@
 
 import contextlib
 import copy
+import json
 
 import pytest
 
@@ -116,5 +117,9 @@ def test_data_set_has_the_bytes_of_one_process(tmp_path):
     assert contents(tmp_path / "many") == contents(tmp_path / "one")
     assert counts[-1] == 3
     LocalPool.done = 0
-    distributed.generate(recipe, tmp_path / "many", 3)
+    data_set = distributed.generate(recipe, tmp_path / "many", 3)
     assert LocalPool.done == 0
+    about = {"number": 1, "split": recipe.split(1), "error": "its scene is not there"}
+    (data_set.scenario_folder(1) / "summary.json").write_text(json.dumps(about))  # now it is
+    distributed.generate(recipe, tmp_path / "many", 3)
+    assert contents(tmp_path / "many") == contents(tmp_path / "one")

@@ -21,7 +21,7 @@ from tiscene.export.distributed.task_plan import TaskPlan
 from tiscene.export.exporter import open_manifest
 from tiscene.export.folder_writer import FolderWriter
 from tiscene.export.formats import find_format
-from tiscene.export.generation.data_set_index import DataSet
+from tiscene.export.generation.data_set_index import DataSet, with_frames
 from tiscene.export.generation.generator import claim
 from tiscene.export.generation.recipe import Recipe
 from tiscene.export.manifest import Manifest
@@ -145,9 +145,9 @@ def generate(
     data_set = DataSet(Path(folder).absolute(), recipe, count)
     claim(data_set)
     work = ScenarioWork(data_set, arch)
-    done = [task for task in range(work.count) if work.steps(task) == work.size(task)]
+    done = set(with_frames(data_set.summaries()))
     plan = TaskPlan(range(work.count))
-    plan.skip(done)
+    plan.skip([task for task in range(work.count) if done.issuperset(work.numbers(task))])
     if not plan.finished:
         _run(data_set.folder, work, plan, address, cpus, arch, unlike, None, progress)
     data_set.write_index()
