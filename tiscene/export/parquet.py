@@ -8,7 +8,7 @@ Columns are `index`, `time` (s), `labels` (JSON: camera, events, objects), and o
 from __future__ import annotations
 
 import json
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Mapping
 from functools import partial
 from itertools import chain, islice
 from pathlib import Path
@@ -63,17 +63,7 @@ def pack(frames: Iterable[FramePieces], run: ExportRun, folder: Path) -> None:
 def summary(run: ExportRun) -> dict[str, bytes]:
     """Return the data set's card."""
     names = "\n".join(f"- `{name}`: {BUFFERS[name].doc}" for name in run.buffers)
-    card = f"""---
-configs:
-- config_name: default
-  data_files:
-  - split: train
-    path: data/train-*.parquet
-tags:
-- synthetic
-- tiscene
----
-
+    card = f"""{card_head({"train": PACKED[0]})}
 # {len(run.frames)} frames of {run.provenance["scenario"].get("scene", "a scene")}
 
 Rendered by tiscene {run.provenance["tiscene"]}. Each row is a frame. Columns:
@@ -84,6 +74,12 @@ Rendered by tiscene {run.provenance["tiscene"]}. Each row is a frame. Columns:
 `tiscene.json` has the scenario, the settings, the names of the categories, and digests of all frames.
 """
     return {"README.md": card.encode()}
+
+
+def card_head(files: Mapping[str, str]) -> str:
+    """Return the head of a card of Hugging Face, from patterns of the files of each split."""
+    splits = "".join(f"  - split: {split}\n    path: {pattern}\n" for split, pattern in files.items())
+    return f"---\nconfigs:\n- config_name: default\n  data_files:\n{splits}tags:\n- synthetic\n- tiscene\n---\n"
 
 
 def _schema(run: ExportRun, arrays: dict[str, NDArray[Any]]) -> Any:

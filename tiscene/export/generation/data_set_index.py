@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import json
 import math
+import re
 from collections import Counter
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
@@ -21,9 +22,12 @@ from tiscene.errors import ArgumentError, ExportError, export_errors
 from tiscene.export.array_files import json_file, png
 from tiscene.export.generation.recipe import Recipe
 from tiscene.export.generation.scenario_summary import FILE, THUMBNAIL, THUMBNAIL_WIDTH, read_summary
+from tiscene.export.parquet import card_head
 from tiscene.files import write_atomically
 
 DATA_SET, INDEX, STATISTICS, SHEET = "dataset.json", "index.jsonl", "statistics.json", "contact_sheet.png"
+CARD, MARK = "README.md", "<!-- `tiscene generate` writes this file again, unless this line is removed. -->"
+ROWS = {"parquet": "data/train-*.parquet", "webdataset": "shard-*.tar"}  # by format: what Hugging Face reads
 MAX_THUMBNAILS = 48
 GAP, TEXT = 8, 16  # px
 BACKGROUND, INK = (16, 17, 21), (200, 202, 206)
@@ -46,7 +50,7 @@ class DataSet:
 
     def __post_init__(self) -> None:
         for name in self.recipe.splits:
-            if name.casefold() in (DATA_SET, INDEX, STATISTICS, SHEET):
+            if name.casefold() in map(str.casefold, (DATA_SET, INDEX, STATISTICS, SHEET, CARD)):
                 raise ArgumentError(f"recipe: splits: {name!r} is a file of the data set: choose another name")
 
     @classmethod
@@ -106,7 +110,7 @@ class DataSet:
         return [number for number, summary in self.summaries() if summary is None]
 
     def write_index(self) -> None:
-        """Write index, statistics and contact sheet. Raises ExportError if they cannot be written."""
+        """Write index, statistics, contact sheet and card. Raises ExportError if they cannot be written."""
         summaries = list(self.summaries())
         done = with_frames(summaries)
         shown = (
@@ -119,6 +123,24 @@ class DataSet:
                 write_atomically(self.folder / name, content)
             if shown:
                 write_atomically(self.folder / SHEET, png(self._contact_sheet(shown)))
+            card = self.folder / CARD
+            if self.recipe.format in ROWS and done and (not card.exists() or MARK.encode() in card.read_bytes()):
+                write_atomically(card, self._card(done).encode())
+
+    def _card(self, numbers: list[int]) -> str:
+        """Return the card of Hugging Face, from the numbers of the scenarios that have frames."""
+        recipe, present = self.recipe, set(map(self.recipe.split, numbers))
+        splits = (name for name in recipe.splits if name in present)  # an empty one would be an error
+        files = {re.sub(r"\W", "_", name): f"{name}/**/{ROWS[recipe.format]}" for name in splits}
+        scenes = ", ".join(dict.fromkeys(Path(choice.scene).stem for choice in recipe.scenes))
+        return f"""{card_head(files)}
+{MARK}
+
+# {len(numbers)} scenarios of {scenes}
+
+Rendered by tiscene. Each row is a frame; frames 0 to {recipe.frames - 1} of a scenario and a camera follow each other.
+`index.jsonl` has a line for each scenario, `dataset.json` the recipe that they are drawn from.
+"""
 
     def _contact_sheet(self, numbers: list[int]) -> Any:
         """Return the thumbnails of scenarios, each above its split and number: uint8 [h, w, 3]."""

@@ -26,7 +26,7 @@ FILE, THUMBNAIL = "summary.json", "thumbnail.png"
 THUMBNAIL_WIDTH = 160  # px
 SHOWN = ("rgb", "denoised", "instance", "semantic", "normal", "depth")  # the first that frames have is on thumbnails
 FRAME_FIELDS = {"scene", "objects", "frames", "digest", "visible", "sizes", "mean_flow", "difficulty"}
-SIZE_STEPS = 12  # size classes: a fraction 2^-k to 2^-k+1 of the image
+SIZE_STEPS = 12  # size classes: more than 2^-(k+1) of the image and at most 2^-k; the last one has all smaller ones
 
 
 class ScenarioSummary:
