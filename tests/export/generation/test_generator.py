@@ -206,6 +206,11 @@ def test_damaged_data_set_says_what_to_do_and_that_helps(recipe, whole, tmp_path
     with pytest.raises(ExportError, match="delete it, and generate again with the same recipe"):
         generate(recipe, tmp_path, COUNT)
     (tmp_path / "dataset.json").unlink()
+    folder = DataSet(tmp_path, recipe, COUNT).scenario_folder(1)
+    (folder / "thumbnail.png").write_bytes(b"damaged")
+    with pytest.raises(ExportError, match=rf"thumbnail\.png' is missing or damaged: delete '{folder}', and generate"):
+        generate(recipe, tmp_path, COUNT)
+    shutil.rmtree(folder)
     generate(recipe, tmp_path, COUNT)
     assert contents(tmp_path) == contents(whole)
 

@@ -144,7 +144,7 @@ Rendered by tiscene. Each row is a frame; frames 0 to {recipe.frames - 1} of a s
 
     def _contact_sheet(self, numbers: list[int]) -> Any:
         """Return the thumbnails of scenarios, each above its split and number: uint8 [h, w, 3]."""
-        images = [Image.open(self.scenario_folder(number) / THUMBNAIL) for number in numbers]
+        images = [_opened(self.scenario_folder(number) / THUMBNAIL) for number in numbers]
         height = max(image.height for image in images)
         columns = min(len(images), max(1, round(math.sqrt(len(images) * 1.5))))
         rows = -(-len(images) // columns)
@@ -156,8 +156,17 @@ Rendered by tiscene. Each row is a frame; frames 0 to {recipe.frames - 1} of a s
             y = GAP + place // columns * (height + TEXT + GAP)
             sheet.paste(image, (x, y))
             draw.text((x, y + height + TEXT - 3), f"{self.recipe.split(number)} {number}", INK, font, anchor="ls")
-            image.close()
         return np.asarray(sheet)
+
+
+def _opened(thumbnail: Path) -> Image.Image:
+    """Return a thumbnail. Raises ExportError if it cannot be read."""
+    try:
+        with Image.open(thumbnail) as image:
+            return image.convert("RGB")
+    except OSError as error:
+        text = f"{str(thumbnail)!r} is missing or damaged: delete {str(thumbnail.parent)!r}, and generate again"
+        raise ExportError(text) from error
 
 
 def with_frames(summaries: Iterable[tuple[int, Summary]]) -> list[int]:
