@@ -143,3 +143,11 @@ def test_overwrite_replaces_what_a_killed_export_has_left(tmp_path):
     (tmp_path / "rgb" / "000001.png").write_bytes(b"not in the manifest yet")
     export(FakeStream(seed=2), tmp_path, frames=range(2), overwrite=True)
     assert list(Manifest.load(tmp_path).frames) == [0, 1]
+    stream = FakeStream(("depth",), seed=3)
+    stream.interrupt_at = 2
+    with pytest.raises(KeyboardInterrupt):
+        export(stream, tmp_path / "shards", format="webdataset", frames=range(3))
+    (tmp_path / "shards" / "pieces" / "000002.bin").write_bytes(b"not in the manifest yet")
+    export(FakeStream(("depth",)), tmp_path / "shards", format="npz", frames=range(1), overwrite=True)
+    names = {path.name for path in (tmp_path / "shards").iterdir()}
+    assert names == {"000000.npz", "labels", NAME}

@@ -168,7 +168,6 @@ def open_manifest(folder: Path, wanted: dict[str, Any], overwrite: bool) -> Mani
 
 def remove_export(folder: Path, manifest: Manifest) -> None:
     """Delete the files that a manifest lists and what a killed process has left, and nothing else."""
-    remove_leftovers(folder, manifest)
     root = folder.resolve()
     for entry in manifest.frames.values():
         for name in entry["files"]:
@@ -178,6 +177,7 @@ def remove_export(folder: Path, manifest: Manifest) -> None:
     for name in getattr(find_format(manifest.provenance["format"]).writer(), "SUMMARY", ()):
         for camera in manifest.folders:
             (folder / camera / name).unlink(missing_ok=True)
+    remove_leftovers(folder, manifest)
     (folder / NAME).unlink()
 
 
