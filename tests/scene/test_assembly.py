@@ -55,7 +55,7 @@ def test_box_coordinates_are_0_to_1_and_invertible_for_flat_objects():
 def test_joined_keeps_the_order_and_accepts_no_tables():
     def part(mesh: int) -> ObjectParts:
         row, matrix = np.zeros(1, np.int32), np.ones((1, 3, 4))
-        return ObjectParts(row + mesh, row, matrix, matrix, row + 2 * mesh)
+        return ObjectParts(row + mesh, row, matrix, matrix, row + 2 * mesh, np.full((1, 4), mesh, np.float32))
 
     assert joined([part(3), part(1)]).mesh.tolist() == [3, 1]
     assert joined([part(3), part(1)]).number.tolist() == [6, 2]

@@ -11,6 +11,7 @@ from tests.render.tracing import placed, random_matrices, scene_of, shape
 from tiscene.errors import ArgumentError
 from tiscene.scene import device_scene
 from tiscene.scene.bvh import layout_kernels
+from tiscene.scene.instance_upload import INFO_COLOR, INFO_FLAGS, OWN_COLOR, OWN_OPACITY
 from tiscene.scene.placement import CURRENT, NEXT, PREVIOUS, Placement
 
 ARRAYS = ("instance_info", "world_from_instance", "instance_from_world", "box_from_instance")
@@ -20,9 +21,11 @@ MESHES = (shape(trimesh.creation.box()), shape(trimesh.creation.icosphere(subdiv
 def placement(seed: int, count: int = 20) -> Placement:
     random = np.random.default_rng(seed)
     made = placed(np.arange(count) % 2, random_matrices(random, 3 * count, 3.0).reshape(3, count, 3, 4))
-    return replace(
-        made, category_id=random.integers(0, 9, count).astype(np.int32), part=np.arange(count, dtype=np.int32)
-    )
+    columns = {"category_id": random.integers(0, 9, count).astype(np.int32), "part": np.arange(count, dtype=np.int32)}
+    color = None if seed == 5 else random.random((3, count, 4), np.float32)
+    if color is not None:
+        color[:, ::3, :3], color[:, 1::4, 3] = np.nan, np.nan
+    return replace(made, **columns, color=color)
 
 
 def test_arrays_equal_those_that_are_uploaded_one_by_one() -> None:
@@ -34,8 +37,22 @@ def test_arrays_equal_those_that_are_uploaded_one_by_one() -> None:
         for name in ARRAYS:
             one, other = (getattr(scene, name).to_numpy().copy() for scene in (first, packed))
             if name == "instance_info":  # references of trees differ between the layouts
-                one, other = one[:, 1:9], other[:, 1:9]
+                one, other = (np.delete(each, [0, *range(9, 17)], axis=1) for each in (one, other))
             np.testing.assert_array_equal(one, other, err_msg=name)
+
+
+@pytest.mark.parametrize("traversal", ["bvh8", "bvh2"])
+def test_colors_of_instances_are_uploaded_when_nothing_else_changes(traversal: str) -> None:
+    first = placed(np.arange(20) % 2, np.tile(np.eye(4)[:3], (3, 20, 1, 1)))
+    scene = scene_of(MESHES, first, traversal)
+    color = np.full((3, 20, 4), 0.25, np.float32)
+    color[CURRENT, :10, :3], color[CURRENT, 10:, 3], color[NEXT] = np.nan, np.nan, 0.75
+    scene.place(replace(first, color=color), (CURRENT, NEXT))
+    info, then = scene.instance_info.to_numpy(), scene.instances_at(NEXT).to_numpy()
+    own = info[:, INFO_FLAGS] & (OWN_COLOR | OWN_OPACITY)
+    assert own.tolist() == [OWN_OPACITY] * 10 + [OWN_COLOR] * 10
+    np.testing.assert_array_equal(info[:, INFO_COLOR:].view(np.float32), color[CURRENT])
+    np.testing.assert_array_equal(then[:, INFO_COLOR:].view(np.float32), color[NEXT])
 
 
 def test_frame_takes_one_upload(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -63,6 +80,8 @@ def test_frames_follow_each_other(traversal: str) -> None:
         for name in ARRAYS if len(each.mesh) else ():
             found, expected = getattr(scene, name).to_numpy(), getattr(single, name).to_numpy()
             part = found[:, first:end] if found.ndim == 3 else found[first:end]
+            if name == "instance_info" and each.color is None:  # colors of instances without any are not read
+                part, expected = part[:, :INFO_COLOR], expected[:, :INFO_COLOR]
             np.testing.assert_array_equal(part, expected, err_msg=name)
         first = end
     roots = scene.frame_roots(CURRENT).to_numpy(), scene.frame_roots(NEXT).to_numpy()

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Time-sampled animation of a stage: meshes that deform; instances that move, appear and disappear.
+"""Time-sampled animation of a stage: meshes that deform; instances that move, appear, disappear and change color.
 
 Samples are at increasing times, s. Before the first and after the last sample, everything stays as it is there.
 """
@@ -77,6 +77,27 @@ class InstanceTrack:
             return self.matrices[row].copy(), present
         following = np.where(self.present[row + 1, :, None, None], self.matrices[row + 1], self.matrices[row])
         return interpolated(self.matrices[row], following, t), present
+
+
+@dataclass(frozen=True, eq=False)
+class ColorTrack:
+    """Colors of some instances over time, interpolated linearly.
+
+    Attributes:
+        instances: int32 [n], rows of `SceneDescription.instances`.
+        times: float64 [s], s.
+        colors: float32 [s, n, 4]; they replace `Instance.color`.
+    """
+
+    instances: NDArray[np.int32]
+    times: NDArray[np.float64]
+    colors: NDArray[np.float32]
+
+    def at(self, seconds: float) -> NDArray[np.float32]:
+        """Return the colors [n, 4] at a time."""
+        row, t = between(self.times, seconds)
+        here: NDArray[np.float32] = self.colors[row]
+        return here if t == 0.0 else here + np.float32(t) * (self.colors[row + 1] - here)
 
 
 def between(times: NDArray[np.float64], seconds: float) -> tuple[int, float]:

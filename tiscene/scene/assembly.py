@@ -27,6 +27,7 @@ class ObjectParts:
         matrix: float64 [p, 3, 4], from the mesh's space to the object's, m.
         box_from_mesh: float64 [p, 3, 4], from the mesh's space to 0..1 in the bounding box of the whole object.
         number: int32 [p], number of the first of the object's named parts that the mesh shows.
+        color: float32 [p, 4], see `Instance.color`; NaN for none.
     """
 
     mesh: NDArray[np.int32]
@@ -34,14 +35,24 @@ class ObjectParts:
     matrix: Matrix
     box_from_mesh: Matrix
     number: NDArray[np.int32]
+    color: NDArray[np.float32]
 
 
 def joined(parts: Sequence[ObjectParts]) -> ObjectParts:
     """Concatenate tables."""
     none = np.zeros(0, np.int32)
-    empty = ObjectParts(none, none, np.zeros((0, 3, 4)), np.zeros((0, 3, 4)), none)
+    empty = ObjectParts(none, none, np.zeros((0, 3, 4)), np.zeros((0, 3, 4)), none, np.zeros((0, 4), np.float32))
     columns = zip(*(vars(each).values() for each in (empty, *parts)), strict=True)
     return ObjectParts(*map(np.concatenate, columns))
+
+
+def instance_colors(description: SceneDescription) -> NDArray[np.float32]:
+    """Return the colors of all instances, float32 [n, 4]; NaN for none."""
+    result = np.full((len(description.instances), 4), np.nan, np.float32)
+    for row, each in enumerate(description.instances):
+        if each.color is not None:
+            result[row] = each.color
+    return result
 
 
 def rigid(matrices: Matrix) -> Matrix:

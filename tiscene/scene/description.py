@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tiscene.errors import CameraNotFound
-from tiscene.scene.animation import Deformation, InstanceTrack
+from tiscene.scene.animation import ColorTrack, Deformation, InstanceTrack
 from tiscene.scene.camera import Camera, Vector3
 from tiscene.scene.input_track import InputTrack
 from tiscene.scene.light_description import (
@@ -159,6 +159,8 @@ class Instance:
         world_from_object: float64 4x4, m.
         part: Number of the first of the object's parts that it shows; `Mesh.parts` counts on from there.
         collides: False if the stage excludes it from collisions (UsdPhysics).
+        color: float32 [4], RGB and opacity that take the place of those of the mesh's vertices; NaN where they do not.
+            None: they do not.
     """
 
     mesh: int
@@ -166,6 +168,7 @@ class Instance:
     world_from_object: Matrix
     part: int = 0
     collides: bool = True
+    color: FloatArray | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -190,6 +193,7 @@ class SceneDescription:
         templates: Templates that are defined on the stage.
         colliders: Meshes for collisions alone.
         tracks: Instances that move, appear and disappear by the stage's own time samples.
+        color_tracks: Colors of instances over time.
         object_tracks: Transforms of objects over time, by their rows. They say where objects are, not what is drawn.
         material_tracks: Inputs of materials that vary over time.
         light_tracks: Inputs of lights that vary over time. Poses only of lights that move within a template.
@@ -222,6 +226,7 @@ class SceneDescription:
     gravity: Vector3 | None = None
     moved: tuple[NDArray[np.float64], ...] = ()
     has_lights_off: bool = False
+    color_tracks: tuple[ColorTrack, ...] = ()
 
     @property
     def is_dark(self) -> bool:

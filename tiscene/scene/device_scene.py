@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import weakref
 from collections.abc import Iterable, Sequence
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -71,10 +72,11 @@ class DeviceScene(WholeChanges):
         triangle_vertices: i32 [m, 3], rows of `vertex_position`.
         triangle_material: i32 [m], rows of `materials`.
         triangle_part: i32 [m], part of the mesh.
-        instance_info: i32 [i, 18], at CURRENT; `instances_at` returns that of other times. Columns: 0 reference of the
+        instance_info: i32 [i, 22], at CURRENT; `instances_at` returns that of other times. Columns: 0 reference of the
             BLAS, 1 first triangle, 2 instance id, 3 category id, 4 mesh row, 5 flags (HAS_NORMALS | HAS_UV | MIRRORED |
-            HAS_COLORS), 6 first part, 7 number of vertices of a deforming mesh, else 0, 8 first row of colors minus 3
-            times the first vertex, 9 to 16 references of the BLAS's parts (`bvh.rebraid`), 17 class of light links.
+            HAS_COLORS | OWN_COLOR | OWN_OPACITY), 6 first part, 7 number of vertices of a deforming mesh, else 0, 8
+            first row of colors minus 3 times the first vertex, 9 to 16 references of the BLAS's parts (`bvh.rebraid`),
+            17 class of light links, 18 to 21 bits of an f32 color and opacity of the instance's own.
             Device arrays of instances are replaced by every `place`.
         world_from_instance: f32 [3, i, 12], by time, row-major 3x4, m.
         instance_from_world: f32 [3, i, 12], the inverse.
@@ -370,7 +372,8 @@ class DeviceScene(WholeChanges):
         """Upload what is placed; moved: whether matrices differ from those that are there."""
         placement, count = self.placement, len(self.placement.mesh)
         mirrored = np.where(placement.present, self._determinant, 0.0).min(axis=0) < 0.0
-        info = info_rows(placement, self._mesh_table, self._parts.entries, mirrored)
+        rows_at = partial(info_rows, placement, self._mesh_table, self._parts.entries, mirrored)
+        info = rows_at(CURRENT)
         if count != self.instance_count or self.instance_info is None:
             rows = max(count, 1)
             self.instance_info = device_array(ti.i32, (rows, INFO_COLUMNS))
@@ -378,9 +381,9 @@ class DeviceScene(WholeChanges):
             self.box_from_instance = device_array(ti.f32, (rows, 12))
         self.instance_count = count
         self._info_at = {}
-        if self._deforming and count:
+        if count and (self._deforming or placement.color_varies):
             for time in (PREVIOUS, NEXT):
-                then = info.copy()
+                then = rows_at(time)
                 for row, deforming in self._deforming.items():
                     then[placement.mesh == row, INFO_BLAS] = deforming.blas[time].entry
                 self._info_at[time] = upload(then)

@@ -16,13 +16,13 @@ from numpy.typing import NDArray
 from tiscene.device.kernel_types import Floats2, Floats3, Ints1, Ints2
 from tiscene.scene.bvh.rebraid import INFO_PARTS, PARTS
 from tiscene.scene.description import Mesh
-from tiscene.scene.placement import Placement
+from tiscene.scene.placement import CURRENT, Placement
 
 # Columns of `DeviceScene.instance_info`; from INFO_PARTS (`bvh.rebraid`) on are the references of the BLAS's parts.
 INFO_BLAS, INFO_FIRST_TRIANGLE, INFO_INSTANCE_ID, INFO_CATEGORY_ID, INFO_MESH, INFO_FLAGS = range(6)
-INFO_PART, INFO_MOVED, INFO_COLORS, INFO_LINK_CLASS, INFO_COLUMNS = 6, 7, 8, 17, 18
+INFO_PART, INFO_MOVED, INFO_COLORS, INFO_LINK_CLASS, INFO_COLOR, INFO_COLUMNS = 6, 7, 8, 17, 18, 22
 OF_MESH = [INFO_BLAS, INFO_FIRST_TRIANGLE, INFO_FLAGS, INFO_MOVED, INFO_COLORS, INFO_LINK_CLASS]
-HAS_NORMALS, HAS_UV, MIRRORED, HAS_COLORS = 1, 2, 4, 8  # bits of the flags
+HAS_NORMALS, HAS_UV, MIRRORED, HAS_COLORS, OWN_COLOR, OWN_OPACITY = 1, 2, 4, 8, 16, 32  # bits of the flags
 
 NO_INSTANCES = Placement(
     mesh=np.zeros(0, np.int32),
@@ -41,7 +41,11 @@ def attribute_flags(mesh: Mesh) -> int:
 
 
 def info_rows(
-    placement: Placement, meshes: NDArray[np.int32], parts: NDArray[np.int32], mirrored: NDArray[np.bool_]
+    placement: Placement,
+    meshes: NDArray[np.int32],
+    parts: NDArray[np.int32],
+    mirrored: NDArray[np.bool_],
+    time: int = CURRENT,
 ) -> NDArray[np.int32]:
     """Return `DeviceScene.instance_info` of a placement, int32 [n, INFO_COLUMNS].
 
@@ -50,6 +54,7 @@ def info_rows(
         meshes: int32 [m, 6], the columns OF_MESH of each mesh.
         parts: int32 [m, PARTS], references of the parts of each mesh.
         mirrored: bool [n], whether the transform of an instance mirrors.
+        time: Of the colors.
     """
     info = np.zeros((len(placement.mesh), INFO_COLUMNS), np.int32)
     info[:, OF_MESH] = meshes[placement.mesh]
@@ -57,6 +62,10 @@ def info_rows(
     info[:, INFO_INSTANCE_ID], info[:, INFO_CATEGORY_ID] = placement.instance_id, placement.category_id
     info[:, INFO_MESH], info[:, INFO_PART] = placement.mesh, 0 if placement.part is None else placement.part
     info[:, INFO_FLAGS] |= np.where(mirrored, MIRRORED, 0)
+    if placement.color is not None:
+        own = ~np.isnan(placement.color[time])
+        info[:, INFO_FLAGS] |= np.where(own[:, 0], OWN_COLOR, 0) | np.where(own[:, 3], OWN_OPACITY, 0)
+        info[:, INFO_COLOR : INFO_COLOR + 4] = placement.color[time].view(np.int32)
     return info
 
 
@@ -73,7 +82,17 @@ def stacked(placements: Sequence[Placement]) -> Placement:
         box_from_object=np.concatenate([each.box_from_object for each in placements]),
         present=np.concatenate([each.present for each in placements], axis=1),
         part=np.concatenate(parts),
+        color=_stacked_colors(placements),
     )
+
+
+def _stacked_colors(placements: Sequence[Placement]) -> NDArray[np.float32] | None:
+    """Return the colors of the instances of several placements one after the other."""
+    if all(each.color is None for each in placements):
+        return None
+    none = np.full((3, 1, 4), np.nan, np.float32)
+    colors = [none.repeat(len(each.mesh), axis=1) if each.color is None else each.color for each in placements]
+    return np.concatenate(colors, axis=1)
 
 
 def upload_packed(

@@ -34,6 +34,8 @@ class Placement:
         light_groups: The same lights, as static lights with an intensity factor for each group. None if `lights` is.
         materials: Materials that vary over time, each with the row of its description and its own row in that. None:
             none do.
+        color: float32 [3, n, 4], RGB and opacity that take the place of those of the mesh's vertices; NaN where they do
+            not. None: they never do.
     """
 
     mesh: NDArray[np.int32]
@@ -47,15 +49,21 @@ class Placement:
     seconds: NDArray[np.float64] = field(default_factory=lambda: np.zeros(3))
     light_groups: LightGroups | None = None
     materials: tuple[tuple[int, int, Material], ...] | None = None
+    color: NDArray[np.float32] | None = None
 
     @property
     def light_factors(self) -> NDArray[np.float32]:
         """Intensity of each light group, float32 [groups, 3]; without groups, 1 for all lights together."""
         return np.ones((1, 3), np.float32) if self.light_groups is None else self.light_groups.factors
 
+    @property
+    def color_varies(self) -> bool:
+        """Whether the color of some instance differs between the frames."""
+        return self.color is not None and not np.array_equal(self.color[1:], self.color[:-1], equal_nan=True)
+
     def resembles(self, other: Placement) -> bool:
         """Return whether the instances are another placement's, with the same arrays, but for when they are present."""
-        names = "mesh", "instance_id", "category_id", "world_from_object", "box_from_object", "part"
+        names = "mesh", "instance_id", "category_id", "world_from_object", "box_from_object", "part", "color"
         return all(getattr(self, name) is getattr(other, name) for name in names)
 
     def since(self, earlier: Placement) -> Placement:
@@ -71,7 +79,11 @@ class Placement:
         present[PREVIOUS] = False
         present[PREVIOUS, rows] = earlier.present[CURRENT, earlier_rows]
         seconds[PREVIOUS] = earlier.seconds[CURRENT]
-        return replace(self, world_from_object=world_from_object, present=present, seconds=seconds)
+        color = self.color
+        if color is not None and earlier.color is not None:
+            color = color.copy()
+            color[PREVIOUS, rows] = earlier.color[CURRENT, earlier_rows]
+        return replace(self, world_from_object=world_from_object, present=present, seconds=seconds, color=color)
 
     def keys(self) -> NDArray[np.int64]:
         """Return a number for each instance, int64 [n], by its label and its place among those of that label."""

@@ -8,6 +8,7 @@ alive around the frame, not on the number of edits.
 from __future__ import annotations
 
 import functools
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from fractions import Fraction
 
@@ -105,11 +106,19 @@ class FrameEvaluator:
             seconds=seconds,
             light_groups=None if lights is None else self.lights.groups(lights),
             materials=self.materials.at(float(seconds[1])) or None,
+            color=self._colors(selection, seconds.tolist()),
         )
         for array in vars(placement).values():
             if isinstance(array, np.ndarray):
                 array.setflags(write=False)
         return placement
+
+    def _colors(self, selection: ObjectSelection, seconds: Sequence[float]) -> NDArray[np.float32] | None:
+        """Return the colors of the instances at some times (s): float32 [times, n, 4]; None if none has its own."""
+        stage, objects = self.registry.stage_colors, selection.colors
+        if not (stage or objects):
+            return None
+        return np.stack([np.concatenate([stage.at(second), objects.at(second)]) for second in seconds])
 
     def objects(self, frame: int) -> list[ObjectState]:
         """Return the rows of all live objects at a frame, by id."""

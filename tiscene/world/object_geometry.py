@@ -9,8 +9,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from tiscene.scene.animation import InstanceTrack
-from tiscene.scene.assembly import ObjectParts, box_matrices, corners
+from tiscene.scene.animation import ColorTrack, InstanceTrack
+from tiscene.scene.assembly import ObjectParts, box_matrices, corners, instance_colors
 from tiscene.scene.camera import Vector3
 from tiscene.scene.description import Light, Matrix, SceneDescription, bounding_box
 from tiscene.scene.input_track import InputTrack, by_row
@@ -26,6 +26,7 @@ class ObjectGeometry:
         parts: its meshes; `owner` is 0.
         box: lowest and highest corner around all parts, m.
         tracks: authored animation of the parts.
+        color_tracks: how colors of some parts vary.
         changing: bool [parts], whether a part is animated or deforms.
         lights: its lights.
         light_tracks: how some of them vary over time, by their places in `lights`.
@@ -35,6 +36,7 @@ class ObjectGeometry:
     parts: ObjectParts
     box: tuple[Vector3, Vector3]
     tracks: tuple[InstanceTrack, ...]
+    color_tracks: tuple[ColorTrack, ...]
     changing: NDArray[np.bool_]
     lights: tuple[Light, ...]
     light_tracks: Mapping[int, InputTrack]
@@ -64,6 +66,7 @@ class ObjectGeometry:
             np.array([each[:3] for each in own]),
             box_matrices(np.tile(box, (len(own), 1, 1)), np.array(own)),
             np.array([instance.part for instance in description.instances], dtype=np.int32),
+            instance_colors(description),
         )
         lights = tuple(
             replace(light, world_from_light=_scaled(light.world_from_light, scale)) for light in description.lights
@@ -71,7 +74,8 @@ class ObjectGeometry:
         light_tracks = by_row(
             each.mapped("world_from_light", lambda pose: _scaled(pose, scale)) for each in description.light_tracks
         )
-        return cls(row, parts, corners(box), tracks, changing(description), lights, light_tracks)
+        colors = description.color_tracks
+        return cls(row, parts, corners(box), tracks, colors, changing(description), lights, light_tracks)
 
 
 def _scaled(pose: Matrix, scale: Vector3) -> Matrix:

@@ -16,13 +16,13 @@ from tiscene.scenario.edits import ObjectHistory
 from tiscene.scenario.objects import Object
 from tiscene.scene.affine_maps import inverted
 from tiscene.scene.animation import quaternions
-from tiscene.scene.assembly import ObjectParts, box_matrices, corners, joined, object_matrices, rigid
+from tiscene.scene.assembly import ObjectParts, box_matrices, corners, instance_colors, joined, object_matrices, rigid
 from tiscene.scene.camera import Vector3
 from tiscene.scene.description import SceneDescription, Template, mesh_boxes
 from tiscene.world.category_ids import CategoryIds
 from tiscene.world.lights import AttachedLight
 from tiscene.world.object_geometry import ObjectGeometry
-from tiscene.world.stage_animation import AnimatedInstances, box_over_time, changing, changing_within
+from tiscene.world.stage_animation import AnimatedInstances, ColoredInstances, box_over_time, changing, changing_within
 
 Array = NDArray[np.float64]
 MAX_GEOMETRIES = 256  # of templates and scales
@@ -61,6 +61,7 @@ class ObjectSelection:
         owner: int32 [object parts], which of the objects each part belongs to, 0 for the first.
         matrix: float64 [object parts, 3, 4], each part's pose in its object's axes.
         tracks: authored animation of the objects' parts.
+        colors: colors of the objects' parts.
         changing: bool [p], whether a part is animated or deforms.
         lights: lights of the objects' templates.
     """
@@ -71,6 +72,7 @@ class ObjectSelection:
     owner: NDArray[np.int32]
     matrix: Array
     tracks: AnimatedInstances
+    colors: ColoredInstances
     changing: NDArray[np.bool_]
     lights: tuple[AttachedLight, ...]
 
@@ -94,6 +96,7 @@ class ObjectRegistry:
         stage_rows: the stage's objects, posed as authored.
         stage_owner: int32 [stage parts], row of each part's object.
         stage_tracks: authored animation of the stage's parts.
+        stage_colors: colors of the stage's parts.
         stage_poses: authored transforms of the stage's objects, and their animation.
         first_light_frame: first frame at which an object whose template has lights is known; None: none is.
     """
@@ -170,6 +173,8 @@ class ObjectRegistry:
         self.stage_tracks = AnimatedInstances(
             placed[:, :3], [(part_of[track.instances], track) for track in stage.tracks]
         )
+        colors = instance_colors(stage)[order]
+        self.stage_colors = ColoredInstances(colors, [(part_of[each.instances], each) for each in stage.color_tracks])
         some, first = np.unique(owner, return_index=True)  # objects with at least one mesh
         authored = object_matrices(stage)
         self.stage_poses = AnimatedInstances(
@@ -211,7 +216,7 @@ class ObjectRegistry:
         ]
         numbers = np.array([instance.part for instance in stage.instances], np.int32)[order]
         # Not axes @ own: the authored matrices are kept to the bit.
-        return objects, ObjectParts(meshes, owner, placed[:, :3], box_matrices(boxes[owner], own), numbers)
+        return objects, ObjectParts(meshes, owner, placed[:, :3], box_matrices(boxes[owner], own), numbers, colors)
 
     def settle(self) -> None:
         """Register the templates and categories of objects that are new in `histories`."""
@@ -253,6 +258,11 @@ class ObjectRegistry:
             for place, (_, geometry) in enumerate(entries)
             for track in geometry.tracks
         ]
+        color_tracks = [
+            (first[place] + track.instances.astype(np.int64), track)
+            for place, (_, geometry) in enumerate(entries)
+            for track in geometry.color_tracks
+        ]
         lights = [
             AttachedLight(row, number, geometry.description, light, geometry.light_tracks.get(number))
             for row, (_, geometry) in zip(rows, entries, strict=True)
@@ -275,6 +285,7 @@ class ObjectRegistry:
             owner=objects.owner,
             matrix=objects.matrix,
             tracks=AnimatedInstances(objects.matrix, tracks),
+            colors=ColoredInstances(objects.color, color_tracks),
             changing=np.concatenate([self._stage_changing, *(geometry.changing for _, geometry in entries)]),
             lights=tuple(lights),
         )

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from dynamics.rotation import matrix_from_quaternion, quaternion
 from tiscene.errors import LightNotFound, MaterialNotFound, ObjectNotFound, ScenarioError, StageWarning
 from tiscene.scenario.overrides import CameraOverride, LightOverride, MaterialOverride, ObjectOverride, Override
+from tiscene.scene.animation import ColorTrack
 from tiscene.scene.assembly import object_matrices, rigid
 from tiscene.scene.camera import Camera
 from tiscene.scene.description import Instance, Light, Material, SceneDescription, TextureLookup
@@ -239,7 +240,15 @@ def _without(stage: SceneDescription, number: int, own: NDArray[np.bool_]) -> Sc
         lights=tuple(stage.lights[row] for row in left),
         light_tracks=tuple(light_tracks),
         tracks=tuple(replace(track, instances=rows[track.instances].astype(np.int32)) for track in stage.tracks),
+        color_tracks=tuple(_of_others(track, own) for track in stage.color_tracks),
     )
+
+
+def _of_others(track: ColorTrack, own: NDArray[np.bool_]) -> ColorTrack:
+    """Return a track without some instances, bool [n], by the rows that the others then have."""
+    rows, is_left = np.cumsum(~own) - 1, ~own[track.instances]
+    left = rows[track.instances[is_left]].astype(np.int32)
+    return replace(track, instances=left, colors=track.colors[:, is_left])
 
 
 def _painted(material: Material, override: MaterialOverride, description: SceneDescription) -> Material:

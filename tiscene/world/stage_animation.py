@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""AnimatedInstances: parts that move, appear and vanish as authored, by time samples."""
+"""AnimatedInstances: parts that move, appear and vanish by time samples. ColoredInstances: their colors."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tiscene.scene.affine_maps import inverted
-from tiscene.scene.animation import InstanceTrack
+from tiscene.scene.animation import ColorTrack, InstanceTrack
 from tiscene.scene.description import SceneDescription, bounding_box
 from tiscene.world.material_animation import emissive_rows, varying_rows
 
@@ -59,6 +59,32 @@ class AnimatedInstances:
         return [(matrices[rows], present[rows]) for matrices, present in moments]
 
 
+class ColoredInstances:
+    """Parts of a world, some of which have colors of their own. False if none has.
+
+    Args:
+        colors: float32 [p, 4], as of `instance_colors`.
+        tracks: how some vary, each with the rows of the parts.
+    """
+
+    def __init__(
+        self, colors: NDArray[np.float32], tracks: Iterable[tuple[NDArray[np.integer], ColorTrack]] = ()
+    ) -> None:
+        self._authored = colors
+        self._tracks = list(tracks)
+        self._is_colored = not np.isnan(colors).all()
+
+    def __bool__(self) -> bool:
+        return self._is_colored
+
+    def at(self, seconds: float) -> NDArray[np.float32]:
+        """Return the colors [p, 4] of all parts at a time (s)."""
+        colors = self._authored.copy()
+        for rows, track in self._tracks:
+            colors[rows] = track.at(seconds)
+        return colors
+
+
 def changing_within(parts: AnimatedInstances, objects: AnimatedInstances, owner: NDArray[np.int32]) -> list[int]:
     """Return the rows of the objects whose parts move within them, ascending.
 
@@ -82,13 +108,14 @@ def changing_within(parts: AnimatedInstances, objects: AnimatedInstances, owner:
 
 
 def changing(description: SceneDescription, is_stage: bool = False) -> NDArray[np.bool_]:
-    """Return for every instance of a description whether it is animated, deforms, or has a material that varies.
+    """Return for every instance of a description whether it is animated, deforms, or varies in material or color.
 
     Args:
         description: a stage or a template.
         is_stage: whether to leave out materials that emit, whose changes count as changes of the stage's lights.
     """
-    tracked = {row for track in description.tracks for row in track.instances.tolist()}
+    rows = [*(each.instances for each in description.tracks), *(each.instances for each in description.color_tracks)]
+    tracked = {row for each in rows for row in each.tolist()}
     varying = varying_rows(description) - (emissive_rows(description) if is_stage else set())
     changes = [
         mesh.deformation is not None or (bool(varying) and bool(np.isin(mesh.materials, list(varying)).any()))

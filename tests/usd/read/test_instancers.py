@@ -6,7 +6,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from tests.usd.helpers import STAGES, preview_material, primvar_reader, problems_of, read, read_with_warning
+from tests.usd.helpers import STAGES, problems_of, read, read_with_warning
 from tiscene.usd.read.stage_reader import read_stage
 
 
@@ -141,21 +141,3 @@ def test_orientationsf_take_precedence_over_orientations(tmp_path):
     """
     first, _ = read(tmp_path, INSTANCER % lines).instances
     np.testing.assert_allclose(first.world_from_object @ (1, 0, 0, 0), (-1, 0, 0, 0), atol=1e-6)  # half a turn about z
-
-
-def test_colors_of_points_are_named(tmp_path):
-    color = 'color3f[] primvars:displayColor = [(1, 0, 0), (0, 1, 0)] (interpolation = "%s")'
-    read_with_warning(tmp_path, INSTANCER % (color % "vertex"), "displayColor of each point .* is not applied: </P>")
-    description = read(tmp_path, INSTANCER % (color % "constant").replace(", (0, 1, 0)", ""))
-    assert {each.diffuse_color for each in description.materials} == {(1.0, 0.0, 0.0)}
-
-
-def test_primvars_of_points_that_a_material_reads_are_named(tmp_path):
-    reader = primvar_reader("float3", "tint")
-    tinted = preview_material("/L", "color3f inputs:diffuseColor.connect = </L/Reader.outputs:result>", shaders=reader)
-    lines = """
-    rel material:binding = </L>
-    color3f[] primvars:tint = [(1, 0, 0), (0, 1, 0)] (interpolation = "vertex")
-    color3f[] primvars:unused = [(1, 0, 0), (0, 1, 0)] (interpolation = "vertex")"""
-    expected = r"authored:\n  tint of each point of an instancer is not applied: </P>$"
-    read_with_warning(tmp_path, tinted + INSTANCER % lines, expected)

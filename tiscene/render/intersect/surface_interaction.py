@@ -10,7 +10,18 @@ from typing import Any, NamedTuple
 import taichi as ti
 
 from tiscene.device.kernel_types import Floats2, Floats3, Ints1, Ints2, Template, vec2, vec3, vec4
-from tiscene.scene.instance_upload import HAS_COLORS, HAS_NORMALS, HAS_UV, INFO_COLORS, INFO_FLAGS, INFO_MOVED
+from tiscene.scene.instance_upload import (
+    HAS_COLORS,
+    HAS_NORMALS,
+    HAS_UV,
+    INFO_COLOR,
+    INFO_COLORS,
+    INFO_FLAGS,
+    INFO_MOVED,
+    OWN_COLOR,
+    OWN_OPACITY,
+)
+from tiscene.scene.placement import CURRENT
 
 # Offset of a new ray's origin along the normal, relative to the surface's `magnitude`: about 80 float32 steps.
 OFFSET = 1e-5
@@ -29,9 +40,15 @@ class Geometry(NamedTuple):
     instance_from_world: Floats3
 
 
-def geometry_of(scene: Any) -> Geometry:
-    """Return the arrays of a scene in the order of kernels' parameters: ``kernel(*geometry_of(scene), ...)``."""
-    return Geometry(*(getattr(scene, name) for name in Geometry._fields))
+def geometry_of(scene: Any, time: int = CURRENT) -> Geometry:
+    """Return the arrays of a scene in the order of kernels' parameters: ``kernel(*geometry_of(scene), ...)``.
+
+    Args:
+        scene: The DeviceScene.
+        time: Of the colors of instances.
+    """
+    arrays = Geometry(*(getattr(scene, name) for name in Geometry._fields))
+    return arrays._replace(instance_info=scene.instances_at(time))
 
 
 @ti.dataclass
@@ -44,7 +61,7 @@ class VisibleSurface:
     normal: vec3  # shading normal, interpolated, on the same side
     uv: vec2  # 0 if the mesh has none
     second_uv: vec2  # 0 if the mesh has none
-    color: vec4  # of the vertices, with opacity; 0 if the mesh has none
+    color: vec4  # of the instance, else of the vertices, with opacity; 0 if there are none
     dp_du: vec3  # partial derivatives of the position; neither unit nor of equal length
     dp_dv: vec3
     magnitude: ti.f32  # m, largest absolute coordinate or side of the triangle; rounding errors are in proportion
@@ -186,6 +203,9 @@ def surface_at(
                 second_uv[c] += weight * geometry.vertex_uv[row, c]
                 color[c] += weight * geometry.vertex_uv[row + 1, c]
                 color[2 + c] += weight * geometry.vertex_uv[row + 2, c]
+    for c in ti.static(range(4)):
+        if flags & ti.static(OWN_COLOR if c < 3 else OWN_OPACITY):
+            color[c] = ti.bit_cast(geometry.instance_info[instance, INFO_COLOR + c], ti.f32)
     duv1, duv2 = uv1 - uv0, uv2 - uv0
     determinant = duv1.x * duv2.y - duv1.y * duv2.x
     dp_du, dp_dv = e1, e2  # without a uv map, or with a degenerate one, any two directions in the plane

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 from pxr import Gf, Usd, UsdGeom
 
-from tiscene.scene.animation import InstanceTrack
+from tiscene.scene.animation import ColorTrack, InstanceTrack
 from tiscene.scene.description import Matrix
 from tiscene.usd.core.transform import is_singular, to_matrix
 from tiscene.usd.core.value_times import JUMP, dense_times, transform_times
@@ -160,6 +160,21 @@ class TransformSamples:
         return samples if samples.changes else None
 
 
+@dataclass(frozen=True, eq=False)
+class ColorSamples:
+    """Color of one instance, see `Instance.color`.
+
+    Attributes:
+        color: float32 [4], at the time read.
+        times: time codes at which it is authored, ascending; empty: it never changes.
+        colors: float32 [s, 4], at the times.
+    """
+
+    color: NDArray[np.float32]
+    times: tuple[float, ...]
+    colors: NDArray[np.float32]
+
+
 def in_seconds(stage: Usd.Stage, times: Sequence[float]) -> NDArray[np.float64]:
     """Return time codes as seconds since the start of the stage's range, float64."""
     elapsed: NDArray[np.float64] = np.array(times, np.float64) - stage.GetStartTimeCode()
@@ -183,6 +198,19 @@ def tracks_of(stage: Usd.Stage, samples: Sequence[TransformSamples | None]) -> t
         matrices = np.stack([each.matrices[:, :3] for each in chosen], axis=1)
         present = np.stack([each.present for each in chosen], axis=1)
         tracks.append(InstanceTrack(np.array(group, np.int32), in_seconds(stage, times), matrices, present))
+    return tuple(tracks)
+
+
+def color_tracks_of(stage: Usd.Stage, samples: Sequence[ColorSamples | None]) -> tuple[ColorTrack, ...]:
+    """Return the tracks of instances whose color changes, as `tracks_of` does."""
+    rows: dict[tuple[float, ...], list[int]] = {}
+    for row, each in enumerate(samples):
+        if each is not None and each.colors[1:].tobytes() != each.colors[:-1].tobytes():
+            rows.setdefault(each.times, []).append(row)
+    tracks = []
+    for times, group in rows.items():
+        colors = np.stack([each.colors for row in group if (each := samples[row]) is not None], axis=1)
+        tracks.append(ColorTrack(np.array(group, np.int32), in_seconds(stage, times), colors))
     return tuple(tracks)
 
 

@@ -5,6 +5,7 @@
 
     mesh           UsdGeomMesh: topology, holes, orientation
     primvar        primvars and normals, validated
+    point_primvars  values that the points of instancers give to prototypes
     triangulate    polygons to triangles
     subdivision_budget  levels of refinement within a triangle budget
     subdivision    subdivision surfaces

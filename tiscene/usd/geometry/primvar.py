@@ -213,7 +213,7 @@ def read_vertex_values(
     api = UsdGeom.PrimvarsAPI(prim)
     color = opacity = None
     if names.color and (primvar := api.FindPrimvarWithInheritance(names.color)):
-        color = read_primvar(primvar, 4 if _component_count(primvar, time) == 4 else 3, topology, time, report)
+        color = read_color(primvar, topology, time, report)
     if names.opacity and (primvar := api.FindPrimvarWithInheritance(names.opacity)):
         opacity = read_primvar(primvar, 1, topology, time, report)
     parts = ((uv, UV), (second, SECOND_UV), (color, COLOR), (opacity, OPACITY))
@@ -267,6 +267,13 @@ def default_values(shape: tuple[int, ...], names: PrimvarNames) -> NDArray[np.fl
     if names.has_more_than_uv:
         values[..., COLOR], values[..., OPACITY] = 0.18, 1.0
     return values
+
+
+def read_color(
+    primvar: UsdGeom.Primvar, topology: Topology, time: Usd.TimeCode, report: StageReport
+) -> Attribute | None:
+    """Read a primvar of three or four components as `read_primvar` does."""
+    return read_primvar(primvar, 4 if _component_count(primvar, time) == 4 else 3, topology, time, report)
 
 
 def _component_count(primvar: UsdGeom.Primvar, time: Usd.TimeCode) -> int:
@@ -338,7 +345,7 @@ def _fault(
 
 def primvar_topology(prim: Usd.Prim, time: Usd.TimeCode) -> Topology:
     """Return the elements that a gprim's primvars belong to: faces of a mesh, or of the surface of tetrahedra; each
-    point or each curve as one face.
+    point or each curve as one face; all points of an instancer as one face.
 
     Faces and points of a cube and of a plane are those of the meshes that Hydra makes of them; round shapes have none.
     """
@@ -350,6 +357,9 @@ def primvar_topology(prim: Usd.Prim, time: Usd.TimeCode) -> Topology:
     if prim.IsA(UsdGeom.Points):
         points = len(array_of(UsdGeom.Points(prim).GetPointsAttr(), time, None, width=3))
         return Topology(points, np.ones(points, np.int32), np.arange(points, dtype=np.int32))
+    if prim.IsA(UsdGeom.PointInstancer):
+        points = len(array_of(UsdGeom.PointInstancer(prim).GetProtoIndicesAttr(), time, None))
+        return Topology(points, np.array([points], np.int32), np.arange(points, dtype=np.int32))
     if prim.IsA(UsdGeom.BasisCurves):
         counts = array_of(UsdGeom.BasisCurves(prim).GetCurveVertexCountsAttr(), time, np.int32)
         return Topology(int(counts.sum()), counts, np.arange(counts.sum(), dtype=np.int32))

@@ -7,7 +7,7 @@ depends on. Prims without a readable material get one of their displayColor and 
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Collection, Iterable, Sequence
 from dataclasses import dataclass, replace
 from typing import Any, Literal, cast
 
@@ -27,6 +27,7 @@ from tiscene.usd.geometry.display_color import (
     read_element_colors,
     varies_over_surface,
 )
+from tiscene.usd.geometry.point_primvars import EnclosingInstancers
 from tiscene.usd.geometry.primvar import NO_PRIMVARS, PrimvarNames
 from tiscene.usd.materials.animated_material import material_times, material_track
 from tiscene.usd.materials.preview_surface import NetworkReader
@@ -59,27 +60,30 @@ class MaterialTableBuilder:
         textures: table for the materials' image files.
         time: when to evaluate attributes.
         report: collects problems and omissions.
+        instancers: those whose prototypes are being read. None: none.
 
     Attributes:
         materials: the rows read so far.
         tracks: how some of them vary over time.
     """
 
-    def __init__(self, textures: TextureTable, time: Usd.TimeCode, report: StageReport) -> None:
+    def __init__(
+        self,
+        textures: TextureTable,
+        time: Usd.TimeCode,
+        report: StageReport,
+        instancers: EnclosingInstancers | None = None,
+    ) -> None:
         self.materials: list[Material] = []
         self.tracks: list[InputTrack] = []
         self._textures = textures
         self._time = time
         self._report = report
+        self._instancers = instancers or EnclosingInstancers()
         self._primvars: dict[Any, tuple[tuple[str, int], ...]] = {}  # of each material's constants: name, width
         self._bindings: dict[Any, Binding | None] = {}
         self._unwrapped: dict[Any, tuple[UnwrappedTexture, ...]] = {}
         self._checked_uses: set[tuple[Any, UnwrappedTexture]] = set()
-
-    @property
-    def primvar_names(self) -> set[str]:
-        """Names of the primvars that the materials read so far read, other than texture coordinates."""
-        return {name for read in self._primvars.values() for name, _ in read}
 
     def binding(self, prim: Usd.Prim, gprim: Usd.Prim) -> Binding:
         """Return the material bound to a gprim or to a subset of it, else one of its displayColor.
@@ -191,8 +195,11 @@ class MaterialTableBuilder:
 
     def _of_display_color(self, gprim: Usd.Prim) -> Binding:
         """Return the material of a gprim's displayColor and displayOpacity."""
-        if any(varies_over_surface(gprim, name, self._time, within_faces=True) for name in DISPLAY_PRIMVARS):
-            return self._vertex_colors(gprim)
+        of_points = [name for name in DISPLAY_PRIMVARS if self._is_of_points(gprim, name)]
+        if of_points or any(
+            varies_over_surface(gprim, name, self._time, within_faces=True) for name in DISPLAY_PRIMVARS
+        ):
+            return self._vertex_colors(gprim, of_points)
         times = constant_times(gprim, DISPLAY_PRIMVARS, self._report)
         if not times:
             return self._display_color(*self._constant_color(gprim, self._time))
@@ -216,12 +223,24 @@ class MaterialTableBuilder:
         )
         return cast(Any, color or _DEFAULT.diffuse_color), 1.0 if opacity is None else opacity[0]
 
-    def _vertex_colors(self, gprim: Usd.Prim) -> Binding:
+    def _is_of_points(self, gprim: Usd.Prim, name: str) -> bool:
+        """Return whether points of an instancer give a gprim its displayColor or displayOpacity."""
+        return self._instancers.give(gprim, name, is_color=name == "displayColor")
+
+    def _vertex_colors(self, gprim: Usd.Prim, of_points: Collection[str]) -> Binding:
         """Return the material of a mesh whose displayColor or displayOpacity varies within faces, as Hydra draws it.
 
         One that does not vary is a constant of the material: instances may inherit different ones.
+
+        Args:
+            gprim: the mesh, or another gprim in a prototype of an instancer.
+            of_points: which of the two its points give.
         """
-        varying = [name for name in DISPLAY_PRIMVARS if varies_over_surface(gprim, name, self._time)]
+        varying = [
+            name for name in DISPLAY_PRIMVARS if name in of_points or varies_over_surface(gprim, name, self._time)
+        ]
+        if of_points and constant_times(gprim, set(DISPLAY_PRIMVARS) - set(varying), self._report):
+            self._report.frozen(gprim.GetPath(), "a displayColor or displayOpacity beside that of points")
         material, read = _of_color(*self._constant_color(gprim, self._time, varying)), NO_PRIMVARS
         if "displayColor" in varying:
             material = replace(material, diffuse_color=TextureLookup(VERTEX_COLORS))
@@ -241,7 +260,7 @@ class MaterialTableBuilder:
         values = self._primvar_values(gprim, self._primvars.get(path, ()))
         key = (path, values)
         if path not in self._primvars or key not in self._bindings:
-            reader = NetworkReader(gprim, self._textures, self._time, self._report)
+            reader = NetworkReader(gprim, self._textures, self._time, self._report, self._instancers)
             read = reader.read(material)
             self._primvars[path] = tuple(reader.constants)
             self._unwrapped[path] = tuple(reader.unwrapped)
@@ -250,11 +269,12 @@ class MaterialTableBuilder:
                 self._bindings[key] = None
             else:
                 binding = self._row(key, read, reader.primvars)
+                self._instancers.report_unapplied(gprim, reader.primvars.uv, reader.primvars.second_uv)
                 primvar_times = constant_times(gprim, (name for name, _ in reader.constants), self._report)
                 times = material_times(material.GetPrim(), primvar_times, self._report)
 
                 def read_at(code: Usd.TimeCode) -> Material | None:
-                    return NetworkReader(gprim, self._textures, code, self._report).read(material)
+                    return NetworkReader(gprim, self._textures, code, self._report, self._instancers).read(material)
 
                 self._animate(gprim, binding.row, times, read_at)
         for texture in self._unwrapped[path]:
@@ -286,6 +306,9 @@ class MaterialTableBuilder:
         for name, width in primvars:
             if varies_over_surface(gprim, name, self._time):
                 found.append("varies")
+                continue
+            if width != 2 and self._instancers.give(gprim, name, is_color=width != 1):
+                found.append("of points")
                 continue
             times = constant_times(gprim, (name,), self._report)
             codes = (self._time, *map(Usd.TimeCode, times))

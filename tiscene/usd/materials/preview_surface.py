@@ -19,6 +19,7 @@ from tiscene.usd.core.color_space import attribute_colors
 from tiscene.usd.core.report import StageReport
 from tiscene.usd.core.shader_network import ShaderConnection, Source, broken_connections, connections_of, shader_id
 from tiscene.usd.geometry.display_color import constant_primvar, varies_over_surface
+from tiscene.usd.geometry.point_primvars import EnclosingInstancers
 from tiscene.usd.geometry.primvar import NO_PRIMVARS, report_missing_coordinates
 from tiscene.usd.materials.materialx_bsdf import SURFACES
 from tiscene.usd.materials.materialx_folding import FOLDED, folded_inputs
@@ -42,6 +43,7 @@ class NetworkReader:
         textures: table for image files.
         time: when to evaluate attributes.
         report: collects problems and omissions.
+        instancers: those whose prototype the gprim is in. None: none.
 
     Attributes:
         constants: name and number of components of the primvars read as constants.
@@ -49,7 +51,14 @@ class NetworkReader:
         unwrapped: the textures without an authored wrap mode, and those of UDIM tiles.
     """
 
-    def __init__(self, gprim: Usd.Prim, textures: TextureTable, time: Usd.TimeCode, report: StageReport) -> None:
+    def __init__(
+        self,
+        gprim: Usd.Prim,
+        textures: TextureTable,
+        time: Usd.TimeCode,
+        report: StageReport,
+        instancers: EnclosingInstancers | None = None,
+    ) -> None:
         self.constants: list[tuple[str, int]] = []
         self.primvars = NO_PRIMVARS
         self.unwrapped: list[UnwrappedTexture] = []
@@ -58,6 +67,7 @@ class NetworkReader:
         self._textures = textures
         self._time = time
         self._report = report
+        self._instancers = instancers or EnclosingInstancers()
 
     def read(self, material: UsdShade.Material) -> Material | None:
         """Return the material; None, with the reason reported, if it has no surface shader that is supported."""
@@ -220,11 +230,13 @@ class NetworkReader:
         """
         if (name, width) not in self.constants:
             self.constants.append((name, width))
-        if width != 2 and varies_over_surface(self._gprim, name, self._time):
-            field = "opacity" if width == 1 else "color"  # one of each per material; another one becomes its mean
-            if getattr(self.primvars, field) in ("", name):
+        field = "opacity" if width == 1 else "color"  # one of each per material; another one becomes its mean
+        if width != 2 and getattr(self.primvars, field) in ("", name):
+            of_points = self._instancers.give(self._gprim, name, is_color=field == "color")
+            if of_points or varies_over_surface(self._gprim, name, self._time):
                 self.primvars = replace(self.primvars, **{field: name})
                 return TextureLookup(VERTEX_COLORS, "a" if width == 1 else "rgb")
+        self._instancers.report_unapplied(self._gprim, name)
         value = constant_primvar(self._gprim, name, width, self._time, self._report)
         return value if value is not None else constant_primvar(self._material, name, width, self._time, self._report)
 

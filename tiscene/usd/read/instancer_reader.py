@@ -7,10 +7,11 @@ It is a part of `traversal.StageReader`, which traverses a prototype as it trave
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, cast
 
 import numpy as np
-from pxr import Sdf, Usd, UsdGeom
+from numpy.typing import NDArray
+from pxr import Sdf, Usd
 
 from tiscene.scene.description import Matrix
 from tiscene.scene.input_track import InputTrack
@@ -18,9 +19,9 @@ from tiscene.usd.core.broken_prims import ENDLESS
 from tiscene.usd.core.prims import ALSO_ABSTRACT
 from tiscene.usd.core.report import StageReport
 from tiscene.usd.core.semantics import asset_name, direct_label, inherited_label, name_label
-from tiscene.usd.core.time_samples import AnimatedAncestors, TransformSamples
+from tiscene.usd.core.time_samples import AnimatedAncestors, ColorSamples, TransformSamples
 from tiscene.usd.core.transform import from_matrix, range_fault, to_matrix
-from tiscene.usd.geometry.display_color import DISPLAY_PRIMVARS
+from tiscene.usd.geometry.point_primvars import EnclosingInstancers, PointPrimvars
 from tiscene.usd.lights.animated_light import light_track
 from tiscene.usd.lights.light import LightReader
 from tiscene.usd.materials.material import MaterialTableBuilder
@@ -68,6 +69,7 @@ class PointInstancerReader:
         self._prototype_lights: list[PrototypeLight] = []
         self._light_tracks: list[InputTrack] = []
         self._prototype_root = Sdf.Path.absoluteRootPath
+        self._instancers = EnclosingInstancers()
         self._open_instancers: list[Any] = []  # being read: a prototype may not contain its own instancer
 
     def walk(self, root: Usd.Prim, context: TraversalContext, predicate: Any) -> None:
@@ -94,23 +96,29 @@ class PointInstancerReader:
         if not used:
             self._report.omission(prim.GetPath(), "a point instancer without points")
         roots = [instances[self._time].prototypes[number] for number in used]
+        primvars = PointPrimvars(prim, self._time, self._report)
         prototypes, lights = [], []
         for root in roots:
-            parts, found_lights = self._prototype(prim, root, here)
+            with self._instancers.reading(primvars, prim, root):
+                parts, found_lights = self._prototype(prim, root, here)
             prototypes.append(parts)
             lights.append(found_lights)
-        self._report_values_of_points(prim)
+        given = {part.of_points for parts in prototypes for part in parts}
+        own_color_times = {time for names in given for time in primvars.times(names)}
         if any(lights) and (own_times or here.animated.movers):
             self._report.frozen(prim.GetPath(), "the place of the lights at the points of an instancer")
         self._place_lights(prim, world, here.animated, instances[self._time], used, lights)
         if self._parts is not None:  # the points of an instancer in a prototype are parts of that prototype
-            found = instances[self._time]
+            if own_color_times:
+                self._report.frozen(prim.GetPath(), "the color of points of an instancer in a prototype of another")
             for number, parts in zip(used, prototypes, strict=True):
-                matrices = world @ found.matrices[found.prototype_of_point == number]
-                self._parts += [part.nested(matrix) for matrix in matrices for part in parts]
+                self._parts += self._nested(world, parts, instances[self._time], number, primvars)
             return
         part_times = (time for parts in prototypes for part in parts for time in part.ancestors.times())
         times = sorted({*own_times, *here.animated.times(), *part_times})
+        color_times = sorted({*own_color_times, *times})
+        if times:  # else the same points are there at all times
+            times = color_times
         instances = self._instances_at(prim, times, instances) or instances
         points = PointSamples.of(list(instances.values()))
         for row, code in enumerate(instances):
@@ -119,7 +127,8 @@ class PointInstancerReader:
         objects: dict[int, StageObject] = {}
         for number, root, parts in zip(used, roots, prototypes, strict=True):
             if parts:
-                self._place_points(prim, here, root, parts, points, number, times, objects)
+                colors = [self._colors_of(part, points, color_times, primvars) for part in parts]
+                self._place_points(prim, here, root, parts, points, number, times, objects, colors, color_times)
 
     def _place_lights(
         self,
@@ -152,12 +161,33 @@ class PointInstancerReader:
                         suffix = f"[{prim.GetName()} {points.ids[row]}]"
                         self._add_light(light, point @ matrix, placed, suffix=suffix)
 
-    def _report_values_of_points(self, prim: Usd.Prim) -> None:
-        """Report primvars that an instancer gives to each point, and that materials of its prototypes may read."""
-        for name in (*DISPLAY_PRIMVARS, *sorted(self._materials.primvar_names - set(DISPLAY_PRIMVARS))):
-            primvar = UsdGeom.PrimvarsAPI(prim).GetPrimvar(name)
-            if primvar and primvar.HasAuthoredValue() and primvar.GetInterpolation() != UsdGeom.Tokens.constant:
-                self._report.omission(prim.GetPath(), f"{name} of each point of an instancer is not applied")
+    def _nested(
+        self,
+        world: Matrix,
+        parts: Sequence[PrototypePart],
+        points: PointInstances,
+        number: int,
+        primvars: PointPrimvars,
+    ) -> list[PrototypePart]:
+        """Return the parts of the points that show one prototype, as parts of an outer prototype.
+
+        Args:
+            world: transform of the instancer.
+            parts: parts of the prototype.
+            points: points of the instancer.
+            number: index of the prototype.
+            primvars: what the points give.
+        """
+        rows = np.flatnonzero(points.prototype_of_point == number)
+        colors = [primvars.colors(part.of_points, self._time)[points.rows[rows]] for part in parts]
+        left = [cast(Any, tuple("" if name in primvars else name for name in part.of_points)) for part in parts]
+        own = [np.where(np.isnan(each), part.color, each) for part, each in zip(parts, colors, strict=True)]
+        matrices = world @ points.matrices[rows]
+        return [
+            part.nested(matrix, color[row], others)
+            for row, matrix in enumerate(matrices)
+            for part, color, others in zip(parts, own, left, strict=True)
+        ]
 
     def _add_light(
         self,
@@ -219,6 +249,8 @@ class PointInstancerReader:
         number: int,
         times: Sequence[float],
         objects: dict[int, StageObject],
+        colors: Sequence[NDArray[np.float32] | None],
+        color_times: Sequence[float],
     ) -> None:
         """Add the points that ever show one prototype.
 
@@ -231,6 +263,8 @@ class PointInstancerReader:
             number: index of the prototype.
             times: time codes of the animation; empty: static.
             objects: objects of the points so far by id, added to.
+            colors: of each part, as of `_colors_of`.
+            color_times: their time codes.
         """
         labels = (
             direct_label(root, self._time, self._taxonomy),
@@ -257,14 +291,32 @@ class PointInstancerReader:
             names = f"{name}[{point}]", f"{path}[{point}]"
             new = StageObject(*names, category, True, by_name, asset, pose[0], moves, movable=movable)
             owner = objects.setdefault(point, new)
-            for part, world, shown in zip(parts, worlds, visible, strict=True):
+            for part, world, shown, color in zip(parts, worlds, visible, colors, strict=True):
                 if not part.is_drawn:
                     if not part.continues:
                         self._objects.add_collider(owner, part.mesh, world[0, row], owner.path)
                     continue
+                own = None
+                if color is not None:
+                    own = ColorSamples(color[0, rows[row]], tuple(color_times), color[1:, rows[row]])
                 samples = TransformSamples(tuple(times), world[order, row], shown[order, row]) if times else None
                 placed = world[0, row], part.names, part.collides
-                self._objects.add(owner, part.mesh, *placed, samples, continues=part.continues)
+                self._objects.add(owner, part.mesh, *placed, samples, continues=part.continues, color=own)
+
+    def _colors_of(
+        self, part: PrototypePart, points: PointSamples, times: Sequence[float], primvars: PointPrimvars
+    ) -> NDArray[np.float32] | None:
+        """Return the colors of a part at all points at the time read, then at time codes; None if it has no own.
+
+        Returns:
+            float32 [1 + times, points, 4].
+        """
+        if not any(part.of_points):
+            return None if np.isnan(part.color).all() else np.tile(part.color, (1 + len(times), len(points.ids), 1))
+        codes = list(dict.fromkeys([self._time, *(Usd.TimeCode(time) for time in times)]))
+        colors = points.spread([primvars.colors(part.of_points, code) for code in codes])
+        colors = np.where(np.isnan(colors), part.color, colors)
+        return colors[[0, *(codes.index(Usd.TimeCode(time)) for time in times)]]
 
     def _prototype(
         self, instancer: Usd.Prim, root: Usd.Prim, outside: TraversalContext

@@ -29,6 +29,7 @@ from tiscene.usd.geometry.curves import read_curves, read_points
 from tiscene.usd.geometry.deforming import deformation_of, shape_times, with_shape_samples
 from tiscene.usd.geometry.gprim import read_gprim
 from tiscene.usd.geometry.mesh import face_count, read_mesh
+from tiscene.usd.geometry.point_primvars import EnclosingInstancers
 from tiscene.usd.geometry.primvar import SECOND_UV, UV, array_of, outside
 from tiscene.usd.geometry.recentering import far_center, recentered
 from tiscene.usd.geometry.skinned_mesh import content_of
@@ -62,10 +63,17 @@ class MeshTable:
 
     Attributes:
         meshes: the meshes so far; a mesh is referred to by its row.
+        of_points: by row, the primvars of color and opacity that materials read and that points of instancers give,
+            "" for none. Other meshes are not among the keys.
     """
 
     def __init__(
-        self, materials: MaterialTableBuilder, time: Usd.TimeCode, report: StageReport, meters_per_unit: float
+        self,
+        materials: MaterialTableBuilder,
+        time: Usd.TimeCode,
+        report: StageReport,
+        meters_per_unit: float,
+        instancers: EnclosingInstancers,
     ) -> None:
         """Start an empty table.
 
@@ -74,8 +82,11 @@ class MeshTable:
             time: time code to read at.
             report: receives problems and omissions.
             meters_per_unit: meters per stage unit.
+            instancers: those whose prototypes are being read.
         """
         self.meshes: list[Mesh] = []
+        self.of_points: dict[int, tuple[str, str]] = {}
+        self._instancers = instancers
         self._materials = materials
         self._time = time
         self._report = report
@@ -154,7 +165,23 @@ class MeshTable:
             shape = self._shapes.setdefault(key, len(self._shapes) + 1) if changes else 0
             added = None if surface is None else self._add(prim, surface, whole, subsets, link_class, span, shape)
             self._rows[key, span] = added
+            of_points = self._of_points(prim, bindings)
+            if added is not None and any(of_points):
+                self.of_points[added] = of_points
         return self._rows[key, span]
+
+    def _of_points(self, prim: Usd.Prim, bindings: Sequence[Binding]) -> tuple[str, str]:
+        """Return which primvars of color and opacity points of instancers give to the materials of a gprim."""
+        colors, opacities = ([getattr(each.primvars, kind) for each in bindings] for kind in ("color", "opacity"))
+        found = []
+        for names in (colors, opacities):
+            distinct = list(dict.fromkeys(filter(None, names)))
+            given = [name for name in distinct if self._instancers.source(prim, name) is not None]
+            if given and len(distinct) > 1:
+                text = f"materials of one mesh read {' and '.join(distinct)}: all have {given[0]} of its points"
+                self._report.omission(prim.GetPath(), text)
+            found.append(given[0] if given else "")
+        return found[0], found[1]
 
     def placed(self, row: int, matrices: Matrix) -> Matrix:
         """Return the transforms [..., 4, 4] of a mesh, by its row, from those of its prim."""

@@ -12,10 +12,10 @@ from dataclasses import dataclass, field
 import numpy as np
 from pxr import Usd, UsdPhysics
 
-from tiscene.scene.animation import InstanceTrack
+from tiscene.scene.animation import ColorTrack, InstanceTrack
 from tiscene.scene.description import Collider, Instance, Matrix, SceneObject
 from tiscene.usd.core.semantics import asset_name, name_label, object_name
-from tiscene.usd.core.time_samples import TransformSamples, tracks_of
+from tiscene.usd.core.time_samples import ColorSamples, TransformSamples, color_tracks_of, tracks_of
 from tiscene.usd.core.transform import is_singular
 
 
@@ -82,6 +82,7 @@ class StageObjectTable:
         self._objects: list[StageObject] = []
         self._instances: list[tuple[int, StageObject, Matrix, int, bool | None]] = []
         self._samples: list[TransformSamples | None] = []  # one per instance
+        self._colors: list[ColorSamples | None] = []  # likewise
         self._colliders: list[tuple[int, StageObject, Matrix, str]] = []
         self._stage = stage
 
@@ -95,6 +96,7 @@ class StageObjectTable:
         samples: TransformSamples | None = None,
         *,
         continues: bool = False,
+        color: ColorSamples | None = None,
     ) -> None:
         """Add a drawn mesh of an object.
 
@@ -106,6 +108,7 @@ class StageObjectTable:
             collides: whether it is a collider; None: no physics is authored on it.
             samples: its transform and presence over time; None: static.
             continues: whether it is the shape that the mesh added before has at other times, with the same parts.
+            color: its color; None: that of the mesh.
         """
         if owner.row is None:
             owner.row = len(self._objects)
@@ -114,6 +117,7 @@ class StageObjectTable:
         part = len(owner.parts) - len(names) if continues else owner.add_parts(names)
         self._instances.append((mesh, owner, matrix, part, collides))
         self._samples.append(samples)
+        self._colors.append(color)
 
     def add_collider(self, owner: StageObject, mesh: int, matrix: Matrix, path: str) -> None:
         """Add a collider that is not drawn, such as one of purpose "guide".
@@ -138,6 +142,10 @@ class StageObjectTable:
         """Return the animation of the instances."""
         return tracks_of(self._stage, self._samples)
 
+    def color_tracks(self) -> tuple[ColorTrack, ...]:
+        """Return how the colors of instances vary."""
+        return color_tracks_of(self._stage, self._colors)
+
     def object_tracks(self) -> tuple[InstanceTrack, ...]:
         """Return the transforms over time of the objects that move."""
         return tracks_of(self._stage, [each.samples for each in self._objects])
@@ -152,8 +160,9 @@ class StageObjectTable:
                 matrix,
                 part,
                 bool(collides) if has_physics_scene or owner.colliders else collides is not False,
+                None if color is None else color.color,
             )
-            for mesh, owner, matrix, part, collides in self._instances
+            for (mesh, owner, matrix, part, collides), color in zip(self._instances, self._colors, strict=True)
         )
 
     def objects(self, by_name: bool) -> tuple[SceneObject, ...]:

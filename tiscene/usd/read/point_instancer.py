@@ -7,7 +7,7 @@ Each point becomes an object of the scene. It is identified by its id, whatever 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -43,6 +43,8 @@ class PrototypePart:
         continues: whether it is the shape that the part before has at other times.
         nested_in: float64 4x4 from the prototype's parent to that of the outer prototype, for an instancer within a
             prototype; None: not nested.
+        of_points: the primvars of color and opacity that points of an instancer farther outside give it; "" for none.
+        color: float32 [4], RGB and opacity that a point has given it; NaN for none.
     """
 
     mesh: int
@@ -54,6 +56,8 @@ class PrototypePart:
     ancestors: AnimatedAncestors = NOT_ANIMATED
     continues: bool = False
     nested_in: Matrix | None = None
+    of_points: tuple[str, str] = ("", "")
+    color: NDArray[np.float32] = field(default_factory=lambda: np.full(4, np.nan, np.float32))
 
     def matrix_at(self, time: Usd.TimeCode, meters: float) -> Matrix:
         """Return `matrix` at another time code."""
@@ -62,10 +66,16 @@ class PrototypePart:
         matrix = to_matrix(self.ancestors.world(time, Gf.Matrix4d(1.0)), meters)
         return matrix if self.nested_in is None else self.nested_in @ matrix
 
-    def nested(self, matrix: Matrix) -> PrototypePart:
-        """Return this part as a part of an outer prototype, one of whose points has the transform `matrix`."""
+    def nested(self, matrix: Matrix, color: NDArray[np.float32], of_points: tuple[str, str]) -> PrototypePart:
+        """Return this part as a part of an outer prototype.
+
+        Args:
+            matrix: the transform of the inner instancer's point.
+            color: of the part, as that point gives it.
+            of_points: what is left to points of the outer instancer.
+        """
         nested_in = matrix if self.nested_in is None else matrix @ self.nested_in
-        return replace(self, matrix=matrix @ self.matrix, nested_in=nested_in)
+        return replace(self, matrix=matrix @ self.matrix, nested_in=nested_in, color=color, of_points=of_points)
 
 
 @dataclass(frozen=True, eq=False)
@@ -77,12 +87,14 @@ class PointInstances:
         prototype_of_point: int64 [n], index into `prototypes`.
         matrices: float64 [n, 4, 4], from a point to the instancer's space, m.
         ids: int64 [n], authored ids, else indices into the arrays.
+        rows: int64 [n], indices into the arrays.
     """
 
     prototypes: Sequence[Usd.Prim]
     prototype_of_point: NDArray[np.int64]
     matrices: NDArray[np.float64]
     ids: NDArray[np.int64]
+    rows: NDArray[np.int64]
 
 
 def point_instances(
@@ -122,7 +134,7 @@ def point_instances(
         report.omission(prim.GetPath(), "ids of a point instancer that are not unique are not used")
         ids = ids[:0]
     ids = ids if len(ids) else np.arange(len(chosen))
-    return PointInstances(prototypes, chosen[kept], matrices[kept], ids[kept])
+    return PointInstances(prototypes, chosen[kept], matrices[kept], ids[kept], np.flatnonzero(kept))
 
 
 def instancer_times(prim: Usd.Prim) -> list[float]:
@@ -157,11 +169,13 @@ class PointSamples:
         prototype: int64 [s, n], index of the prototype, -1 where a point does not exist.
         matrices: float64 [s, n, 4, 4], from a point to the instancer's space, m. Where a point does not exist, its
             last transform before, else its first one after.
+        rows: int64 [s, n], its index into the instancer's arrays, -1 where a point does not exist.
     """
 
     ids: NDArray[np.int64]
     prototype: NDArray[np.int64]
     matrices: NDArray[np.float64]
+    rows: NDArray[np.int64]
 
     @classmethod
     def of(cls, instances: Sequence[PointInstances]) -> PointSamples:
@@ -172,18 +186,41 @@ class PointSamples:
         rank = np.empty_like(order)
         rank[order] = np.arange(len(order))
         prototype = np.full((len(instances), len(order)), -1, np.int64)
+        rows = np.full_like(prototype, -1)
         matrices = np.zeros((len(instances), len(order), 4, 4))
         known = np.zeros(len(order), bool)
         for row, visible in enumerate(instances):
             if row:
                 matrices[row] = matrices[row - 1]
             columns = rank[np.searchsorted(distinct, visible.ids)]
-            prototype[row, columns] = visible.prototype_of_point
+            prototype[row, columns], rows[row, columns] = visible.prototype_of_point, visible.rows
             matrices[row, columns] = visible.matrices
             new = columns[~known[columns]]
             matrices[:row, new] = matrices[row, new]
             known[columns] = True
-        return cls(distinct[order], prototype, matrices)
+        return cls(distinct[order], prototype, matrices, rows)
+
+    def spread(self, values: Sequence[NDArray[np.float32]]) -> NDArray[np.float32]:
+        """Return values of all points at some times, from those of the arrays at each time.
+
+        Args:
+            values: float32 [arrays' length, k] at each time code, or at others if the points never change.
+
+        Returns:
+            float32 [times, n, k]; where a point does not exist, its last value before, else its first one after.
+        """
+        result = np.full((len(values), len(self.ids), values[0].shape[1]), np.nan, np.float32)
+        known = np.zeros(len(self.ids), bool)
+        for time, each in enumerate(values):
+            if time:
+                result[time] = result[time - 1]
+            rows = self.rows[time if len(self.rows) > 1 else 0]
+            there = np.flatnonzero(rows >= 0)
+            result[time, there] = each[rows[there]]
+            new = there[~known[there]]
+            result[:time, new] = result[time, new]
+            known[there] = True
+        return result
 
 
 def _array_fault(

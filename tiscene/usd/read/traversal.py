@@ -63,8 +63,8 @@ class StageReader(PointInstancerReader):
         self._report = report
         self._meters = float(UsdGeom.GetStageMetersPerUnit(stage))
         self._textures = TextureTable(report)
-        self._materials = MaterialTableBuilder(self._textures, time, report)
-        self._meshes = MeshTable(self._materials, time, report, self._meters)
+        self._materials = MaterialTableBuilder(self._textures, time, report, self._instancers)
+        self._meshes = MeshTable(self._materials, time, report, self._meters, self._instancers)
         self._lights = LightReader(self._textures, time, report, self._meters, self.up_axis)
         self._cameras: list[tuple[Sdf.Path, Camera]] = []
         self._objects = StageObjectTable(stage)
@@ -87,6 +87,7 @@ class StageReader(PointInstancerReader):
             camera_paths=tuple(str(path) for path, _ in cameras),
             colliders=self._objects.colliders(),
             tracks=self._objects.tracks(),
+            color_tracks=self._objects.color_tracks(),
             object_tracks=self._objects.object_tracks(),
             material_tracks=tuple(self._materials.tracks),
             light_tracks=tuple(self._light_tracks),
@@ -269,7 +270,7 @@ class StageReader(PointInstancerReader):
                 is_solid = collides(prim) if self._meshes.is_initial(prim, span) else False
                 animated = here.animated.during(span.start, span.end)
                 part = PrototypePart(mesh, matrix, here.label, names, is_solid, here.is_drawn, animated, number > 0)
-                self._parts.append(part)
+                self._parts.append(replace(part, of_points=self._meshes.of_points.get(mesh, ("", ""))))
         else:
             owner = here.owner or StageObject.of(prim, here.label, True, matrix, samples)
             if not here.is_drawn:

@@ -65,7 +65,7 @@ def first_hits(
         next_queue = rays.next_queues[layer % 2]
         count = reject_transparent_hits(
             queue, count, rays.rays, rays.hits, rays.hit_ids,
-            *geometry_of(scene), *materials, *scene.textures.arrays(),
+            *geometry_of(scene, time), *materials, *scene.textures.arrays(),
             CURRENT if time == MOVERS else time, next_queue, counter(),
         )  # fmt: skip
         queue = next_queue
@@ -220,10 +220,10 @@ def find_occlusion(
     )  # fmt: skip
     first_hits(scene, time, sight, queue, count, rays_per_frame=frames.pixels, materials=materials)
     kernels.occlusion_labels(queue, count, points.hit_ids, sight.distance, sight.hits, sight.hit_ids, width, occluded)
-    if scene.materials.varies_coverage:
+    if scene.materials.varies_coverage or scene.placement.color_varies:
         mark_transparent_points(
             queue, count, sight.rays, points.hits, points.hit_ids,
-            *geometry_of(scene), *materials, *scene.textures.arrays(), time, width, occluded,
+            *geometry_of(scene, time), *materials, *scene.textures.arrays(), time, width, occluded,
         )  # fmt: skip
 
 

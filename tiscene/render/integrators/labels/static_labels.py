@@ -175,8 +175,23 @@ def _unchanged(before: Placement, now: Placement, static: NDArray[np.bool_]) -> 
         same &= (a == b).all(axis=(1, 2))
     for a, b in zip(_identity(before, count), _identity(now, count), strict=True):
         same &= a == b
+    if before.color is not None or now.color is not None:
+        same &= _same_colors(before, now, count)
     same &= (before.box_from_object[:count] == now.box_from_object[:count]).all(axis=(1, 2))
     result[:count] = same
+    return result
+
+
+def _same_colors(before: Placement, now: Placement, count: int) -> NDArray[np.bool_]:
+    """Return which of the first `count` instances have the same color at all times of both placements."""
+    first, *others = (
+        np.full((count, 4), np.nan, np.float32) if each.color is None else each.color[time, :count]
+        for each in (before, now)
+        for time in (PREVIOUS, CURRENT, NEXT)
+    )
+    result = np.ones(count, bool)
+    for each in others:
+        result &= ((each == first) | (np.isnan(each) & np.isnan(first))).all(axis=1)
     return result
 
 
