@@ -6,6 +6,7 @@
     scenario          Scenario
     objects           Object and Frustum
     joints            joints between rigid bodies
+    filtered_pairs    pairs that do not collide
     edits             Spawn, Despawn, Move and the edit log
     lifespan_index    objects that are alive at a frame
     overrides         changes of the stage that hold for all frames

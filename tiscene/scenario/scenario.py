@@ -28,6 +28,7 @@ from tiscene import catalog
 from tiscene.errors import ArgumentError, ScenarioError, scenario_errors
 from tiscene.scenario import serialization
 from tiscene.scenario.edits import Edit, EditLog, Spawn
+from tiscene.scenario.filtered_pairs import check_filtered_pairs
 from tiscene.scenario.joints import Joint, check_joints
 from tiscene.scenario.light_motion import LightMotion
 from tiscene.scenario.objects import Frustum, Object, path_of
@@ -74,6 +75,8 @@ class Scenario:
             Needs the extra `physics`.
         joints: joints between rigid bodies, and between them and the world or objects on paths; see
             `tiscene.scenario.joints`.
+        filtered_pairs: pairs that do not collide, of which one is a rigid body: ids of two objects, or an id and the
+            path of a prim of the stage, which stands for all below it.
 
     Raises:
         ScenarioError: the parts contradict each other, such as timings that cannot work for a trajectory.
@@ -91,6 +94,7 @@ class Scenario:
     exposure_compensation: float = 0.0
     physics: bool = False
     joints: Sequence[Joint] = ()
+    filtered_pairs: Sequence[tuple[str, str]] = ()
 
     def __post_init__(self) -> None:
         scene = os.fspath(self.scene) if isinstance(self.scene, os.PathLike) else self.scene
@@ -111,7 +115,9 @@ class Scenario:
                 raise ScenarioError(f"timings: {error}") from error
             set_checked(self, edits=check_edits)
             spawned = [each.object for each in self.edits if isinstance(each, Spawn)]
-            object.__setattr__(self, "joints", check_joints(self.joints, [*self.objects, *spawned]))
+            every = [*self.objects, *spawned]
+            object.__setattr__(self, "joints", check_joints(self.joints, every))
+            object.__setattr__(self, "filtered_pairs", check_filtered_pairs(self.filtered_pairs, every))
             set_checked(self, lights=check_lights, variants=check_variants, overrides=check_overrides)
             set_checked(self, exposure_compensation=number)
             if abs(self.exposure_compensation) > MAX_STOPS:

@@ -112,7 +112,8 @@ class StageCache:
                 names = ", ".join(sorted(gone & joined))
                 text = f"{scenario.scene}: joints are left out, of objects that have no shape: {names}"
                 warnings.warn(StageWarning(text), stacklevel=3)
-            scenario = replace(scenario, objects=kept, joints=joints)
+            pairs = [each for each in scenario.filtered_pairs if gone.isdisjoint(each)]
+            scenario = replace(scenario, objects=kept, joints=joints, filtered_pairs=pairs)
             self._stages[self._key(scenario)] = stage
         return scenario
 

@@ -10,7 +10,8 @@ from __future__ import annotations
 import bisect
 import hashlib
 import math
-from collections.abc import Callable, Hashable, Mapping, Sequence
+import warnings
+from collections.abc import Callable, Collection, Hashable, Mapping, Sequence
 from fractions import Fraction
 
 import numpy as np
@@ -19,12 +20,12 @@ from dynamics.clocks import exact
 from dynamics.lru_cache import LRUCache
 from dynamics.rigid_body import RigidBody
 from dynamics.rotation import quaternion
-from tiscene.errors import ScenarioError
+from tiscene.errors import ScenarioError, StageWarning, did_you_mean
 from tiscene.scenario.edits import Edit, EditLog
 from tiscene.scenario.joints import Joint
 from tiscene.scenario.objects import Object
 from tiscene.scenario.scenario import Scenario
-from tiscene.scene.description import EARTH
+from tiscene.scene.description import EARTH, Collider
 from tiscene.world.physics.joint_tree import WORLD, PhysicsJoint, compose, inverse
 from tiscene.world.physics.part_shapes import PartShape
 from tiscene.world.physics.parts_cache import PartsCache
@@ -110,7 +111,10 @@ class PhysicsTrajectories(Trajectories):
 
     def _simulated(self, frame: int) -> PhysicsFrame:
         if self._physics is None:
-            self._physics_world = ScenarioPhysics(self, self._log, self._setting, self._scenario.joints)
+            scenario = self._scenario
+            self._physics_world = ScenarioPhysics(
+                self, self._log, self._setting, scenario.joints, scenario.filtered_pairs
+            )
             self._physics = RigidBodySimulation(self._physics_world, exact(self._setting.fps))
         return self._physics.frame(max(frame, 0))
 
@@ -136,12 +140,19 @@ class ScenarioPhysics:
         log: the scenario's edit log.
         setting: what the objects move in.
         joints: the scenario's joints.
+        pairs: what does not collide, of `Scenario.filtered_pairs`.
     """
 
     def __init__(
-        self, trajectories: PhysicsTrajectories, log: EditLog, setting: TrajectoryContext, joints: Sequence[Joint]
+        self,
+        trajectories: PhysicsTrajectories,
+        log: EditLog,
+        setting: TrajectoryContext,
+        joints: Sequence[Joint],
+        pairs: Sequence[tuple[str, str]] = (),
     ) -> None:
         self._trajectories, self._log, self._setting, self._joints = trajectories, log, setting, joints
+        self._pairs = pairs
         self._joined = {id for each in joints for id in (each.body, each.parent) if id is not None}
         self._made_joints: dict[tuple[int, int, int | None], PhysicsJoint] = {}
         self._parts: LRUCache[tuple[object, ...], list[PartShape]] = LRUCache(KEPT_SHAPES)
@@ -171,6 +182,39 @@ class ScenarioPhysics:
                     if key not in self._made_joints:
                         self._made_joints[key] = self._joint(number, each, body, parent)
                     found.append(self._made_joints[key])
+        return found
+
+    def filtered_pairs(self, frame: int) -> Collection[tuple[int, str, int]]:
+        found = set()
+        for pair in self._pairs:
+            one, other = (self._log.row(name) for name in pair)
+            if one is not None and other is not None:
+                found.add((one, "body", other))
+            elif one is not None or other is not None:
+                row, name = (one, pair[1]) if one is not None else (other, pair[0])
+                assert row is not None
+                for number in self._stage_rows(frame, name) if name.startswith("/") else ():
+                    found.add((row, "stage", number))
+        return found
+
+    def _stage_rows(self, frame: int, path: str) -> list[int]:
+        """Return the rows of what stands around at and below a prim, or within the object whose only part it is."""
+        stage = self._setting.stage
+        instances, _ = self._setting.instances(frame)
+        found = []
+        for row, each in enumerate(instances):
+            owner = stage.objects[each.object] if each.object >= 0 else None
+            if isinstance(each, Collider) or owner is None:
+                own, is_only = getattr(each, "prim_path", ""), False
+            else:
+                own = f"{owner.prim_path}/{owner.parts[each.part]}" if owner.parts else owner.prim_path
+                is_only = not owner.parts and path.startswith(f"{own}/")
+            if is_only or f"{own}/".startswith(f"{path.rstrip('/')}/"):
+                found.append(row)
+        if not found:
+            hint = did_you_mean(path, [each.prim_path for each in stage.objects])
+            text = f"filtered_pairs: nothing of the stage that collides is at {path!r}{hint}"
+            warnings.warn(StageWarning(text), stacklevel=2)
         return found
 
     def _joint(self, number: int, joint: Joint, body: int, parent: int | None) -> PhysicsJoint:

@@ -161,12 +161,10 @@ def Cube "Plain" (prepend apiSchemas = ["TisceneObjectAPI", "PhysicsRigidBodyAPI
     float physics:density = 200
 }
 def Cube "Heavy" (
-    prepend apiSchemas = ["TisceneObjectAPI", "PhysicsRigidBodyAPI", "PhysicsMassAPI", "PhysicsFilteredPairsAPI",
-        "MaterialBindingAPI"]
+    prepend apiSchemas = ["TisceneObjectAPI", "PhysicsRigidBodyAPI", "PhysicsMassAPI", "MaterialBindingAPI"]
 )
 {
     float physics:mass = 3
-    rel physics:filteredPairs = </Plain>
     rel material:binding:physics = </Ice>
     bool physics:startsAsleep = 1
     def Sphere "Inner" (prepend apiSchemas = ["PhysicsRigidBodyAPI", "MaterialBindingAPI"])
@@ -190,13 +188,6 @@ def Material "Ice" (prepend apiSchemas = ["PhysicsMaterialAPI"])
 def Material "Stone" (prepend apiSchemas = ["PhysicsMaterialAPI"])
 {
 }
-def PhysicsCollisionGroup "Idle" (prepend apiSchemas = ["CollectionAPI:colliders"])
-{
-}
-def PhysicsCollisionGroup "Ghosts" (prepend apiSchemas = ["CollectionAPI:colliders"])
-{
-    rel physics:filteredGroups = </Ghosts>
-}
 """
 
 
@@ -208,14 +199,12 @@ def test_what_is_not_simulated_of_a_rigid_body_is_named(tmp_path):
     (warning,) = caught
     found = [line.strip().rsplit(": ", 1)[::-1] for line in str(warning.message).splitlines()[1:]]
     expected = [
-        ("</Heavy>", "filteredPairs"),
         ("</Heavy>", "startsAsleep"),
         ("</Heavy>", "2 physics materials"),
         ("</Heavy/Inner>", "within another"),
         ("</Ice>", "dynamicFriction, 0.1, counts"),
         ("</Light>", "diagonalInertia is not applied"),
         ("</Light/Part>", "mass of a part"),
-        ("</Ghosts>", "collision group"),
     ]
     assert sorted(path for path, _ in found) == sorted(path for path, _ in expected)
     for path, word in expected:

@@ -41,11 +41,13 @@ class FakePhysicsWorld:
         moved: poses by frame and number.
         fps: frames per second.
         joined: (joint, number of the body, number of the other or None, frame, its frame) of each joint.
+        filtered: (number of a body, "stage" or "body", number of the other) of what does not collide.
     """
 
-    def __init__(self, rigid, static=(), movers=(), planes=None, life=None, moved=None, fps=25, joined=()):
+    def __init__(self, rigid, static=(), movers=(), planes=None, life=None, moved=None, fps=25, joined=(), filtered=()):
         self.rigid, self.static, self.movers, self.planes = rigid, static, movers, planes
         self.life, self.moved, self.fps, self.joined = life or {}, moved or {}, fps, joined
+        self.filtered = filtered
 
     def bodies(self, frame):
         count = len(self.rigid)
@@ -56,6 +58,9 @@ class FakePhysicsWorld:
     def joints(self, frame):
         here = {None, *(body.number for body in self.bodies(frame))}
         return [PhysicsJoint(n, *each) for n, each in enumerate(self.joined) if {each[1], each[2]} <= here]
+
+    def filtered_pairs(self, frame):
+        return self.filtered
 
     def surroundings(self, frame):
         placed = [(row, place, [part]) for row, (place, part) in enumerate(self.static)]

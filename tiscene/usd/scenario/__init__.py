@@ -8,6 +8,7 @@
     motion_schema       trajectories as attributes of TisceneMotionAPI
     rigid_body_schema   rigid bodies by the schemas of UsdPhysics
     joint_schema        joints by the schemas of UsdPhysics
+    filtered_pairs_schema  bodies that do not collide, by the schemas of UsdPhysics
     stage_cameras       the cameras of a stage and their exact values
     layer               layers over a scene: references, cameras, poses
     bake                a stream's motion as time samples

@@ -31,10 +31,11 @@ from tiscene.usd.lights.light import is_light_only
 from tiscene.usd.read.stage_camera import read_camera, unique_names
 from tiscene.usd.read.stage_render_settings import read_render_settings
 from tiscene.usd.read.subprocess_reader import read_in_subprocess
+from tiscene.usd.scenario.filtered_pairs_schema import read_filtered_pairs
 from tiscene.usd.scenario.joint_schema import read_joints
 from tiscene.usd.scenario.light_time_samples import read_light_motion
 from tiscene.usd.scenario.motion_schema import read_dynamic
-from tiscene.usd.scenario.rigid_body_schema import read_rigid_body, report_collision_groups
+from tiscene.usd.scenario.rigid_body_schema import read_rigid_body
 from tiscene.usd.scenario.stage_cameras import exact_camera, stage_cameras
 
 _TIMINGS = {schema.token(name): name for name in ("AllTogether", "WaitUntilComplete", "DictTimings")}
@@ -131,8 +132,7 @@ class _ScenarioReader:
                 objects.append(made)
                 paths.append(str(prim.GetPath()))
         self._name(objects, paths)
-        if any((each["dynamic"] or {}).get("type") == "RigidBody" for each in objects):
-            report_collision_groups(self._stage, self._report)
+        content |= read_filtered_pairs(self._stage, root, objects, paths, self._physics, self._report)
         content |= read_joints(self._stage, objects, paths, self._physics, self._time, self._report)
         cameras, camera, moving = stage_cameras(self._stage), None, {}
         with self._report.guard("/"):

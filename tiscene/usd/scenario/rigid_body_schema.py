@@ -17,7 +17,6 @@ from pxr import Gf, Usd, UsdGeom, UsdPhysics, UsdShade
 
 from dynamics import ArgumentError, RigidBody
 from dynamics.rotation import quaternion
-from tiscene.usd.core import schema
 from tiscene.usd.core.report import StageReport
 from tiscene.usd.core.units import Units
 from tiscene.usd.read.object_builder import is_rigid_body
@@ -140,15 +139,6 @@ def _read_mass(
     return content
 
 
-def report_collision_groups(stage: Usd.Stage, report: StageReport) -> None:
-    """Report collision groups that keep bodies from colliding: those of a scenario collide."""
-    for prim in stage.Traverse():
-        if prim.IsA(UsdPhysics.CollisionGroup) and schema.targets(prim, "physics:filteredGroups"):
-            report.omission(
-                prim.GetPath(), "rigid bodies collide whatever their collision group (physics:filteredGroups)"
-            )
-
-
 def _surface(prim: Usd.Prim) -> UsdPhysics.MaterialAPI | None:
     """Return the physics material of a body, or of the first prim within it that has one; None: there is none."""
     found = map(_material, Usd.PrimRange(prim, Usd.TraverseInstanceProxies()))
@@ -170,8 +160,6 @@ def _transform(prim: Usd.Prim, time: Usd.TimeCode) -> Gf.Transform:
 def _report_not_simulated(prim: Usd.Prim, surface: UsdPhysics.MaterialAPI | None, report: StageReport) -> None:
     """Report what other programs simulate of a rigid body with a physics material, and of those within it."""
     path, body = prim.GetPath(), UsdPhysics.RigidBodyAPI(prim)
-    if schema.targets(prim, "physics:filteredPairs"):
-        report.omission(path, "a rigid body collides with its physics:filteredPairs too")
     if body.GetStartsAsleepAttr().Get():
         report.omission(path, "a rigid body begins to fall at once, not when it is touched (physics:startsAsleep)")
     materials = set()

@@ -18,6 +18,7 @@ from tiscene.usd.core.report import StageReport
 from tiscene.usd.core.stage import quiet, readable
 from tiscene.usd.read.stage_camera import unique_names
 from tiscene.usd.read.stage_render_settings import read_render_settings
+from tiscene.usd.scenario.filtered_pairs_schema import write_filtered_pairs
 from tiscene.usd.scenario.joint_schema import write_joints
 from tiscene.usd.scenario.layer import OverLayer
 from tiscene.usd.scenario.motion_schema import write_dynamic
@@ -57,6 +58,7 @@ def write_scenario(content: Mapping[str, Any], path: str | os.PathLike[str]) -> 
         prims = [_write_object(over, each, report) for each in content["objects"]]
         root.CreateRelationship("tiscene:scenario:objects", False).SetTargets([prim.GetPath() for prim in prims])
         write_joints(over, content.get("joints", ()), content["objects"], prims)
+        write_filtered_pairs(root, content.get("filtered_pairs", ()), content["objects"], prims)
         camera = content["camera"]
         if camera is not None:
             cameras = [

@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, NoReturn
 
@@ -93,6 +93,7 @@ class PhysicsModel:
         walled: bool,
         step: float,
         joints: Sequence[PhysicsJoint],
+        filtered: Collection[tuple[int, str, int]] = (),
     ) -> None:
         """Compile a model.
 
@@ -102,6 +103,7 @@ class PhysicsModel:
             walled: Whether there are walls.
             step: Length of a step, s.
             joints: Joints between the bodies.
+            filtered: What does not collide: number of a body, kind ("stage" or "body") and number of the other.
 
         Raises:
             ScenarioError: A body has too little mass, or a shape without volume.
@@ -125,14 +127,17 @@ class PhysicsModel:
         self.lag = 0.0 if links else 0.5 * step
         self.gravity = np.array([*around.gravity, 0.0, 0.0, 0.0])
         stage: list[int] = []
+        apart = {number for _, kind, number in filtered if kind == "stage"}
         for number, pose, parts in around.placed:
+            holder = spec.worldbody.add_body(name=f"stage_{number}") if number in apart else spec.worldbody
             for part in parts:
-                self._add(spec, spec.worldbody, part, contype=STATIC, conaffinity=0, pose=pose)
-                stage.append(number)
+                self._add(spec, holder, part, contype=STATIC, conaffinity=0, pose=pose)
+            stage += [] if number in apart else [number] * len(parts)
         made: dict[int, Any] = {}
         for row in self.joints.order(len(self.bodies)):
             made[row] = self._add_body(spec, self.joints.add_body(spec, row, made), row)
         self.joints.add_loops(spec, made, step)
+        self._filter(spec, filtered, rows, {number for number, _, _ in around.placed})
         if walled:
             for wall in range(WALLS):
                 holder = spec.worldbody.add_body(mocap=True, name=f"wall_{wall}")
@@ -192,6 +197,17 @@ class PhysicsModel:
         for part in body.parts:
             self._add(spec, made, part, **named)
         return made
+
+    @staticmethod
+    def _filter(
+        spec: Any, filtered: Collection[tuple[int, str, int]], rows: Mapping[int, int], placed: Collection[int]
+    ) -> None:
+        """Leave out contacts of what does not collide, as far as it is there."""
+        for number, kind, other in sorted(filtered):
+            if number not in rows or other not in (rows if kind == "body" else placed):
+                continue
+            name = f"body_{rows[other]}" if kind == "body" else f"stage_{other}"
+            spec.add_exclude(bodyname1=f"body_{rows[number]}", bodyname2=name)
 
     def _compiled(self, spec: Any) -> Any:
         try:

@@ -9,7 +9,7 @@ bits, in bounded memory.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Hashable, Mapping, Sequence
+from collections.abc import Callable, Collection, Hashable, Mapping, Sequence
 from dataclasses import dataclass
 from fractions import Fraction
 from typing import NamedTuple, Protocol
@@ -45,6 +45,9 @@ class PhysicsWorld(Protocol):
 
     def joints(self, frame: int) -> Sequence[PhysicsJoint]:
         """Return the joints between the bodies of a frame, by ascending number."""
+
+    def filtered_pairs(self, frame: int) -> Collection[tuple[int, str, int]]:
+        """Return what does not collide: number of a body, kind ("stage" or "body") and number of the other."""
 
     def surroundings(self, frame: int) -> tuple[Hashable, Callable[[], Surroundings]]:
         """Return a key of the surroundings from a frame to the next, and a function that returns them."""
@@ -258,7 +261,7 @@ class RigidBodySimulation(WholeChanges):
             around,
             walled,
         )
-        model = self._model(key, bodies, joints, around, make, walled)
+        model = self._model(key, frame, bodies, joints, around, make, walled)
         teleports = self._world.teleports(frame)
         if saved.key == key:
             model.restore(saved.engine)
@@ -315,6 +318,7 @@ class RigidBodySimulation(WholeChanges):
     def _model(
         self,
         key: Hashable,
+        frame: int,
         bodies: Sequence[PhysicsBody],
         joints: Sequence[PhysicsJoint],
         around: Hashable,
@@ -326,7 +330,8 @@ class RigidBodySimulation(WholeChanges):
         def new() -> PhysicsModel:
             if self._loaded is None or self._loaded[0] != around:
                 self._loaded = around, make()
-            return PhysicsModel(bodies, self._loaded[1], walled, self._step, joints)
+            filtered = self._world.filtered_pairs(frame)
+            return PhysicsModel(bodies, self._loaded[1], walled, self._step, joints, filtered)
 
         return self._models.get(key, new)
 
