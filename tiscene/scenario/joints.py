@@ -124,10 +124,25 @@ class PrismaticJoint(AxialJoint):
 
 @dataclass(frozen=True)
 class SphericalJoint(Joint):
-    """A ball in a socket: `body` turns about the origin of the frame, without limits.
+    """A ball in a socket: `body` turns about the origin of the frame.
 
-    The attributes are in `tiscene.scenario.joints.Joint`.
+    The other attributes are in `tiscene.scenario.joints.Joint`.
+
+    Attributes:
+        axis: "X", "Y" or "Z", of the frames.
+        cone_angle: greatest angle between the axes of the two frames, degrees, below 180; None: unlimited.
     """
+
+    axis: str = "X"
+    cone_angle: float | None = None
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        with scenario_errors():
+            choice(self.axis, "axis", AXES)
+            set_checked(self, cone_angle=optional(positive))
+            if self.cone_angle is not None and self.cone_angle >= 180.0:
+                raise ScenarioError(f"cone_angle={self.cone_angle!r}: must be below 180 degrees; None: unlimited")
 
 
 @dataclass(frozen=True)

@@ -8,7 +8,7 @@ import pytest
 from pxr import Gf, UsdGeom, UsdPhysics
 
 import tiscene as ts
-from tiscene.errors import StageWarning
+from tiscene.errors import ScenarioError, StageWarning
 from tiscene.scenario.edits import Spawn
 from tiscene.usd.core.stage import open_stage
 from tiscene.usd.scenario.read import read_scenario
@@ -225,3 +225,50 @@ def test_infinite_and_largest_limits_are_none(tmp_path, most):
     with pytest.warns(StageWarning, match="it has neither a least nor a greatest distance: </Rope>"):
         (hinge,) = ts.Scenario.load(path).joints
     assert hinge.lower_limit is hinge.upper_limit is None
+
+
+SOCKET = """#usda 1.0
+def Cube "Arm" (prepend apiSchemas = ["TisceneObjectAPI", "PhysicsRigidBodyAPI"])
+{{
+}}
+def PhysicsSphericalJoint "Socket"
+{{
+    rel physics:body1 = </Arm>
+    uniform token physics:axis = "Z"
+    float physics:coneAngle0Limit = {0:g}
+    float physics:coneAngle1Limit = {1:g}
+}}
+"""
+
+
+@pytest.mark.parametrize(
+    ("angles", "read"),
+    [((40, 40), 40.0), ((-1, -1), None), ((40, -1), "named"), ((40, 50), "named"), ((0, 0), "named")],
+)
+def test_round_cones_of_spherical_joints_are_read_and_others_named(tmp_path, angles, read):
+    path = tmp_path / "socket.usda"
+    path.write_text(SOCKET.format(*angles))
+    if read == "named":
+        with pytest.warns(StageWarning, match="not simulated unless they are two equal angles above 0 .*: </Socket>"):
+            (joint,) = read_scenario(path).content["joints"]
+        read = None
+    else:
+        (joint,) = read_scenario(path).content["joints"]
+    assert (joint["axis"], joint["cone_angle"]) == ("Z", read)
+
+
+def test_cone_of_a_spherical_joint_survives_a_round_trip_and_is_found_by_other_programs(tmp_path):
+    joints = [ts.SphericalJoint("bob", axis="Y", cone_angle=33.3)]
+    scenario_of(joints).save(tmp_path / "run.usda")
+    assert ts.Scenario.load(tmp_path / "run.usda").joints == tuple(joints)
+    stage = open_stage(tmp_path / "run.usda", None)
+    joint = UsdPhysics.SphericalJoint(stage.GetPrimAtPath("/Scenario/Joints/bob_SphericalJoint"))
+    found = [each.Get() for each in (joint.GetConeAngle0LimitAttr(), joint.GetConeAngle1LimitAttr())]
+    assert found == pytest.approx([33.3, 33.3])
+    assert joint.GetAxisAttr().Get() == "Y"
+
+
+@pytest.mark.parametrize("cone_angle", [0.0, -5.0, 180.0])
+def test_wrong_cone_is_an_error(cone_angle):
+    with pytest.raises(ScenarioError, match="cone_angle"):
+        ts.SphericalJoint("bob", cone_angle=cone_angle)

@@ -215,3 +215,14 @@ def test_path_without_anything_that_collides_is_named():
     stream = ts.Stream(scenario([("a", "/Nowhere")]), width=8, height=8, buffers=("instance",))
     with stream, pytest.warns(StageWarning, match="nothing of the stage that collides is at '/Nowhere'"):
         assert np.isfinite(stream[1].objects[1].position).all()
+
+
+def test_pairs_of_bodies_without_a_shape_are_left_out(tmp_path):
+    empty = BODY.replace("def Sphere", "def Xform").replace("double radius = 0.2", "") % ("Empty", "", 2, "")
+    rel = "rel physics:filteredPairs = [</B>, </Empty>]"
+    path = tmp_path / "stage.usda"
+    path.write_text(STAGE % (BODY % ("A", ', "PhysicsFilteredPairsAPI"', -1, rel) + B + empty, ""))
+    with pytest.warns(StageWarning, match="no geometry"):
+        stream = ts.Stream(path, width=8, height=8, buffers=("instance",))
+    with stream:
+        assert stream.scenario.filtered_pairs == (("A", "B"),)

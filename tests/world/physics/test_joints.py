@@ -141,6 +141,39 @@ def test_hinge_stops_at_its_limit(flip):
     assert found[-1] == pytest.approx(-40.0, abs=0.5)
 
 
+@pytest.mark.parametrize("axis", ["Y", "Z"])
+@pytest.mark.parametrize("limit", [20.0, 75.0, 120.0])
+def test_ball_in_a_socket_stops_at_its_cone(axis, limit):
+    """A pendulum above its pivot falls in any direction until its axis is at the limit."""
+    turned = {"Y": (0.0, 0.0, 0.0), "Z": (90.0, 0.0, 0.0)}[axis]  # the axis of the frames is up
+    joint = SphericalJoint("a", axis=axis, cone_angle=limit)
+    arm = np.array([0.0, -0.5, 0.0, *pose(rotation=tuple(-each for each in turned))[3:]])
+    frame = np.array([*PIVOT, *pose(rotation=tuple(-each for each in turned))[3:]])
+    start = compose(np.array([*PIVOT, 1.0, 0, 0, 0]), compose(pose(rotation=(3.0, 0, 4.0)), pose(y=0.5)))
+    world = FakePhysicsWorld([(ball(0.05), start, RigidBody())], joined=[(joint, 0, None, arm, frame)], fps=100)
+    simulation = world.simulation()
+    directions = [simulation.frame(frame).poses[0, :3] - PIVOT for frame in range(0, 600, 2)]
+    np.testing.assert_allclose(np.linalg.norm(directions, axis=1), 0.5, atol=1e-9)
+    angles = np.degrees(np.arccos(np.array(directions)[:, 1] / 0.5))
+    assert angles.max() == pytest.approx(limit, abs=1.0)
+    assert angles[-1] == pytest.approx(limit, abs=0.5)  # it rests there
+    x, _, z = directions[-1]
+    if limit < 90.0:
+        assert math.degrees(math.atan2(z, x)) == pytest.approx(math.degrees(math.atan2(3.0, -4.0)), abs=20.0)
+
+
+def test_cone_of_a_joint_that_closes_a_loop_is_kept():
+    joint = SphericalJoint("a", axis="Y", cone_angle=30.0)
+    (part, start, rigid), *_ = pendulum(5.0).rigid
+    held = [
+        (SphericalJoint("a"), 0, None, pose(y=1.0), np.array([*PIVOT, 1.0, 0.0, 0.0, 0.0])),
+        (joint, 0, None, pose(y=1.0), np.array([*PIVOT, *pose(rotation=(0, 0, 50))[3:]])),
+    ]
+    world = FakePhysicsWorld([(part, start, rigid)], joined=held, fps=100)
+    away = world.simulation().frame(300).poses[0, :3] - PIVOT
+    assert math.degrees(math.atan2(away[0], -away[1])) == pytest.approx(20.0, abs=1.0)  # 30 from the cone's axis
+
+
 def test_fixed_joint_holds_two_bodies_together():
     world = FakePhysicsWorld(
         [(box(0.1, 0.1, 0.1), pose(y=0.6), RigidBody()), (box(0.1, 0.1, 0.1), pose(x=0.3, y=0.6), RigidBody())],

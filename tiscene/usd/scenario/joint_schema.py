@@ -38,8 +38,6 @@ _NEVER = 3.4e38  # some programs write the largest float where there is no limit
 _NOT_SIMULATED = {
     "physics:breakForce": "a joint that breaks",
     "physics:breakTorque": "a joint that breaks",
-    "physics:coneAngle0Limit": "the limit of a spherical joint",
-    "physics:coneAngle1Limit": "the limit of a spherical joint",
 }
 
 
@@ -87,6 +85,10 @@ def _write_limits(joint: Any, each: Mapping[str, Any], units: Units) -> None:
     length = each["type"] != "RevoluteJoint"
     if "axis" in each:
         joint.CreateAxisAttr(each["axis"])
+    if each.get("cone_angle") is not None:
+        joint.CreateConeAngle0LimitAttr(each["cone_angle"])
+        joint.CreateConeAngle1LimitAttr(each["cone_angle"])
+    if "lower_limit" in each:
         for value, create in (
             (each["lower_limit"], joint.CreateLowerLimitAttr),
             (each["upper_limit"], joint.CreateUpperLimitAttr),
@@ -233,7 +235,20 @@ def _read_joint(
     for prefix, pose in (("", frame), ("parent_", other_frame)):
         content[f"{prefix}position"] = pose[:3, 3].tolist()
         content[f"{prefix}rotation"] = list(quaternion_from_matrix(pose[:3, :3]))
+    if kind == "SphericalJoint":
+        return content | _read_cone(UsdPhysics.SphericalJoint(prim), report)
     return content | _read_limits(KINDS[kind](prim), kind, flipped, units)
+
+
+def _read_cone(joint: UsdPhysics.SphericalJoint, report: StageReport) -> dict[str, Any]:
+    """Return axis and cone angle of a spherical joint; angles that differ, or one alone, are reported."""
+    angles = [float(each.Get()) for each in (joint.GetConeAngle0LimitAttr(), joint.GetConeAngle1LimitAttr())]
+    limited = [each for each in angles if 0.0 <= each < 180.0]
+    is_round = len(limited) == 2 and math.isclose(*limited, rel_tol=TOLERANCE) and limited[0] > 0.0
+    if limited and not is_round:
+        text = "the limits of a spherical joint are not simulated unless they are two equal angles above 0"
+        report.omission(joint.GetPath(), f"{text} (physics:coneAngle0Limit, physics:coneAngle1Limit)")
+    return {"axis": str(joint.GetAxisAttr().Get()), "cone_angle": limited[0] if is_round else None}
 
 
 def _read_limits(joint: Any, kind: str, flipped: bool, units: Units) -> dict[str, Any]:
@@ -301,10 +316,12 @@ def _world(target: Usd.Prim | None, position: Any, rotation: Any, units: Units, 
 
 def _agree(exact: Mapping[str, Any], content: Mapping[str, Any], objects: Sequence[Mapping[str, Any]]) -> bool:
     """Return whether exact values of a joint are, within rounding, those of its attributes of UsdPhysics."""
-    for key in ("type", "body", "parent", "collide", "axis"):
+    for key in ("type", "body", "parent", "collide"):
         if exact.get(key) != content.get(key):
             return False
-    for key in ("lower_limit", "upper_limit", "min_distance", "max_distance"):
+    if exact.get("axis", "X") != content.get("axis", "X"):  # older files have no axis of spherical joints
+        return False
+    for key in ("lower_limit", "upper_limit", "min_distance", "max_distance", "cone_angle"):
         one, other = exact.get(key), content.get(key)
         if (one is None) != (other is None) or (
             one is not None and not math.isclose(one, other or 0.0, rel_tol=TOLERANCE, abs_tol=TOLERANCE)

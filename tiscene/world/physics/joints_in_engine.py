@@ -25,7 +25,7 @@ from tiscene.world.physics.joint_tree import WORLD, Link, PhysicsJoint, angle_ab
 
 Array = NDArray[np.float64]
 UNLIMITED = 1e9
-ARM = 0.1  # m: half the distance of the two points that hold a hinge which closes a loop
+ARM = 0.1  # m: half the distance of the two points that hold a hinge which closes a loop; of points that a cone limits
 ROPE = 1e-6  # m: least range of a distance
 
 
@@ -97,6 +97,9 @@ class JointsInEngine:
             return
         spec.option.disableflags |= self._engine.mjtDisableBit.mjDSBL_FILTERPARENT
         pairs = {(row, link.parent) for row, link in self._links.items() if not link.joint.collide}
+        for row, link in self._links.items():
+            parent = spec.worldbody if link.parent is None else made[link.parent]
+            self._add_cone(spec, f"cone_{row}", link.joint, (made[row], link.frame), (parent, link.parent_frame))
         for each in self._loops:
             one, other = self._rows[each.body], None if each.parent is None else self._rows[each.parent]
             pairs |= set() if each.joint.collide else {(one, other)}
@@ -106,6 +109,7 @@ class JointsInEngine:
 
     def _add_loop(self, spec: Any, each: PhysicsJoint, body: Any, parent: Any) -> None:
         joint, name = each.joint, f"loop_{each.number}"
+        self._add_cone(spec, name, joint, (body, each.frame), (parent, each.parent_frame))
         offsets = [np.zeros(3)]
         if isinstance(joint, RevoluteJoint):
             offsets = [sign * ARM * np.eye(3)[AXES.index(joint.axis)] for sign in (-1.0, 1.0)]
@@ -127,6 +131,27 @@ class JointsInEngine:
             held.type = kinds.mjEQ_WELD if isinstance(joint, FixedJoint) else kinds.mjEQ_CONNECT
             held.name1, held.name2 = ends
             held.solref = self._stiff(spec)
+
+    def _add_cone(self, spec: Any, name: str, joint: Joint, body: tuple[Any, Array], parent: tuple[Any, Array]) -> None:
+        """Limit the angle between the axes of a spherical joint: the distance of two points on them, a chord.
+
+        Args:
+            spec: The specification.
+            name: Of the limit.
+            joint: The joint.
+            body: The body, and the frame of the joint in its axes.
+            parent: The other one, and the frame in its axes.
+        """
+        if not isinstance(joint, SphericalJoint) or joint.cone_angle is None:
+            return
+        tip = ARM * np.eye(3)[AXES.index(joint.axis)]
+        tendon = spec.add_tendon(name=name)
+        for end, (holder, frame) in zip((f"{name}_body", f"{name}_parent"), (body, parent), strict=True):
+            holder.add_site(name=end, pos=(frame[:3] + rotate(frame[3:], tip)).tolist())
+            tendon.wrap_site(end)
+        tendon.limited = True
+        tendon.range = [0.0, 2.0 * ARM * math.sin(0.5 * math.radians(joint.cone_angle))]
+        tendon.solref_limit = self._stiff(spec)
 
     @staticmethod
     def _stiff(spec: Any) -> list[float]:
