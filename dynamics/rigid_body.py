@@ -10,7 +10,7 @@ import math
 from dataclasses import dataclass
 from typing import Any
 
-from dynamics.argument_checks import not_negative, optional, position, positive, rotation, set_checked, vector
+from dynamics.argument_checks import flag, not_negative, optional, position, positive, rotation, set_checked, vector
 from dynamics.dynamic import Dynamic, Vector
 from dynamics.errors import ArgumentError
 
@@ -30,6 +30,8 @@ class RigidBody(Dynamic):
         diagonal_inertia: Moments of inertia about the center of mass, kg m2. None: those of its shape, in proportion
             to the mass.
         principal_axes: Axes of `diagonal_inertia` in those of the object; Euler angles in degrees, or a quaternion.
+        starts_asleep: Whether it stays in its place, without its initial velocities, until it is touched by a body that
+            moves. It has no effect on bodies that joints hold.
 
     Raises:
         ArgumentError: A value is out of range, such as moments of inertia that no body has.
@@ -44,12 +46,13 @@ class RigidBody(Dynamic):
     center_of_mass: Vector | None = None
     diagonal_inertia: Vector | None = None
     principal_axes: tuple[float, ...] = (0.0, 0.0, 0.0)
+    starts_asleep: bool = False
 
     def __post_init__(self) -> None:
         set_checked(self, density=positive, friction=not_negative, restitution=not_negative)
         set_checked(self, velocity=vector, angular_velocity=vector)
         set_checked(self, mass=optional(positive), center_of_mass=optional(position), principal_axes=rotation)
-        set_checked(self, diagonal_inertia=optional(_moments))
+        set_checked(self, diagonal_inertia=optional(_moments), starts_asleep=flag)
         if self.restitution > 0.95:
             raise ArgumentError(f"restitution={self.restitution!r}: must be from 0 to 0.95")
 

@@ -272,3 +272,14 @@ def test_cone_of_a_spherical_joint_survives_a_round_trip_and_is_found_by_other_p
 def test_wrong_cone_is_an_error(cone_angle):
     with pytest.raises(ScenarioError, match="cone_angle"):
         ts.SphericalJoint("bob", cone_angle=cone_angle)
+
+
+def test_sleep_of_a_body_that_a_joint_holds_is_named(tmp_path):
+    path = tmp_path / "socket.usda"
+    path.write_text(
+        SOCKET.format(-1, -1).replace(
+            'PhysicsRigidBodyAPI"])\n{', 'PhysicsRigidBodyAPI"])\n{\n    bool physics:startsAsleep = 1'
+        )
+    )
+    with pytest.warns(StageWarning, match="a joint holds is awake from the start .*: </Arm>"):
+        read_scenario(path)

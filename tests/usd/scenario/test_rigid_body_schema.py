@@ -199,7 +199,6 @@ def test_what_is_not_simulated_of_a_rigid_body_is_named(tmp_path):
     (warning,) = caught
     found = [line.strip().rsplit(": ", 1)[::-1] for line in str(warning.message).splitlines()[1:]]
     expected = [
-        ("</Heavy>", "startsAsleep"),
         ("</Heavy>", "2 physics materials"),
         ("</Heavy/Inner>", "within another"),
         ("</Ice>", "dynamicFriction, 0.1, counts"),
@@ -257,3 +256,14 @@ def test_mass_survives_a_round_trip_and_is_found_by_other_programs(tmp_path):
     assert tuple(mass.GetCenterOfMassAttr().Get()) == pytest.approx((0.1, 0.2, -0.1))
     assert tuple(mass.GetDiagonalInertiaAttr().Get()) == pytest.approx((2, 4, 3))
     assert tuple(mass.GetPrincipalAxesAttr().Get().imaginary) == (0.5, 0.5, 0.5)
+
+
+def test_sleep_is_read_and_survives_a_round_trip(tmp_path):
+    path = tmp_path / "foreign.usda"
+    path.write_text(UNREAD)
+    with pytest.warns(StageWarning):
+        plain, heavy, _ = read_scenario(path).content["objects"]
+    assert ("starts_asleep" in plain["dynamic"], heavy["dynamic"]["starts_asleep"]) == (False, True)
+    scenario = ts.Scenario("object_view", [ts.Object("a", "Cube", dynamic=ts.RigidBody(starts_asleep=True))])
+    scenario.save(tmp_path / "run.usda")
+    assert ts.Scenario.load(tmp_path / "run.usda") == scenario

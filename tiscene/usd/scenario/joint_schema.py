@@ -146,6 +146,10 @@ def read_joints(
                 continue
             found.append((prim.GetPath(), exact if exact and _agree(exact, content, objects) else content))
     joints = _without_limits_in_loops(found, is_rigid, report)
+    held = {id for each in joints for id in (each["body"], each["parent"])}
+    for path, each in zip(paths, objects, strict=True):
+        if each["id"] in held and (each["dynamic"] or {}).get("starts_asleep"):
+            report.omission(path, "a rigid body that a joint holds is awake from the start (physics:startsAsleep)")
     return {"joints": joints} if joints else {}
 
 

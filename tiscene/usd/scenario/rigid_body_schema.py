@@ -41,6 +41,7 @@ def write_rigid_body(prim: Usd.Prim, content: Mapping[str, Any] | None, units: U
     velocity, spin = units.to_stage(content["velocity"]), map(math.degrees, content["angular_velocity"])
     body.CreateVelocityAttr(Gf.Vec3f(to_prim.TransformDir(Gf.Vec3d(*velocity))))
     body.CreateAngularVelocityAttr(Gf.Vec3f(to_prim.TransformDir(Gf.Vec3d(*spin))))
+    body.CreateStartsAsleepAttr(content["starts_asleep"])
     _write_mass(prim, content, units)
     material = UsdShade.Material.Define(prim.GetStage(), prim.GetPath().AppendChild("PhysicsMaterial"))
     surface = UsdPhysics.MaterialAPI.Apply(material.GetPrim())
@@ -80,6 +81,8 @@ def read_rigid_body(
     if body.GetAngularVelocityAttr().HasAuthoredValue():
         spin = to_world.TransformDir(Gf.Vec3d(body.GetAngularVelocityAttr().Get()))
         content["angular_velocity"] = [math.radians(each) for each in spin]
+    if body.GetStartsAsleepAttr().Get():
+        content["starts_asleep"] = True
     content |= _read_mass(prim, surface, units, time, report)
     if surface:
         for key, attribute, most in (
@@ -159,9 +162,7 @@ def _transform(prim: Usd.Prim, time: Usd.TimeCode) -> Gf.Transform:
 
 def _report_not_simulated(prim: Usd.Prim, surface: UsdPhysics.MaterialAPI | None, report: StageReport) -> None:
     """Report what other programs simulate of a rigid body with a physics material, and of those within it."""
-    path, body = prim.GetPath(), UsdPhysics.RigidBodyAPI(prim)
-    if body.GetStartsAsleepAttr().Get():
-        report.omission(path, "a rigid body begins to fall at once, not when it is touched (physics:startsAsleep)")
+    path = prim.GetPath()
     materials = set()
     has_mass = bool(UsdPhysics.MassAPI(prim).GetMassAttr().Get())
     for each in Usd.PrimRange(prim, Usd.TraverseInstanceProxies()):

@@ -94,6 +94,7 @@ class _Saved(NamedTuple):
     engine: Array
     contacts: tuple[tuple[int, str, int], ...]
     lag: float = 0.0  # s: how much earlier than poses velocities are
+    asleep: frozenset[int] = frozenset()  # numbers of the bodies that nothing has touched yet
 
 
 _NOTHING = _Saved(None, {}, np.zeros(0), ())
@@ -109,6 +110,7 @@ class _Prepared(NamedTuple):
         paths: Ways of the movers to the next frame, by row.
         walls: Planes [6, 4] at the start of each step and at the end of the last; None without walls.
         begun: Rows of rigid bodies that were placed anew.
+        asleep: Rows of rigid bodies that stay in their places until they are touched.
     """
 
     key: Hashable
@@ -117,6 +119,7 @@ class _Prepared(NamedTuple):
     paths: dict[int, _MoverPath]
     walls: list[Array | None]
     begun: list[int]
+    asleep: set[int]
 
 
 class RigidBodySimulation(WholeChanges):
@@ -222,10 +225,13 @@ class RigidBodySimulation(WholeChanges):
         self.simulated_frames += 1
         if not any(body.rigid is not None for body in self._world.bodies(frame)):
             return _NOTHING
-        key, model, bodies, paths, walls, begun = self._prepared(frame, saved)
+        key, model, bodies, paths, walls, begun, asleep = self._prepared(frame, saved)
         if model.walled and walls[0] is not None:
             model.place_walls(walls[0])
         model.separate(begun)
+        places = {row: model.joints.pose(row) for row in asleep}
+        rest = {row: (pose, model.start_motion(row, pose, still=True)) for row, pose in places.items()}
+        still = {row for row, path in paths.items() if np.array_equal(path.start, path.end)}
         touched: dict[tuple[int, str, int], None] = {}
         for part in range(self._steps):
             for row, path in paths.items():
@@ -237,16 +243,25 @@ class RigidBodySimulation(WholeChanges):
             planes = walls[part + 1]
             if model.walled and planes is not None:
                 model.place_walls(planes)
-            for row, (kind, other) in model.step():
+            for row in asleep:
+                model.joints.place(row, *rest[row])
+            contacts = model.step()
+            asleep -= {
+                row for row, (kind, other) in contacts if kind == "body" and other not in still and other not in asleep
+            }
+            for row, (kind, other) in contacts:
                 number = bodies[other].number if kind == "body" else other
                 touched[bodies[row].number, kind, number] = None
+        for row in asleep:
+            model.joints.place(row, *rest[row])
         model.joints.update()
         rigid = {
             body.number: (model.joints.pose(row), model.joints.motion(row))
             for row, body in enumerate(bodies)
             if body.rigid is not None
         }
-        return _Saved(key, rigid, model.save(), tuple(sorted(touched)), model.lag)
+        sleepers = frozenset(bodies[row].number for row in asleep)
+        return _Saved(key, rigid, model.save(), tuple(sorted(touched)), model.lag, sleepers)
 
     def _prepared(self, frame: int, saved: _Saved) -> _Prepared:
         """Place all bodies as a frame begins, the moved ones at their new poses."""
@@ -285,7 +300,14 @@ class RigidBodySimulation(WholeChanges):
             if bodies[row].number in teleports:
                 pose = teleports[bodies[row].number]
                 model.joints.place(row, pose, model.start_motion(row, pose, still=True))
-        return _Prepared(key, model, bodies, paths, walls, begun)
+        known = saved.rigid.keys() - saved.asleep
+        asleep = {
+            row
+            for row in order
+            if (rigid := bodies[row].rigid) is not None and rigid.starts_asleep and not model.joints.joined(row)
+            if bodies[row].number not in teleports and bodies[row].number not in known
+        }
+        return _Prepared(key, model, bodies, paths, walls, begun, asleep)
 
     def _begin(self, model: PhysicsModel, row: int, saved: _Saved) -> tuple[Array, Array]:
         """Return pose [7] and motion [6] with which a rigid body begins in a new model."""
