@@ -12,6 +12,7 @@ pytest.importorskip("mujoco")
 import tiscene as ts
 from tiscene.errors import MissingExtra, ScenarioError
 from tiscene.scenario.edits import Spawn
+from tiscene.usd.joining.box_cut import cut_box
 from tiscene.world.physics.convex_parts import convex_parts
 
 CAMERA = ts.Camera.look_at((0.0, 1.2, 4.0), (0.0, 0.6, 0.0), (0.0, 1.0, 0.0))
@@ -113,6 +114,13 @@ def grid_box(low, high):
     return np.asarray(trimesh.creation.box(bounds=[low, high]).triangles, np.float64)
 
 
+def covers(parts, point):
+    """Return whether a point is in one of the parts."""
+    from scipy.spatial import ConvexHull
+
+    return any((ConvexHull(part.points).equations @ np.array([*point, 1.0]) <= 1e-9).all() for part in parts)
+
+
 def test_convex_surface_is_one_part_and_separate_ones_are_several():
     one = convex_parts(grid_box((-1, -1, -1), (1, 1, 1)), 0.01, 0.005)
     assert [(part.kind, part.half.tolist()) for part in one] == [("box", [1, 1, 1])]
@@ -128,16 +136,29 @@ def test_bowl_is_covered_by_parts_that_leave_its_inside_free():
     surface = surface[:, :, [0, 2, 1]][:, ::-1]
     parts = convex_parts(surface, 0.01, 0.005)
     assert 4 < len(parts) < 300
-    from scipy.spatial import ConvexHull
+    assert not any(covers(parts, point) for point in ((0.0, 0.3, 0.0), (0.3, 0.2, 0.2)))
+    assert all(covers(parts, point) for point in ((0.0, 0.02, 0.0), (0.3, 0.02, 0.2), (0.48, 0.3, 0.0)))
 
-    def inside(point):
-        return any((ConvexHull(p.points).equations @ np.array([*point, 1.0]) <= 1e-9).all() for p in parts)
 
-    assert not inside((0.0, 0.3, 0.0))
-    assert not inside((0.3, 0.2, 0.2))
-    assert inside((0.0, 0.02, 0.0))
-    assert inside((0.3, 0.02, 0.2))
-    assert inside((0.48, 0.3, 0.0))
+def test_doorway_in_a_hollow_wall_stays_open():
+    """As `tiscene.usd.join` cuts it: the faces of the wall end at the doorway, and nothing closes the cut."""
+    points = grid_box((-2, 0, -0.1), (2, 3, 0.1)).reshape(-1, 3)
+    left = cut_box((points - (0, 1, 0)) / (0.45, 1.0, 0.2), np.full(12, 3), np.arange(36))
+    corners = left.blend(points)
+    polygons = np.split(corners, np.cumsum(left.counts)[:-1])
+    triangles = [each[[0, k, k + 1]] for each in polygons for k in range(1, len(each) - 1)]
+    parts = convex_parts(np.array(triangles), 0.02, 0.03)
+    assert not any(covers(parts, (x, y, 0.0)) for x in (-0.4, 0.0, 0.4) for y in (0.05, 1.0, 1.9))
+    assert all(covers(parts, (x, y, z)) for z in (-0.09, 0.09) for x, y in ((-1.0, 1.0), (1.0, 1.0), (0.0, 2.5)))
+
+
+def test_skirting_around_a_floor_leaves_the_floor_free():
+    import trimesh
+
+    ring = np.asarray(trimesh.creation.annulus(r_min=0.9, r_max=1.0, height=0.035).triangles, np.float64)
+    parts = convex_parts(ring, 0.02, 0.03)
+    assert not covers(parts, (0.0, 0.0, 0.0))
+    assert covers(parts, (0.95, 0.02, 0.0))
 
 
 def test_thin_plate_with_a_hole_stays_open():

@@ -3,18 +3,23 @@
 
 Each connected piece of a surface whose convex hull is within a tolerance of it is one part. Others are halved, across
 their longest side, until their pieces are. So a table has a part for its top and one for each leg, and a bowl is made
-of many thin parts along its wall, with its inside free. The result depends on the triangles alone.
+of many thin parts along its wall, with its inside free. A piece that covers a flat side of its hull only in part, such
+as a wall with a doorway, is divided into its sides first. The result depends on the triangles alone.
 """
 
 from __future__ import annotations
 
 import functools
 import math
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
 from tiscene.world.physics.part_shapes import PartShape, shape_of
+
+if TYPE_CHECKING:
+    from scipy.spatial import ConvexHull
 
 Array = NDArray[np.float64]
 MAX_DEPTH = 9  # halvings of a piece
@@ -23,6 +28,7 @@ DIRECTIONS = 230
 TESTED = 1000  # most points whose distance from the hull is measured
 FINE = 1000  # triangles of a piece from which on it is made coarser
 _WELD = 1e-5  # m: corners closer than this are the same point
+_FLAT = 1e-4  # m: how far corners may be off the plane of a hull's side
 
 
 def convex_parts(triangles: Array, tolerance: float, thickness: float) -> list[PartShape]:
@@ -40,7 +46,7 @@ def convex_parts(triangles: Array, tolerance: float, thickness: float) -> list[P
     parts = []
     for piece in _connected(triangles):
         points, corners = np.unique(_coarser(piece, 0.5 * tolerance).reshape(-1, 3), axis=0, return_inverse=True)
-        for hull in _pieces(points, corners.reshape(-1, 3), tolerance, thickness, 0):
+        for hull in _pieces(points, corners.reshape(-1, 3), tolerance, thickness):
             parts.append(shape_of(hull, 0.25 * tolerance))
     return parts
 
@@ -79,36 +85,62 @@ def _connected(triangles: Array) -> list[Array]:
     return [triangles[rows] for rows in np.split(sorting, bounds[1:])]
 
 
-def _pieces(points: Array, corners: NDArray[np.integer], tolerance: float, thickness: float, depth: int) -> list[Array]:
-    """Return the corners of the hulls of a piece, halved where its hull is too far from it.
+def _pieces(
+    points: Array,
+    corners: NDArray[np.integer],
+    tolerance: float,
+    thickness: float,
+    depth: int = 0,
+    is_open: bool = False,
+) -> list[Array]:
+    """Return the corners of the hulls of a piece, divided where its hull is too far from it.
 
     Args:
         points: [n, 3], m.
         corners: [m, 3], rows of `points`; others are not part of the piece.
         tolerance: As of `convex_parts`.
         thickness: As of `convex_parts`.
-        depth: Halvings so far.
+        depth: Divisions so far.
+        is_open: Whether the surface has a gap; then a piece must cover half of its hull.
     """
     triangles = points[corners]
     normals = np.cross(triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0])
-    hull, is_close = _hull(points[np.unique(corners)], triangles, normals, tolerance, thickness)
-    if is_close or depth == MAX_DEPTH or len(triangles) == 1:
-        return [hull]
+    result, hull, is_close = _hull(points[np.unique(corners)], triangles, normals, tolerance, thickness)
+    if hull is not None and is_open:
+        is_close &= bool(np.linalg.norm(normals, axis=1).sum() >= hull.area)
+    if depth == MAX_DEPTH or len(triangles) == 1:
+        return [result]
+    if not is_close:
+        divided = _halves(triangles)
+    elif hull is not None and depth == 0:
+        divided = _sides_with_gap(hull, triangles, normals, tolerance)
+        is_open = True
+    else:
+        divided = []
+    if not divided:
+        return [result]
+    return [
+        each for rows in divided for each in _pieces(points, corners[rows], tolerance, thickness, depth + 1, is_open)
+    ]
+
+
+def _halves(triangles: Array) -> list[NDArray[np.integer]]:
+    """Return the rows of two halves of a piece, across its longest side."""
     centers = triangles.mean(axis=1)
     axis = int(np.argmax(np.ptp(centers, axis=0)))
     order = np.argsort(centers[:, axis], kind="stable")
     middle = 0.5 * (centers[:, axis].min() + centers[:, axis].max())
     cut = int(np.clip(np.searchsorted(centers[order, axis], middle), 1, len(order) - 1))
-    halves = (corners[order[:cut]], corners[order[cut:]])
-    return [each for half in halves for each in _pieces(points, half, tolerance, thickness, depth + 1)]
+    return [order[:cut], order[cut:]]
 
 
-def _hull(points: Array, triangles: Array, normals: Array, tolerance: float, thickness: float) -> tuple[Array, bool]:
-    """Return the corners of the convex hull of a piece, and whether it is close to the piece everywhere."""
+def _hull(
+    points: Array, triangles: Array, normals: Array, tolerance: float, thickness: float
+) -> tuple[Array, ConvexHull | None, bool]:
+    """Return the corners of the hull of a piece, the hull (None of a plate), and whether the piece is close to it."""
     from scipy.spatial import ConvexHull
 
-    total = normals.sum(axis=0)
-    back = _thin_direction(points, total)
+    back = _thin_direction(points, normals.sum(axis=0))
     reach = (points - points.mean(axis=0)) @ back
     if np.ptp(reach) >= thickness:
         if len(points) > MANY:
@@ -117,23 +149,57 @@ def _hull(points: Array, triangles: Array, normals: Array, tolerance: float, thi
         tested = np.concatenate([triangles.reshape(-1, 3), triangles.mean(axis=1)])
         tested = tested[:: -(-len(tested) // TESTED)]
         is_close = all(_reach(hull.equations, part) <= tolerance for part in (tested[:: len(tested) // 16 + 1], tested))
-        return points[hull.vertices], is_close
+        return points[hull.vertices], hull, is_close
     # A plate: its outline counts, then it gets its thickness at the back.
-    across = np.linalg.svd(np.eye(3) - np.outer(back, back))[0][:, :2]
-    flat = points @ across
     if len(points) == 3:
         corners, is_close = points, True
     else:
-        outline = ConvexHull(flat)
+        outline = _outline(points, back)
         covered = 0.5 * np.linalg.norm(normals, axis=1).sum()
         is_close = bool(outline.volume - covered <= tolerance * outline.area) or len(triangles) == 1
         corners = points[outline.vertices]
-    return np.concatenate([corners, corners + (thickness - np.ptp(reach)) * back]), is_close
+    return np.concatenate([corners, corners + (thickness - np.ptp(reach)) * back]), None, is_close
 
 
 def _reach(planes: Array, points: Array) -> float:
     """Return how far points lie inside of the planes [k, 4] of a hull, at most, m."""
     return float((-np.max(points @ planes[:, :3].T + planes[:, 3], axis=1)).max())
+
+
+def _sides_with_gap(hull: ConvexHull, triangles: Array, normals: Array, tolerance: float) -> list[NDArray[np.integer]]:
+    """Return the rows of triangles on each flat side of a hull, and of all others, if one side is covered only in part.
+
+    A wall from which a doorway is cut has such sides. A side without any triangle, such as the open end of a cup
+    without a bottom, counts as closed.
+    """
+    planes, plane_of = np.unique(hull.equations.round(6), axis=0, return_inverse=True)
+    a, b, c = np.moveaxis(hull.points[hull.simplices], 1, 0)
+    sizes = np.bincount(plane_of.reshape(-1), 0.5 * np.linalg.norm(np.cross(b - a, c - a), axis=1))
+    areas = 0.5 * np.linalg.norm(normals, axis=1)
+    corners = hull.points[hull.vertices]
+    sides, has_gap = [], False
+    for plane, size in zip(planes, sizes, strict=True):
+        allowed = tolerance * 2.0 * math.sqrt(math.pi * size)  # with the length around a circle, the shortest
+        if size <= allowed:
+            continue
+        facing = normals @ plane[:3] > (2.0 - 2e-6) * areas
+        on_side = facing & (np.abs(triangles @ plane[:3] + plane[3]) < _FLAT).all(axis=1)
+        if not on_side.any():
+            continue
+        sides.append(on_side)
+        if size - areas[on_side].sum() > allowed:
+            outline = _outline(corners[np.abs(corners @ plane[:3] + plane[3]) < _FLAT], plane[:3])
+            has_gap |= bool(outline.volume - areas[on_side].sum() > tolerance * outline.area)
+    if not has_gap:
+        return []
+    return [np.flatnonzero(rows) for rows in (*sides, ~np.any(sides, axis=0)) if rows.any()]
+
+
+def _outline(points: Array, normal: Array) -> ConvexHull:
+    """Return the convex hull of points in a plane; its `volume` is the area, its `area` the length around it."""
+    from scipy.spatial import ConvexHull
+
+    return ConvexHull(points @ np.linalg.svd(np.eye(3) - np.outer(normal, normal))[0][:, :2])
 
 
 @functools.cache
