@@ -6,5 +6,6 @@
     room_join   join: write a stage that references rooms
     floor_plan  RoomPlacement, Opening
     stage_cut   cut openings into the gprims of a stage
+    lining      jambs, heads and thresholds of the openings
     box_cut     cut polygons by a box
 """

@@ -11,7 +11,7 @@ from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
-from pxr import Gf, Kind, Sdf, Tf, Usd, UsdGeom, UsdLux, UsdSemantics, UsdShade, Vt
+from pxr import Gf, Kind, Sdf, Tf, Usd, UsdGeom, UsdLux, UsdShade
 
 from tiscene import catalog
 from tiscene.catalog import LAYER_SUFFIXES
@@ -23,11 +23,11 @@ from tiscene.usd.core.report import StageReport
 from tiscene.usd.core.semantics import scene_name
 from tiscene.usd.core.stage import open_stage, quiet, readable
 from tiscene.usd.joining.floor_plan import Opening, RoomPlacement
+from tiscene.usd.joining.lining import free_path, in_units, line
 from tiscene.usd.joining.stage_cut import GprimCut, cuts, release_instances
 from tiscene.usd.read.room_volumes import define_volume, has_volume, interior
 
-LINING = 0.020  # m, thickness of jambs, head and threshold
-_PAINT, _WOOD = (0.72, 0.71, 0.68), (0.30, 0.185, 0.095)  # albedos
+_RESET = "!resetXformStack!"
 _SKY = (UsdLux.DomeLight, UsdLux.DistantLight)
 
 
@@ -47,8 +47,9 @@ def join(
     - Cameras are kept under the names `ROOM CAMERA`, such as "kitchen Main".
     - Each room has a volume (`frame.room`): its own, or a box over its floor up to its ceiling.
 
-    Openings that cut nothing are named in a StageWarning, and so are prims of a room that contradict themselves, such
-    as a transform that cannot be read; they are not measured and not cut.
+    Openings that cut nothing are named in a StageWarning, and so are prims outside of a room's default prim, which are
+    left out, and prims that contradict themselves, such as a transform that cannot be read: they are not measured and
+    not cut.
 
     Args:
         rooms: the rooms; their stages have one up axis and one unit of length.
@@ -74,24 +75,24 @@ def join(
     if sky is not None and sky not in [each.label for each in placements]:
         raise ArgumentError(f"join(sky={sky!r}): the rooms are {', '.join(each.label for each in placements)}")
     with quiet(), readable(target):
-        first = _common_stage(placements, target)
-        up_axis, meters = str(UsdGeom.GetStageUpAxis(first)), float(UsdGeom.GetStageMetersPerUnit(first))
+        stages = _open(placements, target)
+        up_axis, meters = str(UsdGeom.GetStageUpAxis(stages[0])), float(UsdGeom.GetStageMetersPerUnit(stages[0]))
         name = name or Tf.MakeValidIdentifier(scene_name(target).title().replace("_", ""))
-        stage = _empty_stage(target, name, first)
+        stage = _empty_stage(target, name, stages)
         root = stage.GetDefaultPrim()
         prims = [
-            _place(stage, f"{root.GetPath()}/{each}", placement, up_axis, meters)
-            for each, placement in zip(names, placements, strict=True)
+            _place(stage, f"{root.GetPath()}/{each}", room.GetDefaultPrim(), placement, up_axis, meters)
+            for each, room, placement in zip(names, stages, placements, strict=True)
         ]
         _report(stage, target)
         choices = _forward_variants(stage, root, prims)
         for prim, placement in zip(prims, placements, strict=True):
             _prepare(prim, placement)
         _keep_one_sky(prims, [each.label for each in placements], sky)
-        boxes = [_in_units(opening.box(up_axis), meters) for opening in openings]
+        boxes = [in_units(opening.box(up_axis), meters) for opening in openings]
         release_instances(stage, boxes)
         cut = _cut(stage, root, boxes, choices)
-        _line(stage, root, openings, up_axis, meters)
+        line(stage, root, openings, up_axis, meters)
         _export(stage, target, dict(zip([prim.GetPath() for prim in prims], placements, strict=True)))
     idle = [openings[row] for row in range(len(boxes)) if row not in cut]
     if idle:
@@ -122,8 +123,8 @@ def _identifiers(placements: Sequence[RoomPlacement]) -> list[str]:
     return names
 
 
-def _common_stage(placements: Sequence[RoomPlacement], target: Path) -> Usd.Stage:
-    """Open all rooms and return the stage of the first.
+def _open(placements: Sequence[RoomPlacement], target: Path) -> list[Usd.Stage]:
+    """Return the stages of the rooms.
 
     They must agree in axes and units, and the file to write must not be one of theirs.
     """
@@ -131,6 +132,7 @@ def _common_stage(placements: Sequence[RoomPlacement], target: Path) -> Usd.Stag
     for stage, placement in zip(stages, placements, strict=True):
         if not stage.GetDefaultPrim():
             raise StageError(str(placement.file), ["has no default prim, which a reference needs"])
+        _name_outside(stage, placement, target)
         if has_file(stage, target):
             raise ArgumentError(
                 f"join(path={str(target)!r}): is a file of the room {placement.file}; write another file"
@@ -141,18 +143,40 @@ def _common_stage(placements: Sequence[RoomPlacement], target: Path) -> Usd.Stag
                 f"join: {placement.file} has the up axis {mine[0]} and {mine[1]:g} m per unit, "
                 f"but {placements[0].file} has {other[0]} and {other[1]:g}: convert one of them"
             )
-    return stages[0]
+    return stages
 
 
-def _empty_stage(target: Path, name: str, like: Usd.Stage) -> Usd.Stage:
-    """Return a stage with the axes, units and render settings of another, and an assembly as its default prim."""
+def _name_outside(stage: Usd.Stage, placement: RoomPlacement, target: Path) -> None:
+    """Warn of what a room has outside of its default prim, which a reference does not bring along."""
+    kinds = (UsdGeom.Xformable, UsdShade.Material)
+    lost = [
+        f"<{prim.GetPath()}>"
+        for prim in stage.GetPseudoRoot().GetChildren()
+        if prim != stage.GetDefaultPrim() and any(each.IsA(kind) for each in Usd.PrimRange(prim) for kind in kinds)
+    ]
+    if lost:
+        text = f"{', '.join(lost)} outside of the default prim <{stage.GetDefaultPrim().GetPath()}>: not in {target}"
+        warnings.warn(StageWarning(f"{placement.file}: {text}; move it below the default prim"), stacklevel=4)
+
+
+def _empty_stage(target: Path, name: str, rooms: Sequence[Usd.Stage]) -> Usd.Stage:
+    """Return a stage with an assembly as its default prim.
+
+    It has the axes, units and render settings of the first room, and the range of time codes over all rooms.
+    """
     stage = Usd.Stage.CreateInMemory(f"{target.stem}.usda")
-    UsdGeom.SetStageUpAxis(stage, UsdGeom.GetStageUpAxis(like))
-    UsdGeom.SetStageMetersPerUnit(stage, UsdGeom.GetStageMetersPerUnit(like))
+    UsdGeom.SetStageUpAxis(stage, UsdGeom.GetStageUpAxis(rooms[0]))
+    UsdGeom.SetStageMetersPerUnit(stage, UsdGeom.GetStageMetersPerUnit(rooms[0]))
+    timed = [each for each in rooms if each.HasAuthoredTimeCodeRange()]
+    if timed:
+        rate = timed[0].GetTimeCodesPerSecond()
+        stage.SetTimeCodesPerSecond(rate)  # USD scales the time codes of rooms with another rate
+        stage.SetStartTimeCode(min(each.GetStartTimeCode() * rate / each.GetTimeCodesPerSecond() for each in timed))
+        stage.SetEndTimeCode(max(each.GetEndTimeCode() * rate / each.GetTimeCodesPerSecond() for each in timed))
     root = UsdGeom.Xform.Define(stage, f"/{name}").GetPrim()
     Usd.ModelAPI(root).SetKind(Kind.Tokens.assembly)
     stage.SetDefaultPrim(root)
-    _copy_render_settings(like, stage)
+    _copy_render_settings(rooms[0], stage)
     return stage
 
 
@@ -165,12 +189,19 @@ def _copy_render_settings(source: Usd.Stage, stage: Usd.Stage) -> None:
         stage.SetMetadata("renderSettingsPrimPath", str(path))
 
 
-def _place(stage: Usd.Stage, path: str, placement: RoomPlacement, up_axis: str, meters: float) -> Usd.Prim:
-    """Reference a room below a new prim that places it."""
-    xform = UsdGeom.Xform.Define(stage, path)
-    xform.GetPrim().GetReferences().AddReference(str(Path(placement.file).resolve()))
-    Usd.ModelAPI(xform.GetPrim()).SetKind(Kind.Tokens.assembly)
-    own = xform.GetXformOpOrderAttr().Get() or []
+def _place(
+    stage: Usd.Stage, path: str, room: Usd.Prim, placement: RoomPlacement, up_axis: str, meters: float
+) -> Usd.Prim:
+    """Reference a room, the default prim of its own stage, by a new prim that places it."""
+    prim = stage.DefinePrim(path, "" if room.IsA(UsdGeom.Gprim) else "Xform")  # a room may be one mesh
+    xform = UsdGeom.Xformable(prim)
+    prim.GetReferences().AddReference(str(Path(placement.file).resolve()))
+    if prim.IsInstanceable():
+        prim.SetInstanceable(False)
+    Usd.ModelAPI(prim).SetKind(Kind.Tokens.assembly)
+    own = list(xform.GetXformOpOrderAttr().Get() or [])
+    while _RESET in own:  # it would leave the room where it is
+        own = own[own.index(_RESET) + 1 :]
     ops = [xform.AddTranslateOp(opSuffix="room")]
     ops[0].Set(Gf.Vec3d(*(round(value / meters, 9) for value in placement.position)))
     if placement.yaw:
@@ -178,7 +209,7 @@ def _place(stage: Usd.Stage, path: str, placement: RoomPlacement, up_axis: str, 
         ops.append(turn(opSuffix="room"))
         ops[1].Set(float(placement.yaw))
     xform.GetXformOpOrderAttr().Set([*(op.GetOpName() for op in ops), *own])
-    return xform.GetPrim()
+    return prim
 
 
 def _report(stage: Usd.Stage, target: Path) -> None:
@@ -195,7 +226,7 @@ def _prepare(room: Usd.Prim, placement: RoomPlacement) -> None:
     report.raise_problems(anything_left=room.IsActive())
     report.warn()
     if not has_volume(room):
-        define_volume(room.GetStage(), room.GetPath().AppendChild("RoomVolume"), *interior(room), placement.label)
+        define_volume(room.GetStage(), free_path(room, "RoomVolume"), *interior(room), placement.label)
 
 
 def _forward_variants(stage: Usd.Stage, root: Usd.Prim, rooms: Sequence[Usd.Prim]) -> dict[str, list[str]]:
@@ -237,11 +268,6 @@ def _keep_one_sky(rooms: Sequence[Usd.Prim], labels: Sequence[str], chosen: str 
                 prim.SetActive(False)
             elif prim.IsA(UsdLux.DomeLight) and portals:
                 UsdLux.DomeLight(prim).CreatePortalsRel().SetTargets(portals)
-
-
-def _in_units(matrix: NDArray[np.float64], meters: float) -> NDArray[np.float64]:
-    """Return a matrix to world positions in meters as one to stage units."""
-    return np.diag([1.0 / meters] * 3 + [1.0]) @ matrix
 
 
 def _cut(
@@ -288,71 +314,6 @@ def _each_selected(variant_set: Usd.VariantSet, variants: Iterable[str]) -> Iter
 
 def _same(first: Mapping[Sdf.Path, GprimCut], second: Mapping[Sdf.Path, GprimCut]) -> bool:
     return first.keys() == second.keys() and all(each.same_as(second[path]) for path, each in first.items())
-
-
-def _line(stage: Usd.Stage, root: Usd.Prim, openings: Sequence[Opening], up_axis: str, meters: float) -> None:
-    """Define jambs, head and threshold of the openings, as objects with the label "door frame"."""
-    lined = [each for each in openings if each.lined]
-    if not lined:
-        return
-    scope = root.GetPath().AppendChild("Openings")
-    Usd.ModelAPI(UsdGeom.Xform.Define(stage, scope).GetPrim()).SetKind(Kind.Tokens.group)
-    UsdGeom.Scope.Define(stage, scope.AppendChild("Looks"))
-    paint = _material(stage, scope.AppendPath("Looks/Paint"), _PAINT, 0.32)
-    wood = _material(stage, scope.AppendPath("Looks/Wood"), _WOOD, 0.5)
-    for number, opening in enumerate(lined, 1):
-        frame = UsdGeom.Xform.Define(stage, scope.AppendChild(f"Opening{number}"))
-        Usd.ModelAPI(frame.GetPrim()).SetKind(Kind.Tokens.component)
-        UsdSemantics.LabelsAPI.Apply(frame.GetPrim(), "class").CreateLabelsAttr(["door frame"])
-        world = _in_units(opening.world_from_passage(up_axis), meters)
-        frame.AddTransformOp().Set(Gf.Matrix4d(np.round(world, 9).T.tolist()))
-        w, h, depth = opening.width / 2.0, opening.height, opening.depth / 2.0 - 0.0005
-        jambs = [(side * (w + LINING / 2.0), h / 2.0, LINING / 2.0, h / 2.0) for side in (-1.0, 1.0)]
-        head = (0.0, h + LINING / 2.0, w + LINING, LINING / 2.0)
-        for part, boards, material, along in (
-            ("Frame", [*jambs, head], paint, depth),
-            ("Threshold", [(0.0, 0.003 - LINING / 2.0, w, LINING / 2.0)], wood, depth + 0.012),
-        ):
-            mesh = _boards(stage, frame.GetPath().AppendChild(part), boards, along)
-            UsdShade.MaterialBindingAPI.Apply(mesh.GetPrim()).Bind(material)
-
-
-def _boards(
-    stage: Usd.Stage, path: Sdf.Path, boards: Sequence[tuple[float, float, float, float]], depth: float
-) -> UsdGeom.Mesh:
-    """Define boxes along z from -depth to depth; each is (x, y, half width, half height), m."""
-    signs = np.array([[1 if i >> axis & 1 else -1 for axis in range(3)] for i in range(8)], float)
-    faces = np.array([[0, 4, 6, 2], [1, 3, 7, 5], [0, 1, 5, 4], [2, 6, 7, 3], [0, 2, 3, 1], [4, 5, 7, 6]])
-    points = [signs * (w, h, depth) + (x, y, 0.0) for x, y, w, h in boards]
-    corners = np.concatenate([box[faces].reshape(-1, 3) for box in points]).round(6)
-    mesh = UsdGeom.Mesh.Define(stage, path)
-    mesh.CreatePointsAttr(Vt.Vec3fArray.FromNumpy(corners.astype(np.float32)))
-    mesh.CreateFaceVertexCountsAttr([4] * (len(corners) // 4))
-    mesh.CreateFaceVertexIndicesAttr(list(range(len(corners))))
-    quads = corners.reshape(-1, 4, 3)
-    normals = np.cross(quads[:, 1] - quads[:, 0], quads[:, 2] - quads[:, 1])
-    normals /= np.linalg.norm(normals, axis=1, keepdims=True)
-    mesh.CreateNormalsAttr(Vt.Vec3fArray.FromNumpy(np.repeat(normals, 4, axis=0).round(6).astype(np.float32)))
-    mesh.SetNormalsInterpolation(UsdGeom.Tokens.vertex)
-    unit = np.tile(np.array([[0, 0], [1, 0], [1, 1], [0, 1]], np.float32), (len(quads), 1))
-    kind = Sdf.ValueTypeNames.TexCoord2fArray
-    UsdGeom.PrimvarsAPI(mesh).CreatePrimvar("st", kind, UsdGeom.Tokens.vertex).Set(Vt.Vec2fArray.FromNumpy(unit))
-    mesh.CreateSubdivisionSchemeAttr(UsdGeom.Tokens.none)
-    mesh.CreateExtentAttr([Gf.Vec3f(*map(float, corners.min(axis=0))), Gf.Vec3f(*map(float, corners.max(axis=0)))])
-    return mesh
-
-
-def _material(
-    stage: Usd.Stage, path: Sdf.Path, color: tuple[float, float, float], roughness: float
-) -> UsdShade.Material:
-    material = UsdShade.Material.Define(stage, path)
-    shader = UsdShade.Shader.Define(stage, path.AppendChild("Surface"))
-    shader.CreateIdAttr("UsdPreviewSurface")
-    shader.CreateInput("diffuseColor", Sdf.ValueTypeNames.Color3f).Set(Gf.Vec3f(*color))
-    shader.CreateInput("roughness", Sdf.ValueTypeNames.Float).Set(roughness)
-    shader.CreateOutput("surface", Sdf.ValueTypeNames.Token)
-    material.CreateSurfaceOutput().ConnectToSource(shader.ConnectableAPI(), "surface")
-    return material
 
 
 def _export(stage: Usd.Stage, target: Path, rooms: Mapping[Sdf.Path, RoomPlacement]) -> None:

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from pxr import Sdf, Usd, UsdGeom, UsdLux, UsdSemantics, Vt
 
 from tiscene.errors import StageError
-from tiscene.usd.core.prims import uninstance
+from tiscene.usd.core.prims import DRAWN_PURPOSES, uninstance
 from tiscene.usd.core.report import StageReport
 from tiscene.usd.core.semantics import ROOM
 from tiscene.usd.geometry.gprim import TYPES, read_gprim
@@ -66,7 +66,7 @@ class GprimCut:
             if not attribute:  # the texture coordinates of a shape that was no mesh
                 kind = Sdf.ValueTypeNames.TexCoord2fArray
                 attribute = UsdGeom.PrimvarsAPI(mesh).CreatePrimvar(name[9:], kind, UsdGeom.Tokens.vertex).GetAttr()
-            attribute.Set(_to_vt(value))
+            attribute.Set(_to_vt(value, attribute.GetTypeName()))
         for name in self.indexed:
             UsdGeom.PrimvarsAPI(mesh).GetPrimvar(name).BlockIndices()
         if not prim.GetAttribute("subdivisionScheme").HasAuthoredValue():
@@ -111,6 +111,8 @@ def cuts(stage: Usd.Stage, boxes: Sequence[Floats]) -> dict[Sdf.Path, GprimCut]:
         try:
             found = _cut(prim, met)
         except ValueError as error:
+            if not _is_drawn(prim):
+                continue
             problems.append(f"<{prim.GetPath()}> opening: {error}")
             continue
         if found is not None:
@@ -121,14 +123,25 @@ def cuts(stage: Usd.Stage, boxes: Sequence[Floats]) -> dict[Sdf.Path, GprimCut]:
 
 
 def _gprims(stage: Usd.Stage) -> Iterator[Usd.Prim]:
-    """Yield the shapes of a stage, without lights and volumes of rooms."""
-    for prim in stage.Traverse(Usd.TraverseInstanceProxies()):
-        if (
+    """Yield the shapes and point instancers of a stage, without prototypes, lights and volumes of rooms."""
+    prims = iter(stage.Traverse(Usd.TraverseInstanceProxies()))
+    for prim in prims:
+        if prim.IsA(UsdGeom.PointInstancer):
+            prims.PruneChildren()
+            yield prim
+        elif (
             prim.IsA(UsdGeom.Gprim)
             and not prim.HasAPI(UsdLux.LightAPI)
             and not prim.HasAPI(UsdSemantics.LabelsAPI, ROOM)
         ):
             yield prim
+
+
+def _is_drawn(prim: Usd.Prim) -> bool:
+    """Return whether a prim is visible and not for other programs alone, as guides are."""
+    shape = UsdGeom.Imageable(prim)
+    is_visible = shape.ComputeVisibility(_NOW) != UsdGeom.Tokens.invisible
+    return is_visible and shape.ComputePurpose() in DRAWN_PURPOSES
 
 
 def _boxes_met(prim: Usd.Prim, boxes: Sequence[Floats]) -> dict[int, Floats]:
@@ -137,25 +150,50 @@ def _boxes_met(prim: Usd.Prim, boxes: Sequence[Floats]) -> dict[int, Floats]:
 
 
 def _meets(prim: Usd.Prim, box: Floats) -> bool:
-    """Return whether the bounds of a gprim meet a box, tested along the box's axes."""
-    extent = UsdGeom.Boundable(prim).ComputeExtent(_NOW)
-    if not extent:
-        return False
-    low, high = np.array(extent[0], float), np.array(extent[1], float)
-    corners = np.array([np.where([i & 1, i & 2, i & 4], high, low) for i in range(8)])
-    local = _to_box(prim, box, corners)
+    """Return whether the bounds of a gprim meet a box."""
+    extent = UsdGeom.Boundable.ComputeExtentFromPlugins(UsdGeom.Boundable(prim), _NOW)
+    return bool(extent) and _overlaps(_world_of(prim), extent[0], extent[1], box)
+
+
+def _overlaps(world: Floats, low: Sequence[float], high: Sequence[float], box: Floats) -> bool:
+    """Return whether bounds with a transform [4, 4] to the world meet a box, tested along the box's axes."""
+    corners = np.array([np.where([i & 1, i & 2, i & 4], high, low) for i in range(8)], float)
+    local = _to_box(world, box, corners)
     return bool((local.min(axis=0) < 1.0).all() and (local.max(axis=0) > -1.0).all())
 
 
-def _to_box(prim: Usd.Prim, box: Floats, points: Floats) -> Floats:
-    """Return points of a gprim [n, 3] in the axes of a box."""
-    world = np.array(UsdGeom.Xformable(prim).ComputeLocalToWorldTransform(_NOW)).T
+def _world_of(prim: Usd.Prim) -> Floats:
+    """Return the transform [4, 4] of a prim to the world."""
+    return np.array(UsdGeom.Xformable(prim).ComputeLocalToWorldTransform(_NOW)).T
+
+
+def _to_box(world: Floats, box: Floats, points: Floats) -> Floats:
+    """Return points [n, 3] with a transform [4, 4] to the world in the axes of a box."""
     matrix = np.linalg.inv(box) @ world
     return np.asarray(points @ matrix[:3, :3].T + matrix[:3, 3])
 
 
+def _check_instances(prim: Usd.Prim, boxes: Mapping[int, Floats]) -> None:
+    """Raise ValueError if instances of a point instancer are in a box: nothing can be cut out of one alone."""
+    instancer = UsdGeom.PointInstancer(prim)
+    count = instancer.GetInstanceCount(_NOW)
+    shown = instancer.ComputeMaskAtTime(_NOW) or [True] * count
+    rows = [row for row in range(count) if shown[row]]
+    bounds = UsdGeom.BBoxCache(_NOW, DRAWN_PURPOSES).ComputePointInstanceWorldBounds(instancer, rows)
+    met = []
+    for row, bound in zip(rows, bounds or (), strict=False):
+        world, extent = np.array(bound.GetMatrix()).T, bound.GetRange()
+        if not extent.IsEmpty() and any(_overlaps(world, extent.GetMin(), extent.GetMax(), b) for b in boxes.values()):
+            met.append(str(row))
+    if met:
+        raise ValueError(f"instances {', '.join(met)} cannot be cut; move them out of it, or list them in invisibleIds")
+
+
 def _cut(prim: Usd.Prim, boxes: Mapping[int, Floats]) -> GprimCut | None:
     """Return a gprim without what is in the boxes, by their rows; None if they take nothing away."""
+    if prim.IsA(UsdGeom.PointInstancer):
+        _check_instances(prim, boxes)
+        return None
     if prim.IsA(UsdGeom.Mesh):
         data = _MeshData.of(UsdGeom.Mesh(prim))
     elif prim.GetTypeName() in TYPES:
@@ -164,7 +202,7 @@ def _cut(prim: Usd.Prim, boxes: Mapping[int, Floats]) -> GprimCut | None:
         raise ValueError(f"a {prim.GetTypeName()} cannot be cut; move it out of the opening, or deactivate it")
     taking = []
     for row, box in boxes.items():
-        faces = cut_box(_to_box(prim, box, data.points), data.counts, data.indices)
+        faces = cut_box(_to_box(_world_of(prim), box, data.points), data.counts, data.indices)
         if faces is not None:
             data = data.after(faces)
             taking.append(row)
@@ -208,7 +246,8 @@ class _MeshData:
             flat = np.array(primvar.ComputeFlattened(_NOW))
             group = groups.get(str(primvar.GetInterpolation()))
             if group is not None:
-                group[primvar.GetName()] = flat
+                size = primvar.GetElementSize()
+                group[primvar.GetName()] = flat.reshape(-1, size, *flat.shape[1:]) if size > 1 else flat
                 if primvar.IsIndexed():
                     indexed.append(str(primvar.GetPrimvarName()))
         subsets = {
@@ -216,11 +255,19 @@ class _MeshData:
             for each in UsdGeom.Subset.GetAllGeomSubsets(mesh)
             if each.GetElementTypeAttr().Get() == UsdGeom.Tokens.face
         }
-        face = np.arange(len(counts))
+        drawn = np.setdiff1d(np.arange(len(counts)), mesh.GetHoleIndicesAttr().Get(_NOW) or ())
+        corners = np.flatnonzero(np.isin(np.repeat(np.arange(len(counts)), counts), drawn))
         return cls(
-            points.astype(np.float64), counts, indices, groups["vertex"], groups["faceVarying"], groups["uniform"],
-            tuple(indexed), face, subsets,
-        )  # fmt: skip
+            points.astype(np.float64),
+            counts[drawn],
+            indices[corners],
+            groups["vertex"],
+            {name: values[corners] for name, values in groups["faceVarying"].items()},
+            {name: values[drawn] for name, values in groups["uniform"].items()},
+            tuple(indexed),
+            drawn,
+            subsets,
+        )
 
     @classmethod
     def of_shape(cls, prim: Usd.Prim) -> _MeshData:
@@ -273,11 +320,10 @@ class _MeshData:
         return GprimCut(path, boxes, values, self.indexed, subsets)
 
 
-def _to_vt(array: NDArray[Any]) -> Any:
-    """Return an array as USD takes it."""
-    if array.dtype.kind == "f":
-        kinds = {(2,): Vt.Vec2fArray, (3,): Vt.Vec3fArray, (4,): Vt.Vec4fArray}
-        return kinds.get(array.shape[1:], Vt.FloatArray).FromNumpy(np.ascontiguousarray(array, np.float32))
-    if array.dtype.kind in "iu":
-        return Vt.IntArray.FromNumpy(np.ascontiguousarray(array, np.int32))
-    return Vt.StringArray(array.tolist()) if array.dtype.kind in "US" else array.tolist()
+def _to_vt(array: NDArray[Any], kind: Sdf.ValueTypeName) -> Any:
+    """Return an array as USD takes it for an attribute of a type."""
+    whole = kind.type.pythonClass
+    like = np.array(whole(1))
+    if like.dtype.kind not in "biuf":
+        return whole(array.tolist())
+    return whole.FromNumpy(np.ascontiguousarray(array.reshape(-1, *like.shape[1:]), like.dtype))
