@@ -33,7 +33,6 @@ importlib.import_module = lambda name: types.SimpleNamespace(run=run)
 sys.argv = ["tiscene", "list"]
 sys.exit(main())
 """
-SIGNALS = (signal.SIGINT, signal.SIGTERM)
 NATIVE = "any(itertools.repeat(0))"  # C code without an end, which holds the interpreter's lock as compilers do
 
 
@@ -76,8 +75,15 @@ def errors(command: subprocess.Popen[str]) -> str:
     return command.communicate(timeout=5.0)[1]
 
 
-@pytest.mark.parametrize("number", SIGNALS)
-@pytest.mark.parametrize("group", [True, False])
+@pytest.mark.parametrize(
+    ("group", "number"),
+    [
+        (True, signal.SIGINT),
+        (False, signal.SIGTERM),
+        pytest.param(True, signal.SIGTERM, marks=pytest.mark.slow),
+        pytest.param(False, signal.SIGINT, marks=pytest.mark.slow),
+    ],
+)
 def test_interrupted_command_ends_at_once_with_one_line(start, number, group):
     command = start("time.sleep(60)")
     assert interrupt(command, group=group, number=number) < 5.0

@@ -15,6 +15,7 @@ SCENE = "object_view/scene"
 HOME = (0.0, 1.0, 0.0)  # agents look along +z
 SETTINGS = {"scene": SCENE, "spp": 1}
 VIEWS = ("main", "category", "object", "flow", "depth")
+SERVED = ("--spp", "1", "--no-incremental")  # agents beside clients have these settings too
 WAIT = 2.0  # s: for how long the server's clock waits for a slow client
 
 
@@ -24,7 +25,8 @@ def make_agent(request):
     agents = []
 
     def make(*, at=HOME, **others):
-        named = {"port": abs(hash(request.node.nodeid)) % 60000, "width": 64, "height": 48} | SETTINGS | others
+        named = {"port": abs(hash(request.node.nodeid)) % 60000, "width": 64, "height": 48} | SETTINGS
+        named |= ({"incremental": False} if "server" in request.fixturenames else {}) | others
         agent = Agent(**named)
         agent.register()
         if at is not None:
@@ -39,7 +41,7 @@ def make_agent(request):
 
 @pytest.fixture(scope="package")
 def server(tmp_path_factory):
-    with served(tmp_path_factory.mktemp("serve"), "object_view", "--spp", "1", "--wait", str(WAIT)) as server:
+    with served(tmp_path_factory.mktemp("serve"), "object_view", *SERVED, "--wait", str(WAIT)) as server:
         yield server
 
 

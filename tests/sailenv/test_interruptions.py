@@ -28,7 +28,7 @@ def begin(agent):
     agent.set_position((0.1, 1, 0))
 
 
-@pytest.mark.parametrize("step", [3, pytest.param(1, marks=pytest.mark.slow)])
+@pytest.mark.parametrize("step", [7, pytest.param(1, marks=pytest.mark.slow)])
 def test_frame_after_an_interrupted_one_is_that_frame_or_the_next(make_agent, step):
     agent = make_agent(main_frame_active=False, width=24, height=18, consecutive_flow=True)
     begin(agent)
