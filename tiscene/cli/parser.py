@@ -176,7 +176,11 @@ def _import(commands: Commands) -> None:
 
 
 def _bench(commands: Commands) -> None:
-    bench = commands.add_parser("bench", help="measure frames per second on this machine")
+    bench = commands.add_parser(
+        "bench",
+        help="measure frames per second on this machine",
+        description="Measure frames per second of several buffers, presets and sizes; this takes some minutes.",
+    )
     bench.add_argument(
         "scene", metavar="SCENE", nargs="?", help="the name of a scene or a USD file (default: the demo's)"
     )

@@ -38,6 +38,35 @@ def add_render(commands: Commands) -> None:
         help="the source is a script for SAILenv (.py), which is run once without rendering, or its scenario (.json)",
     )
     add_output(render)
+    _add_contents(render)
+    add_parts(render, "DIR/shards")
+    render.add_argument("--overwrite", action="store_true", help="replace frames that were made with other settings")
+    add_size(render, width=None, height=None)
+    add_fps(render)
+    _add_settings(render)
+    render.add_argument(
+        "--camera",
+        metavar="NAME,...",
+        type=name_list,
+        help="names or prim paths of cameras of the scene (default: its first); each of several writes into its own "
+        "folder",
+    )
+    render.add_argument(
+        "--time-code", metavar="T", type=float, help="show the stage at this time code, static (default: it plays)"
+    )
+    render.add_argument(
+        "--categories",
+        metavar="NAME,...",
+        type=name_list,
+        help="categories with the ids 1, 2, ... in semantic; everything else is 0 (default: all, with the ids that "
+        "`tiscene list --json` prints)",
+    )
+    add_reading(render)
+    add_arch(render)
+
+
+def _add_contents(render: argparse.ArgumentParser) -> None:
+    """Add the arguments that decide what is written."""
     render.add_argument(
         "--frames",
         metavar="A:B[:STEP]",
@@ -61,10 +90,10 @@ def add_render(commands: Commands) -> None:
         choices=("moving", "visible", "all"),
         help="write the table of the moving, visible or all objects of each frame (default: no table)",
     )
-    add_parts(render, "DIR/shards")
-    render.add_argument("--overwrite", action="store_true", help="replace frames that were made with other settings")
-    add_size(render, width=None, height=None)
-    add_fps(render)
+
+
+def _add_settings(render: argparse.ArgumentParser) -> None:
+    """Add the arguments that decide how colors are rendered."""
     add_quality(render, "standard")
     add_spp(render)
     render.add_argument(
@@ -98,27 +127,8 @@ def add_render(commands: Commands) -> None:
     )
     add_seed(render)
     render.add_argument(
-        "--camera",
-        metavar="NAME,...",
-        type=name_list,
-        help="names or prim paths of cameras of the scene (default: its first); each of several writes into its own "
-        "folder",
-    )
-    render.add_argument(
-        "--time-code", metavar="T", type=float, help="show the stage at this time code, static (default: it plays)"
-    )
-    render.add_argument(
         "--incremental",
         action=argparse.BooleanOptionalAction,
         help="reuse light between frames: a base image where the camera stands, with fast and preview "
         "also panoramas where it turns or walks (default: by --quality)",
     )
-    render.add_argument(
-        "--categories",
-        metavar="NAME,...",
-        type=name_list,
-        help="categories with the ids 1, 2, ... in semantic; everything else is 0 (default: all, with the ids that "
-        "`tiscene list --json` prints)",
-    )
-    add_reading(render)
-    add_arch(render)

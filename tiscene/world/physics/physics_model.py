@@ -115,15 +115,7 @@ class PhysicsModel:
         links, loops = joint_tree(joints, rows, [row for row, body in enumerate(self.bodies) if body.rigid is None])
         self.joints = JointsInEngine(mujoco, links, loops, rows)
         self._engine: Any = mujoco
-        spec = mujoco.MjSpec()
-        spec.compiler.degree = False
-        spec.memory = ARENA
-        option = spec.option
-        option.timestep, option.gravity = step, list(around.gravity)
-        option.cone, option.impratio = mujoco.mjtCone.mjCONE_ELLIPTIC, 10.0
-        option.noslip_iterations, option.iterations = 4, 100
-        if links:
-            option.integrator = mujoco.mjtIntegrator.mjINT_RK4
+        spec = self._new_spec(step, around.gravity, is_linked=bool(links))
         self.lag = 0.0 if links else 0.5 * step
         self.gravity = np.array([*around.gravity, 0.0, 0.0, 0.0])
         stage: list[int] = []
@@ -139,39 +131,47 @@ class PhysicsModel:
         self.joints.add_loops(spec, made, step)
         self._filter(spec, filtered, rows, {number for number, _, _ in around.placed})
         if walled:
-            for wall in range(WALLS):
-                holder = spec.worldbody.add_body(mocap=True, name=f"wall_{wall}")
-                holder.add_geom(
-                    type=mujoco.mjtGeom.mjGEOM_PLANE,
-                    size=[0.0, 0.0, 1.0],
-                    contype=WALL,
-                    conaffinity=0,
-                    friction=[0.0] * 3,
-                )
+            self._add_walls(spec)
         self._model = self._compiled(spec)
         if self._set_masses(made):
             self._model = self._compiled(spec)
-        masses = [
-            float(self._model.body(f"body_{row}").mass[0])
-            for row, body in enumerate(self.bodies)
-            if body.rigid is not None
-        ]
+        rigid = [row for row, body in enumerate(self.bodies) if body.rigid is not None]
+        masses = [float(self._model.body(f"body_{row}").mass[0]) for row in rigid]
         self._model.stat.meaninertia = sum(masses) / len(masses) if masses else 1.0
         self._data = mujoco.MjData(self._model)
         self.joints.bind(self._model, self._data)
-        free = [row for row, body in enumerate(self.bodies) if body.rigid is not None and not links]
-        self._rotation = FreeRotation(mujoco, self._model, [self.joints.body(row) for row in free])
+        free = [self.joints.body(row) for row in rigid] if not links else []
+        self._rotation = FreeRotation(mujoco, self._model, free)
         self._owners = [("stage", number) for number in stage]
         for body in self._model.geom_bodyid[len(stage) :].tolist():
             kind, _, row = self._model.body(body).name.partition("_")
             self._owners.append((kind, int(row)))
         kinds = mujoco.mjtWarning
-        self._failures = {
-            kinds.mjWARN_BADQPOS: self._model.jnt_qposadr,
-            kinds.mjWARN_BADQVEL: self._model.jnt_dofadr,
-            kinds.mjWARN_BADQACC: self._model.jnt_dofadr,
-        }
+        starts = self._model.jnt_qposadr, self._model.jnt_dofadr, self._model.jnt_dofadr
+        self._failures = dict(
+            zip((kinds.mjWARN_BADQPOS, kinds.mjWARN_BADQVEL, kinds.mjWARN_BADQACC), starts, strict=True)
+        )
         self._state_size = mujoco.mj_stateSize(self._model, mujoco.mjtState.mjSTATE_INTEGRATION)
+
+    def _new_spec(self, step: float, gravity: tuple[float, float, float], *, is_linked: bool) -> Any:
+        """Return an empty model with the options of the simulation."""
+        spec = self._engine.MjSpec()
+        spec.compiler.degree = False
+        spec.memory = ARENA
+        option = spec.option
+        option.timestep, option.gravity = step, list(gravity)
+        option.cone, option.impratio = self._engine.mjtCone.mjCONE_ELLIPTIC, 10.0
+        option.noslip_iterations, option.iterations = 4, 100
+        if is_linked:
+            option.integrator = self._engine.mjtIntegrator.mjINT_RK4
+        return spec
+
+    def _add_walls(self, spec: Any) -> None:
+        """Add the planes of a frustum."""
+        plane = {"type": self._engine.mjtGeom.mjGEOM_PLANE, "size": [0.0, 0.0, 1.0], "friction": [0.0] * 3}
+        for wall in range(WALLS):
+            holder = spec.worldbody.add_body(mocap=True, name=f"wall_{wall}")
+            holder.add_geom(**plane, contype=WALL, conaffinity=0)
 
     def _add_body(self, spec: Any, made: Any, row: int) -> Any:
         """Add properties and parts to a body; return it."""
