@@ -279,3 +279,10 @@ def test_opening_without_a_wall_is_named(tmp_path):
     with pytest.warns(StageWarning, match=r"openings that cut nothing.*: at \(0\.5, 0\.0, 0\.5\), yaw 90$"):
         join([(room, (0, 0, 0))], tmp_path / "joined.usda", openings=[OPENING, astray])
     assert (tmp_path / "joined.usda").exists()
+
+
+def test_rigid_body_rolls_through_an_opening(joined: Path) -> None:
+    pytest.importorskip("mujoco")
+    ball = ts.Object("ball", "Ball 01", (0.5, 0.2, 0.0), dynamic=ts.RigidBody(velocity=(6.0, 0.0, 0.0)))
+    frame = ts.Stream(ts.Scenario(str(joined), [ball]), width=32, height=24, fps=10, buffers=("instance",))[8]
+    assert frame.objects.by_name("ball").room == "east"
