@@ -37,7 +37,7 @@ def optional(check: Check[Value]) -> Check[Value | None]:
 
 def number(value: Any, name: str) -> float:
     """Return `value` as a finite float."""
-    if isinstance(value, bool) or not isinstance(value, Real):
+    if not is_number(value):
         raise ArgumentTypeError(f"{name}={value!r}: must be a number")
     try:
         result = float(value)
@@ -83,6 +83,11 @@ def not_negative(value: Any, name: str) -> float:
     if result < 0.0:
         raise ArgumentError(f"{name}={value!r}: must not be negative")
     return result
+
+
+def is_number(value: Any) -> bool:
+    """Return whether a value is a number, and not True or False."""
+    return isinstance(value, Real) and not isinstance(value, bool)
 
 
 def is_series(value: Any) -> bool:

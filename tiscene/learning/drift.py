@@ -206,7 +206,7 @@ class Drift:
         if position == low:
             return self.values[low]
         first, second, part = self.values[low], self.values[low + 1], position - low
-        if _is_number(first) and _is_number(second):
+        if argument_checks.is_number(first) and argument_checks.is_number(second):
             return (1.0 - part) * first + part * second
         return self.values[round(position)]
 
@@ -214,7 +214,3 @@ class Drift:
         """Return a scenario with the factor's value at a position of the schedule."""
         value = self.at(position)
         return value if self.factor == SCENARIO else scenario.with_factor(self.factor, value, seed=self.seed)
-
-
-def _is_number(value: Any) -> bool:
-    return isinstance(value, int | float) and not isinstance(value, bool)

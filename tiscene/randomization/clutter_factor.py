@@ -15,10 +15,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from dynamics.argument_checks import is_number
 from tiscene import catalog
 from tiscene.errors import ScenarioError
 from tiscene.randomization.draws import Draws
-from tiscene.randomization.factor_ranges import ClutterRanges, is_number
+from tiscene.randomization.factor_ranges import ClutterRanges
 from tiscene.randomization.free_space import FreeSpace
 from tiscene.randomization.object_factors import DISTRACTOR, category_of, is_distractor
 from tiscene.randomization.object_paths import clear_of, swept_balls

@@ -10,7 +10,6 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, fields
-from numbers import Real
 from typing import Any, ClassVar, Self
 
 from tiscene.errors import ArgumentError
@@ -198,8 +197,3 @@ class ViewRanges(FactorRanges):
         "focus_distance": (1e-3, math.inf),
     }
     TYPICAL: ClassVar = {"shift": (0.0, 0.4), "yaw": (0.0, 12.0), "pitch": (0.0, 5.0), "zoom": (0.85, 1.2)}
-
-
-def is_number(value: Any) -> bool:
-    """Return whether a value is a number, and not True or False."""
-    return isinstance(value, Real) and not isinstance(value, bool)

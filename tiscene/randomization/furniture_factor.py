@@ -16,8 +16,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from dynamics.argument_checks import is_number
 from tiscene.randomization.draws import Draws
-from tiscene.randomization.factor_ranges import FurnitureRanges, is_number
+from tiscene.randomization.factor_ranges import FurnitureRanges
 from tiscene.randomization.object_paths import clear_of, resting_edges, swept_balls
 from tiscene.randomization.scene_collisions import SceneCollisions, about, box_of, horizontal, transformed
 from tiscene.randomization.scene_files import stage_of, variant_sets_of

@@ -9,9 +9,10 @@ from collections.abc import Callable, Mapping
 from dataclasses import replace
 from typing import Any
 
+from dynamics.argument_checks import is_number
 from tiscene.errors import ScenarioError
 from tiscene.randomization.draws import Draws
-from tiscene.randomization.factor_ranges import IlluminationRanges, is_number
+from tiscene.randomization.factor_ranges import IlluminationRanges
 from tiscene.randomization.scene_files import stage_of, variant_sets_of
 from tiscene.scenario.overrides import LightOverride, Override
 from tiscene.scenario.scenario import Scenario

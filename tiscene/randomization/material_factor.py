@@ -16,8 +16,9 @@ from typing import Any
 
 import numpy as np
 
+from dynamics.argument_checks import is_number
 from tiscene.randomization.draws import Draws
-from tiscene.randomization.factor_ranges import MaterialRanges, is_number
+from tiscene.randomization.factor_ranges import MaterialRanges
 from tiscene.randomization.scene_files import stage_of, templates_of
 from tiscene.scenario.overrides import MaterialOverride, Override
 from tiscene.scenario.scenario import Scenario

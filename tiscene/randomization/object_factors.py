@@ -11,10 +11,10 @@ import numpy as np
 
 import dynamics
 from dynamics import Dynamic
+from dynamics.argument_checks import is_number
 from tiscene import catalog
 from tiscene.errors import ArgumentError, ScenarioError
 from tiscene.randomization.draws import Draws
-from tiscene.randomization.factor_ranges import is_number
 from tiscene.randomization.ranges import range_of, words_of
 from tiscene.randomization.template_extent import template_extent
 from tiscene.scenario.objects import Object

@@ -11,10 +11,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from dynamics.argument_checks import is_number
 from dynamics.rotation import multiply
 from tiscene.errors import ScenarioError
 from tiscene.randomization.draws import Draws
-from tiscene.randomization.factor_ranges import ViewRanges, is_number
+from tiscene.randomization.factor_ranges import ViewRanges
 from tiscene.randomization.scene_collisions import about
 from tiscene.randomization.scene_files import free_space_of, stage_of
 from tiscene.scenario.overrides import CameraOverride, Override

@@ -5,13 +5,12 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, field, replace
-from numbers import Real
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from dynamics.argument_checks import LARGEST, is_series
+from dynamics.argument_checks import LARGEST, is_number, is_series
 from dynamics.rotation import matrix_from_quaternion
 from tiscene.errors import ArgumentError
 from tiscene.scene.animation import quaternions
@@ -91,7 +90,7 @@ class Camera:
         for name in (*_LENGTHS, "vertical_fov", *optional, "shutter_open", "shutter_close"):
             if name in optional and getattr(self, name) is None:
                 continue
-            if not _is_number(getattr(self, name)):
+            if not is_number(getattr(self, name)):
                 raise refuse(name, "must be a number")
             if not _are_numbers((getattr(self, name),), 1):
                 raise refuse(name, "must be finite")
@@ -297,16 +296,12 @@ class Camera:
         return np.array(planes)
 
 
-def _is_number(value: Any) -> bool:
-    return isinstance(value, Real) and not isinstance(value, bool)
-
-
 def _are_numbers(values: Any, count: int) -> bool:
     """Return whether `values` are `count` finite numbers."""
     if not is_series(values):
         return False
     listed = list(values)
-    if len(listed) != count or not all(map(_is_number, listed)):
+    if len(listed) != count or not all(map(is_number, listed)):
         return False
     try:
         return all(math.isfinite(value) for value in listed)
