@@ -140,10 +140,12 @@ def test_bowl_is_covered_by_parts_that_leave_its_inside_free():
     assert all(covers(parts, point) for point in ((0.0, 0.02, 0.0), (0.3, 0.02, 0.2), (0.48, 0.3, 0.0)))
 
 
-def test_doorway_in_a_hollow_wall_stays_open():
+@pytest.mark.parametrize("more", [[], [((2, 0, -0.1), (2.2, 3, 4))]], ids=["alone", "beside another wall"])
+def test_doorway_in_a_hollow_wall_stays_open(more):
     """As `tiscene.usd.join` cuts it: the faces of the wall end at the doorway, and nothing closes the cut."""
-    points = grid_box((-2, 0, -0.1), (2, 3, 0.1)).reshape(-1, 3)
-    left = cut_box((points - (0, 1, 0)) / (0.45, 1.0, 0.2), np.full(12, 3), np.arange(36))
+    points = np.concatenate([grid_box(*bounds) for bounds in [((-2, 0, -0.1), (2, 3, 0.1)), *more]]).reshape(-1, 3)
+    counts = np.full(len(points) // 3, 3)
+    left = cut_box((points - (0, 1, 0)) / (0.45, 1.0, 0.2), counts, np.arange(len(points)))
     corners = left.blend(points)
     polygons = np.split(corners, np.cumsum(left.counts)[:-1])
     triangles = [each[[0, k, k + 1]] for each in polygons for k in range(1, len(each) - 1)]

@@ -28,6 +28,7 @@ DIRECTIONS = 230
 TESTED = 1000  # most points whose distance from the hull is measured
 FINE = 1000  # triangles of a piece from which on it is made coarser
 _WELD = 1e-5  # m: corners closer than this are the same point
+_GAP = 0.1  # m2: smallest gap in a side of a piece that was divided, which ends where it was cut
 _FLAT = 1e-4  # m: how far corners may be off the plane of a hull's side
 
 
@@ -112,8 +113,8 @@ def _pieces(
         return [result]
     if not is_close:
         divided = _halves(triangles)
-    elif hull is not None and depth == 0:
-        divided = _sides_with_gap(hull, triangles, normals, tolerance)
+    elif hull is not None:
+        divided = _sides_with_gap(hull, triangles, normals, tolerance, _GAP if depth else 0.0)
         is_open = True
     else:
         divided = []
@@ -166,11 +167,13 @@ def _reach(planes: Array, points: Array) -> float:
     return float((-np.max(points @ planes[:, :3].T + planes[:, 3], axis=1)).max())
 
 
-def _sides_with_gap(hull: ConvexHull, triangles: Array, normals: Array, tolerance: float) -> list[NDArray[np.integer]]:
+def _sides_with_gap(
+    hull: ConvexHull, triangles: Array, normals: Array, tolerance: float, least: float
+) -> list[NDArray[np.integer]]:
     """Return the rows of triangles on each flat side of a hull, and of all others, if one side is covered only in part.
 
     A wall from which a doorway is cut has such sides. A side without any triangle, such as the open end of a cup
-    without a bottom, counts as closed.
+    without a bottom, counts as closed, and so does one with a gap of at most `least`, m2.
     """
     planes, plane_of = np.unique(hull.equations.round(6), axis=0, return_inverse=True)
     a, b, c = np.moveaxis(hull.points[hull.simplices], 1, 0)
@@ -179,7 +182,7 @@ def _sides_with_gap(hull: ConvexHull, triangles: Array, normals: Array, toleranc
     corners = hull.points[hull.vertices]
     sides, has_gap = [], False
     for plane, size in zip(planes, sizes, strict=True):
-        allowed = tolerance * 2.0 * math.sqrt(math.pi * size)  # with the length around a circle, the shortest
+        allowed = least + tolerance * 2.0 * math.sqrt(math.pi * size)  # with the length around a circle, the shortest
         if size <= allowed:
             continue
         facing = normals @ plane[:3] > (2.0 - 2e-6) * areas
@@ -189,7 +192,7 @@ def _sides_with_gap(hull: ConvexHull, triangles: Array, normals: Array, toleranc
         sides.append(on_side)
         if size - areas[on_side].sum() > allowed:
             outline = _outline(corners[np.abs(corners @ plane[:3] + plane[3]) < _FLAT], plane[:3])
-            has_gap |= bool(outline.volume - areas[on_side].sum() > tolerance * outline.area)
+            has_gap |= bool(outline.volume - areas[on_side].sum() > least + tolerance * outline.area)
     if not has_gap:
         return []
     return [np.flatnonzero(rows) for rows in (*sides, ~np.any(sides, axis=0)) if rows.any()]
