@@ -86,6 +86,7 @@ def build() -> Home:
     room.camera("Main", (-3.0, 1.45, -1.90), (3.7, 0.95, -1.08), fov=39.0, exposure=exposure)
     room.camera("Agent", (4.94, 1.8, 0.30), turn=(-14.0, 0.0, 0.0), fov=60.0, exposure=exposure, focus=2.4)
     room.camera("Hall", (5.35, 1.50, 0.55), (4.80, 1.02, -4.40), fov=58.0, exposure=exposure)
-    room.camera("Kitchen", (6.35, 1.50, -8.60), (4.86, 1.00, -4.70), fov=58.0, exposure=exposure)
+    facing = {**exposure, "day": 3.8}  # for the wall that the window does not light
+    room.camera("Kitchen", (6.35, 1.50, -8.60), (4.86, 1.00, -4.70), fov=58.0, exposure=facing)
     room.camera("Bedroom", (9.60, 1.50, 1.90), (5.60, 0.95, -0.30), fov=56.0, exposure=exposure)
     return Home(room)
