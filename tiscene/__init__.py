@@ -41,8 +41,10 @@ except ImportError as error:
         f"tiscene needs its own package `dynamics`, which {place!r} hides: rename that file or folder"
     ) from error
 
-# Before Taichi is first imported: without these it prints a banner and looks up its newest version on the network.
+# Before Taichi is first imported: without these it prints a banner, looks up its newest version on the network, and
+# notes in a notebook that it prints there after each kernel.
 os.environ.setdefault("ENABLE_TAICHI_HEADER_PRINT", "0")
+os.environ.setdefault("TI_ENABLE_PYBUF", "0")
 os.environ.setdefault("TI_SKIP_VERSION_CHECK", "ON")
 
 set_cache_folder()
