@@ -13,6 +13,7 @@ from tiscene.learning.adapters.course_frames import CourseFrames
 from tiscene.learning.adapters.labeled_patches import labeled_patches, patch_around, patches_of_tests
 from tiscene.learning.adapters.river_pairs import color_features, river_pairs
 from tiscene.learning.course import Course
+from tiscene.learning.held_out_tests import counterfactuals
 from tiscene.learning.phase import Phase
 from tiscene.learning.supervision_rules import SupervisionRules
 from tiscene.learning.teaching_policies import Combined, OnePixelPerMovingObject, RandomPixels
@@ -130,7 +131,7 @@ def test_avalanche_trains_and_evaluates_on_a_course(course):
     benchmark = pickle.loads(pickle.dumps(avalanche_benchmark(course, size=9)))  # as spawned workers get it
     assert [len(each.dataset) for each in benchmark.train_stream] == [12, 12]
     assert [sorted(set(each.dataset.targets)) for each in benchmark.train_stream] == [[0, 1], [0, 2]]
-    assert [each.classes_seen_so_far for each in benchmark.train_stream] == [{0, 1}, {0, 1, 2}]
+    assert [each.classes_seen_so_far for each in benchmark.train_stream] == [[0, 1], [0, 1, 2]]
     assert [each.task_labels for each in benchmark.train_stream] == [[0], [0]]
     assert len(benchmark.test_stream) == 2
     picture, target, *_ = benchmark.train_stream[0].dataset[0]
@@ -156,15 +157,47 @@ def test_avalanche_trains_and_evaluates_on_a_course(course):
 
 
 @pytest.mark.filterwarnings("ignore")
-def test_avalanche_refuses_a_test_without_pixels(course):
+def test_avalanche_trains_a_head_for_each_task(course):
+    pytest.importorskip("avalanche")
+    import torch
+    from avalanche.models import SimpleMLP, as_multitask
+    from avalanche.training.supervised import Naive
+
+    from tiscene.learning.adapters.avalanche_benchmark import avalanche_benchmark
+
+    dark = counterfactuals(course.phases, {"illumination": [-0.5]}, frames=2)
+    tested = Course(course.phases, tests=[*reversed(course.test_phases), *dark], **course.settings)
+    benchmark = avalanche_benchmark(tested, size=9, task_labels=True)
+    assert [each.task_labels for each in benchmark.train_stream] == [[0], [1]]
+    assert [each.task_labels for each in benchmark.test_stream] == [[1], [0], [0], [1]]  # that of the phase
+    torch.manual_seed(0)
+    model = as_multitask(SimpleMLP(num_classes=3, input_size=3 * 9 * 9), "classifier")
+    strategy = Naive(model=model, optimizer=torch.optim.Adam(model.parameters()), train_mb_size=4, train_epochs=10)
+    for experience in benchmark.train_stream:
+        strategy.train(experience)
+    assert model.classifier.active_units == {0: [0, 1], 1: [0, 2]}
+    results = strategy.eval(benchmark.test_stream)
+    accuracy = [value for name, value in results.items() if name.startswith("Top1_Acc_Exp")]
+    assert accuracy == [1.0] * 4  # neither task forgets the other
+
+
+@pytest.mark.filterwarnings("ignore")
+@pytest.mark.parametrize(
+    ("task_labels", "match"),
+    [
+        (False, "the policy chooses no pixels"),
+        (True, "with task_labels=True, it needs the name of a phase that has labels: ball, cube"),
+    ],
+)
+def test_avalanche_refuses_a_test_without_pixels_or_task(course, task_labels, match):
     """Left out, it would give its number to the next test."""
     pytest.importorskip("avalanche")
     from tiscene.learning.adapters.avalanche_benchmark import avalanche_benchmark
 
     still = Phase("still", Scenario("object_view"), frames=1)
     tests = Course(course.phases, tests=[still, *course.test_phases], **course.settings)
-    with pytest.raises(ArgumentError, match="test 'still': the policy chooses no pixels"):
-        avalanche_benchmark(tests, size=9)
+    with pytest.raises(ArgumentError, match=f"test 'still': {match}"):
+        avalanche_benchmark(tests, size=9, task_labels=task_labels)
 
 
 @pytest.mark.filterwarnings("ignore")

@@ -11,6 +11,8 @@ from tiscene.errors import ArgumentError, ArgumentTypeError
 from tiscene.learning.phase import Phase, check_phases
 from tiscene.scenario.scenario import Scenario
 
+SEPARATOR = " | "  # between the name of a phase and what a test of it changes
+
 
 def held_out(phases: Sequence[Phase], frames: int, start: int = 1000, step: int = 1) -> tuple[Phase, ...]:
     """Return tests on later frames of the scenarios of phases, one for each phase that learns.
@@ -70,6 +72,6 @@ def counterfactuals(
         for name, values in factors.items():
             for value in values:
                 scenario = phase.scenario.with_factor(name, value, seed=seed)
-                title = f"{phase.name} | {name}" + ("" if value is None else f" {value}")
+                title = f"{phase.name}{SEPARATOR}{name}" + ("" if value is None else f" {value}")
                 tests.append(Phase(title, scenario, frames=frames, start=start, step=step, evaluate=True))
     return tuple(tests)

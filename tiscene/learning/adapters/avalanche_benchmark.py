@@ -8,18 +8,24 @@ shuffled within by default: for the order of the stream, pass `shuffle=False` to
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
 import numpy as np
 
+from dynamics import argument_checks
 from tiscene.errors import ArgumentError, requires_extra
 from tiscene.learning.adapters.labeled_patches import LabeledPatch, labeled_patches, patches_of_tests
 from tiscene.learning.course import Course
+from tiscene.learning.held_out_tests import SEPARATOR
 from tiscene.learning.teaching_policies import Policy
 
+CLASSES = ("classes_in_this_experience", "previous_classes", "classes_seen_so_far", "future_classes")
 
-def avalanche_benchmark(course: Course, *, size: int = 33, policy: Policy | None = None) -> Any:
+
+def avalanche_benchmark(
+    course: Course, *, size: int = 33, policy: Policy | None = None, task_labels: bool = False
+) -> Any:
     """Return an Avalanche benchmark of a course: an experience for each phase with labels, and one for each test.
 
     The course is rendered once; patches of 3 * size^2 bytes are kept.
@@ -28,16 +34,21 @@ def avalanche_benchmark(course: Course, *, size: int = 33, policy: Policy | None
         course: phases with `supervision=`, and tests. Delayed labels stand where they arrive.
         size: side of the patches, px, odd.
         policy: which pixels of the tests are classified; None: one of each moving object in each frame.
+        task_labels: True: task-incremental, for models with a head for each task. Each experience of training is a
+            task, 0, 1, ...; a test is of the task of the phase that has its name, also with one factor changed. False:
+            all are of task 0, since a course does not tell which phase it is in.
 
     Returns:
         A `CLScenario` with `train_stream` and `test_stream`, in the order of the course. Samples are (picture, class,
-        task): pictures are float32 [3, size, size], 0..1, classes are category ids, and all are of task 0, since a
-        course does not tell which phase it is in. Experiences have `classes_in_this_experience` and the like.
+        task): pictures are float32 [3, size, size], 0..1, and classes are category ids. Experiences have
+        `classes_in_this_experience` and the like.
 
     Raises:
         MissingExtra: Avalanche is not installed.
-        ArgumentError: the course has no labels or no tests, or the policy chooses no pixels of a test.
+        ArgumentError: the course has no labels or no tests, the policy chooses no pixels of a test, or a test has no
+            task.
     """
+    argument_checks.flag(task_labels, "task_labels")
     with requires_extra("avalanche"):
         from avalanche.benchmarks import benchmark_from_datasets, with_classes_timeline, with_task_labels
         from avalanche.benchmarks.utils import (
@@ -47,24 +58,41 @@ def avalanche_benchmark(course: Course, *, size: int = 33, policy: Policy | None
             as_classification_dataset,
         )
 
-    def dataset(patches: Sequence[LabeledPatch]) -> Any:
+    def dataset(patches: Sequence[LabeledPatch], task: int) -> Any:
         pictures = as_classification_dataset(_Pictures(patches))
         return TaskAwareClassificationDataset(
-            [pictures], data_attributes=[TaskLabels(ConstantSequence(0, len(patches)))]
+            [pictures], data_attributes=[TaskLabels(ConstantSequence(task, len(patches)))]
         )
 
-    def datasets(phases: dict[int, list[LabeledPatch]]) -> list[Any]:
-        return [dataset(patches) for _, patches in sorted(phases.items())]
-
     train = _by_phase(labeled_patches(course, size))
-    test = _by_phase(patches_of_tests(course, size, policy))
     if not train:
         raise ArgumentError("no phase of the course has labels: Phase(..., supervision=RandomPixels(4))")
+    tasks = {course.phases[number].name: task if task_labels else 0 for task, number in enumerate(train)}
+    tests = [_task(phase.name, tasks) if task_labels else 0 for phase in course.test_phases]
+    test = _by_phase(patches_of_tests(course, size, policy))
     for number, phase in enumerate(course.test_phases):
         if number not in test:  # the tests after it would take its number
             raise ArgumentError(f"test {phase.name!r}: the policy chooses no pixels of it: policy=RandomPixels(4)")
-    benchmark = benchmark_from_datasets(train=datasets(train), test=datasets(test))
-    return with_task_labels(with_classes_timeline(benchmark))
+    benchmark = with_classes_timeline(
+        benchmark_from_datasets(
+            train=[dataset(*each) for each in zip(train.values(), tasks.values(), strict=True)],
+            test=[dataset(*each) for each in zip(test.values(), tests, strict=True)],
+        )
+    )
+    for experience in (*benchmark.train_stream, *benchmark.test_stream):
+        for name in CLASSES:  # sets, of which Avalanche's heads make no indices
+            setattr(experience, name, sorted(getattr(experience, name)))
+    return with_task_labels(benchmark)
+
+
+def _task(test: str, tasks: Mapping[str, int]) -> int:
+    """Return the task of a test: that of the phase with its name, or of which it changes a factor."""
+    for name in (test, test.rpartition(SEPARATOR)[0]):
+        if name in tasks:
+            return tasks[name]
+    raise ArgumentError(
+        f"test {test!r}: with task_labels=True, it needs the name of a phase that has labels: {', '.join(tasks)}"
+    )
 
 
 class _Pictures:
@@ -84,8 +112,8 @@ class _Pictures:
 
 
 def _by_phase(patches: Iterable[LabeledPatch]) -> dict[int, list[LabeledPatch]]:
-    """Return the patches of each phase that has any, by its number."""
+    """Return the patches of each phase that has any, by its number, in the order of the course."""
     found: dict[int, list[LabeledPatch]] = {}
     for each in patches:
         found.setdefault(each.phase, []).append(each)
-    return found
+    return dict(sorted(found.items()))
