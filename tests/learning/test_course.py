@@ -2,6 +2,7 @@
 """Courses of phases, laps, drift schedules."""
 
 import json
+import math
 
 import numpy as np
 import pytest
@@ -206,6 +207,7 @@ def test_missing_file_is_named(tmp_path):
         (lambda: Course([Phase("a", BALL, frames=1)] * 2), "called 'a' already"),
         (lambda: Course([Phase("a", BALL, frames=1)], boundaries="no"), "must be 'hidden' or 'shown'"),
         (lambda: Course([Phase("a", BALL, frames=1)], frames=3), "give the phases frames="),
+        (lambda: Course([Phase("a", BALL, frames=1)], supervision=LastFrames(1)), "give it to the phases"),
         (lambda: Course([Phase("a", BALL, frames=1)], widht=3), "widht: Course has no such .*; did you mean 'width'"),
         (lambda: Course([Phase("a", BALL, frames=1)], observed=("hdr",)), "'hdr' is not among buffers="),
     ],
@@ -220,6 +222,11 @@ def test_teacher_of_a_course_follows_the_phases(course):
     answers = {frame.index: [answer for _, answer in teacher.offers(frame)] for frame in course.seek(4)}
     assert [index for index, offered in answers.items() if offered] == [6, 7, 8, 9]
     assert {answer.category for offered in answers.values() for answer in offered} == {"chair"}
+    remaining = []
+    for index in (5, 6):
+        teacher.hold(course[index])
+        remaining.append(teacher.remaining)
+    assert remaining == [0, math.inf]
     course.seek(0)
 
 
@@ -375,3 +382,6 @@ def test_drifts_that_contradict_each_other_or_their_schedule_are_refused():
         Drift("illumination", (0.0, float("nan")), Step(1))
     with pytest.raises(ArgumentError, match=r"at=1.5: must be a whole number"):
         Step(1.5)
+    late = Phase("late", BALL, frames=3, drift=Drift("illumination", (0.0, -2.0), Step(3)))
+    with pytest.warns(UserWarning, match=r"phase 'late': drift of 'illumination' changes nothing in 3 frames: .*Step"):
+        Course([late], **SMALL)

@@ -206,10 +206,15 @@ def test_several_learners_share_frames_and_have_their_own_scores(course):
 
 
 def test_differences_name_what_differs(course, tmp_path):
-    score = evaluate(NearestAlbedo(), course, [OnlineAccuracy()])
+    class Own(OnlineAccuracy):
+        def result(self):
+            return super().result() | {"counts": np.array([[1, 2]]), "count": np.int64(3)}
+
+    score = evaluate(NearestAlbedo(), course, [Own()])
     score.save(tmp_path / "score.json")
     saved = read_score(tmp_path / "score.json")
     assert differences(saved, json.loads(json.dumps(score.to_json()))) == []
+    assert (saved["scores"]["online"]["counts"], saved["scores"]["online"]["count"]) == ([[1, 2]], 3)
     saved["scores"]["online"]["accuracy"] += 0.1
     saved["frames"]["digests"][3] = "0"
     lines = differences(saved, score.to_json())

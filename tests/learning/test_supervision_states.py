@@ -8,7 +8,7 @@ import pickle
 import pytest
 
 from dynamics import AllTogether, LinearWaypoints, Waypoint
-from tiscene.errors import ArgumentError, ArgumentTypeError
+from tiscene.errors import ArgumentError, ArgumentTypeError, ScenarioError
 from tiscene.learning.answers import Answer
 from tiscene.learning.course import Course
 from tiscene.learning.course_file import FIELDS
@@ -175,7 +175,7 @@ def test_state_of_a_course_is_refused_by_another_course():
 @pytest.mark.parametrize(
     "copied", [copy.deepcopy, lambda each: pickle.loads(pickle.dumps(each))], ids=["copy", "pickle"]
 )
-def test_course_and_its_teacher_are_copied_after_a_frame_was_rendered(copied):
+def test_courses_and_teachers_are_copied_after_a_frame_was_rendered(copied, stream):
     rules = SupervisionRules(RandomPixels(2), noise=0.5)
     course = Course(
         [Phase("a", "object_view", frames=2, supervision=rules)],
@@ -191,6 +191,12 @@ def test_course_and_its_teacher_are_copied_after_a_frame_was_rendered(copied):
     assert (again.position, again.digest(), again.categories) == (2, course.digest(), course.categories)
     assert again[1].depth.tobytes() == course[1].depth.tobytes()
     assert copied(course.tests)[0].semantic.tobytes() == course.tests[0].semantic.tobytes()
+    teacher = Supervision(stream.seek(1), policy=RandomPixels(2))
+    list(teacher.offers(stream[3]))
+    other = copied(teacher)
+    assert other.ledger == teacher.ledger
+    assert (other.present, teacher.present) == (0, 3)
+    assert list(other.replay()) == list(teacher.replay())
 
 
 @pytest.mark.parametrize("given", [None, [(1,)], [5], [(float("nan"), 0)], [(1.5, 2.0)], [("a", "b")], [(12, 0)]])
@@ -227,6 +233,12 @@ def test_everything_labels_the_middle_where_the_step_is_larger_than_the_image(st
 def test_files_of_policies_name_no_private_class():
     assert "LastFrames" in FIELDS["policy"]
     assert not [name for name in FIELDS["policy"] if name.startswith("_")]
+
+    class Own(Policy):
+        pass
+
+    with pytest.raises(ScenarioError, match=r"phases\[0\].supervision.policy=.*: cannot be .*; make Own a dataclass"):
+        Course([Phase("a", "object_view", frames=2, supervision=Own())], **SIZE, observed=("depth",)).to_json()
 
 
 def test_pixels_of_a_policy_are_drawn_by_the_seed_of_the_rules(stream):

@@ -26,7 +26,7 @@ from tiscene.learning.phase import CourseFrame, Phase, check_phases
 from tiscene.learning.pixel_counts import check_pixels
 from tiscene.learning.pixel_labels import LABELS, moving_instances
 from tiscene.learning.stream_pool import StreamPool, without_progress
-from tiscene.learning.supervision_rules import SupervisionRules
+from tiscene.learning.supervision_rules import SILENCE, SupervisionRules
 from tiscene.scenario import serialization
 from tiscene.scenario.scenario import Scenario
 from tiscene.stream.frame_slice import FrameSlice
@@ -35,8 +35,9 @@ from tiscene.stream.stream import STREAM_ARGUMENTS, Stream
 VERSION = 1
 DEFAULTS: dict[str, Any] = {"width": 64, "height": 48, "fps": 25.0, "quality": "fast", "buffers": ("rgb", *LABELS)}
 
-UNUSED = {  # arguments of `Stream` that a course does not have, and what to do
+UNUSED = {  # arguments of `Stream` and `Phase` that a course does not have, and what to do
     "frames": "give the phases frames= or laps=",
+    "supervision": "give it to the phases",
     "camera": "give it to the scenarios of the phases, as Scenario.load(scene, camera=...) does",
     "variants": "give them to the scenarios of the phases, as Scenario.load(scene, variants=...) does",
     "prefetch": "frames of a course are rendered one by one; leave it out",
@@ -102,6 +103,8 @@ class Course(Iterator[CourseFrame]):
             argument_checks.distinct_names(settings["categories"], "categories")
         self._tests = check_phases(tests, "tests")
         lengths = [phase.length(self.fps) for phase in self.phases]
+        for phase, length in zip(self.phases, lengths, strict=True):
+            phase.warn_of_idle_drift(length)
         self.starts = tuple(itertools.accumulate(lengths, initial=0))
         self._laps = [phase.laps_of_motion() for phase in self.phases]
         self._pool = StreamPool(self.settings)
@@ -165,11 +168,11 @@ class Course(Iterator[CourseFrame]):
             self._keys[where] = _digest(scenario.to_json()), scenario
         return self._pool.stream(*self._keys[where]), phase.start + phase.step * k
 
-    def rules(self, index: int) -> tuple[int, SupervisionRules | None, int, int | None]:
+    def rules(self, index: int) -> tuple[int, SupervisionRules, int, int]:
         """Return the number of a frame's phase, its teacher's rules, the frame's number in it, and its length."""
         number, k = self.phase_at(index)
-        rules = self.phases[number].supervision
-        assert rules is None or isinstance(rules, SupervisionRules)  # since Phase.__post_init__
+        rules = self.phases[number].supervision or SILENCE
+        assert isinstance(rules, SupervisionRules)  # since Phase.__post_init__
         return number, rules, k, self.starts[number + 1] - self.starts[number]
 
     def events(self) -> dict[int, str]:

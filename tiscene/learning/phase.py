@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import os
+import warnings
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, fields
 from typing import Any
@@ -113,6 +114,15 @@ class Phase:
             for frame in each.schedule.events(self.length(fps), len(each.values)):
                 found.setdefault(frame, []).append(each.factor)
         return {frame: ", ".join(found[frame]) for frame in sorted(found)}
+
+    def warn_of_idle_drift(self, length: int) -> None:
+        """Warn of factors that keep one value in all `length` frames of the phase."""
+        for each in self.drift:
+            count = len(each.values)
+            first = each.schedule.position(0, count)
+            if all(each.schedule.position(k, count) == first for k in range(1, length)):
+                cause = f"drift of {each.factor!r} changes nothing in {length} frames"
+                warnings.warn(f"phase {self.name!r}: {cause}: schedule={each.schedule!r}", stacklevel=3)
 
     def positions(self, k: int) -> tuple[float, ...]:
         """Return the positions of the drifting factors at frame k of the phase."""

@@ -9,6 +9,8 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
+import numpy as np
+
 import tiscene
 from tiscene.errors import ArgumentError
 from tiscene.learning.course import Course
@@ -63,10 +65,10 @@ class Score(Mapping[str, Any]):
             "version": VERSION,
             "tiscene": tiscene.__version__,
             "name": self.name,
-            "learner": dict(self.learner),
+            "learner": _plain(self.learner),
             "course": self.course.to_json(),
             "categories": list(self.course.categories.values())[1:],
-            "scores": dict(self.scores),
+            "scores": _plain(self.scores),
             "labels": dict(self.labels),
             "clock": dict(self.clock),
             "resources": dict(self.resources),
@@ -97,6 +99,15 @@ class Score(Mapping[str, Any]):
         names = ("name", "learner", "scores", "labels", "clock", "resources")
         parts = {name: content[name] for name in names}
         return cls(**parts, course=Course.from_json(content["course"]), digests=content["frames"]["digests"])
+
+
+def _plain(value: Any) -> Any:
+    """Return a value with NumPy's arrays and numbers, such as a user's own metrics have, as JSON values."""
+    if isinstance(value, np.ndarray | np.generic):
+        return value.tolist()
+    if isinstance(value, Mapping):
+        return {name: _plain(each) for name, each in value.items()}
+    return [_plain(each) for each in value] if isinstance(value, list | tuple) else value
 
 
 def differences(first: Score | Mapping[str, Any], second: Score | Mapping[str, Any]) -> list[str]:

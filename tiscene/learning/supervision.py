@@ -73,6 +73,10 @@ class Supervision:
         self._moving: tuple[tuple[object, ...], frozenset[int]] = (), frozenset()
         self._clear()
 
+    def __getstate__(self) -> dict[str, Any]:
+        """Return all but the frame that was held last, as a copy of the stream shows a world of its own."""
+        return vars(self) | {"_held": None, "_held_at": (), "_moving": ((), frozenset())}
+
     def _clear(self) -> None:
         self.ledger = LabelLedger()
         self.refused: Counter[str] = Counter()
@@ -83,9 +87,12 @@ class Supervision:
 
     @property
     def remaining(self) -> float:
-        """Labels left of the budget of the present phase; infinity without one. `rate` is not counted."""
+        """Labels left of the budget of the present phase; infinity without one, 0 without supervision.
+
+        `rate` is not counted, nor when the teacher is silent.
+        """
         phase, rules, _, _ = self._rules_at(self.present)
-        return math.inf if rules is None or rules.budget is None else rules.budget - self._given[phase]
+        return math.inf if rules.budget is None else rules.budget - self._given[phase]
 
     @property
     def present(self) -> int:
@@ -171,7 +178,7 @@ class Supervision:
     def _offers(self, frame: Frame) -> Iterator[tuple[Pixel, Answer | Pending]]:
         _, rules, _, _ = self._rules_at(frame.index)
         moment = self._moment(frame.index)
-        if rules is None or self._is_silent(frame.index, rules, moment):
+        if self._is_silent(frame.index, rules, moment):
             return
         for y, x in chosen_pixels(rules.policy, frame, moment):
             answer = self._label(y, x, frame.index, unasked=True)
@@ -190,7 +197,7 @@ class Supervision:
         """Number of labels that have been given and have not arrived."""
         return len(self._pending)
 
-    def _rules_at(self, index: int) -> tuple[int, SupervisionRules | None, int, int | None]:
+    def _rules_at(self, index: int) -> tuple[int, SupervisionRules, int, int | None]:
         """Return the number of the phase, its rules, the frame's number in it, and its length."""
         if self._rules is None:
             assert isinstance(self._stream, Course)  # since __init__
@@ -210,7 +217,7 @@ class Supervision:
 
     def _moment(self, index: int) -> Moment:
         phase, rules, number, length = self._rules_at(index)
-        rng = np.random.default_rng((_POLICY, rules.seed if rules else 0, phase, index))
+        rng = np.random.default_rng((_POLICY, rules.seed, phase, index))
         return Moment(number, length, rng, self._moving_at(index))
 
     def _moving_at(self, index: int) -> frozenset[int]:
@@ -229,8 +236,7 @@ class Supervision:
     def _label(self, y: int, x: int, index: int, unasked: bool) -> Answer | Pending | Refused:
         self._check_pixel(y, x)
         phase, rules, number, _ = self._rules_at(self.present)
-        reason = self._refusal(phase, rules, number, index)
-        if reason or rules is None:
+        if reason := self._refusal(phase, rules, number, index):
             return self._refused(reason)
         label = self._true_label(y, x, index)
         if rules.per_category is not None and self._by_category[phase, label.category_id] >= rules.per_category:
@@ -251,9 +257,9 @@ class Supervision:
         if not (0 <= y < self._stream.height and 0 <= x < self._stream.width):
             raise ArgumentError(f"pixel ({y}, {x}): the image is {self._stream.height} x {self._stream.width} px")
 
-    def _refusal(self, phase: int, rules: SupervisionRules | None, number: int, index: int) -> str:
+    def _refusal(self, phase: int, rules: SupervisionRules, number: int, index: int) -> str:
         """Return why a question is refused before its label is known; "" if it is not."""
-        if rules is None or self._is_silent(self.present, rules, self._moment(self.present)):
+        if self._is_silent(self.present, rules, self._moment(self.present)):
             return "silent"
         if not self._has(index):
             return "no such frame"
@@ -366,9 +372,7 @@ class Supervision:
 
     def _again(self, index: int, y: int, x: int, asked: int) -> Answer:
         _, rules, _, _ = self._rules_at(asked)
-        label = self._true_label(y, x, index)
-        if rules is not None:
-            label = self._noisy(label, y, x, index, rules)
+        label = self._noisy(self._true_label(y, x, index), y, x, index, rules)
         return Answer(**vars(label), frame=index, pixel=(y, x), asked=asked)
 
 

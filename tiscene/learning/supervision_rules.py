@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 
 from dynamics import argument_checks
 from tiscene.errors import ArgumentError
-from tiscene.learning.teaching_policies import Asked, Policy, check_policy
+from tiscene.learning.teaching_policies import Asked, Moment, Policy, check_policy
 
 
 @dataclass(frozen=True)
@@ -51,3 +51,11 @@ class SupervisionRules:
             argument_checks.not_negative(self.rate, "rate")
         if not 0.0 <= argument_checks.number(self.noise, "noise") <= 1.0:
             raise ArgumentError(f"noise={self.noise!r}: must be a fraction from 0 to 1")
+
+
+class _Silent(Policy):
+    def is_silent(self, moment: Moment) -> bool:
+        return True
+
+
+SILENCE = SupervisionRules(_Silent(), budget=0)  # of phases without supervision

@@ -74,7 +74,8 @@ def encode(value: Any, table: Mapping[str, Classes], classes: Classes | None = N
         return {str(key): encode(item, table, classes, f"{path}[{key!r}]") for key, item in value.items()}
     if value is None or isinstance(value, bool | int | str) or (isinstance(value, float) and math.isfinite(value)):
         return value
-    raise ScenarioError(f"{path}={value!r}: cannot be written to a file")
+    cure = f"; make {type(value).__name__} a dataclass" if classes and not isinstance(value, type) else ""
+    raise ScenarioError(f"{path}={value!r}: cannot be written to a file{cure}")
 
 
 def decode(value: Any, table: Mapping[str, Classes], classes: Classes | None = None, path: str = "") -> Any:
