@@ -43,6 +43,37 @@ def test_episodes_of_equal_actions_are_equal(environment):
     assert episode() == episode()
 
 
+def test_function_of_a_seed_gives_each_episode_its_scenario():
+    gymnasium = pytest.importorskip("gymnasium")
+    from tiscene.learning.adapters.look_around import LookAround
+
+    asked = []
+
+    def drawn(seed):
+        asked.append(seed)
+        return scenario("Cube" if seed % 2 else "Ball 01")
+
+    settings = {"width": 24, "height": 18, "spp": 1, "incremental": False}
+    with pytest.raises(ArgumentError, match="categories: name them for all scenarios"):
+        LookAround(drawn, **settings)
+    settings["categories"] = ("ball", "cube")
+    with pytest.raises(ArgumentError, match="camera='Main': give it to the scenarios"):
+        LookAround(drawn, camera="Main", **settings)
+    envs = gymnasium.vector.SyncVectorEnv([lambda: LookAround(drawn, **settings)] * 2)
+    assert envs.single_observation_space["label"].n == 3
+    asked.clear()
+    first = [envs.reset(seed=seed)[0]["rgb"] for seed in (2, 3, 2)]
+    assert asked == [2, 3, 3, 4, 2, 3]
+    assert (first[0] == first[2]).all()
+    assert (first[0] == first[1][::-1]).all()
+    assert (first[0][0] != first[0][1]).any()
+    envs.reset()
+    envs.reset(seed=2)
+    envs.reset()
+    assert asked[6:8] == asked[10:]  # drawn anew, by the seed before
+    envs.close()
+
+
 def test_options_of_an_episode_are_refused(environment):
     with pytest.raises(ArgumentError, match=r"options=.*LookAround has none; pass arguments to gymnasium.make"):
         environment.reset(options={"length": 3})

@@ -7,13 +7,14 @@ Importing this module registers it::
 
 The scenario goes on by one frame with each action. The agent is rewarded for each category that it is told for the
 first time in an episode, and pays for each question. `reset` starts at frame 0 again, so episodes with equal actions
-are equal to the byte.
+in one scenario are equal to the byte.
 """
 
 from __future__ import annotations
 
 import inspect
 import math
+from collections.abc import Callable
 from dataclasses import replace
 from typing import Any
 
@@ -52,7 +53,9 @@ class LookAround(gymnasium.Env):  # type: ignore[misc]  # gymnasium is not read
     Actions: 0 stay, 1 forward, 2 to 5 turn left, right, up, down, 6 ask for the category at the image's center.
 
     Args:
-        scenario: a Scenario, a scene's name or a file.
+        scenario: a Scenario, a scene's name or a file; or a function of a seed that returns a Scenario, for another
+            one in each episode: `reset(seed=7)` shows that of seed 7, `reset()` one that is drawn. Pass `categories`
+            then, since all episodes share the space of labels.
         width: image width, px.
         height: image height, px.
         length: frames of an episode, after which it is truncated.
@@ -62,7 +65,8 @@ class LookAround(gymnasium.Env):  # type: ignore[misc]  # gymnasium is not read
         question_cost: subtracted from the reward for each question.
         budget: questions of an episode; the environment does not answer more. None: unlimited.
         render_mode: None or "rgb_array".
-        **settings: further arguments of `Stream`, such as quality="preview". `camera` is where the agent starts.
+        **settings: further arguments of `Stream`, such as quality="preview". `camera` is where the agent starts; it
+            and `variants` are those of the scenarios that a function returns.
 
     Raises:
         ArgumentError: an argument is invalid, has no effect here, or there are several cameras to start from.
@@ -72,7 +76,7 @@ class LookAround(gymnasium.Env):  # type: ignore[misc]  # gymnasium is not read
 
     def __init__(
         self,
-        scenario: Scenario | str = "",
+        scenario: Scenario | str | Callable[[int], Scenario] = "",
         *,
         width: int = 64,
         height: int = 48,
@@ -100,14 +104,15 @@ class LookAround(gymnasium.Env):  # type: ignore[misc]  # gymnasium is not read
         self.question_cost = argument_checks.number(question_cost, "question_cost")
         self.budget = None if budget is None else argument_checks.integer(budget, "budget", 0)
         self.render_mode = render_mode
-        self.stream = Stream(scenario, width=width, height=height, buffers=BUFFERS, **({"quality": "fast"} | settings))
-        cameras = self.stream.scenario.cameras
-        if len(cameras) > 1:
-            names = ", ".join(str(getattr(each, "name", each)) for each in cameras)
-            self.close()
-            raise ArgumentError(
-                f"the agent looks through one camera, not {len(cameras)} ({names}): pass one as camera="
-            )
+        self._scenario_of = scenario if callable(scenario) else None
+        if self._scenario_of is not None:
+            if settings.get("categories") is None:
+                raise ArgumentError("categories: name them for all scenarios of the function: categories=('ball',)")
+            for name in {"camera", "variants"} & settings.keys():
+                raise ArgumentError(f"{name}={settings[name]!r}: give it to the scenarios that the function returns")
+        first = scenario(0) if callable(scenario) else scenario
+        self.stream = Stream(first, width=width, height=height, buffers=BUFFERS, **({"quality": "fast"} | settings))
+        self._start = self._first_camera()
         numbers = len(self.stream.categories) and max(self.stream.categories) + 1
         self.observation_space = gymnasium.spaces.Dict(
             {
@@ -116,10 +121,13 @@ class LookAround(gymnasium.Env):  # type: ignore[misc]  # gymnasium is not read
             }
         )
         self.action_space = gymnasium.spaces.Discrete(len(ACTIONS))
-        self._start = self.stream.world.state(0).cameras[0].current
 
     def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> tuple[Any, dict[str, Any]]:
-        """Begin an episode at frame 0, with the scenario's camera. Nothing is drawn, so `seed` changes nothing.
+        """Begin an episode at frame 0, with the scenario's camera.
+
+        Args:
+            seed: of the scenario, if they come from a function; None: it is drawn. Else nothing is drawn.
+            options: none.
 
         Raises:
             ArgumentError: there are options.
@@ -127,6 +135,11 @@ class LookAround(gymnasium.Env):  # type: ignore[misc]  # gymnasium is not read
         super().reset(seed=seed)
         if options:
             raise ArgumentError(f"options={options!r}: LookAround has none; pass arguments to gymnasium.make")
+        if self._scenario_of is not None:
+            scenario = self._scenario_of(int(self.np_random.integers(2**31)) if seed is None else seed)
+            if scenario != self.stream.scenario:
+                self.stream.restart(scenario)
+                self._start = self._first_camera()
         self._index, self._label, self._asked = 0, 0, 0
         self._known: set[int] = set()
         self._camera, self._walks = self._start, Axes()
@@ -160,6 +173,17 @@ class LookAround(gymnasium.Env):  # type: ignore[misc]  # gymnasium is not read
     def close(self) -> None:
         """Free the memory of the device."""
         self.stream.close()
+
+    def _first_camera(self) -> Camera:
+        """Return the scenario's camera at frame 0."""
+        cameras = self.stream.scenario.cameras
+        if len(cameras) > 1:
+            names = ", ".join(str(getattr(each, "name", each)) for each in cameras)
+            self.close()
+            raise ArgumentError(
+                f"the agent looks through one camera, not {len(cameras)} ({names}): pass one as camera="
+            )
+        return self.stream.world.state(0).cameras[0].current
 
     def _check_begun(self) -> None:
         if not hasattr(self, "_frame"):
