@@ -26,18 +26,18 @@ BALL, CHAIR = scenario("Ball 01"), scenario("Chair 01")
 
 
 def make_course(**others):
+    tests = [
+        Phase("ball", BALL, frames=3, start=13),
+        Phase("chair", CHAIR, frames=3, start=13),
+        Phase("plant", scenario("Plant 01"), frames=2),
+    ]
     return Course(
         [
             Phase("ball", BALL, frames=12, supervision=TAUGHT),
             Phase("chair", CHAIR, frames=12, supervision=TAUGHT),
             Phase("exam", BALL, frames=4, evaluate=True),
         ],
-        tests=[
-            Phase("ball", BALL, frames=3, start=13),
-            Phase("chair", CHAIR, frames=3, start=13),
-            Phase("plant", scenario("Plant 01"), frames=2),
-        ],
-        **(SETTINGS | {"observed": ("albedo",)} | others),
+        **(SETTINGS | {"observed": ("albedo",), "tests": tests} | others),
     )
 
 

@@ -37,6 +37,13 @@ def test_tests_of_no_phase_count_as_held_out_only():
     assert held_out_accuracy(R, LEARNED) is None
 
 
+def test_tests_without_pixels_are_left_out():
+    unknown = R * [1, np.nan, 1]
+    assert average_accuracy(unknown, LEARNED) == pytest.approx((0.6 + 0.7) / 2)
+    assert backward_transfer(unknown, LEARNED) == pytest.approx(0.6 - 0.9)
+    assert average_accuracy(R * np.nan, LEARNED) is None
+
+
 def test_single_phase_has_neither_transfer_nor_forgetting():
     single = np.array([[0.1], [0.9]])
     assert average_accuracy(single, (1,)) == 0.9

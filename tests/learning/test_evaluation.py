@@ -52,6 +52,15 @@ def test_learner_that_knows_everything_has_accuracy_one(course):
     assert score["tests"]["accuracy"]["held_out"] == 1.0
 
 
+def test_learner_is_tested_without_learning(course):
+    learner = Oracle()
+    taught = make_course(observed=("semantic",), tests=[*course.phases[:2], *course.test_phases[2:]])
+    score = evaluate(learner, taught.tests, [OnlineAccuracy()])
+    assert score["online"]["by_phase"] == {"ball": 1.0, "chair": 1.0, "plant": 1.0}
+    assert {call[0] for call in learner.calls} == {"predict"}
+    assert score.labels["given"] == 0
+
+
 def test_course_decides_which_pixels_count():
     whole = Course(
         [Phase("a", BALL, frames=3)],

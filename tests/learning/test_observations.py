@@ -95,6 +95,18 @@ def test_score_is_read_as_it_was_saved(course, tmp_path):
     write_page(tmp_path / "page.html", "title", [score, again])
 
 
+def test_test_without_pixels_that_count_is_named_and_left_out(tmp_path):
+    phases = [Phase("ball", BALL, frames=2, supervision=RandomPixels(1))]
+    tests = [Phase("ball", BALL, frames=1), Phase("nothing", Scenario("object_view"), frames=1)]
+    with pytest.warns(UserWarning, match=r"test 'nothing': none of its frames shows pixels that count \(pixels='obj"):
+        score = evaluate(Constant(1), Course(phases, tests=tests, **SETTINGS, observed=("depth",)), [])
+    assert (score["tests"]["accuracy"]["R"], score["tests"]["accuracy"]["held_out"]) == ([[1.0, None]] * 2, None)
+    score.save(tmp_path / "score.json")
+    with warnings.catch_warnings():
+        warnings.simplefilter("error", RuntimeWarning)
+        write_page(tmp_path / "page.html", "title", [Score.load(tmp_path / "score.json")])
+
+
 def test_pages_of_no_scores_or_of_different_courses_are_refused(course, tmp_path):
     score = evaluate(Constant(), course, [])
     without = evaluate(Constant(), Course(course.phases, **SETTINGS, observed=("albedo",)), [])

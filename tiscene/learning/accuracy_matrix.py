@@ -2,7 +2,8 @@
 """The accuracy matrix R of continual learning, and the scores that are made of it.
 
 R[i, j] is the accuracy on test j after i phases; row 0 is the untrained learner. Test j belongs to the phase
-`learned[j]` (counted from 1), in which what it tests is learned; None: to no phase.
+`learned[j]` (counted from 1), in which what it tests is learned; None: to no phase. A test without pixels that count
+has nan in its column; means leave it out.
 """
 
 from __future__ import annotations
@@ -54,4 +55,5 @@ def held_out_accuracy(R: Matrix, learned: Learned) -> float | None:
 
 
 def _mean(values: Sequence[float]) -> float | None:
-    return float(np.mean(values)) if values else None
+    known = [value for value in values if not np.isnan(value)]
+    return float(np.mean(known)) if known else None

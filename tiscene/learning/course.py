@@ -55,7 +55,7 @@ class Course(Iterator[CourseFrame]):
     Args:
         phases: one or more phases; their names differ.
         tests: phases on which a learner is tested between the phases, each a task. A test with the name of a phase
-            belongs to it; others are tested beside.
+            belongs to it; others are tested beside. They have no teacher.
         boundaries: "hidden" or "shown": whether learners see names and boundaries of phases.
         observed: buffers that learners see.
         pixels: the pixels that scores count: "objects" (of the scenarios, without distractors), "moving" (objects) or
@@ -119,11 +119,15 @@ class Course(Iterator[CourseFrame]):
 
     @property
     def tests(self) -> Course | None:
-        """The tests as a course of their own, with the same settings and category ids; None: there are none."""
+        """The tests as a course of their own, with the same settings and category ids; None: there are none.
+
+        Learners only predict in it, so `evaluate(learner, course.tests)` tests a learner that has learned elsewhere.
+        """
         if not self._tests:
             return None
         shared: dict[str, Any] = {"boundaries": self.boundaries, "observed": self.observed, "pixels": self.pixels}
-        tests = Course(self._tests, **shared, **self.settings)
+        phases = [replace(each, supervision=None, evaluate=True) for each in self._tests]
+        tests = Course(phases, **shared, **self.settings)
         self._share_categories()
         tests._pool, tests._owns_pool, tests._shared = self._pool, False, True
         return tests

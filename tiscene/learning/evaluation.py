@@ -193,6 +193,8 @@ class _Evaluation:
             selected = selected_pixels(frame, run.matrix.pixels)
             for run in self.runs:
                 run.matrix.add(frame, run.predict(self.tests.observation(frame)), selected)
+        if row == 0:
+            self.runs[0].matrix.warn_of_empty_tests()
 
     def _save(self, path: Path) -> float:
         """Write a checkpoint, and return the time, in seconds of `time.monotonic`."""

@@ -247,8 +247,9 @@ def _matrices(by_name: Mapping[str, Sequence[Score]]) -> str:
 
 def _matrix(name: str, runs: Sequence[Score]) -> str:
     tests = runs[0].scores["tests"]
-    R = np.nanmean(np.array([run.scores["tests"]["class_accuracy"]["R"] for run in runs], np.float64), axis=0)
-    cells = ["".join(map(_cell, row)) for row in R.tolist()]
+    R = np.array([run.scores["tests"]["class_accuracy"]["R"] for run in runs], np.float64)  # None becomes nan
+    mean = np.ma.masked_invalid(R).mean(axis=0).filled(np.nan)
+    cells = ["".join(map(_cell, row)) for row in mean.tolist()]
     head = "".join(f"<th>{escape(each)}</th>" for each in ("after", *tests["tests"]))
     rows = "".join(f"<tr><td>{escape(row)}</td>{line}</tr>" for row, line in zip(tests["rows"], cells, strict=True))
     return f'<h3>{escape(name)}</h3><div class="scroll"><table><thead><tr>{head}</tr></thead>{rows}</table></div>'

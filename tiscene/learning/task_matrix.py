@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
@@ -65,6 +66,13 @@ class TaskMatrix:
         if frame.boundary:
             # A learner may return the same array again.
             self.examples.append(Example(frame.phase, frame.get("rgb"), frame.semantic, prediction.copy(), counted))
+
+    def warn_of_empty_tests(self) -> None:
+        """Warn of tests without pixels that count, which have no accuracy."""
+        for name, cell in zip(self._names, self._cells[-1], strict=True):
+            if not cell.total:
+                cause = f"test {name!r}: none of its frames shows pixels that count (pixels={self.pixels!r})"
+                warnings.warn(f"{cause}; means leave it out. Choose other frames: start=, frames=", stacklevel=2)
 
     def learned(self) -> list[int | None]:
         """Return for each test the row after the phase that it belongs to; None: it belongs to none."""
