@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from tests.learning.small_course import BALL, CHAIR, SETTINGS, TAUGHT, Constant, make_course
-from tiscene.errors import ArgumentError, ArgumentTypeError
+from tiscene.errors import ArgumentError, ArgumentTypeError, ScenarioError
 from tiscene.learning.adapters.course_frames import CourseFrames
 from tiscene.learning.adapters.river_pairs import river_pairs
 from tiscene.learning.course import Course
@@ -174,11 +174,14 @@ def test_predictions_of_ids_that_the_course_does_not_have_are_refused(course, nu
         evaluate(Constant(number), course, [])
 
 
-def test_wrong_pixels_of_a_focus_are_refused(course):
+def test_wrong_policies_of_an_evaluation_are_refused(course):
     class Wrong(Policy):
         def pixels(self, frame, moment):
             return None
 
+    taught = Course([Phase("a", BALL, frames=1, supervision=Wrong())], **SETTINGS, observed=("depth",))
+    with pytest.raises(ScenarioError, match="make Wrong a dataclass"):  # before a frame is rendered
+        evaluate(Constant(), taught)
     assert FocusAccuracy().focus == FollowMovingObjects()
     with pytest.raises(ArgumentTypeError, match=r"Wrong.pixels=None"):
         evaluate(Constant(), course, [FocusAccuracy(Wrong())])

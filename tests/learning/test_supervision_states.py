@@ -196,6 +196,7 @@ def test_courses_and_teachers_are_copied_after_a_frame_was_rendered(copied, stre
     other = copied(teacher)
     assert other.ledger == teacher.ledger
     assert (other.present, teacher.present) == (0, 3)
+    assert repr(other) == f"<Supervision of {other._stream!r}: 2 labels given>"
     assert list(other.replay()) == list(teacher.replay())
 
 

@@ -94,8 +94,9 @@ def evaluate_all(
 
     Raises:
         ArgumentError: an argument is invalid, or a prediction has the wrong shape or type.
+        ScenarioError: the course cannot be written to a file, such as one with a policy that is no dataclass.
     """
-    check_course(course)
+    check_course(course).digest()  # one that cannot be written fails now, not when the score is saved
     if not isinstance(learners, Mapping):
         raise ArgumentTypeError(f"learners={learners!r}: must be learners by name, such as {{'mine': learner}}")
     chosen = default_metrics() if metrics is None else _check_metrics(metrics)

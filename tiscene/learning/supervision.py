@@ -77,6 +77,9 @@ class Supervision:
         """Return all but the frame that was held last, as a copy of the stream shows a world of its own."""
         return vars(self) | {"_held": None, "_held_at": (), "_moving": ((), frozenset())}
 
+    def __repr__(self) -> str:
+        return f"<Supervision of {self._stream!r}: {len(self.ledger)} labels given>"
+
     def _clear(self) -> None:
         self.ledger = LabelLedger()
         self.refused: Counter[str] = Counter()

@@ -2,7 +2,11 @@
 """stream.torch() with PyTorch's loaders: every frame once, in order, with exact state."""
 
 import itertools
+import os
 import pickle
+import subprocess
+import sys
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -205,3 +209,41 @@ def test_worker_processes_deliver_in_order_and_resume(stream):
     second = stateful.StatefulDataLoader(dataset, **settings)
     second.load_state_dict(state)
     assert indices(second) == rest
+
+
+RANK = """
+import os, signal, sys
+import torch
+from torchdata.stateful_dataloader import StatefulDataLoader
+import tiscene as ts
+
+torch.distributed.init_process_group("gloo")
+rank, folder, end = torch.distributed.get_rank(), sys.argv[1], int(sys.argv[2])
+stream = ts.Stream("solid_benchmark", width=8, height=6, frames=24, buffers=("depth",))
+loader = StatefulDataLoader(stream.torch(chunk=2), batch_size=2)
+state = f"{folder}/state{rank}"
+if os.path.exists(state):
+    loader.load_state_dict(torch.load(state))
+for batch in loader:
+    torch.distributed.all_reduce(batch["depth"].isfinite().sum())
+    with open(f"{folder}/{rank}", "a") as file:
+        print(*batch["index"].tolist(), file=file)
+    torch.save(loader.state_dict(), state)
+    torch.distributed.barrier()
+    if rank == 1 and batch["index"][0] > end:
+        os.kill(os.getpid(), signal.SIGKILL)
+"""
+
+
+@pytest.mark.slow
+def test_ranks_of_torchrun_share_a_stream_and_continue_after_one_was_killed(tmp_path):
+    program = tmp_path / "rank.py"
+    program.write_text(RANK)
+    command = [sys.executable, "-m", "torch.distributed.run", "--standalone", "--nproc-per-node", "2", str(program)]
+    environment = os.environ | {"PYTHONPATH": str(Path(__file__).parents[3])}
+    for end, succeeds in (("9", False), ("99", True)):
+        done = subprocess.run([*command, str(tmp_path), end], capture_output=True, text=True, env=environment)
+        assert (done.returncode == 0) == succeeds, done.stderr
+    batches = [(tmp_path / rank).read_text().split("\n")[:-1] for rank in "01"]
+    for rank, rows in enumerate(batches):
+        assert rows == [f"{first} {first + 1}" for first in range(2 * rank, 24, 4)]
