@@ -8,7 +8,9 @@ import numpy as np
 import pytest
 
 from tests.learning.small_course import scenario
+from tests.learning.test_accuracy_matrix import LEARNED, R
 from tiscene.errors import ArgumentError, MissingExtra
+from tiscene.learning.accuracy_matrix import backward_transfer, forward_transfer
 from tiscene.learning.adapters.course_frames import CourseFrames
 from tiscene.learning.adapters.labeled_patches import labeled_patches, patch_around, patches_of_tests
 from tiscene.learning.adapters.river_pairs import color_features, river_pairs
@@ -154,6 +156,22 @@ def test_avalanche_trains_and_evaluates_on_a_course(course):
     )
     for experience in benchmark.train_stream:
         distilling.train(experience)
+
+
+@pytest.mark.filterwarnings("ignore")
+def test_transfer_equals_avalanches():
+    evaluation = pytest.importorskip("avalanche.evaluation.metrics")
+    theirs, transfer = evaluation.BWT(), evaluation.ForwardTransfer()
+    for test, phase in enumerate(LEARNED):
+        theirs.update(test, float(R[phase, test]), initial=True)
+        transfer.update(test, float(R[0, test]), initial=True)
+    for test, phase in enumerate(LEARNED):
+        if phase < len(R) - 1:
+            theirs.update(test, float(R[-1, test]))
+        if phase > 1:
+            transfer.update(test, float(R[phase - 1, test]))
+    assert backward_transfer(R, LEARNED) == pytest.approx(np.mean(list(theirs.result().values())))
+    assert forward_transfer(R, LEARNED) == pytest.approx(np.mean(list(transfer.result().values())))
 
 
 @pytest.mark.filterwarnings("ignore")

@@ -3,6 +3,7 @@
 
 import json
 import math
+import re
 
 import numpy as np
 import pytest
@@ -18,7 +19,7 @@ from dynamics import (
 )
 from tests.learning.small_course import BALL, CHAIR, scenario
 from tiscene.errors import ArgumentError, MissingFile, ObjectNotFound, ScenarioError, UnknownName
-from tiscene.learning.course import Course
+from tiscene.learning.course import UNUSED, Course
 from tiscene.learning.drift import Cycle, Drift, Mix, Ramp, Step
 from tiscene.learning.laps import lap_times
 from tiscene.learning.phase import Phase
@@ -206,15 +207,26 @@ def test_missing_file_is_named(tmp_path):
         (lambda: Course([]), "one phase or more"),
         (lambda: Course([Phase("a", BALL, frames=1)] * 2), "called 'a' already"),
         (lambda: Course([Phase("a", BALL, frames=1)], boundaries="no"), "must be 'hidden' or 'shown'"),
-        (lambda: Course([Phase("a", BALL, frames=1)], frames=3), "give the phases frames="),
-        (lambda: Course([Phase("a", BALL, frames=1)], supervision=LastFrames(1)), "give it to the phases"),
+        (lambda: Phase("a", BALL, frames=1, evaluate="yes"), "phase 'a': evaluate='yes'"),
+        (lambda: Phase("a", BALL, frames=1, evaluate=True, supervision=LastFrames(1)), "the learner only predicts"),
         (lambda: Course([Phase("a", BALL, frames=1)], widht=3), "widht: Course has no such .*; did you mean 'width'"),
         (lambda: Course([Phase("a", BALL, frames=1)], observed=("hdr",)), "'hdr' is not among buffers="),
+        (lambda: Course([Phase("a", BALL, frames=1)], observed="rgb"), "observed='rgb': must be a sequence of buffers"),
+        (lambda: Course([Phase("a", BALL, frames=1)], categories="sphere"), "'sphere': must be a sequence of names"),
+        (lambda: Course([Phase("a", BALL, frames=1)], seed=-1), "seed=-1: must be from 0 to"),
     ],
 )
 def test_wrong_courses_are_refused(make, message):
     with pytest.raises(ArgumentError, match=message):
         make()
+
+
+def test_arguments_that_a_course_does_not_have_say_what_to_do():
+    given = {"camera": ("Main", "High"), "variants": {}, "prefetch": 4, "batch": 2, "frames": 3, "supervision": None}
+    assert given.keys() == UNUSED.keys()
+    for name, value in given.items():
+        with pytest.raises(ArgumentError, match=f"{name}=.*: a course has no such argument; {re.escape(UNUSED[name])}"):
+            Course([Phase("a", BALL, frames=1)], **{name: value})
 
 
 def test_teacher_of_a_course_follows_the_phases(course):

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from tests.learning.small_course import BALL, CHAIR, SETTINGS, TAUGHT, Constant, make_course
+from tests.learning.small_course import BALL, CHAIR, SETTINGS, Constant, make_course
 from tiscene.errors import ArgumentError, ArgumentTypeError, ScenarioError
 from tiscene.learning.adapters.course_frames import CourseFrames
 from tiscene.learning.adapters.river_pairs import river_pairs
@@ -185,28 +185,3 @@ def test_wrong_policies_of_an_evaluation_are_refused(course):
     assert FocusAccuracy().focus == FollowMovingObjects()
     with pytest.raises(ArgumentTypeError, match=r"Wrong.pixels=None"):
         evaluate(Constant(), course, [FocusAccuracy(Wrong())])
-
-
-@pytest.mark.parametrize(
-    ("settings", "message"),
-    [
-        ({"camera": ("Main", "High")}, "camera=.*: a course has no such argument; give it to the scenarios"),
-        ({"variants": {}}, "variants=.*: a course has no such argument"),
-        ({"prefetch": 4}, "prefetch=4: a course has no such argument; frames of a course are rendered one by one"),
-        ({"batch": 2}, "batch=2: a course has no such argument"),
-        ({"frames": 2}, "frames=2: a course has no such argument; give the phases frames= or laps="),
-        ({"observed": "rgb"}, r"observed='rgb': must be a sequence of buffers, such as \('rgb',\)"),
-        ({"categories": "sphere"}, "categories='sphere': must be a sequence of names"),
-        ({"seed": -1}, "seed=-1: must be from 0 to"),
-    ],
-)
-def test_wrong_settings_of_a_course_are_refused_before_a_frame_is_rendered(settings, message):
-    with pytest.raises(ArgumentError, match=message):
-        Course([Phase("a", BALL, frames=2)], **settings)
-
-
-def test_phase_that_evaluates_has_no_teacher():
-    with pytest.raises(ArgumentError, match="phase 'a': evaluate=True: the learner only predicts here"):
-        Phase("a", BALL, frames=2, evaluate=True, supervision=TAUGHT)
-    with pytest.raises(ArgumentTypeError, match="phase 'a': evaluate='yes'"):
-        Phase("a", BALL, frames=2, evaluate="yes")

@@ -283,14 +283,6 @@ def test_question_about_a_frame_that_was_edited_since_is_answered_anew():
     assert teacher.ask(6, 8, frame).object == "a"
     stream.seek(3).world.despawn("a")
     assert teacher.ask(6, 8, 3).object != "a"
-
-
-def test_frame_held_before_an_edit_that_changed_it_answers_no_question():
-    stream = edited_stream(Scenario("object_view", [Object("a", "Cube", (0, 1, -2), scale=2.0)]))
-    teacher = Supervision(stream)
-    teacher.hold(next(stream.seek(3)))
-    assert teacher.ask(6, 8).object == "a"
-    stream.seek(3).world.despawn("a")
     next(stream)
     assert teacher.present == 3
     assert teacher.ask(6, 8).object != "a"
