@@ -55,5 +55,6 @@ def test_invalid_arguments_raise_argument_error_that_names_them(check, message):
 
 def test_buffer_names_are_deduplicated_and_checked():
     assert buffer_names(iter(["depth", "rgb", "depth"])) == ("depth", "rgb")
-    with pytest.raises(BufferNotFound, match="no buffer 3"):
-        buffer_names((3,))
+    for wrong, shown in ((3, "3"), (["rgb"], r"\['rgb'\]")):
+        with pytest.raises(BufferNotFound, match=f"no buffer {shown}"):
+            buffer_names((wrong,))

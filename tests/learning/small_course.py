@@ -13,6 +13,13 @@ from tiscene.scenario.scenario import Scenario
 
 SETTINGS = {"width": 24, "height": 18, "buffers": ("semantic", "instance", "part", "depth", "albedo")}
 
+SMALL = {"width": 32, "height": 24, "buffers": ("semantic", "instance", "part", "depth"), "observed": ("depth",)}
+
+
+def same(a, b):
+    """Return whether two frames have equal bytes in all buffers of the second."""
+    return all(a[name].tobytes() == b[name].tobytes() for name in b)
+
 
 def scenario(template="Ball 01", total_time=1.0, scene="object_view", **others):
     """Return a scenario of one object on a closed curve."""

@@ -174,10 +174,10 @@ def buffer_names(names: Iterable[str]) -> tuple[str, ...]:
     """
     if isinstance(names, str) or not isinstance(names, Iterable):
         raise ArgumentError(f"buffers={names!r}: must be a sequence of names, such as ('rgb', 'depth')")
-    wanted = tuple(dict.fromkeys(names))
+    wanted = tuple(names)
     for name in wanted:
-        if name not in BUFFERS:
+        if not isinstance(name, str) or name not in BUFFERS:
             raise BufferNotFound("buffer", name, BUFFERS)
     if not wanted:
         raise ArgumentError("buffers=(): name at least one")
-    return wanted
+    return tuple(dict.fromkeys(wanted))

@@ -7,6 +7,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import fields
 from typing import Any
 
+from dynamics import argument_checks
 from tiscene.errors import ArgumentError
 from tiscene.learning.drift import SCENARIO, Drift, Schedule
 from tiscene.learning.phase import Phase
@@ -104,37 +105,40 @@ def decode(content: Mapping[str, Any]) -> dict[str, Any]:
     known = {"format", "version", "settings", "boundaries", "observed", "pixels", "phases", "tests", "scenarios"}
     if unknown := sorted(set(content) - known):
         raise ArgumentError(f"{unknown[0]}: a course has no such key; there are {', '.join(sorted(known))}")
-    scenarios = {name: Scenario.from_json(each) for name, each in content.get("scenarios", {}).items()}
+
+    def member(name: str, kind: type, default: Any) -> Any:
+        value = content.get(name, default)
+        if not isinstance(value, kind):
+            expected = "an object" if kind is Mapping else "a list"
+            raise ArgumentError(f"{name}={argument_checks.brief(value)}: must be {expected}")
+        return value
+
+    scenarios = {name: Scenario.from_json(each) for name, each in member("scenarios", Mapping, {}).items()}
 
     def scenario(name: Any, path: str) -> Scenario:
-        if name not in scenarios:
+        if not isinstance(name, str) or name not in scenarios:
             raise ArgumentError(f"{path}={name!r}: no such key in scenarios; there are {', '.join(scenarios)}")
         return scenarios[name]
 
-    def phase(each: Any, path: str) -> Phase:
+    def drift(each: Any, path: str) -> Any:
+        is_of_scenarios = isinstance(each, Mapping) and each.get("factor") == SCENARIO
+        if is_of_scenarios and isinstance(each.get("values"), list):
+            return {**each, "values": [scenario(name, f"{path}.values") for name in each["values"]]}
+        return each
+
+    def phase(each: Any, path: str) -> Any:
         if not isinstance(each, Mapping):
-            raise ArgumentError(f"{path}={each!r}: must be an object")
-        members = dict(each)
-        arguments: dict[str, Any] = {"scenario": scenario(members.pop("scenario", None), f"{path}.scenario")}
-        drifts = []
-        for row, drift in enumerate(members.pop("drift", ())):
-            if drift.get("factor") == SCENARIO:
-                values = [scenario(name, f"{path}.drift[{row}].values") for name in drift["values"]]
-                schedule = serialization.decode(drift["schedule"], FIELDS, FIELDS["schedule"], f"{path}.drift[{row}]")
-                drifts.append(Drift(SCENARIO, values, schedule, drift.get("seed", 0)))
-            else:
-                drifts.append(serialization.decode(drift, FIELDS, FIELDS["drift"], f"{path}.drift[{row}]"))
-        for name, value in members.items():
-            if name not in Phase.__dataclass_fields__:
-                raise ArgumentError(f"{path}.{name}: a phase has no such key")
-            arguments[name] = serialization.decode(value, FIELDS, FIELDS.get(name), f"{path}.{name}")
-        return Phase(**arguments, drift=drifts)
+            raise ArgumentError(f"{path}={argument_checks.brief(each)}: must be an object")
+        found = {**each, "scenario": scenario(each.get("scenario"), f"{path}.scenario")}
+        if isinstance(found.get("drift"), list):
+            found["drift"] = [drift(one, f"{path}.drift[{row}]") for row, one in enumerate(found["drift"])]
+        return serialization.decode(found, FIELDS, {"Phase": Phase}, path)
 
     return {
-        "settings": serialization.decode(content.get("settings", {}), FIELDS, {}, "settings"),
+        "settings": serialization.decode(member("settings", Mapping, {}), FIELDS, {}, "settings"),
         "boundaries": content.get("boundaries", "hidden"),
-        "observed": tuple(content.get("observed", ("rgb",))),
+        "observed": content.get("observed", ("rgb",)),
         "pixels": content.get("pixels", "objects"),
-        "phases": [phase(each, f"phases[{row}]") for row, each in enumerate(content.get("phases", ()))],
-        "tests": [phase(each, f"tests[{row}]") for row, each in enumerate(content.get("tests", ()))],
+        "phases": [phase(each, f"phases[{row}]") for row, each in enumerate(member("phases", list, []))],
+        "tests": [phase(each, f"tests[{row}]") for row, each in enumerate(member("tests", list, []))],
     }
