@@ -25,7 +25,7 @@ from tiscene.learning.evaluation import evaluate, evaluate_all
 from tiscene.learning.learner import make_learner
 from tiscene.learning.phase import Phase
 from tiscene.learning.pixel_counts import PixelCounts, selected_pixels
-from tiscene.learning.score import differences, read_score
+from tiscene.learning.score import Score, differences, read_score
 from tiscene.learning.stream_metrics import Adaptation, FocusAccuracy, NearFutureAccuracy, OnlineAccuracy
 from tiscene.learning.supervision_rules import SupervisionRules
 from tiscene.learning.teaching_policies import Asked, RandomPixels
@@ -232,6 +232,10 @@ def test_differences_name_what_differs(course, tmp_path):
     (tmp_path / "other.json").write_text("{}")
     with pytest.raises(ArgumentError, match=r"other\.json: not a score"):
         read_score(tmp_path / "other.json")
+    for damage, message in (({"frames": None}, "frames: is missing or no mapping"), ({"name": 3}, "name: .* no str")):
+        (tmp_path / "other.json").write_text(json.dumps(score.to_json() | damage))
+        with pytest.raises(ArgumentError, match=rf"other\.json: {message}"):
+            Score.load(tmp_path / "other.json")
     with pytest.raises(MissingFile):
         read_score(tmp_path / "none.json")
 

@@ -18,6 +18,9 @@ from tiscene.learning.task_matrix import Example
 from tiscene.scenario import serialization
 
 FORMAT, VERSION = "tiscene.score", 1
+MEMBERS = dict.fromkeys(("course", "learner", "scores", "labels", "clock", "resources", "frames"), Mapping) | {
+    "name": str
+}
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -154,6 +157,9 @@ def read_score(path: str | os.PathLike[str]) -> dict[str, Any]:
     def checked(content: Any) -> dict[str, Any]:
         if not isinstance(content, Mapping) or content.get("format") != FORMAT or content.get("version") != VERSION:
             raise ArgumentError(f'not a score: it should be an object with "format": "{FORMAT}", version {VERSION}')
+        for name, kind in MEMBERS.items():
+            if not isinstance(content.get(name), kind):
+                raise ArgumentError(f"{name}: is missing or no {kind.__name__.lower()}; the file is damaged")
         return dict(content)
 
     return serialization.read(path, checked)
