@@ -222,6 +222,11 @@ class Course(Iterator[CourseFrame]):
         return CourseFrame.of(frame, index=index, moving=moving, **where)
 
     @property
+    def frames(self) -> int:
+        """Number of frames, as of a stream."""
+        return self.starts[-1]
+
+    @property
     def position(self) -> int:
         """The index of the frame that `next` returns."""
         return self._position
@@ -242,7 +247,7 @@ class Course(Iterator[CourseFrame]):
         return frame
 
     def __len__(self) -> int:
-        return self.starts[-1]
+        return self.frames
 
     @overload
     def __getitem__(self, index: int) -> CourseFrame: ...

@@ -205,15 +205,11 @@ class Supervision:
         if self._rules is None:
             assert isinstance(self._stream, Course)  # since __init__
             return self._stream.rules(index)
-        return 0, self._rules, index, self._length()
-
-    def _length(self) -> int | None:
-        return len(self._stream) if isinstance(self._stream, Course) else self._stream.frames
+        return 0, self._rules, index, self._stream.frames
 
     def _has(self, index: int) -> bool:
         """Return whether the stream has a frame."""
-        length = self._length()
-        return index >= 0 and (length is None or index < length)
+        return index >= 0 and (self._stream.frames is None or index < self._stream.frames)
 
     def _source(self, index: int) -> tuple[Stream, int]:
         return self._stream.source(index) if isinstance(self._stream, Course) else (self._stream, index)

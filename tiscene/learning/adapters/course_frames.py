@@ -46,7 +46,7 @@ class CourseFrames(LoaderMethods):
     @property
     def frames(self) -> int:
         """Number of frames."""
-        return len(self.course)
+        return self.course.frames
 
     @property
     def scenario(self) -> Scenario:
