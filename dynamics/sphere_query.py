@@ -34,9 +34,50 @@ NEAREST, WITHIN, CONTACT = 0, 1, 2  # queries, see `query_sphere`
 
 
 @ti.func
-def reciprocal(d: ti.f32) -> ti.f32:
-    """Return 1 / d, finite even for d = 0, so that 0 * infinity does not occur."""
-    return 1.0 / ti.select(ti.abs(d) < 1e-18, ti.select(d < 0.0, -1e-18, 1e-18), d)
+def reciprocals(v):
+    """Return 1 / v of each component, finite even for 0, so that 0 * infinity does not occur."""
+    result = vec3(0.0)
+    for axis in ti.static(range(3)):
+        result[axis] = 1.0 / ti.select(ti.abs(v[axis]) < 1e-18, ti.select(v[axis] < 0.0, -1e-18, 1e-18), v[axis])
+    return result
+
+
+@ti.func
+def box_distances(nodes: Template, node: ti.i32, point, meters_per_unit, factor: ti.f32, is_bvh8: Template):
+    """Return the distance, m, of a point from the box of each child of a node.
+
+    factor: makes the square of a distance a lower bound where axes are sheared, see `dynamics.obstacles`.
+    """
+    square = ti.Vector([0.0] * (8 if is_bvh8 else 2))
+    for axis in ti.static(range(3)):
+        below = child_bounds(nodes, node, axis, is_bvh8) - point[axis]
+        above = point[axis] - child_bounds(nodes, node, 3 + axis, is_bvh8)
+        gap = ti.max(ti.max(below, above), 0.0) * meters_per_unit[axis]
+        square += gap * gap
+    return ti.sqrt(factor * square)
+
+
+@ti.func
+def box_intervals(nodes: Template, node: ti.i32, start, inverse, expansion, until: ti.f32, is_bvh8: Template):
+    """Return when, between 0 and `until`, a moving point is in the expanded box of each child: entry and exit times.
+
+    Args:
+        nodes, node, is_bvh8: Of the hierarchy.
+        start: Of the point.
+        inverse: `reciprocals` of its motion from time 0 to 1.
+        expansion: Of the boxes along each axis.
+        until: Latest time of interest.
+    """
+    entry = ti.Vector([0.0] * (8 if is_bvh8 else 2))
+    leave = entry + until
+    for axis in ti.static(range(3)):
+        flip = ti.select(inverse[axis] < 0.0, 1, 0)
+        side = expansion[axis] * (1.0 - 2.0 * flip)
+        near = child_bounds(nodes, node, axis + 3 * flip, is_bvh8) - (start[axis] + side)
+        far = child_bounds(nodes, node, axis + 3 - 3 * flip, is_bvh8) - (start[axis] - side)
+        entry = ti.max(entry, near * inverse[axis])
+        leave = ti.min(leave, far * inverse[axis])
+    return entry, leave
 
 
 @ti.func
@@ -93,7 +134,7 @@ def query_sphere(
         reach += SKIN
     expansion = vec3(reach)
     start = center
-    inverse_x, inverse_y, inverse_z = reciprocal(chord[0]), reciprocal(chord[1]), reciprocal(chord[2])
+    inverse = reciprocals(chord)
     meters_per_unit = vec3(1.0)
     factor = 1.0
     stack = ti.Vector([0] * STACK)
@@ -107,54 +148,12 @@ def query_sphere(
         pop = False
         if current >= 0:
             node = current
-            entry = child_bounds(nodes, node, 0, is_bvh8)
-            leave = entry
+            entry, leave = ti.Vector([0.0] * (8 if is_bvh8 else 2)), ti.Vector([0.0] * (8 if is_bvh8 else 2))
             if ti.static(query == NEAREST):
-                gap = (
-                    ti.max(ti.max(entry - start[0], start[0] - child_bounds(nodes, node, 3, is_bvh8)), 0.0)
-                    * meters_per_unit[0],
-                    ti.max(
-                        ti.max(
-                            child_bounds(nodes, node, 1, is_bvh8) - start[1],
-                            start[1] - child_bounds(nodes, node, 4, is_bvh8),
-                        ),
-                        0.0,
-                    )
-                    * meters_per_unit[1],
-                    ti.max(
-                        ti.max(
-                            child_bounds(nodes, node, 2, is_bvh8) - start[2],
-                            start[2] - child_bounds(nodes, node, 5, is_bvh8),
-                        ),
-                        0.0,
-                    )
-                    * meters_per_unit[2],
-                )
-                entry = ti.sqrt(factor * (gap[0] * gap[0] + gap[1] * gap[1] + gap[2] * gap[2]))
-                leave = entry * 0.0 + best
+                entry = box_distances(nodes, node, start, meters_per_unit, factor, is_bvh8)
+                leave += best
             else:
-                flip_x = ti.select(inverse_x < 0.0, 1, 0)
-                flip_y = ti.select(inverse_y < 0.0, 1, 0)
-                flip_z = ti.select(inverse_z < 0.0, 1, 0)
-                side_x = expansion[0] * (1.0 - 2.0 * flip_x)
-                side_y = expansion[1] * (1.0 - 2.0 * flip_y)
-                side_z = expansion[2] * (1.0 - 2.0 * flip_z)
-                entry = ti.max(
-                    ti.max(
-                        (child_bounds(nodes, node, 3 * flip_x, is_bvh8) - (start[0] + side_x)) * inverse_x,
-                        (child_bounds(nodes, node, 1 + 3 * flip_y, is_bvh8) - (start[1] + side_y)) * inverse_y,
-                    ),
-                    ti.max((child_bounds(nodes, node, 2 + 3 * flip_z, is_bvh8) - (start[2] + side_z)) * inverse_z, 0.0),
-                )
-                leave = ti.min(
-                    ti.min(
-                        (child_bounds(nodes, node, 3 - 3 * flip_x, is_bvh8) - (start[0] - side_x)) * inverse_x,
-                        (child_bounds(nodes, node, 4 - 3 * flip_y, is_bvh8) - (start[1] - side_y)) * inverse_y,
-                    ),
-                    ti.min(
-                        (child_bounds(nodes, node, 5 - 3 * flip_z, is_bvh8) - (start[2] - side_z)) * inverse_z, best
-                    ),
-                )
+                entry, leave = box_intervals(nodes, node, start, inverse, expansion, best, is_bvh8)
             nearest = FAR
             any_child = False
             for k in ti.static(range(8 if is_bvh8 else 2)):
@@ -179,8 +178,7 @@ def query_sphere(
             meters_per_unit = vector_at(instances, instance, METERS_PER_UNIT)
             factor = instances[instance, GAP_FACTOR]
             start = transformed(instances, instance, INVERSE, center, 1.0)
-            along = transformed(instances, instance, INVERSE, chord, 0.0)
-            inverse_x, inverse_y, inverse_z = reciprocal(along[0]), reciprocal(along[1]), reciprocal(along[2])
+            inverse = reciprocals(transformed(instances, instance, INVERSE, chord, 0.0))
             expansion = reach / meters_per_unit
             mesh_stack_base = stack_size
             current = roots[instance]
@@ -215,7 +213,7 @@ def query_sphere(
             if stack_size == mesh_stack_base:
                 mesh_stack_base = -1
                 start = center
-                inverse_x, inverse_y, inverse_z = reciprocal(chord[0]), reciprocal(chord[1]), reciprocal(chord[2])
+                inverse = reciprocals(chord)
                 expansion = vec3(reach)
                 meters_per_unit = vec3(1.0)
                 factor = 1.0
