@@ -96,6 +96,48 @@ def reflection(surface: Template, point: Template, direction: vec3) -> vec3:
     return reflected.normalized()
 
 
+@ti.func
+def image_motion(
+    moment: Template, row: ti.i32, triangle: ti.i32, b1: ti.f32, b2: ti.f32, object_point: vec3, towards: vec3,
+    image_point: vec2, geometry: Template, instance_motion: Template, camera_motion: Template, first: ti.i32,
+) -> vec2:  # fmt: skip
+    """Return where a surface point, now at `image_point`, is at another moment, PREVIOUS or NEXT, from there, px."""
+    moved_point = deformed_point(geometry, row, triangle, b1, b2, object_point, moment)
+    there = camera_point(moment, row, moved_point, towards, instance_motion, camera_motion, first)
+    return from_principal_point(there, camera_motion, first + moment) - image_point
+
+
+@ti.func
+def material_values(
+    materials: Template, textures: Template, surface: Template, direction: vec3, footprint_width: ti.f32,
+    wanted: Template, follow: ti.i32,
+):  # fmt: skip
+    """Return albedo, roughness, metallic, filtered albedo, whether the surface is mirror-like, and its reflection."""
+    color, rough, metal, filtered_color = vec3(0.0), 0.0, 0.0, vec3(0.0)
+    unfiltered = wanted[OF_ALBEDO] | wanted[OF_ROUGHNESS] | wanted[OF_METALLIC]
+    inputs = wanted[OF_ALBEDO] << DIFFUSE | wanted[OF_ROUGHNESS] << ROUGHNESS | wanted[OF_METALLIC] << METALLIC
+    may_mirror = follow != 0 and (materials.info[surface.material, FLAGS] & MAY_MIRROR) != 0
+    if may_mirror:
+        inputs |= _MIRROR_INPUTS
+    is_mirror, reflected = False, vec3(0.0)
+    for filtered in range(2):  # not unrolled: texture lookups compile slowly
+        is_needed, reads, footprint = unfiltered != 0 or may_mirror, inputs, Footprint()
+        if filtered == 1:
+            is_needed = wanted[OF_FILTERED_ALBEDO] != 0 and not is_mirror
+            reads = 1 << DIFFUSE | 1 << EMISSIVE
+            footprint = footprint_at(surface, direction, footprint_width, ti.u32(0))
+        if is_needed:
+            material = material_at(materials, textures, surface, reads, footprint)
+            if filtered == 1:
+                filtered_color = ti.min(material.diffuse_color + material.emissive_color, 1.0)
+            else:
+                color, rough, metal = material.diffuse_color, material.roughness, material.metallic
+                is_mirror = may_mirror and is_mirror_like(material) != 0
+                if is_mirror:
+                    reflected = reflection(surface, material, direction)
+    return color, rough, metal, filtered_color, is_mirror, reflected
+
+
 @ti.kernel
 @bundled
 def surface_labels(
@@ -165,17 +207,10 @@ def surface_labels(
         ahead = 1.0 - camera_motion[first + CURRENT, ORTHOGRAPHIC]
         down = row_in_frame(y, height, stacked)
         towards = vec3((x - 0.5 * (width - 1)) / focal, (down - 0.5 * (height - 1)) / focal, ahead)
+        triangle, b1, b2 = hit_ids[pixel][1], hits[pixel][1], hits[pixel][2]
         object_point = vec3(0.0)
         if row >= 0:
-            object_point = object_point_at(
-                geometry.vertex_position,
-                geometry.triangle_vertices,
-                hit_ids[pixel][1],
-                hits[pixel][1],
-                hits[pixel][2],
-                0,
-            )
-        triangle, b1, b2 = hit_ids[pixel][1], hits[pixel][1], hits[pixel][2]
+            object_point = object_point_at(geometry.vertex_position, geometry.triangle_vertices, triangle, b1, b2, 0)
         camera_space = camera_point(CURRENT, row, object_point, towards, instance_motion, camera_motion, first)
         image_point = from_principal_point(camera_space, camera_motion, first + CURRENT)
 
@@ -192,17 +227,17 @@ def surface_labels(
         if wanted[OF_INSTANCE]:
             instance[y, x] = geometry.instance_info[row, INFO_INSTANCE_ID] if row >= 0 else 0
         if wanted[OF_PART]:
-            part[y, x] = (
-                1 + geometry.instance_info[row, INFO_PART] + triangle_part[hit_ids[pixel][1]] if row >= 0 else 0
-            )
+            part[y, x] = 1 + geometry.instance_info[row, INFO_PART] + triangle_part[triangle] if row >= 0 else 0
         if wanted[OF_FORWARD_FLOW]:
-            moved_point = deformed_point(geometry, row, triangle, b1, b2, object_point, NEXT)
-            after = camera_point(NEXT, row, moved_point, towards, instance_motion, camera_motion, first)
-            write2(forward_flow, y, x, from_principal_point(after, camera_motion, first + NEXT) - image_point)
+            write2(forward_flow, y, x, image_motion(
+                NEXT, row, triangle, b1, b2, object_point, towards, image_point, geometry, instance_motion,
+                camera_motion, first,
+            ))  # fmt: skip
         if wanted[OF_BACKWARD_FLOW]:
-            moved_point = deformed_point(geometry, row, triangle, b1, b2, object_point, PREVIOUS)
-            before = camera_point(PREVIOUS, row, moved_point, towards, instance_motion, camera_motion, first)
-            write2(backward_flow, y, x, from_principal_point(before, camera_motion, first + PREVIOUS) - image_point)
+            write2(backward_flow, y, x, image_motion(
+                PREVIOUS, row, triangle, b1, b2, object_point, towards, image_point, geometry, instance_motion,
+                camera_motion, first,
+            ))  # fmt: skip
         if wanted[OF_SCENE_FLOW]:
             displacement = vec3(0.0)
             if row >= 0:
@@ -219,52 +254,31 @@ def surface_labels(
                 coordinates = ti.math.clamp(affine(box_from_instance, row, 0, object_point), 0.0, 1.0)
             write3(object_coordinates, y, x, coordinates)
 
-        unfiltered = wanted[OF_ALBEDO] | wanted[OF_ROUGHNESS] | wanted[OF_METALLIC]
-        any_material = unfiltered | wanted[OF_FILTERED_ALBEDO]
+        any_material = wanted[OF_ALBEDO] | wanted[OF_ROUGHNESS] | wanted[OF_METALLIC] | wanted[OF_FILTERED_ALBEDO]
         any_normal = wanted[OF_NORMAL] | wanted[OF_GEOMETRIC_NORMAL] | wanted[OF_NORMAL_CAMERA]
         if wanted[OF_POSITION] | any_normal | wanted[OF_UV] | any_material:
             point = vec3(ti.math.nan)
             shading, geometric = vec3(0.0), vec3(0.0)
             texture = vec2(0.0)
             color, rough, metal, filtered_color = vec3(0.0), 0.0, 0.0, vec3(0.0)
-            is_mirror = False
+            is_mirror, reflected = False, vec3(0.0)
             if row >= 0:
                 direction = ray_direction(rays, pixel)
                 surface = surface_at(geometry, row, triangle, b1, b2, CURRENT, direction)
-                point, shading, geometric, texture = (
-                    surface.position,
-                    surface.normal,
-                    surface.geometric_normal,
-                    surface.uv,
-                )
+                point, texture = surface.position, surface.uv
+                shading, geometric = surface.normal, surface.geometric_normal
                 if any_material:
-                    inputs = wanted[OF_ALBEDO] << DIFFUSE
-                    inputs |= wanted[OF_ROUGHNESS] << ROUGHNESS | wanted[OF_METALLIC] << METALLIC
-                    may_mirror = follow != 0 and (materials.info[surface.material, FLAGS] & MAY_MIRROR) != 0
-                    if may_mirror:
-                        inputs |= _MIRROR_INPUTS
-                    for filtered in range(2):  # not unrolled: texture lookups compile slowly
-                        is_needed, reads, footprint = unfiltered != 0 or may_mirror, inputs, Footprint()
-                        if filtered == 1:
-                            is_needed = wanted[OF_FILTERED_ALBEDO] != 0 and not is_mirror
-                            reads = 1 << DIFFUSE | 1 << EMISSIVE
-                            footprint_width = (
-                                2.0 * (view[first + CURRENT, TANGENT] + view[first + CURRENT, HALF_HEIGHT]) / height
-                            )
-                            if ahead > 0.0:
-                                footprint_width *= hits[pixel][0]
-                            footprint = footprint_at(surface, direction, footprint_width, ti.u32(0))
-                        if is_needed:
-                            material = material_at(materials, textures, surface, reads, footprint)
-                            if filtered == 1:
-                                filtered_color = ti.min(material.diffuse_color + material.emissive_color, 1.0)
-                            else:
-                                color, rough, metal = material.diffuse_color, material.roughness, material.metallic
-                                is_mirror = may_mirror and is_mirror_like(material) != 0
-                                if is_mirror:
-                                    reflected = reflection(surface, material, direction)
-                                    write_ray(rays, pixel, offset_origin(surface, reflected), reflected, ti.math.inf)
-                                    mirrored[ti.atomic_add(mirrored_count[0], 1)] = pixel
+                    footprint_width = (
+                        2.0 * (view[first + CURRENT, TANGENT] + view[first + CURRENT, HALF_HEIGHT]) / height
+                    )
+                    if ahead > 0.0:
+                        footprint_width *= hits[pixel][0]
+                    color, rough, metal, filtered_color, is_mirror, reflected = material_values(
+                        materials, textures, surface, direction, footprint_width, wanted, follow
+                    )
+                    if is_mirror:
+                        write_ray(rays, pixel, offset_origin(surface, reflected), reflected, ti.math.inf)
+                        mirrored[ti.atomic_add(mirrored_count[0], 1)] = pixel
             if wanted[OF_POSITION]:
                 write3(position, y, x, point)
             if wanted[OF_NORMAL]:
