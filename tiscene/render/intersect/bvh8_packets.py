@@ -67,6 +67,75 @@ def max_lane(v):
     return fast_max(fast_max(a, b), fast_max(c, d))
 
 
+@ti.func
+def intervals(cx: ti.f32, cy: ti.f32, cz: ti.f32, rx: ti.f32, ry: ti.f32, rz: ti.f32):
+    """Prepare slab tests of all directions within (rx, ry, rz) of (cx, cy, cz): the results of `interval` per axis."""
+    lx, mx, jx, near_x = interval(cx, rx)
+    ly, my, jy, near_y = interval(cy, ry)
+    lz, mz, jz, near_z = interval(cz, rz)
+    return lx, mx, jx, near_x, ly, my, jy, near_y + 1, lz, mz, jz, near_z + 2
+
+
+@ti.func
+def shear_packet(
+    ox: ti.f32, oy: ti.f32, oz: ti.f32, dx, dy, dz, cx: ti.f32, cy: ti.f32, cz: ti.f32, rx: ti.f32, ry: ti.f32,
+    rz: ti.f32,
+):  # fmt: skip
+    """Prepare triangle tests of a packet, as `bvh8.shear` does of a ray.
+
+    Args:
+        ox, oy, oz: Origin.
+        dx, dy, dz: Directions, one per lane.
+        cx, cy, cz: Their center.
+        rx, ry, rz: Their radius around it.
+
+    Returns:
+        What `bvh8.shear` returns, and whether the largest axis of all directions is the same.
+    """
+    px, py, pz, kx, ky, kz = ox, oy, oz, 0, 1, 2
+    shx, shy, scale = dx, dy, lanes(0.0)
+    is_coherent = True
+    ax, ay, az = ti.abs(cx), ti.abs(cy), ti.abs(cz)
+    if ax - rx > fast_max(ay + ry, az + rz):
+        px, py, pz, kx, ky, kz = oy, oz, ox, 1, 2, 0
+        scale = 1.0 / dx
+        shx, shy = dy * scale, dz * scale
+    elif ay - ry > fast_max(ax + rx, az + rz):
+        px, py, pz, kx, ky, kz = oz, ox, oy, 2, 0, 1
+        scale = 1.0 / dy
+        shx, shy = dz * scale, dx * scale
+    elif az - rz > fast_max(ax + rx, ay + ry):
+        scale = 1.0 / dz
+        shx, shy = dx * scale, dy * scale
+    else:
+        is_coherent = False
+    return px, py, pz, kx, ky, kz, shx, shy, scale, is_coherent
+
+
+@ti.func
+def intersect_triangle(
+    ax: ti.f32, ay: ti.f32, az: ti.f32, bx: ti.f32, by: ti.f32, bz: ti.f32, vx: ti.f32, vy: ti.f32, vz: ti.f32,
+    shx, shy, shz,
+):  # fmt: skip
+    """Intersect a triangle with the rays of a packet, as `bvh8.intersect_leaf_block` does; return t, b1 and b2."""
+    ex = ax - shx * az
+    ey = ay - shy * az
+    fx = bx - shx * bz
+    fy = by - shy * bz
+    gx = vx - shx * vz
+    gy = vy - shy * vz
+    u = gx * fy - gy * fx
+    v = ex * gy - ey * gx
+    w = fx * ey - fy * ex
+    determinant = u + v + w
+    scale = 1.0 / determinant
+    z = (u * az + v * bz + w * vz) * scale
+    t = ti.select(fast_max(determinant, 0.0 - determinant) > 0.0, z * shz, lanes(INFINITY))
+    valid_t = ti.select(fast_min(fast_min(u, v), w) >= 0.0, t, lanes(INFINITY))
+    valid_t = ti.select(fast_max(fast_max(u, v), w) <= 0.0, t, valid_t)
+    return ti.select(valid_t > 0.0, valid_t, lanes(INFINITY)), v * scale, w * scale
+
+
 @ti.kernel
 def closest(
     nodes: Float8s1,
@@ -118,13 +187,13 @@ def closest(
                 rx = 0.5 * extent[4] + MARGIN * ti.abs(cx)
                 ry = 0.5 * extent[5] + MARGIN * ti.abs(cy)
                 rz = 0.5 * extent[6] + MARGIN * ti.abs(cz)
-                wlx, wmx, wjx, wnear_x = interval(cx, rx)
-                wly, wmy, wjy, wnear_y = interval(cy, ry)
-                wlz, wmz, wjz, wnear_z = interval(cz, rz)
+                wlx, wmx, wjx, wnear_x, wly, wmy, wjy, wnear_y, wlz, wmz, wjz, wnear_z = intervals(
+                    cx, cy, cz, rx, ry, rz
+                )
                 ox, oy, oz = wox, woy, woz
                 lx, mx, jx, near_x = wlx, wmx, wjx, wnear_x
-                ly, my, jy, near_y = wly, wmy, wjy, wnear_y + 1
-                lz, mz, jz, near_z = wlz, wmz, wjz, wnear_z + 2
+                ly, my, jy, near_y = wly, wmy, wjy, wnear_y
+                lz, mz, jz, near_z = wlz, wmz, wjz, wnear_z
                 px, py, pz, kx, ky, kz = ox, oy, oz, 0, 1, 2  # set on entering an instance
                 shx, shy, shz = dx, dy, dz
                 stack_size = 0
@@ -192,35 +261,18 @@ def closest(
                             sx += MARGIN * (ti.abs(x0) + ti.abs(x1) + ti.abs(x2))
                             sy += MARGIN * (ti.abs(y0) + ti.abs(y1) + ti.abs(y2))
                             sz += MARGIN * (ti.abs(z0) + ti.abs(z1) + ti.abs(z2))
-                            lx, mx, jx, near_x = interval(ex, sx)
-                            ly, my, jy, near_y = interval(ey, sy)
-                            lz, mz, jz, near_z = interval(ez, sz)
-                            near_y += 1
-                            near_z += 2
+                            lx, mx, jx, near_x, ly, my, jy, near_y, lz, mz, jz, near_z = intervals(
+                                ex, ey, ez, sx, sy, sz
+                            )
                             qx = m0 * dx + m1 * dy + m2 * dz
                             qy = m4 * dx + m5 * dy + m6 * dz
                             qz = m8 * dx + m9 * dy + m10 * dz
-                            tx, ty, tz = ti.abs(ex), ti.abs(ey), ti.abs(ez)
-                            px, py, pz, kx, ky, kz = ox, oy, oz, 0, 1, 2
-                            scale = lanes(0.0)
-                            if tx - sx > fast_max(ty + sy, tz + sz):
-                                px, py, pz, kx, ky, kz = oy, oz, ox, 1, 2, 0
-                                scale = 1.0 / qx
-                                shx = qy * scale
-                                shy = qz * scale
-                            elif ty - sy > fast_max(tx + sx, tz + sz):
-                                px, py, pz, kx, ky, kz = oz, ox, oy, 2, 0, 1
-                                scale = 1.0 / qy
-                                shx = qz * scale
-                                shy = qx * scale
-                            elif tz - sz > fast_max(tx + sx, ty + sy):
-                                scale = 1.0 / qz
-                                shx = qx * scale
-                                shy = qy * scale
-                            else:
+                            px, py, pz, kx, ky, kz, shx, shy, shz, is_coherent = shear_packet(
+                                ox, oy, oz, qx, qy, qz, ex, ey, ez, sx, sy, sz
+                            )
+                            if not is_coherent:
                                 is_packet = False
                                 searching = False
-                            shz = scale
                             blas_base = stack_size
                             current = instances[instance, entry_column(entered)]
                         else:
@@ -237,32 +289,17 @@ def closest(
                             for k in range(4):
                                 triangle = ti.bit_cast(leaf_blocks[at + 9][k], ti.i32)
                                 if triangle >= 0:
-                                    e_x = ax[k] - shx * az[k]
-                                    e_y = ay[k] - shy * az[k]
-                                    f_x = bx[k] - shx * bz[k]
-                                    f_y = by[k] - shy * bz[k]
-                                    g_x = vx[k] - shx * vz[k]
-                                    g_y = vy[k] - shy * vz[k]
-                                    u = g_x * f_y - g_y * f_x
-                                    v = e_x * g_y - e_y * g_x
-                                    w = f_x * e_y - f_y * e_x
-                                    determinant = u + v + w
-                                    scale = 1.0 / determinant
-                                    z = (u * az[k] + v * bz[k] + w * vz[k]) * scale
-                                    t = ti.select(
-                                        fast_max(determinant, 0.0 - determinant) > 0.0, z * shz, lanes(INFINITY)
+                                    t, u, v = intersect_triangle(
+                                        ax[k], ay[k], az[k], bx[k], by[k], bz[k], vx[k], vy[k], vz[k], shx, shy, shz
                                     )
-                                    valid_t = ti.select(fast_min(fast_min(u, v), w) >= 0.0, t, lanes(INFINITY))
-                                    valid_t = ti.select(fast_max(fast_max(u, v), w) <= 0.0, t, valid_t)
-                                    t = ti.select(valid_t > 0.0, valid_t, lanes(INFINITY))
                                     lower = ti.select(hit_triangle > triangle, int_lanes(1), int_lanes(0))
                                     lower = ti.select(hit_instance == instance, lower, int_lanes(0))
                                     lower = ti.select(hit_instance > instance, int_lanes(1), lower)
                                     wins = ti.select(t == best, lower, int_lanes(0))
                                     wins = ti.select(t < best, int_lanes(1), wins)
                                     best = ti.select(wins > 0, t, best)
-                                    b1 = ti.select(wins > 0, v * scale, b1)
-                                    b2 = ti.select(wins > 0, w * scale, b2)
+                                    b1 = ti.select(wins > 0, u, b1)
+                                    b2 = ti.select(wins > 0, v, b2)
                                     hit_instance = ti.select(wins > 0, int_lanes(instance), hit_instance)
                                     hit_triangle = ti.select(wins > 0, int_lanes(triangle), hit_triangle)
                             bound = max_lane(best) * FAR_SLACK
@@ -276,8 +313,8 @@ def closest(
                             blas_base = -1
                             ox, oy, oz = wox, woy, woz
                             lx, mx, jx, near_x = wlx, wmx, wjx, wnear_x
-                            ly, my, jy, near_y = wly, wmy, wjy, wnear_y + 1
-                            lz, mz, jz, near_z = wlz, wmz, wjz, wnear_z + 2
+                            ly, my, jy, near_y = wly, wmy, wjy, wnear_y
+                            lz, mz, jz, near_z = wlz, wmz, wjz, wnear_z
                         if stack_size == 0:
                             searching = False
                         else:
