@@ -15,7 +15,7 @@ import re
 import socket
 import sys
 import warnings
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from pathlib import Path
 from uuid import uuid4
 
@@ -28,12 +28,16 @@ class FolderLockedError(OSError):
     """Another process, or another thread of this one, writes into the folder."""
 
 
-def write_atomically(path: Path, data: bytes) -> None:
-    """Write a file through a temporary file beside it, so that it never exists in part. Creates its folder."""
+def write_atomically(path: Path, data: bytes | Iterable[bytes]) -> None:
+    """Write a file, whole or in parts, through a temporary file beside it, so that it never exists in part.
+
+    Creates its folder.
+    """
     path.parent.mkdir(parents=True, exist_ok=True)
     temporary = partial_file(path)
     try:
-        temporary.write_bytes(data)
+        with temporary.open("wb") as file:
+            file.writelines([data] if isinstance(data, bytes) else data)
         os.replace(temporary, path)
     finally:
         temporary.unlink(missing_ok=True)

@@ -7,5 +7,6 @@
     generator            generate: render the scenarios into a folder
     scenario_summary     what the index knows of a scenario
     data_set_index       index, statistics and contact sheet of a data set
+    coco_splits          COCO's JSON of all scenarios of a split
     data_set_verification  verify_data_set: scenarios as recorded, frames that render as recorded, the index
 """

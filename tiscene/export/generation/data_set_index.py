@@ -10,7 +10,7 @@ import json
 import math
 import re
 from collections import Counter
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, TypeAlias
@@ -20,6 +20,7 @@ from PIL import Image, ImageDraw, ImageFont
 
 from tiscene.errors import ArgumentError, ExportError, export_errors
 from tiscene.export.array_files import json_file, png
+from tiscene.export.generation import coco_splits
 from tiscene.export.generation.recipe import Recipe
 from tiscene.export.generation.scenario_summary import FILE, THUMBNAIL, THUMBNAIL_WIDTH, read_summary
 from tiscene.export.parquet import card_head
@@ -110,7 +111,11 @@ class DataSet:
         return [number for number, summary in self.summaries() if summary is None]
 
     def write_index(self) -> None:
-        """Write index, statistics, contact sheet and card. Raises ExportError if they cannot be written."""
+        """Write index, statistics, contact sheet, and what the format has beside its scenarios.
+
+        Raises:
+            ExportError: They cannot be written, or files of a scenario that they are made of are damaged.
+        """
         summaries = list(self.summaries())
         done = with_frames(summaries)
         shown = (
@@ -119,13 +124,31 @@ class DataSet:
             else done
         )
         with export_errors(self.folder):
-            for name, content in index_files(summaries).items():
-                write_atomically(self.folder / name, content)
+            for name, data in index_files(summaries).items():
+                write_atomically(self.folder / name, data)
             if shown:
                 write_atomically(self.folder / SHEET, png(self._contact_sheet(shown)))
             card = self.folder / CARD
             if self.recipe.format in ROWS and done and (not card.exists() or MARK.encode() in card.read_bytes()):
                 write_atomically(card, self._card(done).encode())
+            for path, content in self.joined(done):
+                if content is None:
+                    path.unlink(missing_ok=True)
+                else:
+                    write_atomically(path, content)
+
+    def joined(self, numbers: Sequence[int]) -> Iterator[tuple[Path, Iterable[bytes] | None]]:
+        """Yield the files that join those of the scenarios of a split, and their contents in parts; None: no file.
+
+        Args:
+            numbers: Of the scenarios that have frames.
+        """
+        if self.recipe.format == "coco":
+            splits: dict[str, list[Path]] = {}
+            for number in numbers:
+                splits.setdefault(self.recipe.split(number), []).append(self.scenario_folder(number))
+            for name, content in coco_splits.joined(self.folder, splits).items():
+                yield self.folder / name, content
 
     def _card(self, numbers: list[int]) -> str:
         """Return the card of Hugging Face, from the numbers of the scenarios that have frames."""

@@ -3,8 +3,10 @@
 
 from __future__ import annotations
 
+import contextlib
 import functools
-from collections.abc import Callable, Iterator, Sequence
+import itertools
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -108,10 +110,12 @@ def verify_data_set(
     for path in data_set.others():
         name = path.relative_to(data_set.folder).as_posix()
         problems[name] = (f"is not among the {data_set.count} scenarios of the data set",)
-    for name, content in index_files(summaries).items():
-        path = data_set.folder / name
-        if not path.is_file() or path.read_bytes() != content:
-            problems[name] = (f"is not that of the scenarios; `tiscene merge {folder}` writes it again",)
+    index = ((data_set.folder / name, [content]) for name, content in index_files(summaries).items())
+    with contextlib.suppress(ExportError):  # damage of a scenario, which is named above
+        for path, content in itertools.chain(index, data_set.joined(made)):
+            if content is not None and not _has_content(path, content):
+                name = path.relative_to(data_set.folder).as_posix()
+                problems[name] = (f"is not that of the scenarios; `tiscene merge {folder}` writes it again",)
     return DataSetVerification(data_set.count, failed, frames, rendered, problems)
 
 
@@ -119,6 +123,14 @@ def _show_rendered(progress: Callable[[int, int | None], None], number: int, ind
     """Report a frame of a scenario, unless only its files were compared."""
     if is_rendered:
         progress(number, index)
+
+
+def _has_content(path: Path, parts: Iterable[bytes]) -> bool:
+    """Return whether a file has some content, and no more."""
+    if not path.is_file():
+        return False
+    with path.open("rb") as file:
+        return all(file.read(len(part)) == part for part in parts) and not file.read(1)
 
 
 def _contradictions(folder: Path, summary: dict[str, Any], length: int) -> Iterator[str]:
