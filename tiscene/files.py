@@ -36,8 +36,11 @@ def write_atomically(path: Path, data: bytes | Iterable[bytes]) -> None:
     path.parent.mkdir(parents=True, exist_ok=True)
     temporary = partial_file(path)
     try:
-        with temporary.open("wb") as file:
-            file.writelines([data] if isinstance(data, bytes) else data)
+        if isinstance(data, bytes):
+            temporary.write_bytes(data)
+        else:
+            with temporary.open("wb") as file:
+                file.writelines(data)
         os.replace(temporary, path)
     finally:
         temporary.unlink(missing_ok=True)

@@ -93,5 +93,5 @@ def _read(folder: Path, file: Path) -> dict[str, Any]:
         content: dict[str, Any] = json.loads(file.read_bytes())
         return content
     except (OSError, ValueError) as error:
-        scenario = folder.joinpath(*file.relative_to(folder).parts[:2])
-        raise ExportError(f"{str(file)!r} is missing or damaged: delete {str(scenario)!r}, and generate again") from error
+        scenario = str(folder.joinpath(*file.relative_to(folder).parts[:2]))
+        raise ExportError(f"{str(file)!r} is missing or damaged: delete {scenario!r}, and generate again") from error
