@@ -39,7 +39,7 @@ def test_names_of_what_is_added_are_new(tmp_path: Path) -> None:
     edit(Path(rooms[0].file), lambda stage: UsdGeom.Cube.Define(stage, "/Room/RoomVolume"))
     path = join([rooms[0]._replace(name="Openings"), rooms[1]], tmp_path / "flat.usda", openings=[OPENING])
     stage = Usd.Stage.Open(str(path))
-    assert [prim.GetName() for prim in stage.GetDefaultPrim().GetChildren()] == ["Openings", "east", "Openings_"]
+    assert [prim.GetName() for prim in stage.GetDefaultPrim().GetChildren()] == ["Openings", "east", "Openings_2"]
     assert UsdGeom.Cube(stage.GetPrimAtPath("/Flat/east/RoomVolume")).GetPurposeAttr().Get() == "default"
     assert [each.name for each in read_stage(path).rooms] == ["Openings", "east"]
 

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 from pxr import Gf, Kind, Sdf, Usd, UsdGeom, UsdSemantics, UsdShade, Vt
 
+from tiscene.usd.core.prims import unused_path
 from tiscene.usd.joining.floor_plan import Opening
 
 LINING = 0.020  # m, thickness of jambs, head and threshold
@@ -20,7 +21,7 @@ def line(stage: Usd.Stage, root: Usd.Prim, openings: Sequence[Opening], up_axis:
     lined = [each for each in openings if each.lined]
     if not lined:
         return
-    scope = free_path(root, "Openings")
+    scope = unused_path(stage, root.GetPath(), "Openings")
     Usd.ModelAPI(UsdGeom.Xform.Define(stage, scope).GetPrim()).SetKind(Kind.Tokens.group)
     UsdGeom.Scope.Define(stage, scope.AppendChild("Looks"))
     paint = _material(stage, scope.AppendPath("Looks/Paint"), _PAINT, 0.32)
@@ -83,10 +84,3 @@ def _material(
 def in_units(matrix: NDArray[np.float64], meters: float) -> NDArray[np.float64]:
     """Return a matrix to world positions in meters as one to stage units."""
     return np.diag([1.0 / meters] * 3 + [1.0]) @ matrix
-
-
-def free_path(parent: Usd.Prim, name: str) -> Sdf.Path:
-    """Return the path of a new child of a prim."""
-    while parent.GetChild(name):
-        name += "_"
-    return parent.GetPath().AppendChild(name)

@@ -19,11 +19,12 @@ from tiscene.errors import ArgumentError, StageError, StageWarning
 from tiscene.files import write_atomically
 from tiscene.usd.core.broken_prims import deactivate_broken
 from tiscene.usd.core.layers import has_file
+from tiscene.usd.core.prims import unused_path
 from tiscene.usd.core.report import StageReport
 from tiscene.usd.core.semantics import scene_name
 from tiscene.usd.core.stage import open_stage, quiet, readable
 from tiscene.usd.joining.floor_plan import Opening, RoomPlacement
-from tiscene.usd.joining.lining import free_path, in_units, line
+from tiscene.usd.joining.lining import in_units, line
 from tiscene.usd.joining.stage_cut import GprimCut, cuts, release_instances
 from tiscene.usd.read.room_volumes import define_volume, has_volume, interior
 
@@ -226,7 +227,8 @@ def _prepare(room: Usd.Prim, placement: RoomPlacement) -> None:
     report.raise_problems(anything_left=room.IsActive())
     report.warn()
     if not has_volume(room):
-        define_volume(room.GetStage(), free_path(room, "RoomVolume"), *interior(room), placement.label)
+        path = unused_path(room.GetStage(), room.GetPath(), "RoomVolume")
+        define_volume(room.GetStage(), path, *interior(room), placement.label)
 
 
 def _forward_variants(stage: Usd.Stage, root: Usd.Prim, rooms: Sequence[Usd.Prim]) -> dict[str, list[str]]:
