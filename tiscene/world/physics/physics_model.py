@@ -115,6 +115,7 @@ class PhysicsModel:
         links, loops = joint_tree(joints, rows, [row for row, body in enumerate(self.bodies) if body.rigid is None])
         self.joints = JointsInEngine(mujoco, links, loops, rows)
         self._engine: Any = mujoco
+        self._mesh_count = 0  # `len(spec.meshes)` would make an object for each of them
         spec = self._new_spec(step, around.gravity, is_linked=bool(links))
         self.lag = 0.0 if links else 0.5 * step
         self.gravity = np.array([*around.gravity, 0.0, 0.0, 0.0])
@@ -252,7 +253,8 @@ class PhysicsModel:
                 shape = {"type": kind, "size": [radius, height - radius * (part.kind == "capsule"), 0.0]}
                 turn = _with_axis(turn, part.axis)
             case _:
-                name = f"{body.name}/{len(spec.meshes)}"
+                name = f"{body.name}/{self._mesh_count}"
+                self._mesh_count += 1
                 mesh = spec.add_mesh(name=name)
                 mesh.uservert = part.points.ravel().tolist()
                 mesh.inertia = self._engine.mjtMeshInertia.mjMESH_INERTIA_CONVEX
