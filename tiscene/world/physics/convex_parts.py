@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import functools
 import math
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -46,7 +46,7 @@ def convex_parts(triangles: Array, tolerance: float, thickness: float) -> list[P
         return []
     parts = []
     for piece in _connected(triangles):
-        points, corners = np.unique(_coarser(piece, 0.5 * tolerance).reshape(-1, 3), axis=0, return_inverse=True)
+        points, corners = _unique_rows(_coarser(piece, 0.5 * tolerance).reshape(-1, 3))
         for hull in _pieces(points, corners.reshape(-1, 3), tolerance, thickness):
             parts.append(shape_of(hull, 0.25 * tolerance))
     return parts
@@ -73,7 +73,7 @@ def _connected(triangles: Array) -> list[Array]:
     from scipy.sparse.csgraph import connected_components
 
     cells = np.round(triangles.reshape(-1, 3) / _WELD).astype(np.int64)
-    _, point = np.unique(cells, axis=0, return_inverse=True)
+    _, point = _unique_rows(cells)
     point = point.reshape(-1, 3)
     rows, columns = point[:, [0, 1]].ravel(), point[:, [1, 2]].ravel()
     count = int(point.max()) + 1
@@ -84,6 +84,16 @@ def _connected(triangles: Array) -> list[Array]:
     sorting = np.argsort(order, kind="stable")
     bounds = np.searchsorted(order[sorting], np.arange(len(first)))
     return [triangles[rows] for rows in np.split(sorting, bounds[1:])]
+
+
+def _unique_rows(rows: NDArray[Any]) -> tuple[NDArray[Any], NDArray[np.int64]]:
+    """Return the distinct rows [n, c] in order, and which of them each row is: `np.unique` takes four times as long."""
+    order = np.lexsort(rows.T[::-1])
+    ordered = rows[order]
+    is_new = np.append(True, (ordered[1:] != ordered[:-1]).any(axis=1))
+    which = np.empty(len(rows), np.int64)
+    which[order] = np.cumsum(is_new) - 1
+    return ordered[is_new], which
 
 
 def _pieces(
@@ -175,9 +185,9 @@ def _sides_with_gap(
     A wall from which a doorway is cut has such sides. A side without any triangle, such as the open end of a cup
     without a bottom, counts as closed, and so does one with a gap of at most `least`, m2.
     """
-    planes, plane_of = np.unique(hull.equations.round(6), axis=0, return_inverse=True)
+    planes, plane_of = _unique_rows(hull.equations.round(6))
     a, b, c = np.moveaxis(hull.points[hull.simplices], 1, 0)
-    sizes = np.bincount(plane_of.reshape(-1), 0.5 * np.linalg.norm(np.cross(b - a, c - a), axis=1))
+    sizes = np.bincount(plane_of, 0.5 * np.linalg.norm(np.cross(b - a, c - a), axis=1))
     areas = 0.5 * np.linalg.norm(normals, axis=1)
     corners = hull.points[hull.vertices]
     sides, has_gap = [], False
