@@ -7,6 +7,7 @@ does not count.
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -18,6 +19,7 @@ from dynamics.contact import MAX_TOUCHES, TOUCH_COLUMNS
 from dynamics.dynamic import ClosedForm
 from dynamics.obstacles import Obstacles
 from dynamics.path_cover import cover_path
+from dynamics.surface_overlap import boxes_touch
 from dynamics.sweep_obstacles import obstacle_distances
 
 MARGIN = 0.005  # m
@@ -46,17 +48,15 @@ class PathBounds:
         return cls(balls, not any(track.duration for track in tracks))
 
     @cached_property
-    def box(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """Lower and upper corner of the box around all balls, m."""
+    def box(self) -> NDArray[np.float64]:
+        """Lowest and highest corner [2, 3] of the box around all balls, m."""
         centers, radii = self.balls[:, :3], self.balls[:, 3:]
-        return (centers - radii).min(axis=0), (centers + radii).max(axis=0)
+        return np.stack([(centers - radii).min(axis=0), (centers + radii).max(axis=0)])
 
-    def may_meet(self, other: PathBounds) -> bool:
-        """Return whether a mover may touch another one. Two static movers do not count."""
-        if self.is_static and other.is_static:
-            return False
-        (lower, upper), (other_lower, other_upper) = self.box, other.box
-        return bool((lower <= other_upper).all() and (other_lower <= upper).all())
+    def may_meet_any(self, others: Iterable[PathBounds]) -> bool:
+        """Return whether a mover may touch one of others. Two static movers do not count."""
+        boxes = [each.box for each in others if not (self.is_static and each.is_static)]
+        return bool(boxes) and bool(boxes_touch(self.box, np.array(boxes)).any())
 
     def is_clear_of(self, obstacles: Obstacles) -> bool:
         """Return whether the mover cannot touch an obstacle."""

@@ -112,12 +112,12 @@ class CollisionOnset:
         near = self._log.around(frame)
         if len(self._paths) > 2 * len(near) + UNUSED:
             self._paths = {each: self._paths[each] for each in near if each in self._paths}
-        for each in near:
-            if each != row and self._log.histories[each].spec.collide and self._movers[each].shape is not None:
-                other = self._path(each)
-                if other is None or path.may_meet(other):
-                    return False
-        return True
+        others = [each for each in near if each != row and self._can_collide(each)]
+        paths = [each for each in map(self._path, others) if each is not None]
+        return len(paths) == len(others) and not path.may_meet_any(paths)
+
+    def _can_collide(self, row: int) -> bool:
+        return self._log.histories[row].spec.collide and self._movers[row].shape is not None
 
     def _path(self, row: int) -> PathBounds | None:
         if row not in self._paths:

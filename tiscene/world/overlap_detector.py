@@ -68,14 +68,16 @@ class OverlapDetector:
         if not placed:
             return []
         poses = dict(zip(rows, self._trajectories.poses(frame, rows), strict=True))
-        boxes = {row: _box_at(self._own_box(row), poses[row]) for row in rows}
+        boxes = np.stack([_box_at(self._own_box(row), poses[row]) for row in rows])
+        on_stage = self._instances_at(frame)
         found = []
         for row in placed:
             surface = shrunk(_at(self._surface(self._log.histories[row].spec), poses[row]), MARGIN, MAX_SHRINK)
             if len(surface):
-                found += self._on_stage(row, surface, frame)
-                for other in rows:
-                    if other != row and boxes_touch(boxes[row], boxes[other]):
+                found += self._on_stage(row, surface, *on_stage)
+                for place in np.flatnonzero(boxes_touch(boxes[rows.index(row)], boxes)).tolist():
+                    other = rows[place]
+                    if other != row:
                         if _overlap(surface, _at(self._surface(self._log.histories[other].spec), poses[other])):
                             found.append(Collision(row, "object", other))
         return found
@@ -95,16 +97,22 @@ class OverlapDetector:
         spec = self._log.histories[row].spec
         return self._boxes.get((spec.template, spec.scale), lambda: _box(self._surface(spec)))
 
-    def _on_stage(self, row: int, surface: Array, frame: int) -> list[Collision]:
-        """Return the overlaps of an object with the stage: objects by row, then colliders without an object."""
+    def _instances_at(self, frame: int) -> tuple[Sequence[Instance], Sequence[bool], Array]:
+        """Return the stage's instances and colliders at a frame, which are present, and their boxes [n, 2, 3]."""
         instances, present = self._instances(frame)
         if not instances:
-            return []
+            return instances, present, np.empty((0, 2, 3))
         matrices = np.array([each.world_from_object[:3] for each in instances], np.float64)
         local = _mesh_boxes(self._stage)[[each.mesh for each in instances]]
         centers = np.einsum("ijk,ik->ij", matrices[:, :, :3], local.mean(axis=1)) + matrices[:, :, 3]
         halves = np.einsum("ijk,ik->ij", np.abs(matrices[:, :, :3]), 0.5 * (local[:, 1] - local[:, 0]))
-        near = boxes_touch(np.stack([centers - halves, centers + halves], axis=1), _box(surface))
+        return instances, present, np.stack([centers - halves, centers + halves], axis=1)
+
+    def _on_stage(
+        self, row: int, surface: Array, instances: Sequence[Instance], present: Sequence[bool], boxes: Array
+    ) -> list[Collision]:
+        """Return the overlaps of an object with the stage: objects by row, then colliders without an object."""
+        near = boxes_touch(boxes, _box(surface))
         owners, hidden = set(), set()
         for number in np.flatnonzero(near).tolist():
             instance = instances[number]
