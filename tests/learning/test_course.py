@@ -58,6 +58,7 @@ def test_course_shows_the_frames_of_its_streams(course):
         frame = course[index]
         assert same(frame, stream[k])
         assert (frame.index, frame.time) == (index, stream[k].time)
+        assert repr(frame) == f"<Frame {index} at {frame.time:.3f} s, 32x24: {', '.join(frame)}>"
 
 
 def test_frames_know_phase_and_boundary(course):
@@ -158,6 +159,15 @@ def test_json_keeps_everything(tmp_path):
     assert loaded.to_json() == course.to_json()
     assert (loaded.boundaries, loaded.observed, loaded.fps) == ("shown", ("depth",), 10)
     assert len(course.to_json()["scenarios"]) == 2
+
+
+def test_numbers_of_numpy_are_saved_as_those_of_python():
+    def course(whole, number, true):
+        drift = Drift("illumination", (number(1.0), number(-0.5)), Ramp(whole(0), whole(2)))
+        phase = Phase("a", BALL, frames=whole(3), drift=drift, supervision=SupervisionRules(rate=number(0.5)))
+        return Course([phase], **SMALL | {"width": whole(32)}, denoise=true(False))
+
+    assert course(np.int64, np.float32, np.bool_).to_json() == course(int, float, bool).to_json()
 
 
 @pytest.mark.parametrize(
@@ -304,6 +314,18 @@ def test_frames_repeat_after_a_lap():
     for first, second in zip(frames[:6], frames[6:], strict=True):
         assert same(first, second)
     assert not same(frames[0], frames[3])
+
+
+def test_phase_lasts_its_laps_wherever_it_starts():
+    body = scenario(total_time=0.6)
+    starts = {"first": 0, "second": 6, "within a lap": 8, "fourth": 18}
+    phases = [Phase(name, body, laps=1, start=start) for name, start in starts.items()]
+    phases += [
+        Phase("two", body, laps=2, start=6, step=5),
+        Phase("waits", two(0.6, 0.6, AllTogether(0.5)), laps=1, start=2),
+    ]
+    course = Course(phases, fps=10, **SMALL)
+    assert np.diff(course.starts).tolist() == [6, 6, 6, 6, 3, 9]
 
 
 def test_lap_of_loops_that_never_meet_again_is_refused():

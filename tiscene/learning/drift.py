@@ -94,8 +94,8 @@ class Ramp(_Transition):
     """Incremental drift: through all values from frame `start` to frame `end`, in `steps` equal steps.
 
     Attributes:
-        start: the last frame with the first value.
-        end: the first frame with the last value.
+        start: frame at which it begins. Each step is taken at its middle, so the first value holds half a step longer.
+        end: frame at which it is over; the last value holds from half a step before.
         steps: number of steps. Numbers are interpolated between the values; of other values the nearest holds.
     """
 

@@ -34,9 +34,10 @@ class LapTimes:
     start: Fraction
     period: Fraction
 
-    def frames(self, laps: int, fps: float) -> int:
-        """Return the number of frames until a number of laps is complete, from frame 0 on."""
-        return math.ceil((self.start + laps * self.period) * exact(fps))
+    def frames(self, laps: int, fps: float, first: int = 0) -> int:
+        """Return the number of frames from frame `first` on until a number of laps is complete."""
+        start = max(self.start, first / exact(fps))
+        return math.ceil((start + laps * self.period) * exact(fps)) - first
 
     def lap(self, frame: int, fps: float) -> int:
         """Return the number of the lap that a frame belongs to; frames before the start belong to lap 0."""

@@ -29,7 +29,7 @@ class Phase:
         name: its name, unique in the course.
         scenario: a Scenario, or the name or file of a scene or scenario.
         frames: number of frames; None: by `laps`.
-        laps: number of laps of what moves in the scenario; None: by `frames`.
+        laps: number of laps of what moves in the scenario, from `start` on; None: by `frames`.
         supervision: rules of the teacher, or its policy alone; None: it is silent.
         evaluate: whether the learner only predicts here, and never learns; such a phase has no teacher.
         start: frame of the scenario that the phase begins with; the same scenario and start show equal frames again.
@@ -97,8 +97,7 @@ class Phase:
             loops = ", ".join(f"{name!r} {float(period):.3g} s" for name, period in loops_of(self._scenario()).items())
             cause = f"a lap has {count:.3g} frames, the least common multiple of all loops ({loops})"
             raise ScenarioError(f"phase {self.name!r}: {cause}; give frames=, or lap_of= what has a shorter loop")
-        end = laps.frames(self.laps or 1, fps)
-        return max(len(range(self.start, end, self.step)), 1)
+        return len(range(0, laps.frames(self.laps or 1, fps, self.start), self.step))
 
     def laps_of_motion(self) -> LapTimes | None:
         """Return when the laps of its scenario begin; None: its motion never repeats, or nothing moves."""
@@ -140,7 +139,7 @@ class Phase:
         return self.scenario
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class CourseFrame(Frame):
     """A frame of a course. `index` counts in the course; `time` is that of the scenario.
 

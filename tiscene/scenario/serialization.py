@@ -18,6 +18,8 @@ from inspect import isabstract
 from pathlib import Path
 from typing import Any, TypeVar
 
+import numpy as np
+
 from tiscene.errors import ArgumentError, ExportError, MissingFile, ScenarioError, did_you_mean, export_errors
 from tiscene.files import write_atomically
 
@@ -72,6 +74,8 @@ def encode(value: Any, table: Mapping[str, Classes], classes: Classes | None = N
         return [encode(item, table, classes, f"{path}[{index}]") for index, item in enumerate(value)]
     if isinstance(value, Mapping) and classes is not None and not classes:
         return {str(key): encode(item, table, classes, f"{path}[{key!r}]") for key, item in value.items()}
+    if isinstance(value, np.generic):
+        value = value.item()
     if value is None or isinstance(value, bool | int | str) or (isinstance(value, float) and math.isfinite(value)):
         return value
     cure = f"; make {type(value).__name__} a dataclass" if classes and not isinstance(value, type) else ""
