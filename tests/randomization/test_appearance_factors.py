@@ -15,7 +15,7 @@ from tiscene import catalog
 from tiscene.errors import CameraNotFound, ScenarioError
 from tiscene.randomization.factor_ranges import IlluminationRanges
 from tiscene.randomization.scene_files import stage_of
-from tiscene.scenario.overrides import LightOverride
+from tiscene.scenario.overrides import CameraOverride, LightOverride
 from tiscene.scenario.scenario import Scenario
 
 
@@ -99,6 +99,14 @@ def test_views_turn_and_zoom_within_ranges(drawn):
     moving = replace(drawn, camera=ts.Camera(dynamic=ts.Orbit()))
     with pytest.raises(ScenarioError, match="moves along a trajectory"):
         moving.with_factor("views")
+
+
+def test_views_replace_the_override_of_their_camera_by_any_name(drawn):
+    others = (CameraOverride("Left", vertical_fov=0.5), LightOverride("Daylight", 0.5))
+    for name in ("", "Main", "/SolidBenchmark/Cameras/Main"):
+        overrides = [CameraOverride(name, vertical_fov=0.8), *others]
+        made = replace(drawn, overrides=overrides).with_factor("views", 10)
+        assert [each.prim for each in made.overrides] == ["Daylight", "Left", ""]
 
 
 def test_views_shift_a_camera_over_a_floor_without_walls_in_all_directions(tmp_path):

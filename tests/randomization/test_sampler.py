@@ -241,7 +241,7 @@ PINNED = (0.026698027485287157, 0.08494093512643908)
         ({"in_view": (0.5, 1.5)}, r"within 0\.\.1"),
         ({"region": (0.5, 0, 0.5, 1)}, "left < right"),
         ({"occlusion": (0.5, 1), "in_view": 0}, "in_view=0 leaves none"),
-        ({"life": (5, 10)}, "longer than the stream: frames=None"),
+        ({"life": (5, 10)}, "give the length of the stream too, frames="),
         ({"life": (5, 11), "frames": 10}, "longer than the stream: frames=10"),
         ({"frames": 0}, "frames=0"),
         ({"frames": (5, 10)}, r"frames=\(5, 10\): must be a whole number"),

@@ -143,6 +143,17 @@ def test_walls_of_the_frustum_stay_and_are_placed_anew():
     assert not np.array_equal(made.trajectories.walls(Fraction(1)), walls)
 
 
+def test_walls_enclose_the_view_of_a_camera_by_name():
+    moving = replace(START, name="Side", dynamic=Orbit((0, 0, 0), period=4.0))
+    made = world([START, moving], frustum=ts.Frustum(5.0))
+    made.next_frame = 7
+    made.set_frustum_walls(ts.Frustum(5.0), "Side")
+    (by_name,) = made.scenario.edits
+    made.set_frustum_walls(ts.Frustum(5.0), made.camera_at(7, "Side"))
+    assert made.scenario.edits[1] == by_name
+    assert by_name.camera.position == made.camera_at(7, "Side").position != START.position
+
+
 def test_wrong_camera_edits_raise_and_change_nothing():
     made = world()
     for wrong, error, message in (

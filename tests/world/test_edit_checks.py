@@ -10,7 +10,14 @@ import pytest
 import tiscene as ts
 from tests.world.test_collisions import STAGE
 from tests.world.test_edits import SCENARIOS, same, world
-from tiscene.errors import ArgumentError, ArgumentTypeError, ObjectNotFound, ScenarioError, TemplateNotFound
+from tiscene.errors import (
+    ArgumentError,
+    ArgumentTypeError,
+    CameraNotFound,
+    ObjectNotFound,
+    ScenarioError,
+    TemplateNotFound,
+)
 from tiscene.scenario.edits import Despawn, Move, SetFrustumWalls, Spawn
 
 
@@ -24,10 +31,11 @@ from tiscene.scenario.edits import Despawn, Move, SetFrustumWalls, Spawn
         (lambda made: made.despawn([3]), ArgumentError, r"object=\[3\]: must be an instance id, a name or a prim path"),
         (lambda made: made.set_frustum_walls("walls"), ScenarioError, "frustum='walls': must be a Frustum or None"),
         (
-            lambda made: made.set_frustum_walls(ts.Frustum(), "Main"),
+            lambda made: made.set_frustum_walls(ts.Frustum(), 3),
             ScenarioError,
-            "camera='Main': must be a Camera or None",
+            "camera=3: must be a Camera, the name of one or None",
         ),
+        (lambda made: made.set_frustum_walls(ts.Frustum(), "Mine"), CameraNotFound, "no camera 'Mine'"),
         (lambda made: made.move("a", (0, float("nan"), 0)), ScenarioError, "position"),
         (lambda made: made.move(99, (0, 0, 0)), ObjectNotFound, "no object 99"),
         (lambda made: made.spawn("Cub"), TemplateNotFound, "Did you mean 'Cube'"),

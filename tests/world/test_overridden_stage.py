@@ -67,6 +67,20 @@ def test_light_override_multiplies_radiance_and_turns_the_light():
     np.testing.assert_allclose(-sun.world_from_light[:3, 2], (-1, 0, 0), atol=1e-12)
 
 
+@pytest.mark.parametrize(
+    ("pair", "message"),
+    [
+        ((LightOverride("Sun", 0.5), LightOverride("/Sun", 0.2)), "two LightOverrides of '/Sun': 'Sun' and '/Sun'"),
+        ((ObjectOverride("/Box", (1, 0, 0)), ObjectOverride("Box")), "two ObjectOverrides of '/Box'"),
+        ((CameraOverride("", vertical_fov=0.5), CameraOverride("Door")), "two CameraOverrides of 'Door'"),
+    ],
+)
+def test_two_overrides_of_one_prim_are_refused(pair, message):
+    with pytest.raises(ScenarioError, match=message):
+        overridden(STAGE, pair)
+    assert overridden(STAGE, (LightOverride("Sun"), LightOverride("/Lamp/Bulb"), ObjectOverride("Box", (1, 0, 0))))
+
+
 def test_overridden_lights_are_static_lights():
     state = world(LightOverride("Sun", 0.5)).state(3)
     assert not state.has_dynamic_lights

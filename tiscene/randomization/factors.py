@@ -3,8 +3,8 @@
 
 A factor takes a scenario to the same scenario with one aspect drawn anew: a counterfactual. Each factor has random
 numbers of its own, keyed by (seed, factor, object or light), so that no factor changes another one's draws. Applied
-twice, the second time counts, except for `speed`, whose factors multiply, and for `instances` and `categories`, which
-draw another template than the one before.
+twice, the second time counts, except for `speed`, whose factors multiply, and for `instances`, `categories` and
+`rooms`, which draw another one than the one before.
 """
 
 from __future__ import annotations

@@ -65,7 +65,9 @@ class ScenarioRanges:
         if self.occlusion[0] > 0.0 and self.in_view[1] == 0.0:
             raise ArgumentError("occlusion is a fraction of the path in view, but in_view=0 leaves none; raise in_view")
         self._set("frames", argument_checks.optional(check_frames)(self.frames, "frames"))
-        if self.life is not None and (self.frames is None or self.life[1] > self.frames):
+        if self.life is not None and self.frames is None:
+            raise ArgumentError(f"life={self.life}: give the length of the stream too, frames=")
+        if self.life is not None and self.frames is not None and self.life[1] > self.frames:
             raise ArgumentError(f"life={self.life} is longer than the stream: frames={self.frames}")
         min_size = argument_checks.number(self.min_size, "min_size")
         if not 0.0 <= min_size <= 1.0:

@@ -31,6 +31,8 @@ DECIMALS = 6
 def with_view(scenario: Scenario, value: Any, draws: Callable[[str], Draws]) -> Scenario:
     """Return a scenario whose main camera stands elsewhere, looks elsewhere or has another lens.
 
+    Its override is replaced.
+
     Args:
         scenario: the scenario.
         value: ranges; a Camera; the name of a camera on the stage; a number of degrees by which it is turned to the
@@ -71,8 +73,11 @@ def with_view(scenario: Scenario, value: Any, draws: Callable[[str], Draws]) -> 
     pose: dict[str, Any] = {"position": position, "rotation": (w, x, y, z)}
     if isinstance(first, Camera):
         return _watched(scenario, first.fixed(**pose, **lens))
+    camera = stage_of(scenario).camera
     overrides: list[Override] = [
-        each for each in scenario.overrides if not (isinstance(each, CameraOverride) and each.prim in ("", first))
+        each
+        for each in scenario.overrides
+        if not (isinstance(each, CameraOverride) and camera(each.prim or None).name == authored.name)
     ]
     return replace(scenario, overrides=[*overrides, CameraOverride(first or "", **pose, **lens)])
 

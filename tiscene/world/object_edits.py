@@ -142,25 +142,30 @@ class ObjectEdits(CameraEdits):
 
     @one_at_a_time
     def set_frustum_walls(
-        self, frustum: Frustum | None, camera: Camera | None = None, aspect: float | None = None
+        self, frustum: Frustum | None, camera: Camera | str | None = None, aspect: float | None = None
     ) -> None:
         """Replace the walls that bound objects, from the next frame on.
 
         Args:
             frustum: the walls; None: none.
-            camera: the camera whose view they enclose; None: the main camera as it is then.
+            camera: the camera whose view they enclose: a Camera, or the name or prim path of one of the scenario's, as
+                it is then; None: the main camera.
             aspect: width / height of that view; None: the world's.
 
         Raises:
+            CameraNotFound: the scenario has no such camera.
             ScenarioError: an argument is of the wrong kind.
         """
         if not isinstance(frustum, Frustum | None):
             raise ScenarioError(f"frustum={frustum!r}: must be a Frustum or None")
-        if not isinstance(camera, Camera | None):
-            raise ScenarioError(f"camera={camera!r}: must be a Camera or None")
-        now = self.camera_at(self.next_frame) if camera is None else camera.at(self.next_frame / self.fps)
-        camera = replace(now, dynamic=None)
-        self._edit(SetFrustumWalls(self.next_frame, frustum, camera, self._aspect if aspect is None else aspect))
+        if not isinstance(camera, Camera | str | None):
+            raise ScenarioError(f"camera={camera!r}: must be a Camera, the name of one or None")
+        if isinstance(camera, Camera):
+            now = camera.at(self.next_frame / self.fps)
+        else:
+            now = self.camera_at(self.next_frame, camera)
+        seen = replace(now, dynamic=None)
+        self._edit(SetFrustumWalls(self.next_frame, frustum, seen, self._aspect if aspect is None else aspect))
 
     def _live_name(self, object: int | str) -> str:
         """Return the scenario's name or the prim path of an object that is alive at the next frame."""

@@ -46,20 +46,23 @@ def overridden(stage: SceneDescription, overrides: Sequence[Override]) -> SceneD
     Raises:
         LightNotFound, ObjectNotFound, CameraNotFound: an override names a prim that the stage does not have.
         MaterialNotFound: a `like` that it does not have.
-        ScenarioError: an animated object is placed elsewhere.
+        ScenarioError: an animated object is placed elsewhere, or two overrides are of one prim.
     """
     if not overrides:
         return stage
     lights, cameras = list(stage.lights), list(stage.cameras)
+    changed: dict[tuple[type, str], str] = {}
     for each in overrides:
         if isinstance(each, LightOverride):
             row = _row(stage.lights, each.prim)
             if row is None:
                 paths = [light.prim_path for light in stage.lights]
                 raise LightNotFound("light", each.prim, paths, f" in scene {stage.name!r}")
+            _only(each, stage.lights[row].prim_path, changed)
             lights[row] = _lit(lights[row], each, np.asarray(stage.up))
         elif isinstance(each, CameraOverride):
             camera = stage.camera(each.prim or None)
+            _only(each, camera.name, changed)
             if camera in stage.cameras:
                 cameras[stage.cameras.index(camera)] = _seen(camera, each)
             else:  # of a stage without cameras
@@ -72,7 +75,7 @@ def overridden(stage: SceneDescription, overrides: Sequence[Override]) -> SceneD
     stage = replace(stage, lights=tuple(lights), light_tracks=varying, cameras=tuple(cameras))
     for each in overrides:
         if isinstance(each, ObjectOverride):
-            stage = _arranged(stage, each)
+            stage = _arranged(stage, each, changed)
     templates = tuple(
         replace(each, description=with_materials(each.description, overrides)) for each in stage.templates
     )
@@ -156,6 +159,16 @@ def _row(prims: Sequence[AnyPrim], name: str) -> int | None:
     return None
 
 
+def _only(
+    override: LightOverride | ObjectOverride | CameraOverride, path: str, changed: dict[tuple[type, str], str]
+) -> None:
+    """Note that an override changes a prim. Raises ScenarioError if another one, which names it otherwise, does."""
+    other = changed.setdefault((type(override), path), override.prim)
+    if other != override.prim:
+        kind = type(override).__name__
+        raise ScenarioError(f"overrides: two {kind}s of {path!r}: {other!r} and {override.prim!r}; give one")
+
+
 def _lit(light: Light, override: LightOverride, up: Array) -> Light:
     """Return a light with its override."""
     emission = [each * override.intensity * tint for each, tint in zip(emission_of(light), override.color, strict=True)]
@@ -180,7 +193,9 @@ def _seen(camera: Camera, override: CameraOverride) -> Camera:
     return camera.fixed(**given)
 
 
-def _arranged(stage: SceneDescription, override: ObjectOverride) -> SceneDescription:
+def _arranged(
+    stage: SceneDescription, override: ObjectOverride, changed: dict[tuple[type, str], str]
+) -> SceneDescription:
     """Return a stage with one object elsewhere, or left out."""
     number = _row(stage.objects, override.prim)
     if number is None:
@@ -189,6 +204,7 @@ def _arranged(stage: SceneDescription, override: ObjectOverride) -> SceneDescrip
         )
     own = np.array([each.object == number for each in stage.instances], np.bool_)
     path = stage.objects[number].prim_path
+    _only(override, path, changed)
     if any(own[track.instances].any() for track in stage.tracks) or any(
         number in track.instances for track in stage.object_tracks
     ):
