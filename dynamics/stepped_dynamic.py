@@ -109,14 +109,16 @@ class SteppedStates:
         return self._poses.get(number, lambda: self._new_pose(number))
 
     def _new_pose(self, number: int) -> Array:
-        pose = self._dynamic.pose(self._state(number))
+        time, cure = f"after {number * self._step:g} s", "if the simulation diverges, a smaller `step` helps"
+        try:
+            pose = self._dynamic.pose(self._state(number))
+        except ArgumentError as error:  # of a Waypoint that is not finite, or beyond single precision
+            raise ArgumentError(f"{self._name}: pose() {time}: {error}; {cure}") from error
         if not isinstance(pose, Waypoint):
             raise ArgumentTypeError(f"{self._name}: pose() returned {pose!r}: must be a Waypoint(position, rotation)")
         if max(map(abs, pose.position)) > argument_checks.MAX_POSITION:
-            raise ArgumentError(
-                f"{self._name}: pose() is at {pose.position} m after {number * self._step:g} s, more than "
-                f"{argument_checks.MAX_POSITION:g} m away; if the simulation diverges, a smaller `step` helps"
-            )
+            limit = f"more than {argument_checks.MAX_POSITION:g} m away"
+            raise ArgumentError(f"{self._name}: pose() is at {pose.position} m {time}, {limit}; {cure}")
         return np.array([*pose.position, *quaternion(pose.rotation)])
 
     def _state(self, number: int) -> Any:

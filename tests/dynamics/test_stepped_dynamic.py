@@ -159,3 +159,7 @@ def test_simulation_that_diverges_is_an_error_that_names_the_time():
     assert simulation.poses(0.08)[0, 0] == pytest.approx(1e8)
     with pytest.raises(ArgumentError, match=r"Spring of 's': pose\(\) is at .* m after 0\.1 s, more than 1e\+09 m"):
         simulation.poses(0.09)
+    with pytest.raises(
+        ArgumentError, match=r"Spring of 's': pose\(\) after 0\.39 s: position=.*3\.4e\+38; if the simulation"
+    ):
+        simulation.poses(0.39)
