@@ -9,10 +9,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from dynamics import CatmullWaypoints, Waypoint
+from dynamics import AllTogether, CatmullWaypoints, Waypoint
+from tests.learning.small_course import scenario
 from tiscene.cli.main import main
 from tiscene.errors import ArgumentError, ExportError, UnknownName
 from tiscene.learning.course import Course
+from tiscene.learning.drift import Drift, Step
 from tiscene.learning.evaluation import evaluate_all
 from tiscene.learning.held_out_tests import counterfactuals, held_out
 from tiscene.learning.phase import Phase
@@ -57,9 +59,37 @@ def test_suites_without_grade_are_medium():
 
 
 def test_held_out_frames_are_later_frames_of_the_same_scenario(course):
-    (first, second) = held_out(course.phases, frames=3, start=50, step=2)
-    assert (first.name, first.start, first.step, first.supervision) == ("a", 50, 2, None)
+    (first, second) = held_out(course.phases, frames=3, start=65, step=2)
+    assert (first.name, first.start, first.step, first.supervision) == ("a", 65, 2, None)
     assert second.scenario == BALL
+
+
+@pytest.mark.parametrize(
+    ("phase", "options", "count"),
+    [
+        (Phase("a", BALL, frames=5), {"start": 52}, 3),  # a lap has 25 frames
+        (Phase("a", BALL, frames=5), {"start": 52, "fps": 24}, 1),  # 52 is 4, 53 is 5
+        (Phase("a", BALL, laps=1, start=3), {}, 4),
+        (Phase("a", scenario(timings=AllTogether(0.4)), frames=20, start=4), {"start": 34}, 3),  # laps begin at 10
+        (Phase("a", Scenario("object_view"), frames=1002), {}, 2),
+        (Phase("a", Scenario("object_view"), frames=1002, step=2), {"step": 2}, 4),
+    ],
+)
+def test_held_out_frames_that_were_shown_are_counted_in_a_warning(phase, options, count):
+    with pytest.warns(UserWarning, match=f"test 'a': its phase has shown {count} of its 4 frames"):
+        held_out([phase], frames=4, **options)
+
+
+def test_held_out_frames_that_were_never_shown_raise_no_warning(recwarn):
+    drift = Drift("illumination", (0.0, -1.0), Step(2))
+    for phase in (
+        Phase("a", BALL, frames=5),
+        Phase("a", scenario(total_time=1.0001), frames=900),
+        Phase("a", BALL, frames=50, drift=drift),
+        Phase("a", Scenario("object_view"), frames=600, step=2),
+    ):
+        held_out([phase], frames=4, start=1005, step=2)
+    assert not recwarn
 
 
 def test_counterfactuals_change_one_factor_and_keep_the_motion(course):

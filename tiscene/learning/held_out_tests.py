@@ -3,34 +3,48 @@
 
 from __future__ import annotations
 
+import math
+import warnings
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
 from typing import Any
 
-from tiscene.errors import ArgumentError, ArgumentTypeError
+from dynamics.argument_checks import positive
+from dynamics.clocks import exact
+from tiscene.errors import ArgumentError, ArgumentTypeError, ScenarioError
+from tiscene.learning.laps import lap_times
 from tiscene.learning.phase import Phase, check_phases
 from tiscene.scenario.scenario import Scenario
 
 SEPARATOR = " | "  # between the name of a phase and what a test of it changes
 
 
-def held_out(phases: Sequence[Phase], frames: int, start: int = 1000, step: int = 1) -> tuple[Phase, ...]:
+def held_out(
+    phases: Sequence[Phase], frames: int, start: int = 1000, step: int = 1, fps: float = 25.0
+) -> tuple[Phase, ...]:
     """Return tests on later frames of the scenarios of phases, one for each phase that learns.
 
     The motion of a scenario goes on for ever. Where its objects collide, the first test steps through all frames before
-    `start`, once.
+    `start`, once. A warning names tests that show what their phase has shown, as where all motion repeats.
 
     Args:
         phases: of a course.
         frames: of each test.
         start: first frame of the tests in their scenarios.
         step: frames of the scenario from one frame of a test to the next.
+        fps: frames per second of the course, to know which frames are alike.
     """
-    return tuple(
-        replace(phase, frames=frames, laps=None, start=start, step=step, supervision=None, drift=())
-        for phase in check_phases(phases, "phases")
-        if not phase.evaluate
-    )
+    positive(fps, "fps")
+    tests = []
+    for phase in check_phases(phases, "phases"):
+        if phase.evaluate:
+            continue
+        test = replace(phase, frames=frames, laps=None, start=start, step=step, supervision=None, drift=())
+        if not phase.drift and (count := _shown_before(phase, test, fps)):
+            text = f"held_out: test {test.name!r}: its phase has shown {count} of its {frames} frames"
+            warnings.warn(f"{text}; choose a later start=, or other paths where all motion repeats", stacklevel=2)
+        tests.append(test)
+    return tuple(tests)
 
 
 def counterfactuals(
@@ -75,3 +89,20 @@ def counterfactuals(
                 title = f"{phase.name}{SEPARATOR}{name}" + ("" if value is None else f" {value}")
                 tests.append(Phase(title, scenario, frames=frames, start=start, step=step, evaluate=True))
     return tuple(tests)
+
+
+def _shown_before(phase: Phase, test: Phase, fps: float) -> int:
+    """Return how many frames of a test are frames of its phase, or of another lap of the same motion."""
+    assert isinstance(phase.scenario, Scenario)  # since Phase.__post_init__
+    begin, lap = 0, 0
+    try:
+        laps = lap_times(phase.scenario)
+        begin, lap = math.ceil(laps.start * exact(fps)), (laps.period * exact(fps)).numerator
+    except ScenarioError:
+        pass  # no motion, or none that repeats
+
+    def first_lap(frame: int) -> int:
+        return begin + (frame - begin) % lap if lap and frame >= begin else frame
+
+    shown, tested = ([first_lap(each.start + each.step * k) for k in range(each.length(fps))] for each in (phase, test))
+    return sum(map(set(shown).__contains__, tested))
