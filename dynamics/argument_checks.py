@@ -190,10 +190,11 @@ def brief(value: Any) -> str:
 
 
 def flag(value: Any, name: str) -> bool:
-    """Return `value`, True or False."""
-    if not isinstance(value, bool):
+    """Return `value`, True or False, as a bool."""
+    is_numpys = getattr(value, "shape", None) == () and value.dtype == bool
+    if not isinstance(value, bool) and not is_numpys:
         raise ArgumentTypeError(f"{name}={value!r}: must be True or False")
-    return value
+    return bool(value)
 
 
 def distinct_names(value: Any, name: str) -> tuple[str, ...]:

@@ -17,8 +17,9 @@ from tiscene.stream.shutter import shutter_times
 
 def test_numpy_numbers_become_plain_ones():
     assert [type(each) for each in (integer(np.int64(3), "n", 0, 9), number(np.float32(3), "x"))] == [int, float]
-    parts = preset("preview", spp=np.int64(3), max_depth=np.uint8(2), relative_error=np.float32(0.5))
+    parts = preset("preview", spp=np.int64(3), max_depth=np.uint8(2), relative_error=np.float32(0.5), denoise=np.False_)
     assert [type(each) for each in (parts.spp, parts.max_depth, parts.relative_error)] == [int, int, float]
+    assert parts.denoise is False
 
 
 @pytest.mark.parametrize(

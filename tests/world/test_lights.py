@@ -184,6 +184,8 @@ def test_unknown_and_doubled_lights_are_refused():
         world(lights=[ts.LightMotion("Panle")])
     with pytest.raises(ScenarioError, match="a motion already"):
         ts.Scenario("room", lights=[ts.LightMotion("a"), ts.LightMotion("a")])
+    with pytest.raises(ScenarioError, match=r"lights\[1\].light='/Panel': /Panel has a motion already"):
+        world(lights=[ts.LightMotion("Panel"), ts.LightMotion("/Panel")])
 
 
 def test_lights_are_written_and_read(tmp_path):

@@ -7,7 +7,7 @@ import sys
 from dataclasses import dataclass, replace
 from typing import Any
 
-from dynamics.argument_checks import integer, optional, positive, set_checked
+from dynamics.argument_checks import flag, integer, optional, positive, set_checked
 from tiscene.errors import ArgumentError
 from tiscene.render.sampling.pixel_filter import pixel_filter
 
@@ -57,6 +57,7 @@ class RenderSettings:
             most = MAX_DEPTH if name == "max_depth" else sys.maxsize
             object.__setattr__(self, name, integer(getattr(self, name), name, least, most))
         set_checked(self, relative_error=optional(positive), clamp=optional(positive))
+        set_checked(self, denoise=flag, incremental=flag)
         if self.relative_error is not None and self.relative_error >= 1.0:
             raise ArgumentError(f"relative_error={self.relative_error}: must lie between 0 and 1; 0.02 is 2 %")
         pixel_filter(self.pixel_filter)

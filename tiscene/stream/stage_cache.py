@@ -10,8 +10,9 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any, cast
 
+from dynamics.argument_checks import flag
 from tiscene import catalog
-from tiscene.errors import StageWarning
+from tiscene.errors import ArgumentTypeError, StageWarning
 from tiscene.frame.buffers import rendered_buffers
 from tiscene.render.render_settings import RenderSettings
 from tiscene.scenario.scenario import Scenario
@@ -43,6 +44,9 @@ class StageCache:
         strict: refuse stages with a broken part.
         subdivision: triangles that subdivision surfaces are refined to at most; None: the default.
         limits: bounds of time and memory of reading; None: the defaults for untrusted stages, else none.
+
+    Raises:
+        ArgumentTypeError: an argument is of the wrong type.
     """
 
     def __init__(
@@ -59,15 +63,17 @@ class StageCache:
         subdivision: int | None,
         limits: Limits | None,
     ) -> None:
+        if not isinstance(limits, Limits | None):
+            raise ArgumentTypeError(f"limits={limits!r}: must be ts.Limits(seconds=..., memory=...)")
         self.arch = arch
         self._loading: dict[str, Any] = {
             "buffers": rendered_buffers(buffers),
             "settings": settings,
-            "untrusted": untrusted,
+            "untrusted": flag(untrusted, "untrusted"),
             "limits": limits,
         }
         self._options: dict[str, Any] = {"taxonomy": taxonomy, "time_code": time_code, "root": root}
-        self._options |= {"strict": strict, "subdivision": subdivision}
+        self._options |= {"strict": flag(strict, "strict"), "subdivision": subdivision}
         self._stages: dict[tuple[Any, ...], SceneDescription] = {}
         self.trees = BVHCache()
 

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynamics.rotation import matrix_from_quaternion, quaternion
-from tiscene.errors import LightNotFound, StageWarning
+from tiscene.errors import LightNotFound, ScenarioError, StageWarning
 from tiscene.scenario.light_motion import Color, LightMotion
 from tiscene.scene.camera import quaternion_from_matrix
 from tiscene.scene.description import DistantLight, DomeLight, Light, SceneDescription
@@ -92,11 +92,16 @@ class WorldLights:
 
     Raises:
         LightNotFound: a motion names a light that the stage does not have.
+        ScenarioError: two motions are of one light, by its name and by its path.
     """
 
     def __init__(self, stage: SceneDescription, motions: Sequence[LightMotion]) -> None:
         self.stage = stage
         self.motions = [_row(stage, motion.light) for motion in motions]
+        for number, row in enumerate(self.motions):
+            if row in self.motions[:number]:
+                path = stage.lights[row].prim_path
+                raise ScenarioError(f"lights[{number}].light={motions[number].light!r}: {path} has a motion already")
         self._motions = dict(zip(self.motions, motions, strict=True))
         self._rows = {light.prim_path: row for row, light in enumerate(stage.lights)}
         self._replaced: dict[int, Light] = {}
