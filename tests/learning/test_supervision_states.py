@@ -88,6 +88,17 @@ def test_question_without_a_frame_is_of_the_one_passed_last_or_before_the_positi
         Supervision(stream).ask(1, 1)
 
 
+def test_views_of_other_cameras_are_refused():
+    stream = Stream("solid_benchmark", camera=("Left", "Main"), **SIZE)
+    teacher, frame = Supervision(stream), stream[0]
+    assert teacher.ask(8, 8, frame) == teacher.ask(8, 8, frame.views["Left"]) == Supervision(stream).ask(8, 8, 0)
+    for other in (frame.views["Main"], stream.render_view(0, "Right")):
+        with pytest.raises(
+            ArgumentError, match=r"is the view of '(Main|Right)'; a teacher labels that of the first camera"
+        ):
+            teacher.ask(8, 8, other)
+
+
 def test_frames_of_other_streams_are_refused(stream):
     teacher = Supervision(stream)
     larger = Stream("object_view", width=24, height=18, buffers=LABELS)

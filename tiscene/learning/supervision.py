@@ -133,7 +133,7 @@ class Supervision:
         """Make a frame the present one. `offers` does this as well.
 
         Raises:
-            ArgumentError: it is not a frame of the stream, as far as its size and number tell.
+            ArgumentError: it is not a frame of the stream's first camera, as far as its size, number and camera tell.
         """
         if not isinstance(frame, Frame):
             raise ArgumentTypeError(f"frame={frame!r}: must be a frame of the stream")
@@ -141,6 +141,8 @@ class Supervision:
         is_own = size == own and isinstance(frame, CourseFrame) == isinstance(self._stream, Course)
         if not is_own or not self._has(frame.index):
             raise ArgumentError(f"{frame!r}: is a frame of another stream, not of {self._stream!r}")
+        if isinstance(self._stream, Stream) and (seen := frame.camera.camera.name) != self._stream.world.camera.name:
+            raise ArgumentError(f"{frame!r}: is the view of {seen!r}; a teacher labels that of the first camera")
         self._held, self._held_edits = frame, self._edit_count
         self._held_at = self._stream.position, self._world
 
