@@ -68,7 +68,7 @@ class Stream(FixedSettings, LoaderMethods, StreamOutput, SavedState, Iterator[Fr
         frames: number of frames; None for an endless stream. It never changes a frame.
         buffers: names of the buffers to render (`tiscene list` names all); others cost nothing.
         quality: preset: "fast", "preview", "standard" or "photo". The next seven arguments override its parts.
-        spp: samples per pixel; with `relative_error` their maximum.
+        spp: samples per pixel; with `relative_error` their maximum, below which 16 are taken all the same.
         max_depth: maximum path depth, in segments.
         denoise: whether `rgb` and `denoised` are denoised.
         relative_error: sample each pixel until the standard error of its luminance is estimated to be at most this
