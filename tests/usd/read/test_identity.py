@@ -277,6 +277,11 @@ def Xform "Set" (assetInfo = { string name = "Dining set" })
         references = @./crockery.usda@</Dish>)
     {
     }
+    def Xform "Cup" (
+        kind = "component"
+        references = @./crockery.usda@</Cup>)
+    {
+    }
     def Xform "Jug" (
         kind = "component"
         assetInfo = { string name = "Jug" }
@@ -295,6 +300,7 @@ def Xform "Alone" (kind = "component")
     assert assets == {
         "/Set/Left": "Oak Chair",
         "/Set/Right": "Oak Chair",
+        "/Set/Cup": "Crockery",  # the default prim, by its path
         "/Set/Dish": "Dining set",  # a part of a file is no asset
         "/Set/Jug": "Jug",
         "/Alone": "",  # assets of its parts do not count

@@ -118,6 +118,42 @@ def test_baked_layer_streams_like_the_original(stream, tmp_path):
         assert np.mean(np.abs(ours - theirs) < 1e-4) > 0.99
 
 
+POINTS = """
+def PointInstancer "Wood"
+{
+    point3f[] positions = [(-2, 0, -6), (2, 0, -6)]
+    int[] protoIndices = [0, 1]
+    rel prototypes = [<Fir01>, <Oak_2>]
+    def Cube "Fir01"
+    {
+    }
+    def Sphere "Oak_2"
+    {
+    }
+}
+def Cube "Stone7" (kind = "component")
+{
+    double3 xformOp:translate = (0, 0, -9)
+    uniform token[] xformOpOrder = ["xformOp:translate"]
+}
+"""
+
+
+@pytest.mark.parametrize("template", ["Cube", "block.usda"])
+def test_baked_layer_keeps_categories_of_a_scene_without_labels(tmp_path, monkeypatch, template):
+    """Names are the categories on a stage without labels alone. Objects of the layer add some."""
+    monkeypatch.chdir(tmp_path)
+    write(tmp_path, BLOCK, name="block.usda", more='defaultPrim = "Block"')
+    scene = str(write(tmp_path, POINTS, name="wood.usda"))
+    objects = [ts.Object(name, template, (0, y, -4), scale=0.3) for name, y in (("a", 0), ("b", 1))]
+    options = {"fps": 10, "width": 32, "height": 24, "buffers": ("instance",)}
+    stream = ts.Stream(ts.Scenario(scene, objects), **options)
+    want = {(row.name, row.category, row.asset) for row in stream[0].objects}
+    assert {"Fir", "Oak", "Stone"} < {category for _, category, _ in want}
+    stream.to_usd("motion.usda", frames=2)
+    assert {(row.name, row.category, row.asset) for row in ts.Stream("motion.usda", **options)[0].objects} == want
+
+
 def test_baked_layer_has_the_motion_of_the_last_frame_of_a_lifespan(tmp_path):
     room = str(write(tmp_path, SCENE, name="room.usda", more='defaultPrim = "Room"'))
     block = str(write(tmp_path, BLOCK, name="block.usda", more='defaultPrim = "Block"'))

@@ -183,6 +183,55 @@ def test_failed_save_leaves_the_existing_file_unchanged(room, tmp_path):
         Scenario(str(room)).save(tmp_path / "run.usdz")
 
 
+def test_saved_layer_finds_files_that_were_named_from_another_folder(room, tmp_path, monkeypatch):
+    """Scene and template are named by paths from the working directory, in the layer as in Python."""
+    project = tmp_path / "my project"
+    shutil.copytree(room.parent, project)
+    monkeypatch.chdir(project)
+    scenario = Scenario(room.name, [Object("a", "block.usda", (1, 2, 3)), Object("b", "block.usda{size=big}")])
+    scenario.save("run.usda")
+    assert Scenario.load("run.usda") == scenario
+    elsewhere = tmp_path / "elsewhere"
+    elsewhere.mkdir()
+    monkeypatch.chdir(elsewhere)
+    Path(room.name).write_text("not the scene")
+    loaded = Scenario.load("../my project/run.usda")
+    assert loaded.scene == f"../my project/{room.name}"
+    templates = [each.template for each in loaded.objects]
+    assert templates == ["../my project/block.usda", "../my project/block.usda{size=big}"]
+    absolute = dataclasses.replace(scenario, scene=str(project / room.name), objects=[])
+    absolute.save(project / "absolute.usda")
+    shutil.move(project, tmp_path / "moved")
+    assert Scenario.load("../moved/absolute.usda").scene == str(tmp_path / "moved" / room.name)
+
+
+MOVING = """
+def Cube "Block" (kind = "component")
+{
+    double3 xformOp:translate.timeSamples = {0: (0, 2, -3), 24: (2, 2, -3)}
+    uniform token[] xformOpOrder = ["xformOp:translate"]
+}
+def Camera "Main"
+{
+    double3 xformOp:translate.timeSamples = {0: (0, 0, 3), 24: (2, 0, 3)}
+    uniform token[] xformOpOrder = ["xformOp:translate"]
+}
+def SphereLight "Lamp"
+{
+    float inputs:intensity.timeSamples = {0: 1, 24: 10}
+}
+"""
+
+
+@pytest.mark.parametrize("camera", [None, "Main", ("Main", ts.Camera(name="Other"))])
+@pytest.mark.parametrize("objects", [(), (Object("a", "/Block", (0, 1, -2)),)])
+def test_saved_scenario_without_the_motion_of_its_scene_keeps_it_still(tmp_path, camera, objects):
+    scenario = Scenario(str(write(tmp_path, MOVING)), objects, camera=camera)
+    scenario.save(tmp_path / "run.usda")
+    assert Scenario.load(tmp_path / "run.usda") == scenario
+    assert Scenario.load(scenario.scene).lights  # it moves where the stage is played by itself
+
+
 VARIANTS = """
 def Xform "Room" (
     variants = { string lighting = "day" }

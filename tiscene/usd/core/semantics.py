@@ -132,10 +132,16 @@ def _name_of_reference(prim: Usd.Prim) -> str:
         return ""
     for spec in prim.GetPrimStack():
         for each in (*spec.referenceList.GetAppliedItems(), *spec.payloadList.GetAppliedItems()):
-            if each.assetPath and each.primPath.isEmpty:
+            if each.assetPath and (each.primPath.isEmpty or _is_default_prim(prim, each.primPath, spec.layer)):
                 path = str(spec.layer.ComputeAbsolutePath(each.assetPath))
                 return readable_name(Path(split_package(path)[-1]))
     return ""
+
+
+def _is_default_prim(prim: Usd.Prim, path: Sdf.Path, referring: Sdf.Layer) -> bool:
+    """Return whether a path that a layer refers to with its name is that of the other layer's default prim."""
+    stack = ((spec.layer, spec.path) for spec in prim.GetPrimStack())
+    return any(found == path == layer.GetDefaultPrimAsPath() and layer != referring for layer, found in stack)
 
 
 def readable_name(path: Path) -> str:
@@ -161,6 +167,11 @@ def is_component(prim: Usd.Prim) -> bool:
 def is_object_instance(prim: Usd.Prim) -> bool:
     """Return whether a prim is a native instance, and not of a kind that holds several objects (group, assembly)."""
     return bool(prim.IsInstance()) and not _is_of_kind(prim, Kind.Tokens.group)
+
+
+def is_outermost_object(prim: Usd.Prim) -> bool:
+    """Return whether a prim is an object, given that none of its ancestors is."""
+    return is_component(prim) or is_object_instance(prim) or prim.IsA(UsdGeom.Gprim)
 
 
 def is_in_object(prim: Usd.Prim) -> bool:

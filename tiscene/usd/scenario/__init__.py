@@ -11,6 +11,8 @@
     filtered_pairs_schema  bodies that do not collide, by the schemas of UsdPhysics
     stage_cameras       the cameras of a stage and their exact values
     layer               layers over a scene: references, cameras, poses
+    layer_files         scenes and templates that are files, found from the layer
     bake                a stream's motion as time samples
+    name_labels         categories that come from names, as labels of a baked layer
     light_time_samples  animated lights, read and written
 """

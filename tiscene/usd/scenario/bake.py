@@ -26,6 +26,7 @@ from tiscene.usd.core.pose import PoseOperations, pose_matrix, pose_operations, 
 from tiscene.usd.core.stage import quiet, readable, reading_time
 from tiscene.usd.scenario.layer import OverLayer
 from tiscene.usd.scenario.light_time_samples import write_emission
+from tiscene.usd.scenario.name_labels import write_name_labels
 
 Array = NDArray[np.float64]
 Poses = dict[int, Array]  # by frame: position (m) and quaternion [7]
@@ -41,6 +42,8 @@ class BakedObject(Protocol):
     def name(self) -> str: ...
     @property
     def prim_path(self) -> str: ...
+    @property
+    def category(self) -> str: ...
     @property
     def position(self) -> Vector3: ...
     @property
@@ -131,7 +134,8 @@ def write_motion(world: BakedWorld, path: str | os.PathLike[str], frames: int | 
         over = OverLayer(scenario.scene, "Motion", scenario.variants)
         over.set_time(numbers[0], numbers[-1], world.fps)
         recorded = _Recording(world, numbers)
-        _write_objects(over, scenario, recorded, numbers)
+        spawned = _write_objects(over, scenario, recorded, numbers)
+        write_name_labels(over, spawned, world.stage.objects)
         _write_edited_stage_objects(over, recorded, numbers)
         _write_lights(over, world, recorded)
         _write_cameras(over, world, recorded)
@@ -143,6 +147,7 @@ class _Recording:
 
     Attributes:
         objects: poses of the scenario's objects, by name.
+        categories: those of the scenario's objects, by name.
         vanished: poses to which objects that vanish were moving, one frame after their last, by name.
         stage_objects: offsets of the stage's objects that edits have changed, by prim path.
         lights: animated lights, by prim path and frame.
@@ -156,6 +161,7 @@ class _Recording:
         animated = {motion.light for motion in world.scenario.lights}
         paths = [each.prim_path for each in world.stage.lights if animated & {each.prim_path, each.name}]
         self.objects: dict[str, Poses] = {}
+        self.categories: dict[str, str] = {}
         self.vanished: dict[str, Poses] = {}
         self.stage_objects: dict[str, Offsets] = {path: {} for path in world.scenario.log().stage_histories}
         self.lights: dict[str, dict[int, Light]] = {path: {} for path in paths}
@@ -168,6 +174,7 @@ class _Recording:
             for each in state.objects:
                 if each.id > stage_count:
                     self.objects.setdefault(each.name, {})[frame] = np.array([*each.position, *each.rotation])
+                    self.categories[each.name] = each.category
                 elif each.prim_path in self.stage_objects:
                     offset = _offset(_matrix(initial[each.prim_path]), _matrix(each))
                     self.stage_objects[each.prim_path][frame] = offset
@@ -186,15 +193,18 @@ class _Recording:
                     self.vanished.setdefault(history.spec.id, {})[frame + 1] = pose
 
 
-def _write_objects(over: OverLayer, scenario: BakedScenario, recorded: _Recording, frames: Sequence[int]) -> None:
+def _write_objects(
+    over: OverLayer, scenario: BakedScenario, recorded: _Recording, frames: Sequence[int]
+) -> dict[Usd.Prim, str]:
+    """Write the objects of the scenario; return their prims with their categories."""
     specs = {history.spec.id: history.spec for history in scenario.log().histories}
-    prims = []
+    prims: dict[Usd.Prim, str] = {}
     for spec in specs.values():
         if spec.id not in recorded.objects:
             continue
         scale = np.broadcast_to(spec.scale, 3).tolist()
         prim, operations = over.define_object(spec.id, spec.template, scale=scale)
-        prims.append(prim.GetPath())
+        prims[prim] = recorded.categories[spec.id]
         if schema.has(prim, schema.MOTION) or schema.has(prim, schema.OBJECT):
             _disable_schema_motion(prim)
         poses = recorded.objects[spec.id]
@@ -204,7 +214,8 @@ def _write_objects(over: OverLayer, scenario: BakedScenario, recorded: _Recordin
     # Streaming this layer plays these objects instead of those that the scene's author animated.
     root = over.stage.GetPrimAtPath(over.root)
     root.AddAppliedSchema(schema.SCENARIO)
-    root.CreateRelationship("tiscene:scenario:objects", False).SetTargets(prims)
+    root.CreateRelationship("tiscene:scenario:objects", False).SetTargets([prim.GetPath() for prim in prims])
+    return prims
 
 
 def _disable_schema_motion(prim: Usd.Prim) -> None:

@@ -35,6 +35,7 @@ class OverLayer:
     Attributes:
         layer: the layer.
         stage: the scene with the layer on top.
+        below: the scene alone.
         units: unit of length of the scene.
         up_axis: "Y" or "Z", as of the scene.
         root: path of the Scope that holds the new prims.
@@ -73,7 +74,7 @@ class OverLayer:
             if folder and folder.IsAbstract()
             for prim in folder.GetAllChildren()
         }
-        self._below = below
+        self.below = below
         self._hidden: set[str] = set()
 
     def set_time(self, first: float, last: float, rate: float) -> None:
@@ -136,7 +137,7 @@ class OverLayer:
             prim.CreateAttribute("visibility", Sdf.ValueTypeNames.Token, False).Set(UsdGeom.Tokens.inherited)
         elif template in self._templates:
             references.AddInternalReference(self._templates[template])
-            stretch = self._own_stretch(self._below.GetPrimAtPath(self._templates[template]))
+            stretch = self._own_stretch(self.below.GetPrimAtPath(self._templates[template]))
         else:
             file = catalog.find_template(template).resolve()
             below = open_stage(file)
@@ -169,8 +170,8 @@ class OverLayer:
 
     def _hide(self, path: str) -> Matrix:
         """Hide a prim of the scene and return its scale and stretch."""
-        prim = self._below.GetPrimAtPath(path) if Sdf.Path.IsValidPathString(path) else None
-        pose = read_pose(prim, reading_time(self._below, None), self.units) if prim else "it does not exist"
+        prim = self.below.GetPrimAtPath(path) if Sdf.Path.IsValidPathString(path) else None
+        pose = read_pose(prim, reading_time(self.below, None), self.units) if prim else "it does not exist"
         if isinstance(pose, str):
             raise ArgumentError(f"the stage's prim {path!r} cannot serve as a template: {pose}")
         if path not in self._hidden:

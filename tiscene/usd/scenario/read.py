@@ -22,7 +22,7 @@ from tiscene.usd.core.pose import is_same_pose, read_pose
 from tiscene.usd.core.prims import DRAWN_PURPOSES, ancestors, renders, with_ancestors
 from tiscene.usd.core.report import StageReport
 from tiscene.usd.core.schema import authored, targets
-from tiscene.usd.core.semantics import is_component, is_object_instance, object_name
+from tiscene.usd.core.semantics import is_outermost_object, object_name
 from tiscene.usd.core.stage import Variants, open_stage, quiet, readable, reading_time
 from tiscene.usd.core.transform import to_matrix
 from tiscene.usd.core.units import Units
@@ -33,10 +33,11 @@ from tiscene.usd.read.stage_render_settings import read_render_settings
 from tiscene.usd.read.subprocess_reader import read_in_subprocess
 from tiscene.usd.scenario.filtered_pairs_schema import read_filtered_pairs
 from tiscene.usd.scenario.joint_schema import read_joints
+from tiscene.usd.scenario.layer_files import layer_file
 from tiscene.usd.scenario.light_time_samples import read_light_motion
 from tiscene.usd.scenario.motion_schema import read_dynamic
 from tiscene.usd.scenario.rigid_body_schema import read_rigid_body
-from tiscene.usd.scenario.stage_cameras import exact_camera, stage_cameras
+from tiscene.usd.scenario.stage_cameras import exact_camera, listed_name, stage_cameras
 
 _TIMINGS = {schema.token(name): name for name in ("AllTogether", "WaitUntilComplete", "DictTimings")}
 
@@ -105,6 +106,7 @@ class _ScenarioReader:
         self._settings = read_render_settings(stage)
         self._baked = baked_paths(stage)
         self._physics = False  # whether objects without a dynamic are rigid bodies
+        self._is_whole = False  # whether the scenario names its scene: nothing else moves, as where it was saved
 
     def read(self) -> AuthoredScenario:
         scenarios, prims, lights = [], [], []
@@ -118,8 +120,11 @@ class _ScenarioReader:
         root = self._strongest(scenarios)
         content: dict[str, Any] = {}
         if root:
+            self._is_whole = bool(authored(root, "tiscene:scenario:scene"))
             listed = targets(root, "tiscene:scenario:objects")
-            prims = [each for path in listed if (each := self._target(root, path))] if listed else prims
+            if listed or self._is_whole:
+                prims = [each for path in listed if (each := self._target(root, path))]
+            lights = [] if self._is_whole else lights
             with self._report.guard(root.GetPath()):
                 content = self._scenario(root)
         self._physics = content.get("physics", False)
@@ -157,7 +162,7 @@ class _ScenarioReader:
         """Return the motions of a light, or of the lights within an object or an instance of the stage."""
         lights = []
         with self._report.guard(prim.GetPath()):
-            closed = prim.IsInstance() or _is_stage_object(prim)  # `_walk` does not enter it
+            closed = prim.IsInstance() or is_outermost_object(prim)  # `_walk` does not enter it
             inside = Usd.PrimRange(prim, Usd.TraverseInstanceProxies()) if closed and not is_object else [prim]
             for each in inside:
                 shown = is_light_only(each) and self._is_shown(each)
@@ -190,7 +195,7 @@ class _ScenarioReader:
         for prim in prims:
             is_stage_object = is_object = False
             with self._report.guard(prim.GetPath()):
-                is_stage_object = _is_stage_object(prim)
+                is_stage_object = is_outermost_object(prim)
                 is_object = self._is_object(prim)
             yield prim, is_object
             if is_stage_object or is_object:
@@ -213,7 +218,7 @@ class _ScenarioReader:
             return False
         if schema.has(prim, schema.OBJECT) or schema.has(prim, schema.MOTION):
             return True
-        if not _is_stage_object(prim) or plays_in_parts(prim) or prim.GetPath() in self._baked:
+        if not is_outermost_object(prim) or plays_in_parts(prim) or prim.GetPath() in self._baked:
             return False
         return read_keyframes(prim, self._units, self._report) is not None
 
@@ -237,7 +242,7 @@ class _ScenarioReader:
         position, rotation = list(pose.position), list(pose.rotation)
         if exact is not None and is_same_pose(exact, position, rotation):
             position, rotation = list(exact[:3]), list(exact[3:])
-        template = authored(prim, "tiscene:object:template")
+        template = layer_file(prim, "tiscene:object:template")
         lifespan: dict[str, int | None] = {}
         for key, name in (("first_frame", "firstFrame"), ("last_frame", "lastFrame")):
             value = authored(prim, f"tiscene:object:{name}")
@@ -283,9 +288,9 @@ class _ScenarioReader:
     def _scenario(self, root: Usd.Prim) -> dict[str, Any]:
         """Return the members of the scenario's JSON object that are authored on its own prim."""
         content: dict[str, Any] = {}
-        scene = authored(root, "tiscene:scenario:scene")
+        scene = layer_file(root, "tiscene:scenario:scene")
         if scene:
-            content["scene"] = str(scene)
+            content["scene"] = scene
         far = authored(root, "tiscene:scenario:frustumFar")
         if far:
             content["frustum"] = {"far": -1.0 if far == -1.0 else self._units.to_json(far)}
@@ -351,6 +356,8 @@ class _ScenarioReader:
         None.
         """
         listed = targets(root, "tiscene:scenario:camera") if root else []
+        if not listed and self._is_whole:
+            return None
         if not listed:
             cameras = self._settings.main_first(cameras, Usd.Prim.GetPath)
             return self._one_camera(cameras[0], False) if cameras else None
@@ -365,9 +372,10 @@ class _ScenarioReader:
         return found if len(found) > 1 else found[0]
 
     def _one_camera(self, prim: Usd.Prim, is_listed: bool) -> dict[str, Any] | str | None:
-        dynamic = self._dynamic(prim)
-        if dynamic is None and not schema.has(prim, schema.CAMERA):
-            return self._listed_name(prim) if is_listed else None
+        is_exact = schema.has(prim, schema.CAMERA)
+        dynamic = self._dynamic(prim) if is_exact or not (is_listed and self._is_whole) else None
+        if dynamic is None and not is_exact:
+            return listed_name(prim) if is_listed else None
         world = UsdGeom.Xformable(prim).ComputeLocalToWorldTransform(self._time)
         meters = self._units.meters
         camera = read_camera(prim, to_matrix(world, meters), self._time, meters, self._report, self._settings)
@@ -375,11 +383,6 @@ class _ScenarioReader:
         if camera is None or isinstance(pose, str):
             return None
         return exact_camera(prim, camera, pose, self._report) | {"dynamic": dynamic}
-
-    def _listed_name(self, prim: Usd.Prim) -> str:
-        """Return a camera's name, or its path if others have that name too: the layer below may name them otherwise."""
-        same = [each for each in stage_cameras(self._stage) if each.GetName() == prim.GetName()]
-        return str(prim.GetName() if len(same) == 1 else prim.GetPath())
 
 
 def _authoring_layers(prim: Usd.Prim, layers: list[Sdf.Layer]) -> list[Sdf.Layer]:
@@ -390,8 +393,3 @@ def _authoring_layers(prim: Usd.Prim, layers: list[Sdf.Layer]) -> list[Sdf.Layer
         if spec.layer in layers
         and (spec.HasInfo("apiSchemas") or any(each.name.startswith("tiscene:scenario") for each in spec.properties))
     ]
-
-
-def _is_stage_object(prim: Usd.Prim) -> bool:
-    """Return whether a prim is an object, given that none of its ancestors is."""
-    return is_component(prim) or is_object_instance(prim) or prim.IsA(UsdGeom.Gprim)

@@ -41,6 +41,12 @@ def stage_cameras(stage: Usd.Stage) -> list[Usd.Prim]:
     return cameras
 
 
+def listed_name(prim: Usd.Prim) -> str:
+    """Return a camera's name, or its path if others have that name too: the layer below may name them otherwise."""
+    same = [each for each in stage_cameras(prim.GetStage()) if each.GetName() == prim.GetName()]
+    return str(prim.GetName() if len(same) == 1 else prim.GetPath())
+
+
 def exact_camera(prim: Usd.Prim, camera: Camera, pose: PrimPose, report: StageReport) -> dict[str, Any]:
     """Return a camera's JSON object, with the exact values of TisceneCameraAPI where they agree with the camera."""
     content = dataclasses.asdict(dataclasses.replace(camera, dynamic=None))
