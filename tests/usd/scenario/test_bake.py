@@ -118,6 +118,32 @@ def test_baked_layer_streams_like_the_original(stream, tmp_path):
         assert np.mean(np.abs(ours - theirs) < 1e-4) > 0.99
 
 
+PLAYING = """
+def Cube "Block" (kind = "component")
+{
+    double size.timeSamples = {START: 0.5, END: 2.5}
+    double3 xformOp:translate = (0, 0, -9)
+    uniform token[] xformOpOrder = ["xformOp:translate"]
+}
+"""
+
+
+@pytest.mark.parametrize(("start", "fps"), [(1, 24), (1001, 12), (-10, 30)])
+@pytest.mark.parametrize("has_range", [True, False])
+def test_baked_layer_plays_the_shapes_of_a_stage_that_does_not_start_at_0(tmp_path, start, fps, has_range):
+    """Frame 0 is the start of the stage, and time code 0 of the layer."""
+    body = PLAYING.replace("START", str(start)).replace("END", str(start + 24))
+    more = f"startTimeCode = {start}\n    endTimeCode = {start + 24}" if has_range else ""
+    scene = str(write(tmp_path, body, name="scene.usda", more=f"timeCodesPerSecond = 24\n    {more}"))
+    options = {"fps": fps, "width": 24, "height": 18, "buffers": ("depth",)}
+    stream = ts.Stream(ts.Scenario(scene, [ts.Object("a", "Cube", (9, 9, -9))]), **options)
+    stream.to_usd(tmp_path / "motion.usda", frames=fps + 1)
+    again = ts.Stream(tmp_path / "motion.usda", **options)
+    assert stream[0].depth.min() > stream[fps].depth.min() + 0.9
+    for frame in (0, 5, fps):
+        np.testing.assert_array_equal(again[frame].depth, stream[frame].depth)
+
+
 POINTS = """
 def PointInstancer "Wood"
 {

@@ -78,11 +78,13 @@ class OverLayer:
         self._hidden: set[str] = set()
 
     def set_time(self, first: float, last: float, rate: float) -> None:
-        """Set the range of time codes, and their rate per second."""
+        """Set the range of time codes, and their rate per second. The scene starts at time code 0, wherever it does."""
         self.stage.SetStartTimeCode(first)
         self.stage.SetEndTimeCode(last)
         self.stage.SetTimeCodesPerSecond(rate)
         self.stage.SetFramesPerSecond(rate)
+        if start := self.below.GetStartTimeCode():
+            self.layer.subLayerOffsets[0] = Sdf.LayerOffset(-start * rate / self.below.GetTimeCodesPerSecond())
 
     def unused_path(self, folder: Sdf.Path, name: str) -> Sdf.Path:
         """Return a path for a new prim below `folder`, named as closely to `name` as USD allows."""
@@ -252,6 +254,7 @@ class OverLayer:
         copy = Sdf.Layer.CreateAnonymous(path.suffix)
         copy.TransferContent(self.layer)
         UsdUtils.ModifyAssetPaths(copy, lambda asset: _portable(asset, folder))
+        copy.subLayerOffsets[0] = self.layer.subLayerOffsets[0]  # which USD drops with the path
         try:
             written = folder.is_dir() and copy.Export(str(path))
         except Tf.ErrorException as error:
