@@ -15,6 +15,7 @@ import trimesh
 from PIL import Image
 from pxr import Usd, UsdPhysics, UsdValidation
 
+import tiscene as ts
 from tests.usd.helpers import QUAD, facing, write
 from tiscene.errors import ArgumentError, ExportError, MissingFile, StageError, StageWarning
 from tiscene.scene.description import TextureLookup
@@ -214,6 +215,17 @@ def test_usd_in_centimeters_with_z_up_is_converted(tmp_path):
     standing = read_template(import_asset(source, tmp_path / "out", centered=False)).description.bounds()
     np.testing.assert_allclose(standing, [(-0.5, 0, -0.5), (0.5, 1, 0.5)], atol=1e-6)
     assert (tmp_path / "out" / "source" / "part.usda").is_file()  # a copy of the source
+
+
+def test_imported_usd_animation_begins_at_the_start_of_its_file(tmp_path):
+    (tmp_path / "in").mkdir()
+    body = 'def Cube "Fan"\n{\n    double size.timeSamples = {0: 4, 30: 1, 60: 3}\n}\n'
+    more = 'defaultPrim = "Fan"\n    startTimeCode = 30\n    endTimeCode = 60\n    timeCodesPerSecond = 30'
+    path = import_asset(write(tmp_path / "in", body, name="fan.usda", more=more), tmp_path / "out")
+    scenario = ts.Scenario("object_view", [ts.Object("fan", str(path), (0, 0, -9))])
+    stream = ts.Stream(scenario, fps=10, width=8, height=6, buffers=("instance",))
+    sizes = [np.subtract(*stream[frame].objects.by_name("fan").world_bounds[::-1]) for frame in (0, 5, 10)]
+    np.testing.assert_allclose(sizes, np.outer((1, 2, 3), np.ones(3)), rtol=1e-5)
 
 
 def test_variants_of_imported_usd_file_are_selectable(tmp_path):

@@ -287,6 +287,10 @@ def _import_usd(
         with _writing(folder):
             _copy_with_dependencies(path, folder / "source", report)
         stage = _new_stage(name, label, credit)
+        if source.HasAuthoredTimeCodeRange():  # its animation begins there
+            stage.SetTimeCodesPerSecond(source.GetTimeCodesPerSecond())
+            stage.SetStartTimeCode(source.GetStartTimeCode())
+            stage.SetEndTimeCode(source.GetEndTimeCode())
         child = UsdGeom.Xform.Define(stage, stage.GetDefaultPrim().GetPath().AppendChild("Source"))
         transform = np.eye(4)
         transform[:3, :3] = matrix.T  # USD multiplies row vectors
