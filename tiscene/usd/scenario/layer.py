@@ -20,7 +20,7 @@ from tiscene.usd.core.layers import catalog_path, has_file
 from tiscene.usd.core.pose import PoseOperations, pose_operations, read_pose
 from tiscene.usd.core.prims import outermost_instance, unused_path
 from tiscene.usd.core.semantics import is_in_object, is_object_instance, spaced
-from tiscene.usd.core.stage import Variants, open_stage, reading_time, select_variants
+from tiscene.usd.core.stage import Variants, changes_over_time, open_stage, reading_time, select_variants
 from tiscene.usd.core.transform import to_matrix
 from tiscene.usd.core.units import Units
 from tiscene.usd.read.template import TEMPLATES_PRIM, display_name, root_prim
@@ -76,6 +76,7 @@ class OverLayer:
         }
         self.below = below
         self._hidden: set[str] = set()
+        self._start = below.GetStartTimeCode()  # time code of frame 0
 
     def set_time(self, first: float, last: float, rate: float) -> None:
         """Set the range of time codes, and their rate per second. The scene starts at time code 0, wherever it does."""
@@ -83,8 +84,15 @@ class OverLayer:
         self.stage.SetEndTimeCode(last)
         self.stage.SetTimeCodesPerSecond(rate)
         self.stage.SetFramesPerSecond(rate)
-        if start := self.below.GetStartTimeCode():
-            self.layer.subLayerOffsets[0] = Sdf.LayerOffset(-start * rate / self.below.GetTimeCodesPerSecond())
+        self._start = 0.0
+        self.layer.subLayerOffsets[0] = self._at_start(self.below)
+
+    def _at_start(self, stage: Usd.Stage) -> Sdf.LayerOffset:
+        """Return the offset by which another stage starts at frame 0; none if nothing on it changes."""
+        if not changes_over_time(stage):
+            return Sdf.LayerOffset()
+        rate = self.stage.GetTimeCodesPerSecond() / stage.GetTimeCodesPerSecond()
+        return Sdf.LayerOffset(self._start - stage.GetStartTimeCode() * rate)
 
     def unused_path(self, folder: Sdf.Path, name: str) -> Sdf.Path:
         """Return a path for a new prim below `folder`, named as closely to `name` as USD allows."""
@@ -146,7 +154,7 @@ class OverLayer:
             root = root_prim(below)
             if root is None:
                 raise ArgumentError(f"template {template!r}: {file.name} has no default prim to reference")
-            references.AddReference(str(file), root.GetPath())
+            references.AddReference(str(file), root.GetPath(), self._at_start(below))
             for variant_set, variant in catalog.template_variants(template)[1].items():
                 prim.GetVariantSets().SetSelection(variant_set, variant)
             stretch = self._own_stretch(root)
