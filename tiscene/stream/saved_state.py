@@ -16,7 +16,7 @@ from tiscene.stream.frame_batches import FrameBatches
 from tiscene.stream.progress import ProgressBar
 from tiscene.stream.render_ahead import RenderAhead
 from tiscene.stream.stream_interface import StreamInterface
-from tiscene.usd.core.layers import digest, scene_digests
+from tiscene.usd.core.layers import digest
 
 VERSION = 1
 
@@ -112,7 +112,8 @@ class SavedState:
             Digests by path relative to the scene's folder; a template's paths begin with its name and a colon.
         """
         scenario, on_stage = self.scenario, {template.name for template in self.world.stage.templates}
-        return scene_digests(scenario.scene, {history.spec.template for history in scenario.log().histories} - on_stage)
+        templates = {history.spec.template for history in scenario.log().histories} - on_stage
+        return self.stages.file_digests(scenario.scene, templates)
 
 
 def check_state(state: Mapping[str, Any], settings: Mapping[str, Any]) -> None:

@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import os
 import warnings
-from collections.abc import Hashable, Sequence
+from collections.abc import Hashable, Iterable, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any, cast
@@ -19,9 +19,10 @@ from tiscene.scenario.scenario import Scenario
 from tiscene.scene.description import SceneDescription, Template
 from tiscene.stream.bvh_cache import BVHCache
 from tiscene.stream.loading import load
-from tiscene.usd.core.layers import layer_state
+from tiscene.usd.core.layers import catalog_path, layer_digests, layer_state, scene_digests
 from tiscene.usd.core.limits import Limits
 from tiscene.usd.read.kept_templates import kept_template
+from tiscene.usd.read.subprocess_reader import read_in_subprocess
 from tiscene.usd.read.template import read_template
 
 MAX_STAGES = 3
@@ -142,11 +143,30 @@ class StageCache:
         """
         path = next((each.prim_path for each in stage.objects if each.name == name), "")
         hint = f"The object {name!r} of the stage is the template {path!r}." if path else ""
-        file, variants = (
-            catalog.find_template(name, scene=scenario.scene, hint=hint),
-            catalog.template_variants(name)[1],
-        )
-        taxonomy, limits = self._options["taxonomy"], self._loading["limits"]
-        if limits is not None:
-            return read_template(file, up_axis=stage.up_axis, taxonomy=taxonomy, variants=variants, limits=limits)
-        return kept_template(file, up_axis=stage.up_axis, taxonomy=taxonomy, variants=variants)
+        file = catalog.find_template(name, scene=scenario.scene, hint=hint)
+        options = {
+            "up_axis": stage.up_axis,
+            "taxonomy": self._options["taxonomy"],
+            "variants": catalog.template_variants(name)[1],
+        }
+        limits, root = self._bounds(file)
+        if limits is None and root is None:
+            return kept_template(file, **options)
+        return read_template(file, **options, limits=limits, root=root)
+
+    def file_digests(self, scene: str, templates: Iterable[str]) -> dict[str, str]:
+        """Return `scene_digests`. Files that may not be opened here are opened in a process with limits."""
+        return scene_digests(scene, templates, self._digests_of)
+
+    def _digests_of(self, file: Path) -> dict[str, str]:
+        limits, _ = self._bounds(file)
+        return layer_digests(file) if limits is None else read_in_subprocess(layer_digests, file, {}, limits)
+
+    def _bounds(self, file: Path) -> tuple[Limits | None, Path | None]:
+        """Return the limits and the root folder for reading a file. Those of the catalog are of no unknown origin."""
+        limits, root = self._loading["limits"], self._options["root"]
+        if catalog_path(file.resolve()) is not None:
+            return limits, None
+        if self._loading["untrusted"]:
+            limits, root = limits or Limits(), root or file.resolve().parent
+        return limits, None if root is None else Path(root)

@@ -20,23 +20,6 @@ _Function = TypeVar("_Function", bound=Callable[..., Any])
 MAX_KNOWN = 256  # root files that are kept until one of their files changes
 
 
-def scene_digests(scene: str, templates: Iterable[str]) -> dict[str, str]:
-    """Return the digests of all files of a scene and of templates.
-
-    Args:
-        scene: name or file of a scene.
-        templates: names or files of templates.
-
-    Returns:
-        `layer_digests` of each; the keys of a template's files begin with its name and a colon.
-    """
-    digests = layer_digests(catalog.find_scene(scene))
-    for template in sorted(templates):
-        files = layer_digests(catalog.find_template(template))
-        digests |= {f"{template}: {name}": digest for name, digest in files.items()}
-    return digests
-
-
 def layer_digests(path: str | Path) -> dict[str, str]:
     """Return the SHA-256 of every layer and texture that a USD file refers to in any variant, itself included.
 
@@ -46,6 +29,26 @@ def layer_digests(path: str | Path) -> dict[str, str]:
         left out. A package (.usdz) is one file. Files that have not changed since an earlier call are not read again.
     """
     return dict(_files_of(path).digests)
+
+
+def scene_digests(
+    scene: str, templates: Iterable[str], digests_of: Callable[[Path], dict[str, str]] = layer_digests
+) -> dict[str, str]:
+    """Return the digests of all files of a scene and of templates.
+
+    Args:
+        scene: name or file of a scene.
+        templates: names or files of templates.
+        digests_of: `layer_digests`, or a function that opens files of unknown origin elsewhere.
+
+    Returns:
+        `layer_digests` of each; the keys of a template's files begin with its name and a colon.
+    """
+    digests = digests_of(catalog.find_scene(scene))
+    for template in sorted(templates):
+        files = digests_of(catalog.find_template(template))
+        digests |= {f"{template}: {name}": digest for name, digest in files.items()}
+    return digests
 
 
 def digest(digests: dict[str, str]) -> str:

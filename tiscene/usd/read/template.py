@@ -13,7 +13,7 @@ from pxr import Gf, Usd, UsdGeom
 from tiscene.errors import StageError
 from tiscene.scene.assembly import as_one
 from tiscene.scene.description import SceneDescription, Template
-from tiscene.usd.core.limits import Limits
+from tiscene.usd.core.limits import Limits, RootFolder
 from tiscene.usd.core.prims import ALSO_ABSTRACT
 from tiscene.usd.core.report import StageReport
 from tiscene.usd.core.semantics import asset_name, inherited_label, name_label, readable_name, spaced
@@ -36,6 +36,7 @@ def read_template(
     variants: Mapping[str, str] | None = None,
     taxonomy: str | None = None,
     limits: Limits | None = None,
+    root: str | Path | None = None,
 ) -> Template:
     """Read the default prim of a file, else its only root prim, as a template.
 
@@ -50,29 +51,36 @@ def read_template(
         taxonomy: taxonomy of the labels; None: "class", else "category", else any.
         limits: upper bounds of time and memory. With them the file is read in a child process; None: in this process,
             without bounds.
+        root: folder that all files must be in; None: no restriction.
 
     Raises:
         MissingFile: there is no such file.
-        StageError: the file is not a template (lists every problem found), or a limit is exceeded.
+        StageError: the file is not a template (lists every problem found), not within `root`, or a limit is exceeded.
         UnknownName: a variant that the prim does not have.
 
     Content that is left out or approximated is listed in one StageWarning.
     """
     if limits is not None:
-        options = {"up_axis": up_axis, "variants": variants, "taxonomy": taxonomy}
+        options = {"up_axis": up_axis, "variants": variants, "taxonomy": taxonomy, "root": root}
         return read_in_subprocess(read_template, path, options, limits)
-    template, report = template_and_report(path, up_axis, variants, taxonomy)
+    template, report = template_and_report(path, up_axis, variants, taxonomy, root)
     report.warn()
     return template
 
 
 def template_and_report(
-    path: str | Path, up_axis: Literal["Y", "Z"] | None, variants: Mapping[str, str] | None, taxonomy: str | None
+    path: str | Path,
+    up_axis: Literal["Y", "Z"] | None,
+    variants: Mapping[str, str] | None,
+    taxonomy: str | None,
+    root: str | Path | None = None,
 ) -> tuple[Template, StageReport]:
     """Read a template in this process; return it, and what was left out of it. See `read_template`."""
+    root_folder = RootFolder(root)
     with quiet(), readable(path):
-        report = StageReport(str(path))
+        report = StageReport(str(path), root=root_folder)
         stage = open_stage(path, report=report)
+        root_folder.check(stage, str(path))
         prim = root_prim(stage)
         if prim is None:
             raise StageError(
