@@ -145,6 +145,55 @@ def test_baked_layer_plays_the_shapes_of_a_stage_that_does_not_start_at_0(tmp_pa
         np.testing.assert_array_equal(again[frame].depth, stream[frame].depth)
 
 
+SETTINGS = """
+def Camera "First"
+{
+}
+def Camera "Main"
+{
+    double3 xformOp:translate = (0, 0, 9)
+    uniform token[] xformOpOrder = ["xformOp:translate"]
+}
+def Scope "Render"
+{
+    def RenderSettings "Settings"
+    {
+        rel camera = </Main>
+        uniform int2 resolution = (16, 8)
+    }
+}
+def FancyCube "Fancy" (kind = "component")
+{
+}
+def "Named" (references = @`"./${NAME}.usda"`@)
+{
+}
+"""
+ROOT_METADATA = """renderSettingsPrimPath = "/Render/Settings"
+    fallbackPrimTypes = {
+        token[] FancyCube = ["Cube"]
+    }
+    expressionVariables = {
+        string NAME = "block"
+    }"""
+
+
+@pytest.mark.parametrize("written", ["motion.usda", "run.usda"])
+def test_layers_over_a_scene_have_the_metadata_that_usd_reads_from_root_layers(tmp_path, written):
+    write(tmp_path, BLOCK, name="block.usda", more='defaultPrim = "Block"')
+    scene = str(write(tmp_path, SETTINGS, name="scene.usda", more=ROOT_METADATA))
+    scenario = ts.Scenario(scene, [ts.Object("moved", "/Fancy", (0, 1, 0))])
+    stream = ts.Stream(scenario, buffers=("depth",))
+    scenario.save(tmp_path / "run.usda")
+    stream.to_usd(tmp_path / "motion.usda", frames=2)
+    again = ts.Stream(tmp_path / written, buffers=("depth",))
+    assert again[0].depth.shape == (8, 16)
+    np.testing.assert_array_equal(again[0].depth, stream[0].depth)
+    seen = read_stage(tmp_path / written)  # of the layer itself, as other programs show it
+    assert [each.name for each in seen.objects] == ["Named", "moved"]
+    assert seen.cameras[0].name == "Main"
+
+
 POINTS = """
 def PointInstancer "Wood"
 {

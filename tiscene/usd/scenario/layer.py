@@ -26,7 +26,17 @@ from tiscene.usd.core.units import Units
 from tiscene.usd.read.template import TEMPLATES_PRIM, display_name, root_prim
 
 _APERTURE = 0.024  # m, vertical aperture of written cameras
-_METADATA = ("timeCodesPerSecond", "framesPerSecond", "startTimeCode", "endTimeCode")
+_METADATA = (  # that USD reads from the root layer only
+    "defaultPrim",
+    "timeCodesPerSecond",
+    "framesPerSecond",
+    "startTimeCode",
+    "endTimeCode",
+    "kilogramsPerUnit",
+    "renderSettingsPrimPath",
+    "fallbackPrimTypes",
+    "expressionVariables",
+)
 
 
 class OverLayer:
@@ -57,14 +67,13 @@ class OverLayer:
         below = open_stage(file, variants)
         self.layer = Sdf.Layer.CreateAnonymous(".usda")
         self.layer.subLayerPaths.append(str(file))
-        self.stage = Usd.Stage.Open(self.layer)
-        select_variants(self.stage, variants or {}, self.layer)
-        # USD reads this metadata from the root layer only.
-        UsdGeom.SetStageMetersPerUnit(self.stage, UsdGeom.GetStageMetersPerUnit(below))
-        UsdGeom.SetStageUpAxis(self.stage, UsdGeom.GetStageUpAxis(below))
-        for key in ("defaultPrim", *_METADATA):
+        for key in _METADATA:
             if below.GetRootLayer().pseudoRoot.HasInfo(key):
                 self.layer.pseudoRoot.SetInfo(key, below.GetRootLayer().pseudoRoot.GetInfo(key))
+        self.stage = Usd.Stage.Open(self.layer)
+        select_variants(self.stage, variants or {}, self.layer)
+        UsdGeom.SetStageMetersPerUnit(self.stage, UsdGeom.GetStageMetersPerUnit(below))
+        UsdGeom.SetStageUpAxis(self.stage, UsdGeom.GetStageUpAxis(below))
         self.units = Units.of(self.stage)
         self.up_axis = str(UsdGeom.GetStageUpAxis(self.stage))
         self.root = self._scope(self.unused_path(Sdf.Path.absoluteRootPath, name))
