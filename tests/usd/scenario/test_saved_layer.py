@@ -232,6 +232,24 @@ def test_saved_scenario_without_the_motion_of_its_scene_keeps_it_still(tmp_path,
     assert Scenario.load(scenario.scene).lights  # it moves where the stage is played by itself
 
 
+def test_scenario_by_hand_that_names_its_scene_has_the_objects_of_the_schema(tmp_path):
+    body = """
+    def Scope "Scenario" (prepend apiSchemas = ["TisceneScenarioAPI"])
+    {
+        uniform string tiscene:scenario:scene = "scene.usda"
+    }
+    over "Block" (prepend apiSchemas = ["TisceneMotionAPI"])
+    {
+        uniform token tiscene:motion:type = "orbit"
+    }
+    """
+    scene = write(tmp_path, MOVING.replace("Block", "Other") + 'def Cube "Block"\n{\n}\n', name="scene.usda")
+    layer = write(tmp_path, body, name="run.usda", more="subLayers = [@scene.usda@]")
+    loaded = Scenario.load(layer)
+    assert [(each.template, type(each.dynamic)) for each in loaded.objects] == [("/Block", ts.Orbit)]
+    assert Path(loaded.scene).resolve() == scene.resolve()  # it is beside the layer
+
+
 VARIANTS = """
 def Xform "Room" (
     variants = { string lighting = "day" }

@@ -122,8 +122,10 @@ class _ScenarioReader:
         if root:
             self._is_whole = bool(authored(root, "tiscene:scenario:scene"))
             listed = targets(root, "tiscene:scenario:objects")
-            if listed or self._is_whole:
+            if listed or (self._is_whole and root.GetRelationship("tiscene:scenario:objects").HasAuthoredTargets()):
                 prims = [each for path in listed if (each := self._target(root, path))]
+            elif self._is_whole:
+                prims = [each for each in prims if schema.has(each, schema.OBJECT) or schema.has(each, schema.MOTION)]
             lights = [] if self._is_whole else lights
             with self._report.guard(root.GetPath()):
                 content = self._scenario(root)
