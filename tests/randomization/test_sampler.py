@@ -18,8 +18,10 @@ import pytest
 import tiscene as ts
 from dynamics import Body, Simulation, UniformMovementRandomBounce
 from tests.randomization.rooms import write_room
+from tests.usd.helpers import write
 from tiscene import catalog
-from tiscene.errors import ArgumentError, CameraNotFound, ScenarioError, SceneNotFound, TemplateNotFound
+from tiscene.errors import ArgumentError, CameraNotFound, ScenarioError, SceneNotFound, TemplateNotFound, UnknownName
+from tiscene.export.generation.recipe import Recipe
 from tiscene.randomization.draws import Draws
 from tiscene.randomization.ranges import ScenarioRanges
 from tiscene.scenario.objects import Frustum, Object
@@ -294,7 +296,58 @@ def test_keywords_of_sample_are_the_fields_of_the_ranges():
     parameters = inspect.signature(Scenario.sample).parameters
     defaults = {field.name: field.default for field in fields(ScenarioRanges)}
     assert {name: each.default for name, each in parameters.items() if name in defaults} == defaults
-    assert set(parameters) == {"scene", "seed", "camera", "difficulty", *defaults, *DRAWN_FACTORS}
+    assert set(parameters) == {"scene", "seed", "camera", "variants", "difficulty", *defaults, *DRAWN_FACTORS}
+
+
+WALLED = """
+def Camera "Eye"
+{
+    double3 xformOp:translate = (0, 0, 5)
+    uniform token[] xformOpOrder = ["xformOp:translate"]
+}
+def Xform "Room" (
+    variants = { string walls = "far" }
+    prepend variantSets = "walls"
+)
+{
+    def Cube "Wall"
+    {
+        double size = 10
+        uniform token[] xformOpOrder = ["xformOp:translate"]
+    }
+    variantSet "walls" = {
+        "far" {
+            over "Wall"
+            {
+                double3 xformOp:translate = (0, 0, -10)
+            }
+        }
+        "near" {
+            over "Wall"
+            {
+                double3 xformOp:translate = (0, 0, -3)
+            }
+        }
+    }
+}
+"""
+
+
+def test_objects_are_placed_in_the_selected_variant_of_the_scene(tmp_path):
+    """The near wall is at z = 2, the far one at z = -5."""
+    scene = str(write(tmp_path, WALLED))
+    ranges = {"objects": 8, "templates": ["Ball 01"], "dynamics": ("still",), "depth": (1, 9), "min_size": 0}
+    near = Scenario.sample(scene, seed=1, variants={"/Room{walls}": "near"}, **ranges)
+    assert near.variants == {"/Room{walls}": "near"}
+    assert min(each.position[2] for each in near.objects) > 2.0
+    assert min(each.position[2] for each in Scenario.sample(scene, seed=1, **ranges).objects) < 0.0
+    choice = {"scene": scene, "variants": {"/Room{walls}": ["near"]}}
+    recipe = Recipe.from_json({"scenes": [choice], "ranges": {**ranges, "dynamics": ["still"], "depth": [1, 9]}})
+    drawn = recipe.scenario(0)
+    assert drawn.variants == {"/Room{walls}": "near"}
+    assert min(each.position[2] for each in drawn.objects) > 2.0
+    with pytest.raises(UnknownName, match="no variant 'nea'"):
+        Scenario.sample(scene, variants={"/Room{walls}": "nea"}, **ranges)
 
 
 ROOMS = ("room_01", "room_02", "room_03")

@@ -40,7 +40,12 @@ SCENARIO = 2**64 - 1  # number of the draws that belong to no object
 
 @runtime.one_thread_at_a_time
 def sample(
-    scene: str | os.PathLike[str], *, seed: int = 0, camera: Camera | str | None = None, **ranges: Any
+    scene: str | os.PathLike[str],
+    *,
+    seed: int = 0,
+    camera: Camera | str | None = None,
+    variants: Mapping[str, str] | None = None,
+    **ranges: Any,
 ) -> dict[str, Any]:
     """Draw a scenario.
 
@@ -48,10 +53,11 @@ def sample(
         scene: name or file of the scene.
         seed: 0 to 2^64 - 1.
         camera: the scenario's camera; its pose at the start counts.
+        variants: variant selections of the scene.
         **ranges: fields of `ScenarioRanges`.
 
     Returns:
-        The members `scene`, `objects`, `timings` and `frustum` of a scenario's JSON object.
+        The members `scene`, `objects`, `timings`, `frustum` and `variants` of a scenario's JSON object.
 
     Raises:
         ArgumentError: the ranges contradict themselves.
@@ -62,7 +68,7 @@ def sample(
     names = sorted(catalog.templates()) if limits.templates is None else limits.templates
     for name in limits.templates or ():
         catalog.find_template(name)
-    bare = Scenario(os.fspath(scene), camera=camera)
+    bare = Scenario(os.fspath(scene), camera=camera, variants=variants or {})
     space, up_axis = free_space_of(bare, aspect=limits.aspect), stage_of(bare).up_axis
     count = Draws(seed, SCENARIO).whole("objects", 0, *limits.objects)
     objects: list[dict[str, Any]] = []
@@ -78,6 +84,7 @@ def sample(
         "objects": objects,
         "timings": {"type": "AllTogether", "wait_time": limits.wait_time},
         "frustum": {"far": limits.depth[1]} if walled else None,
+        "variants": dict(bare.variants),
     }
 
 

@@ -170,6 +170,7 @@ class Scenario:
         illumination: Any = None,
         materials: Any = None,
         difficulty: Mapping[str, Any] | None = None,
+        variants: Mapping[str, str] | None = None,
     ) -> Scenario:
         """Draw a random scenario; the same arguments give the same scenario.
 
@@ -207,6 +208,7 @@ class Scenario:
             materials: other colors, roughness and textures.
             difficulty: bands of the mean of measures of `Frame.difficulty`, {"motion": (1, 3)}, of images 128 px wide.
                 Scenarios are drawn until one lies within them. Speeds may be multiplied for `motion`.
+            variants: variant selections of the scene, `{"/Room{lighting}": "night"}`.
 
         Raises:
             ArgumentError: the ranges contradict themselves.

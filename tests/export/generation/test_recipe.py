@@ -67,6 +67,10 @@ def test_recipe_survives_json():
         ({"settings": [1]}, r"recipe: settings: must be an object, got \[1\]"),
         ({"settings": {"widht": 24}}, "recipe: settings: no field 'widht'; did you mean 'width'?"),
         ({"settings": {"frames": 24}}, "recipe: settings: no field 'frames'"),
+        (
+            {"scenes": [{"scene": "room_02", "cameras": ["Main"]}], "settings": {"camera": "Sofa"}},
+            r"scenes\[0\]: cameras: settings.camera='Sofa' is that of every scenario",
+        ),
         ({"settings": {"camera": 1}}, "settings: camera=1: must be a name or a list of names"),
         ({"scenes": [{"scene": "room_02", "weight": "2"}]}, r"scenes\[0\]: weight='2': must be a number"),
         ({"scenes": [{"scene": "room_02", "weight": -1}]}, r"scenes\[0\]: weight=-1: must not be negative"),
@@ -109,10 +113,10 @@ def test_scenario_depends_on_its_number_and_the_recipe_alone():
 
 
 def test_cameras_and_variants_of_the_settings_are_those_of_every_scenario():
-    settings = RECIPE["settings"] | {"camera": ["Left", "Right"], "variants": {"/Room02{lighting}": "night"}}
+    settings = RECIPE["settings"] | {"camera": ["Left", "Right"], "variants": {"/SolidBenchmark{lighting}": "night"}}
     recipe = Recipe.from_json(RECIPE | {"scenes": ["solid_benchmark"], "settings": settings})
     assert {(each.cameras, *each.variants.items()) for each in map(recipe.scenario, range(3))} == {
-        (("Left", "Right"), ("/Room02{lighting}", "night"))
+        (("Left", "Right"), ("/SolidBenchmark{lighting}", "night"))
     }
     assert not {"camera", "variants"} & recipe.stream_settings().keys()
 

@@ -33,7 +33,9 @@ from tiscene.usd.read.stage_render_settings import stage_resolution
 MAX_NAME = 255  # bytes, of file systems
 DRAWS = 8  # seeds that are tried for one scenario
 RANGES = tuple(  # arguments of `Scenario.sample` that a recipe may give
-    name for name in inspect.signature(Scenario.sample).parameters if name not in ("scene", "seed", "camera", "frames")
+    name
+    for name in inspect.signature(Scenario.sample).parameters
+    if name not in ("scene", "seed", "camera", "frames", "variants")
 )
 SETTINGS = tuple(  # arguments of `Stream` that a recipe may give
     name for name in STREAM_ARGUMENTS if name not in ("frames", "arch", "limits", "progress")
@@ -163,7 +165,8 @@ class Recipe:
         mistakes = []
         for seed in random.integers(0, 2**63, DRAWS).tolist():
             try:
-                drawn = Scenario.sample(choice.scene, seed=seed, camera=camera, frames=self.frames, **ranges)
+                fixed: dict[str, Any] = {"camera": camera, "variants": variants, "frames": self.frames}
+                drawn = Scenario.sample(choice.scene, seed=seed, **fixed, **ranges)
                 scenario = Scenario.from_json(drawn.to_json() | {"variants": {**drawn.variants, **variants}})
                 cameras: list[Any] = [*scenario.cameras, *others]
                 return replace(scenario, camera=cameras) if others else scenario
@@ -226,6 +229,10 @@ class Recipe:
         for place, choice in enumerate(self.scenes):
             _check_names(_mapping(choice.ranges, f"scenes[{place}]: ranges"), RANGES, f"scenes[{place}]: ranges")
             _check_choices(choice, f"scenes[{place}]")
+            if camera and choice.cameras:
+                raise ArgumentError(
+                    f"scenes[{place}]: cameras: settings.camera={camera!r} is that of every scenario; leave one out"
+                )
             ranges = {"frames": self.frames, **self.ranges, **choice.ranges}
             try:
                 provider("ranges")(
