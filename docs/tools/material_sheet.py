@@ -4,7 +4,7 @@
 STAGE.usda: keep the stage of the picture in this file.
 """
 
-import sys
+import argparse
 import tempfile
 from pathlib import Path
 from typing import Any
@@ -141,8 +141,11 @@ def _camera() -> str:
 
 def main() -> None:
     """Write the stage and its picture."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("stage", nargs="?", type=Path, metavar="STAGE.usda")
+    arguments = parser.parse_args()
     with tempfile.TemporaryDirectory() as folder:
-        path = Path(sys.argv[1] if len(sys.argv) > 1 else Path(folder) / "materials.usda")
+        path = arguments.stage or Path(folder) / "materials.usda"
         write_stage(path)
         stream = ts.Stream(
             str(path), width=WIDTH, height=HEIGHT, quality="photo", spp=SPP, max_depth=16, buffers=("rgb",)
