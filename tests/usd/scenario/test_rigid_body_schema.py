@@ -267,3 +267,50 @@ def test_sleep_is_read_and_survives_a_round_trip(tmp_path):
     scenario = ts.Scenario("object_view", [ts.Object("a", "Cube", dynamic=ts.RigidBody(starts_asleep=True))])
     scenario.save(tmp_path / "run.usda")
     assert ts.Scenario.load(tmp_path / "run.usda") == scenario
+
+
+INVALID = """#usda 1.0
+(
+    metersPerUnit = 1
+)
+def Cube "Box" (
+    prepend apiSchemas = [
+        "TisceneObjectAPI", "PhysicsRigidBodyAPI", "PhysicsMassAPI", "PhysicsCollisionAPI", "MaterialBindingAPI"
+    ]
+)
+{{
+    rel material:binding:physics = </Surface>
+    {box}
+}}
+def Material "Surface" (prepend apiSchemas = ["PhysicsMaterialAPI"])
+{{
+    {surface}
+}}
+"""
+
+
+@pytest.mark.parametrize(
+    ("box", "surface", "message", "expected"),
+    [
+        ("", "float physics:restitution = 1", "restitution is 1, which counts as 0.95", {"restitution": 0.95}),
+        ("", "float physics:dynamicFriction = -1", "dynamicFriction is -1, which counts as 0", {"friction": 0.0}),
+        ("", "float physics:dynamicFriction = inf", "dynamicFriction is inf, which is not finite", {}),
+        ("", "float physics:density = -2", "density is -2, which is ignored", {}),
+        ("float physics:mass = nan", "", "mass is nan, which is ignored", {}),
+        ("float physics:density = inf", "", "density is inf, which is ignored", {}),
+        ("vector3f physics:velocity = (nan, 0, 0)", "", "velocity is .*, which is not finite", {}),
+    ],
+)
+def test_values_that_a_rigid_body_cannot_have_are_named(tmp_path, box, surface, message, expected):
+    path = tmp_path / "foreign.usda"
+    path.write_text(INVALID.format(box=box, surface=surface))
+    with pytest.warns(StageWarning, match=message):
+        (read,) = ts.Scenario.load(path).objects
+    assert read.dynamic == ts.RigidBody(**expected)
+
+
+@pytest.mark.parametrize("enabled", [True, False])
+def test_body_whose_colliders_are_disabled_touches_nothing(tmp_path, enabled):
+    path = tmp_path / "foreign.usda"
+    path.write_text(INVALID.format(box=f"bool physics:collisionEnabled = {int(enabled)}", surface=""))
+    assert ts.Scenario.load(path).objects[0].collide is enabled

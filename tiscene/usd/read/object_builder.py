@@ -199,6 +199,12 @@ def collides(prim: Usd.Prim) -> bool | None:
     return UsdPhysics.CollisionAPI(prim).GetCollisionEnabledAttr().Get() is not False
 
 
+def may_collide(prim: Usd.Prim) -> bool:
+    """Return whether an object collides: not if all colliders that it has are disabled."""
+    states = [collides(each) for each in Usd.PrimRange(prim, Usd.TraverseInstanceProxies())]
+    return True in states or False not in states
+
+
 def is_rigid_body(prim: Usd.Prim) -> bool:
     """Return whether a prim is an enabled rigid body."""
     return prim.HasAPI(UsdPhysics.RigidBodyAPI) and (

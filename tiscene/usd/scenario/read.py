@@ -28,6 +28,7 @@ from tiscene.usd.core.transform import to_matrix
 from tiscene.usd.core.units import Units
 from tiscene.usd.geometry.skinning import baked_paths
 from tiscene.usd.lights.light import is_light_only
+from tiscene.usd.read.object_builder import may_collide
 from tiscene.usd.read.stage_camera import read_camera, unique_names
 from tiscene.usd.read.stage_render_settings import read_render_settings
 from tiscene.usd.read.subprocess_reader import read_in_subprocess
@@ -265,6 +266,8 @@ class _ScenarioReader:
             content |= {"frustum_limited": False, "collide": False}
         if template:  # else the scale is part of the template
             content["scale"] = list(pose.scale)
+        elif not may_collide(prim):
+            content["collide"] = False
         for key, name in (("frustum_limited", "frustumLimited"), ("collide", "collide")):
             value = authored(prim, f"tiscene:object:{name}")
             if value is not None:

@@ -75,12 +75,12 @@ def read_rigid_body(
     _report_not_simulated(prim, surface, report)
     content: dict[str, Any] = {"type": "RigidBody"}
     to_world = _transform(prim, time).GetRotation()
-    if body.GetVelocityAttr().HasAuthoredValue():
-        velocity = to_world.TransformDir(Gf.Vec3d(body.GetVelocityAttr().Get()))
-        content["velocity"] = [each * units.meters for each in velocity]
-    if body.GetAngularVelocityAttr().HasAuthoredValue():
-        spin = to_world.TransformDir(Gf.Vec3d(body.GetAngularVelocityAttr().Get()))
-        content["angular_velocity"] = [math.radians(each) for each in spin]
+    for key, attribute, factor in (
+        ("velocity", body.GetVelocityAttr(), units.meters),
+        ("angular_velocity", body.GetAngularVelocityAttr(), math.radians(1.0)),
+    ):
+        if attribute.HasAuthoredValue() and _is_finite(attribute, report):
+            content[key] = [each * factor for each in to_world.TransformDir(Gf.Vec3d(attribute.Get()))]
     if body.GetStartsAsleepAttr().Get():
         content["starts_asleep"] = True
     content |= _read_mass(prim, surface, units, time, report)
@@ -89,9 +89,24 @@ def read_rigid_body(
             ("friction", surface.GetDynamicFrictionAttr(), math.inf),
             ("restitution", surface.GetRestitutionAttr(), 0.95),
         ):
-            if attribute.HasAuthoredValue():
-                content[key] = min(max(float(attribute.Get()), 0.0), most)
+            if attribute.HasAuthoredValue() and _is_finite(attribute, report):
+                value = float(attribute.Get())
+                content[key] = min(max(value, 0.0), most)
+                if abs(content[key] - value) > 1e-6:  # USD stores it in single precision
+                    text = f"{attribute.GetName()} is {value:g}, which counts as {content[key]:g}"
+                    report.omission(surface.GetPath(), text)
     return content
+
+
+def _is_finite(attribute: Usd.Attribute, report: StageReport) -> bool:
+    """Return whether a number or a vector is finite; report one that is not, which is left out."""
+    value = attribute.Get()
+    if all(map(math.isfinite, (value,) if isinstance(value, float) else value)):
+        return True
+    report.omission(
+        attribute.GetPrimPath(), f"{attribute.GetName()} is {value}, which is not finite: its default is used"
+    )
+    return False
 
 
 def _write_mass(prim: Usd.Prim, content: Mapping[str, Any], units: Units) -> None:
@@ -116,11 +131,11 @@ def _read_mass(
     """Return what is authored of the mass of a body; its own density counts before that of its material."""
     own, content = UsdPhysics.MassAPI(prim), {}
     per_unit = UsdPhysics.GetStageKilogramsPerUnit(prim.GetStage())
-    mass, density = own.GetMassAttr().Get() or 0.0, own.GetDensityAttr().Get() or 0.0
+    mass, density = (_not_negative(each, report) for each in (own.GetMassAttr(), own.GetDensityAttr()))
     if mass > 0.0:
         content["mass"] = mass * per_unit
     if not density and surface:
-        density = surface.GetDensityAttr().Get()
+        density = _not_negative(surface.GetDensityAttr(), report)
     if density > 0.0:
         content["density"] = density * per_unit / units.meters**3
     center = own.GetCenterOfMassAttr().Get()
@@ -140,6 +155,15 @@ def _read_mass(
             if axes.GetLength() > 0.0:
                 content["principal_axes"] = [axes.GetReal(), *axes.GetImaginary()]
     return content
+
+
+def _not_negative(attribute: Usd.Attribute, report: StageReport) -> float:
+    """Return a number; 0, which stands for none, for one that is not authored or, with a report, not valid."""
+    value = float(attribute.Get() or 0.0)
+    if 0.0 <= value < math.inf:
+        return value
+    report.omission(attribute.GetPrimPath(), f"{attribute.GetName()} is {value:g}, which is ignored")
+    return 0.0
 
 
 def _surface(prim: Usd.Prim) -> UsdPhysics.MaterialAPI | None:
