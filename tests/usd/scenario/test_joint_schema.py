@@ -283,3 +283,31 @@ def test_sleep_of_a_body_that_a_joint_holds_is_named(tmp_path):
     )
     with pytest.warns(StageWarning, match="a joint holds is awake from the start .*: </Arm>"):
         read_scenario(path)
+
+
+BROKEN = """#usda 1.0
+def Cube "Arm" (prepend apiSchemas = ["TisceneObjectAPI", "PhysicsRigidBodyAPI"])
+{{
+}}
+def PhysicsFixedJoint "Weld"
+{{
+    rel physics:body1 = </Arm>
+    {line}
+}}
+"""
+
+
+@pytest.mark.parametrize(
+    ("line", "message"),
+    [
+        ("point3f physics:localPos0 = (nan, 0, 0)", "physics:localPos0 or physics:localRot0 is not valid"),
+        ("quatf physics:localRot1 = (0, 0, 0, 0)", "physics:localPos1 or physics:localRot1 is not valid"),
+        ("rel physics:body0 = </Gone>", "</Gone>, which it holds, does not exist"),
+        ("rel physics:body0 = </Arm>", "both of its ends are in one object"),
+    ],
+)
+def test_broken_joints_are_left_out_and_named(tmp_path, line, message):
+    path = tmp_path / "foreign.usda"
+    path.write_text(BROKEN.format(line=line))
+    with pytest.warns(StageWarning, match=f"a joint is left out: {message}: </Weld>"):
+        assert ts.Scenario.load(path).joints == ()

@@ -201,7 +201,8 @@ def _read_joint(
 ) -> dict[str, Any] | None:
     """Return the JSON object of a joint from its attributes of UsdPhysics; None if it holds no object."""
     prim = joint.GetPrim()
-    ends = []
+    ends: list[tuple[int | None, Matrix]] = []
+    faults: list[str] = []
     for relationship, position, rotation in (
         (joint.GetBody0Rel(), joint.GetLocalPos0Attr(), joint.GetLocalRot0Attr()),
         (joint.GetBody1Rel(), joint.GetLocalPos1Attr(), joint.GetLocalRot1Attr()),
@@ -209,11 +210,22 @@ def _read_joint(
         targets = relationship.GetTargets()
         target = stage.GetPrimAtPath(targets[0]) if targets else None
         row = next((owners[path] for path in targets[0].GetPrefixes() if path in owners), None) if targets else None
-        frame = _world(target, position.Get(), rotation.Get(), units, time)
+        frame = np.eye(4)
+        if targets and not target:
+            faults.append(f"<{targets[0]}>, which it holds, does not exist")
+        elif not (all(map(math.isfinite, position.Get())) and 0.0 < rotation.Get().GetLength() < math.inf):
+            faults.append(f"{position.GetName()} or {rotation.GetName()} is not valid")
+        else:
+            frame = _world(target, position.Get(), rotation.Get(), units, time)
         if row is not None:
             frame = np.linalg.inv(pose_matrix(objects[row]["position"], objects[row]["rotation"])) @ frame
         ends.append((row, frame))
+    if ends[0][0] is None and ends[1][0] is None:
+        return None
     if ends[0][0] == ends[1][0]:
+        faults.append("both of its ends are in one object")
+    if faults:
+        report.omission(prim.GetPath(), f"a joint is left out: {faults[0]}")
         return None
     kind = next((name for name, kind in KINDS.items() if prim.IsA(kind)), None)
     if kind is None:
