@@ -12,6 +12,8 @@ import pytest
 from pxr import Sdf
 
 import dynamics
+import tiscene as ts
+from tiscene.errors import StageError, StageWarning
 from tiscene.usd.core import schema
 from tiscene.usd.scenario.motion_schema import CLASS_BY_TYPE, KEYS_BY_CLASS, PARAMETERS, STEPPED
 
@@ -82,3 +84,39 @@ def test_schema_files_are_in_the_package(name):
 
     assert schema.FOLDER.parent == type(schema.FOLDER)(tiscene.usd.core.__file__).parent
     assert (schema.FOLDER / name).is_file()
+
+
+TYPED = """#usda 1.0
+def Cube "Box" (prepend apiSchemas = ["TisceneMotionAPI"])
+{{
+    {line}
+}}
+"""
+
+
+@pytest.mark.parametrize(
+    ("line", "message"),
+    [
+        ('uniform string tiscene:object:firstFrame = "x"', "firstFrame is of the type string; it must be int64"),
+        (
+            "uniform float[] tiscene:motion:positions = [1]",
+            r"positions is of the type float\[\]; it must be point3d\[\]",
+        ),
+        ("uniform double tiscene:motion:parts = 1", "parts is of the type double; it must be relationship"),
+        ("rel tiscene:motion:speed = </Box>", "speed is of the type relationship; it must be double"),
+    ],
+)
+def test_properties_of_another_type_are_refused(tmp_path, line, message):
+    """A string in place of a number was an object that silently stood still."""
+    (tmp_path / "stage.usda").write_text(TYPED.format(line=line))
+    with pytest.raises(StageError, match=f"</Box> schema: tiscene:(object|motion):{message}"):
+        ts.Scenario.load(tmp_path / "stage.usda")
+
+
+def test_numbers_of_another_precision_are_read_and_time_samples_named(tmp_path):
+    lines = 'uniform token tiscene:motion:type = "orbit"\nuniform float tiscene:motion:period = 4\n'
+    samples = "double3 tiscene:motion:center.timeSamples = {0: (1, 0, 0)}"
+    (tmp_path / "stage.usda").write_text(TYPED.format(line=lines + samples))
+    with pytest.warns(StageWarning, match="time samples of tiscene:motion:center are ignored"):
+        (box,) = ts.Scenario.load(tmp_path / "stage.usda").objects
+    assert box.dynamic == ts.Orbit(period=4)

@@ -112,7 +112,7 @@ class _ScenarioReader:
     def read(self) -> AuthoredScenario:
         scenarios, prims, lights = [], [], []
         for prim, is_object in self._walk():
-            schema.report_unknown_properties(prim, self._report)
+            schema.report_invalid_properties(prim, self._report)
             lights += self._lights_of(prim, is_object)
             if schema.has(prim, schema.SCENARIO):
                 scenarios.append(prim)

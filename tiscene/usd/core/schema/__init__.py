@@ -81,15 +81,32 @@ def targets(prim: Usd.Prim, name: str) -> list[Sdf.Path]:
 
 
 @functools.cache
-def properties() -> frozenset[str]:
-    """Return the names of all attributes and relationships of the schema."""
+def properties() -> dict[str, Sdf.ValueTypeName | None]:
+    """Return the types of all attributes of the schema by name, None for relationships."""
     layer = Sdf.Layer.OpenAsAnonymous(str(FOLDER / "generatedSchema.usda"))
-    return frozenset(str(each.name) for schema in NAMESPACES for each in layer.GetPrimAtPath(f"/{schema}").properties)
+    specs = [each for schema in NAMESPACES for each in layer.GetPrimAtPath(f"/{schema}").properties]
+    return {str(each.name): each.typeName if isinstance(each, Sdf.AttributeSpec) else None for each in specs}
 
 
-def report_unknown_properties(prim: Usd.Prim, report: StageReport) -> None:
-    """Report the properties of a prim in tiscene's namespace that the schema does not have, with the nearest name."""
+def report_invalid_properties(prim: Usd.Prim, report: StageReport) -> None:
+    """Report the properties of a prim in tiscene's namespace that the schema does not have, or of another type."""
     for each in prim.GetAuthoredPropertiesInNamespace("tiscene"):
         name = str(each.GetName())
         if name not in properties():
             report.refuse(prim.GetPath(), "schema", f"there is no property {name!r}{did_you_mean(name, properties())}")
+            continue
+        expected, spec = properties()[name], each.GetPropertyStack()[0]
+        found = spec.typeName if isinstance(spec, Sdf.AttributeSpec) else None
+        if (found and _form(found)) != (expected and _form(expected)):
+            kinds = [str(kind or "relationship") for kind in (found, expected)]
+            report.refuse(prim.GetPath(), "schema", f"{name} is of the type {kinds[0]}; it must be {kinds[1]}")
+        elif found and each.GetNumTimeSamples():
+            report.omission(prim.GetPath(), f"time samples of {name} are ignored, which has one value")
+
+
+def _form(kind: Sdf.ValueTypeName) -> tuple[bool, str]:
+    """Return whether a type is one of arrays, and of what; numbers of any precision are alike, and so are texts."""
+    value = kind.scalarType.defaultValue
+    if isinstance(value, bool | int | float):
+        return kind.isArray, "number"
+    return kind.isArray, "text" if isinstance(value, str) else type(value).__name__.rstrip("dfhi")
