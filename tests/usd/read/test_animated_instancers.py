@@ -148,3 +148,70 @@ def PointInstancer "Mills"
     at, _ = placed(track, 0.5)
     root = np.sqrt(2)
     np.testing.assert_allclose(at, [(-3 - root, root, 0), (3 - root, root, 0)], atol=1e-12)
+
+
+def test_an_instancer_in_a_prototype_moves_and_vanishes_with_its_time_samples(tmp_path):
+    """It moves below a group that moves, and its points have a part that moves in them."""
+    body = """
+def PointInstancer "Fleet"
+{
+    rel prototypes = [</Fleet/Ship>]
+    int[] protoIndices = [0, 0]
+    point3f[] positions = [(0, 0, 0), (0, 0, 100)]
+    def Xform "Ship"
+    {
+        double3 xformOp:translate.timeSamples = { 0: (0, 0, 0), 10: (10, 0, 0) }
+        uniform token[] xformOpOrder = ["xformOp:translate"]
+        def PointInstancer "Sails"
+        {
+            token visibility.timeSamples = { 0: "inherited", 8: "invisible" }
+            double xformOp:translateY.timeSamples = { 0: 0, 10: 4 }
+            uniform token[] xformOpOrder = ["xformOp:translateY"]
+            rel prototypes = [</Fleet/Ship/Sails/Sail>]
+            int[] protoIndices = [0, 0]
+            point3f[] positions = [(1, 0, 0), (2, 0, 0)]
+            float3[] scales = [(1, 1, 1), (3, 3, 3)]
+            def Cube "Sail"
+            {
+                double3 xformOp:translate.timeSamples = { 0: (0, 0, 0), 10: (0, 0, 1) }
+                uniform token[] xformOpOrder = ["xformOp:translate"]
+            }
+        }
+    }
+}
+"""
+    (track,) = read(tmp_path, body, more=RANGE).tracks
+    at, present = placed(track, 0.5)
+    np.testing.assert_allclose(at, [(6, 2, 0.5), (7, 2, 1.5), (6, 2, 100.5), (7, 2, 101.5)], atol=1e-12)
+    assert present == [True] * 4
+    assert placed(track, 0.85)[1] == [False] * 4
+
+
+def test_points_keep_a_prim_of_their_prototype_that_moves_on_the_stage_too(tmp_path):
+    """On the stage it is an object of the scenario, in the prototype a part of each point."""
+    body = """
+def Scope "Library"
+{
+    def Xform "Lamp"
+    {
+        def Cube "Foot"
+        {
+        }
+        def Cube "Shade"
+        {
+            double3 xformOp:translate.timeSamples = { 0: (0, 2, 0), 10: (0, 3, 0) }
+            uniform token[] xformOpOrder = ["xformOp:translate"]
+        }
+    }
+}
+def PointInstancer "Lamps"
+{
+    rel prototypes = [</Library/Lamp>]
+    int[] protoIndices = [0]
+    point3f[] positions = [(4, 0, 0)]
+}
+"""
+    frame = stream(write(tmp_path, body, more=RANGE))[5]
+    boxes = {row.name: row.world_bounds.tolist() for row in frame.objects}
+    assert boxes["Shade"] == [[-1.0, 1.5, -1.0], [1.0, 3.5, 1.0]]
+    assert boxes["Lamps[0]"] == [[3.0, -1.0, -1.0], [5.0, 3.5, 1.0]]

@@ -24,7 +24,7 @@ from tiscene.usd.read.traversal_context import TraversalContext
 
 
 class RemainderReader(StageReader):
-    """Reads a stage without some of its prims and their descendants, except cameras."""
+    """Reads a stage without some of its prims and their descendants, except cameras and prototypes of instancers."""
 
     def __init__(
         self,
@@ -39,7 +39,8 @@ class RemainderReader(StageReader):
         self._extracted = frozenset(extract)
 
     def _read(self, prim: Usd.Prim, here: TraversalContext) -> bool:
-        if not self._extracted or not any(str(path) in self._extracted for path in prim.GetPath().GetPrefixes()):
+        in_prototype = self._parts is not None
+        if in_prototype or not any(str(path) in self._extracted for path in prim.GetPath().GetPrefixes()):
             return super()._read(prim, here)
         if prim.IsA(UsdGeom.Camera):  # no template holds it
             self._read_camera(prim, here)

@@ -28,6 +28,7 @@ from tiscene.usd.materials.material import MaterialTableBuilder
 from tiscene.usd.read.mesh_table import MeshTable
 from tiscene.usd.read.object_builder import StageObject, StageObjectTable, is_rigid_body
 from tiscene.usd.read.point_instancer import (
+    NestedPoint,
     PointInstances,
     PointSamples,
     PrototypePart,
@@ -112,9 +113,9 @@ class PointInstancerReader:
             if own_color_times:
                 self._report.frozen(prim.GetPath(), "the color of points of an instancer in a prototype of another")
             for number, parts in zip(used, prototypes, strict=True):
-                self._parts += self._nested(world, parts, instances[self._time], number, primvars)
+                self._parts += self._nested(world, here.animated, parts, instances[self._time], number, primvars)
             return
-        part_times = (time for parts in prototypes for part in parts for time in part.ancestors.times())
+        part_times = (time for parts in prototypes for part in parts for time in part.times())
         times = sorted({*own_times, *here.animated.times(), *part_times})
         color_times = sorted({*own_color_times, *times})
         if times:  # else the same points are there at all times
@@ -164,6 +165,7 @@ class PointInstancerReader:
     def _nested(
         self,
         world: Matrix,
+        ancestors: AnimatedAncestors,
         parts: Sequence[PrototypePart],
         points: PointInstances,
         number: int,
@@ -173,6 +175,7 @@ class PointInstancerReader:
 
         Args:
             world: transform of the instancer.
+            ancestors: animated prims that move or hide the instancer.
             parts: parts of the prototype.
             points: points of the instancer.
             number: index of the prototype.
@@ -182,10 +185,11 @@ class PointInstancerReader:
         colors = [primvars.colors(part.of_points, self._time)[points.rows[rows]] for part in parts]
         left = [cast(Any, tuple("" if name in primvars else name for name in part.of_points)) for part in parts]
         own = [np.where(np.isnan(each), part.color, each) for part, each in zip(parts, colors, strict=True)]
-        matrices = world @ points.matrices[rows]
+        matrices = points.matrices[rows]
+        nested = [NestedPoint(*each, ancestors) for each in zip(world @ matrices, matrices, strict=True)]
         return [
-            part.nested(matrix, color[row], others)
-            for row, matrix in enumerate(matrices)
+            part.nested(point, color[row], others)
+            for row, point in enumerate(nested)
             for part, color, others in zip(parts, own, left, strict=True)
         ]
 
@@ -281,7 +285,7 @@ class PointInstancerReader:
             self._meshes.placed(part.mesh, np.array([part.matrix_at(code, self._meters) for code in codes]))
             for part in parts
         ]
-        visible = [present & np.array([part.ancestors.is_visible(code) for code in codes])[:, None] for part in parts]
+        visible = [present & np.array([part.is_visible(code) for code in codes])[:, None] for part in parts]
         name, path, by_name = prim.GetName(), str(prim.GetPath()), name_label(root)
         worlds = [points.matrices[:, rows] @ matrix[:, None] for matrix in local]
         movable, asset = is_rigid_body(root), asset_name(root)

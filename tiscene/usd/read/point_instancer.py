@@ -29,20 +29,40 @@ _ARRAYS = (
 
 
 @dataclass(frozen=True, eq=False)
+class NestedPoint:
+    """A point of an instancer within a prototype.
+
+    Attributes:
+        world: float64 4x4 from the point to the space of the outer prototype's parent at the time read, m.
+        matrix: float64 4x4 from the point to the instancer's space, m.
+        ancestors: animated prims that move or hide the instancer within the outer prototype.
+    """
+
+    world: Matrix
+    matrix: Matrix
+    ancestors: AnimatedAncestors
+
+    def world_at(self, time: Usd.TimeCode, meters: float) -> Matrix:
+        """Return `world` at another time code."""
+        if not self.ancestors.movers:
+            return self.world
+        return to_matrix(self.ancestors.world(time, Gf.Matrix4d(1.0)), meters) @ self.matrix
+
+
+@dataclass(frozen=True, eq=False)
 class PrototypePart:
     """A mesh of a prototype.
 
     Attributes:
         mesh: row of the mesh.
-        matrix: float64 4x4 from the prim to the space of the prototype's parent at the time read, m.
+        matrix: float64 4x4 from the prim to the space of the parent of the innermost prototype at the time read, m.
         label: its semantic label, "" for none.
         names: names of its parts.
         collides: whether it is a collider; None: no physics is authored on it.
         is_drawn: False for a collider that is not drawn.
-        ancestors: animated prims that move or hide it within the prototype.
+        ancestors: animated prims that move or hide it within the innermost prototype.
         continues: whether it is the shape that the part before has at other times.
-        nested_in: float64 4x4 from the prototype's parent to that of the outer prototype, for an instancer within a
-            prototype; None: not nested.
+        points: the points of instancers within the prototype that it is at, the outermost first; (): not nested.
         of_points: the primvars of color and opacity that points of an instancer farther outside give it; "" for none.
         color: float32 [4], RGB and opacity that a point has given it; NaN for none.
     """
@@ -55,27 +75,39 @@ class PrototypePart:
     is_drawn: bool = True
     ancestors: AnimatedAncestors = NOT_ANIMATED
     continues: bool = False
-    nested_in: Matrix | None = None
+    points: tuple[NestedPoint, ...] = ()
     of_points: tuple[str, str] = ("", "")
     color: NDArray[np.float32] = field(default_factory=lambda: np.full(4, np.nan, np.float32))
 
     def matrix_at(self, time: Usd.TimeCode, meters: float) -> Matrix:
-        """Return `matrix` at another time code."""
-        if not self.ancestors.movers:
-            return self.matrix
-        matrix = to_matrix(self.ancestors.world(time, Gf.Matrix4d(1.0)), meters)
-        return matrix if self.nested_in is None else self.nested_in @ matrix
+        """Return its float64 4x4 matrix to the space of the outermost prototype's parent at a time code, m."""
+        matrix = self.matrix
+        if self.ancestors.movers:
+            matrix = to_matrix(self.ancestors.world(time, Gf.Matrix4d(1.0)), meters)
+        for point in reversed(self.points):
+            matrix = point.world_at(time, meters) @ matrix
+        return matrix
 
-    def nested(self, matrix: Matrix, color: NDArray[np.float32], of_points: tuple[str, str]) -> PrototypePart:
+    def times(self) -> set[float]:
+        """Return the time codes at which it moves, appears or vanishes; empty if it never does."""
+        return {time for each in self._all_ancestors() for time in each.times()}
+
+    def is_visible(self, time: Usd.TimeCode) -> bool:
+        """Return whether it is shown at a time code."""
+        return all(each.is_visible(time) for each in self._all_ancestors())
+
+    def _all_ancestors(self) -> tuple[AnimatedAncestors, ...]:
+        return (self.ancestors, *(point.ancestors for point in self.points))
+
+    def nested(self, point: NestedPoint, color: NDArray[np.float32], of_points: tuple[str, str]) -> PrototypePart:
         """Return this part as a part of an outer prototype.
 
         Args:
-            matrix: the transform of the inner instancer's point.
+            point: the inner instancer's point.
             color: of the part, as that point gives it.
             of_points: what is left to points of the outer instancer.
         """
-        nested_in = matrix if self.nested_in is None else matrix @ self.nested_in
-        return replace(self, matrix=matrix @ self.matrix, nested_in=nested_in, color=color, of_points=of_points)
+        return replace(self, points=(point, *self.points), color=color, of_points=of_points)
 
 
 @dataclass(frozen=True, eq=False)
