@@ -138,3 +138,66 @@ def test_values_between_value_times_are_linear(tmp_path):
     np.testing.assert_allclose(
         np.interp(held, times, [attribute.Get(t) for t in times]), [attribute.Get(t) for t in held]
     )
+
+
+TURNING = """
+def Xform "Wheel" (
+    kind = "component"
+)
+{
+    float xformOp:rotateZ.timeSamples = { 0: 0, %(end)g: 360 }
+    uniform token[] xformOpOrder = ["xformOp:rotateZ"]
+    def Cube "Weight"
+    {
+        double3 xformOp:translate = (0, 2, 0)
+        uniform token[] xformOpOrder = ["xformOp:translate"]
+    }
+}
+def Xform "Machine" (
+    kind = "component"
+)
+{
+    def Cube "Body"
+    {
+        double3 xformOp:translate = (8, 0, 0)
+        uniform token[] xformOpOrder = ["xformOp:translate"]
+    }
+    def Cube "Crank"
+    {
+        float xformOp:rotateZ.timeSamples = { 0: 0, %(end)g: -720 }
+        double3 xformOp:translate = (0, 5, 0)
+        uniform token[] xformOpOrder = ["xformOp:rotateZ", "xformOp:translate"]
+    }
+}
+def BasisCurves "Hand"
+{
+    uniform token type = "linear"
+    int[] curveVertexCounts = [2]
+    float[] widths = [2]
+    point3f[] points.timeSamples = { 0: [(-8, 0, 0), (-5, 0, 0)], %(end)g: [(-8, 0, 0), (-8, 3, 0)] }
+}
+def Camera "Camera"
+{
+    double3 xformOp:translate = (0, 0, 30)
+    uniform token[] xformOpOrder = ["xformOp:translate"]
+    float focalLength.timeSamples = { 0: 15, %(end)g: 20 }
+    float horizontalAperture.timeSamples = { 0: 20, %(end)g: 16 }
+}
+"""
+
+
+def test_stage_whose_time_codes_are_seconds_plays_as_one_of_frames(tmp_path):
+    """A second is one time code or 24: what turns goes around, and does not take the shortest way."""
+    seen = []
+    for rate in (24, 1):
+        folder = tmp_path / f"{rate}"
+        folder.mkdir()
+        more = f"startTimeCode = 0\n    endTimeCode = {rate}\n    timeCodesPerSecond = {rate}"
+        path = write(folder, TURNING % {"end": rate}, more=more)
+        seen.append(ts.Stream(path, width=64, height=48, fps=48, buffers=("instance", "position", "forward_flow")))
+    for k in (0, 7, 24, 41):
+        frames, seconds = (stream[k] for stream in seen)
+        assert len(np.unique(frames.instance)) == 4
+        np.testing.assert_array_equal(seconds.instance, frames.instance)
+        np.testing.assert_allclose(seconds.position, frames.position, atol=1e-4)
+        np.testing.assert_allclose(seconds.forward_flow, frames.forward_flow, atol=1e-3)

@@ -87,7 +87,7 @@ def test_velocities_that_do_not_lead_to_the_next_sample_carry_points_until_it(tm
     (track,) = read_stage(write(tmp_path, SCATTER % (" = [0]", positions, more), more=RANGE)).tracks
     assert placed(track, 0.39)[0][0] == pytest.approx([0, 3.9, 0])
     assert placed(track, 0.4)[0][0] == pytest.approx([0, 0, 0])
-    assert len(track.times) == 11 + 1  # none before the sample at 8, which they lead to
+    assert len(track.times) == 21 + 1  # two steps a time code; none before the sample at 8, which they lead to
 
 
 @pytest.mark.parametrize(

@@ -300,7 +300,7 @@ def test_splines_are_followed(tmp_path):
     aperture = 15.2908
     for second, angle in zip(lens.times, lens.vertical_fov, strict=True):
         assert 0.5 * aperture / math.tan(0.5 * angle) == pytest.approx(attribute.Get(1 + 4 * second), rel=1e-5)
-    assert len(lens.times) == 9
+    assert len(lens.times) == 6 * 8 + 1  # six steps a time code of a quarter of a second
 
 
 def test_a_lens_of_a_damaged_scenario_layer_is_refused(tmp_path):

@@ -20,7 +20,7 @@ from tiscene.usd.core.transform import to_matrix
 from tiscene.usd.core.units import Units
 from tiscene.usd.core.value_times import dense_times, value_times
 
-MAX_TIMES = 100_000  # longest range of time codes that is sampled at every whole time code
+MAX_TIMES = 100_000  # longest range, in steps, that is sampled at every step
 _ROTATIONS = {UsdGeom.XformOp.TypeOrient} | {
     getattr(UsdGeom.XformOp, f"TypeRotate{axes}") for axes in ("X", "Y", "Z", "XYZ", "XZY", "YXZ", "YZX", "ZXY", "ZYX")
 }
@@ -30,7 +30,7 @@ _RIGID = {UsdGeom.XformOp.TypeTranslate} | _ROTATIONS
 def sample_times(prim: Usd.Prim) -> list[float]:
     """Return the time codes at which a prim's world transform is authored, ascending; fewer than two if it is static.
 
-    Animated rotations are sampled at every whole time code between: USD interpolates the angles, while keyframes rotate
+    Animated rotations are sampled at every step between: USD interpolates the angles, while keyframes rotate
     the shortest way, and what turns about another point than its own moves along an arc.
     """
     times: set[float] = set()
@@ -42,7 +42,7 @@ def sample_times(prim: Usd.Prim) -> list[float]:
             turns = turns or (len(samples) > 1 and op.GetOpType() in _ROTATIONS)
         if xformable.GetResetXformStack():
             break
-    return dense_times(times, MAX_TIMES) if turns else sorted(times)
+    return dense_times(times, prim.GetStage(), MAX_TIMES) if turns else sorted(times)
 
 
 def plays_in_parts(prim: Usd.Prim) -> bool:

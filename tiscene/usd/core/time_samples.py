@@ -70,14 +70,14 @@ class AnimatedAncestors:
         return replace(self, base=base, hiders=(*hiders, *self.hiders))
 
     def times(self) -> list[float]:
-        """Return the time codes of all samples, and the whole ones between them; empty if nothing changes.
+        """Return the time codes of all samples, and the steps between them; empty if nothing changes.
 
         What moves has one just before it vanishes too, since it would stand still after the last sample it is shown at.
         """
         times: set[float] = set()
         for prim in self.movers:
             times.update(transform_times(UsdGeom.Xformable(prim)))
-        times = set(dense_times(times))
+        times = set(dense_times(times, self.movers[0].GetStage())) if self.movers else times
         for prim in self.hiders:
             visibility = UsdGeom.Imageable(prim).GetVisibilityAttr()
             times.update(samples := visibility.GetTimeSamples())

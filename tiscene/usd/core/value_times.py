@@ -14,14 +14,15 @@ from typing import Any
 
 from pxr import Usd, UsdGeom
 
-MAX_TIMES = 10_000  # longest range of time codes that is sampled at every whole time code
+MAX_TIMES = 10_000  # longest range, in steps, that is sampled at every step
+_RATE = 24.0  # steps a second, at least nearly: USD's default of timeCodesPerSecond
 JUMP = Usd.TimeCode.SafeStep()  # from the last time before a jump to the jump
 
 
 def value_times(attribute: Usd.Attribute) -> list[float]:
     """Return the time codes between which an attribute's value is linear, ascending; empty without animation.
 
-    A spline has its knots and every whole time code of its knots and of the stage's range. USD does not interpolate to
+    A spline has its knots and every step between its knots and those of the stage's range. USD does not interpolate to
     or from a blocked sample: the value before is held until then, and there is none until the next sample.
     """
     times = attribute.GetTimeSamples() if attribute else []
@@ -32,7 +33,7 @@ def value_times(attribute: Usd.Attribute) -> list[float]:
         spline, stage = attribute.GetSpline(), attribute.GetStage()
         knots = [knot.GetTime() for knot in spline.GetKnots().values()]
         jumps = [time for time in knots if spline.EvalPreValue(time) != spline.Eval(time)]
-        times = dense_times((*knots, stage.GetStartTimeCode(), stage.GetEndTimeCode()))
+        times = dense_times((*knots, stage.GetStartTimeCode(), stage.GetEndTimeCode()), stage)
     else:
         return list(times)
     return sorted({*times, *(time - JUMP for time in jumps)})
@@ -70,17 +71,24 @@ def is_time_varying(attribute: Usd.Attribute) -> bool:
     return any(attribute.Get(time) != first for time in times[1:])
 
 
-def dense_times(times: Iterable[float], max_range: float = MAX_TIMES) -> list[float]:
-    """Return time codes and all whole time codes between them, ascending.
+def steps_per_time_code(stage: Usd.Stage) -> int:
+    """Return how many steps a time code has: one, or more where it is longer than a frame, as where it is a second."""
+    rate = stage.GetTimeCodesPerSecond()
+    return max(1, round(min(_RATE / rate, float(MAX_TIMES)))) if rate > 0.0 else 1
+
+
+def dense_times(times: Iterable[float], stage: Usd.Stage, max_range: float = MAX_TIMES) -> list[float]:
+    """Return time codes and all steps between them, ascending: the whole time codes, of slow stages parts of them too.
 
     Instances are interpolated linearly between samples. USD interpolates operations, angles above all, so that samples
     at every frame keep the result close.
 
     Args:
         times: the authored time codes.
-        max_range: over a longer range the authored ones alone are returned.
+        stage: gives the time code rate.
+        max_range: over a longer range, in steps, the authored ones alone are returned.
     """
-    dense = set(times)
-    if len(dense) > 1 and max(dense) - min(dense) <= max_range:
-        dense.update(range(math.ceil(min(dense)), math.floor(max(dense)) + 1))
+    dense, steps = set(times), steps_per_time_code(stage)
+    if len(dense) > 1 and (max(dense) - min(dense)) * steps <= max_range:
+        dense.update(step / steps for step in range(math.ceil(min(dense) * steps), math.floor(max(dense) * steps) + 1))
     return sorted(dense)

@@ -22,7 +22,7 @@ from tiscene.scene.animation import Deformation
 from tiscene.scene.skinned_deformation import SkinnedDeformation
 from tiscene.usd.core.report import StageReport
 from tiscene.usd.core.time_samples import in_seconds
-from tiscene.usd.core.value_times import JUMP, dense_times, is_time_varying, value_times
+from tiscene.usd.core.value_times import JUMP, dense_times, is_time_varying, steps_per_time_code, value_times
 from tiscene.usd.geometry.display_color import is_constant_color
 from tiscene.usd.geometry.primvar import TEXTURE_COORDINATE_TYPES, array_of, array_or_primvar
 from tiscene.usd.geometry.topology_spans import TopologySpan, varies_within
@@ -106,7 +106,7 @@ def _drift_times(prim: Usd.Prim) -> list[float]:
     ends = (first, min(first, stage.GetStartTimeCode())), (last, max(last, stage.GetEndTimeCode()))
     beyond = [end for sample, end in ends if end != sample and _has_velocities(based, sample)]
     times = {first, last, *beyond} if beyond else set()
-    return dense_times(times) if based.GetAccelerationsAttr().GetNumTimeSamples() else sorted(times)
+    return dense_times(times, stage) if based.GetAccelerationsAttr().GetNumTimeSamples() else sorted(times)
 
 
 def read_point_samples(
@@ -171,7 +171,7 @@ def with_shape_samples(
 
 
 def _with_turns(curves: UsdGeom.BasisCurves, times: Sequence[float], vertices: int) -> Sequence[float]:
-    """Return the time codes of curves, and whole ones between where a direction turns by more than 5° to the next.
+    """Return the time codes of curves, and steps between where a direction turns by more than 5° to the next.
 
     Vertices go straight from sample to sample: where a tube turns, that makes it thinner half way, by the cosine of
     half the angle. Times whose vertices would take more than _MAX_TURN_BYTES are returned as they are.
@@ -181,8 +181,9 @@ def _with_turns(curves: UsdGeom.BasisCurves, times: Sequence[float], vertices: i
 
 
 def _times_of_turn(curves: UsdGeom.BasisCurves, first: float, second: float) -> list[float]:
-    """Return the whole time codes to add between two."""
-    middle = float(round((first + second) / 2.0))
+    """Return the steps to add between two time codes."""
+    steps = steps_per_time_code(curves.GetPrim().GetStage())
+    middle = round(steps * (first + second) / 2.0) / steps
     if not first < middle < second or not _turns(curves, first, second):
         return []
     return [*_times_of_turn(curves, first, middle), middle, *_times_of_turn(curves, middle, second)]

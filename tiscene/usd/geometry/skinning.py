@@ -141,7 +141,7 @@ class _SkinReader:
     def _times(self, skeleton: UsdSkel.SkeletonQuery, query: UsdSkel.SkinningQuery) -> list[float]:
         """Return the time codes at which a prim is posed; empty for the one that is read.
 
-        Joints rotate between their samples, but vertices are interpolated linearly: every whole time code is sampled.
+        Joints rotate between their samples, but vertices are interpolated linearly: every step is sampled.
         """
         if not self._report.reads_animation:
             return []
@@ -152,7 +152,7 @@ class _SkinReader:
             times.update(animation.GetBlendShapeWeightTimeSamples())
         for prim in _between(query.GetPrim(), skeleton.GetPrim()):
             times.update(transform_times(UsdGeom.Xformable(prim)) if prim.IsA(UsdGeom.Xformable) else ())
-        return dense_times(times) if len(times) > 1 else []
+        return dense_times(times, self._stage) if len(times) > 1 else []
 
     def _codes(self, times: Sequence[float]) -> list[Usd.TimeCode]:
         return [Usd.TimeCode(time) for time in times] or [self._time]

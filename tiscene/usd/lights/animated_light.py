@@ -65,7 +65,7 @@ def light_track(
         times.update(moved if grows else ())
     moves = grows or bool(ancestors.movers)
     if emission and (varying or moves):  # not linear in exposure, temperature and sizes
-        times = set(dense_times(times))
+        times = set(dense_times(times, prim.GetStage()))
     for hider in ancestors.hiders:
         times.update(UsdGeom.Imageable(hider).GetVisibilityAttr().GetTimeSamples())
     if not times:
@@ -105,7 +105,7 @@ def mesh_emission_over_time(
     authored = [each for each in prim.GetAuthoredAttributes() if each.GetName().startswith("inputs:")]
     times = {time for each in authored if is_time_varying(each) for time in value_times(each)}
     result = []
-    for time in dense_times({*times, *areas}):
+    for time in dense_times({*times, *areas}, prim.GetStage()):
         now = float(np.interp(time, list(areas), list(areas.values()))) if areas else area
         color = reader.at(Usd.TimeCode(time)).mesh_emission(prim, now) if now > 0.0 else None
         if color is not None:

@@ -2,7 +2,7 @@
 """Materials whose inputs have time samples, as `InputTrack`s.
 
 A material is read again at each time code at which one of its inputs is authored. Between them its numbers are
-interpolated linearly, which is exact for UsdPreviewSurface; other networks are read at every whole time code.
+interpolated linearly, which is exact for UsdPreviewSurface; other networks are read at every step.
 """
 
 from __future__ import annotations
@@ -49,7 +49,7 @@ def material_times(material: Usd.Prim, primvar_times: Iterable[float], report: S
             linear = linear and attribute.GetBaseName() != "rotation"
             varying.append(attribute)
     times = {*primvar_times, *(time for each in varying for time in value_times(each))}
-    return sorted(times) if linear else dense_times(times)
+    return sorted(times) if linear else dense_times(times, material.GetStage())
 
 
 def material_track(

@@ -177,11 +177,11 @@ def instancer_times(prim: Usd.Prim) -> list[float]:
     """
     times = {time for name in _ARRAYS for time in value_times(prim.GetAttribute(name))}
     if not any(prim.GetAttribute(name).GetNumTimeSamples() for name in _VELOCITIES):
-        return dense_times(times) if len(times) > 1 else []
+        return dense_times(times, prim.GetStage()) if len(times) > 1 else []
     stage, jumps = prim.GetStage(), [time - JUMP for time in sorted(times)[1:] if _jumps(prim, time)]
     if stage.HasAuthoredTimeCodeRange():
         times |= {stage.GetStartTimeCode(), stage.GetEndTimeCode()}
-    return sorted({*dense_times(times), *jumps}) if len(times) > 1 else []
+    return sorted({*dense_times(times, stage), *jumps}) if len(times) > 1 else []
 
 
 def _jumps(prim: Usd.Prim, sample: float) -> bool:

@@ -65,8 +65,8 @@ def read_camera(
         return camera
     times: set[float] = set()
     for name in varying:
-        samples = value_times(prim.GetAttribute(name))
-        times.update(samples if name in _LINEAR_ATTRIBUTES else dense_times(samples))  # such as focal length / aperture
+        samples = value_times(prim.GetAttribute(name))  # focal length / aperture, for one, is not linear between them
+        times.update(samples if name in _LINEAR_ATTRIBUTES else dense_times(samples, prim.GetStage()))
     start, ignored = prim.GetStage().GetStartTimeCode(), StageReport("")
     codes = sorted({max(code, start) for code in times})
     lenses = {}

@@ -245,7 +245,7 @@ class StageReader(PointInstancerReader):
         spans = self._meshes.spans(prim)
         shapes = [time for times in self._meshes.shape_times(prim).values() for time in times]
         shapes += [time for each in spans if each.start > -math.inf for time in (each.start - JUMP, each.start)]
-        for time in dense_times((*here.animated.times(), *shapes)):
+        for time in dense_times((*here.animated.times(), *shapes), self._stage):
             world = to_matrix(here.animated.world(Usd.TimeCode(time), here.world), self._meters)
             areas[time] = self._meshes.area(prim, world[:3, :3], time)
         largest = max(areas.values(), default=0.0)

@@ -67,13 +67,13 @@ def read_light_motion(prim: Usd.Prim, units: Units, report: StageReport) -> dict
 
 
 def _emission_times(prim: Usd.Prim) -> list[float]:
-    """Return the time codes of a light's emission samples, and all whole ones between those of nonlinear inputs."""
-    times: set[float] = set()
+    """Return the time codes of a light's emission samples, and all steps between those of nonlinear inputs."""
+    times, stage = set[float](), prim.GetStage()
     for name in (*_LINEAR, *_NONLINEAR):
         samples = value_times(prim.GetAttribute(name))
-        times.update(dense_times(samples, MAX_TIMES) if name in _NONLINEAR else samples)
+        times.update(dense_times(samples, stage, MAX_TIMES) if name in _NONLINEAR else samples)
     if changes_scale(prim, moved := sample_times(prim)):  # as other sizes
-        times.update(dense_times(moved, MAX_TIMES))
+        times.update(dense_times(moved, stage, MAX_TIMES))
     return sorted(times)
 
 
