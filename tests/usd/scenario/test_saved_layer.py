@@ -326,3 +326,22 @@ def test_saved_scenario_can_be_saved_into_its_own_file(tmp_path):
     loaded = ts.Scenario.load(tmp_path / "run.usda")
     loaded.save(tmp_path / "run.usda")
     assert ts.Scenario.load(tmp_path / "run.usda").objects == loaded.objects == scenario.objects
+
+
+def test_object_whose_prim_has_operations_in_single_precision_keeps_its_pose(tmp_path):
+    """The layer's own operations are in double precision: a quaternion of another type is refused by USD."""
+    body = """
+def Cube "Block"
+{
+    float3 xformOp:translate = (0.5, 0, 0)
+    quatf xformOp:orient = (0.8, 0.6, 0, 0)
+    uniform token[] xformOpOrder = ["xformOp:translate", "xformOp:orient"]
+}
+"""
+    scene = write(tmp_path, body)
+    rotation = (0.1, 0.7, 0.5, 0.5)
+    assert_kept(Scenario(str(scene), [Object("a", "/Block", (1 / 3, 0, 0), rotation)]), tmp_path / "run.usda")
+    saved = Usd.Stage.Open(str(tmp_path / "run.usda"))
+    (block,) = (prim for prim in saved.Traverse() if prim.GetName() == "a")
+    types = [operation.GetTypeName() for operation in UsdGeom.Xformable(block).GetOrderedXformOps()]
+    assert types == [Sdf.ValueTypeNames.Double3, Sdf.ValueTypeNames.Quatd]

@@ -133,7 +133,7 @@ def pose_operations(
         _operation(prim, "rotateZXY", _TYPES.Double3) if euler else _operation(prim, "orient", _TYPES.Quatd),
     ]
     if tuple(scale) != (1.0, 1.0, 1.0):
-        operations.append(_operation(prim, "scale", _TYPES.Double3))
+        operations.append(UsdGeom.XformOp(prim.CreateAttribute("xformOp:scale", _TYPES.Double3, False)))
         operations[-1].Set(Gf.Vec3d(*scale))
     if stretch is not None and not np.array_equal(stretch, np.eye(4)):
         operations.append(_operation(prim, f"transform:{STRETCH}", _TYPES.Matrix4d))
@@ -144,7 +144,12 @@ def pose_operations(
 
 def _operation(prim: Usd.Prim, name: str, kind: Sdf.ValueTypeName) -> UsdGeom.XformOp:
     """Create an operation of this value type, also where a referenced layer has one of another type by that name."""
-    return UsdGeom.XformOp(prim.CreateAttribute(f"xformOp:{name}", kind, False))
+    layer, path = prim.GetStage().GetEditTarget().GetLayer(), prim.GetPath().AppendProperty(f"xformOp:{name}")
+    spec = layer.GetAttributeAtPath(path)
+    if spec is None or spec.typeName != kind:
+        prim.RemoveProperty(path.name)
+        Sdf.CreatePrimAttributeInLayer(layer, path, kind)  # prim.CreateAttribute keeps the type of the referenced layer
+    return UsdGeom.XformOp(prim.GetAttribute(path.name))
 
 
 def unit_rotation(rotation: Sequence[float]) -> tuple[float, ...]:
