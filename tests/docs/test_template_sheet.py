@@ -38,6 +38,7 @@ def test_template_stands_on_the_table_and_fits_the_picture(folder: str, tmp_path
     assert 0.4 < extent < 1.25
 
 
+@pytest.mark.slow
 def test_photograph_shows_the_requested_color() -> None:
     red, blue = (
         template_sheet.photograph("cube", 24, spp=2, variants={"color": color})[12, 12] for color in ("red", "blue")

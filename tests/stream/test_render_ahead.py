@@ -241,6 +241,7 @@ if __name__ == "__main__":
 """
 
 
+@pytest.mark.slow
 def test_thread_that_iterates_at_the_end_of_the_program_prints_nothing(tmp_path):
     script = tmp_path / "script.py"
     script.write_text(THREAD)
@@ -255,6 +256,7 @@ next(ts.Stream("room_01", width=16, height=12, buffers=("depth",), prefetch=2))
 """
 
 
+@pytest.mark.slow
 def test_script_without_a_guard_is_told_so(tmp_path):
     """The stream's pickle is larger than a pipe holds, and the worker ends before it reads any of it."""
     script = tmp_path / "script.py"

@@ -177,6 +177,7 @@ def test_failures_of_a_child_process_are_stage_errors_with_the_file(function, me
 
 
 @posix
+@pytest.mark.slow
 def test_a_child_process_stops_without_its_parent(tmp_path):
     """The operating system enforces the limits, even if the parent does not wait for the result."""
     with SubprocessReader(hang, "room.usdc", {}, Limits(seconds=0.5)) as reader:

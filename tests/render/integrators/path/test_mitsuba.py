@@ -80,8 +80,13 @@ def mitsuba_runs(description: SceneDescription, depth: int) -> np.ndarray:
 
 @pytest.mark.parametrize(
     ("build", "depth"),
-    [(cornell, 2), (many_lights, DEPTH)]
-    + [pytest.param(*each, marks=pytest.mark.slow) for each in ((cornell, DEPTH), (glass_and_mirror, 8))],
+    [
+        (cornell, 2),
+        *(
+            pytest.param(*each, marks=pytest.mark.slow)
+            for each in ((many_lights, DEPTH), (cornell, DEPTH), (glass_and_mirror, 8))
+        ),
+    ],
     ids=["direct light", "every light", "cornell box", "glass and mirror"],
 )
 def test_images_match_mitsuba(build: object, depth: int) -> None:
