@@ -64,22 +64,24 @@ class OverlapDetector:
             By ascending rows of the objects; for each first what it overlaps on the stage, then other objects.
         """
         rows = [row for row in self._log.around(frame) if self._collides(row, frame)]
-        placed = [row for row in rows if self._is_placed(row, frame)]
+        placed = [place for place, row in enumerate(rows) if self._is_placed(row, frame)]
         if not placed:
             return []
-        poses = dict(zip(rows, self._trajectories.poses(frame, rows), strict=True))
-        boxes = np.stack([_box_at(self._own_box(row), poses[row]) for row in rows])
+        poses = self._trajectories.poses(frame, rows)
+        boxes = np.stack([_box_at(self._own_box(row), pose) for row, pose in zip(rows, poses, strict=True)])
         on_stage = self._instances_at(frame)
         found = []
-        for row in placed:
-            surface = shrunk(_at(self._surface(self._log.histories[row].spec), poses[row]), MARGIN, MAX_SHRINK)
+
+        def surface_of(place: int) -> Array:
+            return _at(self._surface(self._log.histories[rows[place]].spec), poses[place])
+
+        for place in placed:
+            surface = shrunk(surface_of(place), MARGIN, MAX_SHRINK)
             if len(surface):
-                found += self._on_stage(row, surface, *on_stage)
-                for place in np.flatnonzero(boxes_touch(boxes[rows.index(row)], boxes)).tolist():
-                    other = rows[place]
-                    if other != row:
-                        if _overlap(surface, _at(self._surface(self._log.histories[other].spec), poses[other])):
-                            found.append(Collision(row, "object", other))
+                found += self._on_stage(rows[place], surface, *on_stage)
+                for other in np.flatnonzero(boxes_touch(boxes[place], boxes)).tolist():
+                    if other != place and _overlap(surface, surface_of(other)):
+                        found.append(Collision(rows[place], "object", rows[other]))
         return found
 
     def _collides(self, row: int, frame: int) -> bool:

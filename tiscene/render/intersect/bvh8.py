@@ -51,13 +51,40 @@ def entry_column(entered: ti.i32) -> ti.i32:
 
 
 @ti.func
+def intersect_sheared(ax, ay, az, bx, by, bz, cx, cy, cz, shz, miss):
+    """Intersect triangles with rays, lane by lane.
+
+    For a triangle without area along the ray the determinant is 0 and t undefined: a miss.
+
+    Args:
+        ax ... cz: Corners, of which x and y are sheared so that the ray is the z axis.
+        shz: 1 / z of the direction.
+        miss: +inf in each lane, the distance of a miss.
+
+    Returns:
+        (distances, barycentrics b1, b2).
+    """
+    u = cx * by - cy * bx
+    v = ax * cy - ay * cx
+    w = bx * ay - by * ax
+    determinant = u + v + w
+    scale = 1.0 / determinant
+    # Interpolated from the vertices' distances, so that rounding keeps z between them. The distance to the plane is no
+    # more exact for large triangles, and slower; `surface_interaction.offset_origin` allows for the error.
+    z = (u * az + v * bz + w * cz) * scale
+    t = ti.select(fast_max(determinant, 0.0 - determinant) > 0.0, z * shz, miss)
+    valid_t = ti.select(fast_min(fast_min(u, v), w) >= 0.0, t, miss)
+    valid_t = ti.select(fast_max(fast_max(u, v), w) <= 0.0, t, valid_t)
+    return ti.select(valid_t > 0.0, valid_t, miss), v * scale, w * scale
+
+
+@ti.func
 def intersect_leaf_block(
     leaf_blocks: Template, at: ti.i32, ox, oy, oz, kx: ti.i32, ky: ti.i32, kz: ti.i32, shx, shy, shz
 ):
     """Intersect the four triangles of a leaf block.
 
-    Vertices are sheared so that the ray is the z axis. For a triangle without area along the ray the determinant is 0
-    and t undefined: a miss.
+    Vertices are sheared so that the ray is the z axis.
 
     Args:
         leaf_blocks: Rows of four lanes: nine of vertex coordinates, one of triangle numbers.
@@ -78,18 +105,7 @@ def intersect_leaf_block(
     fy = leaf_blocks[at + 3 + ky] - oy - shy * bz
     gx = leaf_blocks[at + 6 + kx] - ox - shx * cz
     gy = leaf_blocks[at + 6 + ky] - oy - shy * cz
-    u = gx * fy - gy * fx
-    v = ex * gy - ey * gx
-    w = fx * ey - fy * ex
-    determinant = u + v + w
-    scale = 1.0 / determinant
-    # Interpolated from the vertices' distances, so that rounding keeps z between them. The distance to the plane is no
-    # more exact for large triangles, and slower; `surface_interaction.offset_origin` allows for the error.
-    z = (u * az + v * bz + w * cz) * scale
-    t = ti.select(fast_max(determinant, 0.0 - determinant) > 0.0, z * shz, float4(INFINITY))
-    valid_t = ti.select(fast_min(fast_min(u, v), w) >= 0.0, t, float4(INFINITY))
-    valid_t = ti.select(fast_max(fast_max(u, v), w) <= 0.0, t, valid_t)
-    return ti.select(valid_t > 0.0, valid_t, float4(INFINITY)), v * scale, w * scale
+    return intersect_sheared(ex, ey, az, fx, fy, bz, gx, gy, cz, shz, float4(INFINITY))
 
 
 @ti.func

@@ -13,7 +13,16 @@ import taichi as ti
 
 from dynamics.balanced_loops import first_items, iterations, next_item
 from tiscene.device.kernel_types import Float4s1, Float8s1, Floats3, Ints1, Ints2, Template, float8
-from tiscene.render.intersect.bvh8 import INFINITY, LARGEST, STACK, entry_column, fast_max, fast_min, trace
+from tiscene.render.intersect.bvh8 import (
+    INFINITY,
+    LARGEST,
+    STACK,
+    entry_column,
+    fast_max,
+    fast_min,
+    intersect_sheared,
+    trace,
+)
 from tiscene.render.intersect.ray_queue import HitIds, Hits, Rays, write_hit
 from tiscene.scene.bvh.rebraid import ROW_MASK
 
@@ -110,30 +119,6 @@ def shear_packet(
     else:
         is_coherent = False
     return px, py, pz, kx, ky, kz, shx, shy, scale, is_coherent
-
-
-@ti.func
-def intersect_triangle(
-    ax: ti.f32, ay: ti.f32, az: ti.f32, bx: ti.f32, by: ti.f32, bz: ti.f32, vx: ti.f32, vy: ti.f32, vz: ti.f32,
-    shx, shy, shz,
-):  # fmt: skip
-    """Intersect a triangle with the rays of a packet, as `bvh8.intersect_leaf_block` does; return t, b1 and b2."""
-    ex = ax - shx * az
-    ey = ay - shy * az
-    fx = bx - shx * bz
-    fy = by - shy * bz
-    gx = vx - shx * vz
-    gy = vy - shy * vz
-    u = gx * fy - gy * fx
-    v = ex * gy - ey * gx
-    w = fx * ey - fy * ex
-    determinant = u + v + w
-    scale = 1.0 / determinant
-    z = (u * az + v * bz + w * vz) * scale
-    t = ti.select(fast_max(determinant, 0.0 - determinant) > 0.0, z * shz, lanes(INFINITY))
-    valid_t = ti.select(fast_min(fast_min(u, v), w) >= 0.0, t, lanes(INFINITY))
-    valid_t = ti.select(fast_max(fast_max(u, v), w) <= 0.0, t, valid_t)
-    return ti.select(valid_t > 0.0, valid_t, lanes(INFINITY)), v * scale, w * scale
 
 
 @ti.kernel
@@ -289,9 +274,12 @@ def closest(
                             for k in range(4):
                                 triangle = ti.bit_cast(leaf_blocks[at + 9][k], ti.i32)
                                 if triangle >= 0:
-                                    t, u, v = intersect_triangle(
-                                        ax[k], ay[k], az[k], bx[k], by[k], bz[k], vx[k], vy[k], vz[k], shx, shy, shz
-                                    )
+                                    t, u, v = intersect_sheared(
+                                        ax[k] - shx * az[k], ay[k] - shy * az[k], az[k],
+                                        bx[k] - shx * bz[k], by[k] - shy * bz[k], bz[k],
+                                        vx[k] - shx * vz[k], vy[k] - shy * vz[k], vz[k],
+                                        shz, lanes(INFINITY),
+                                    )  # fmt: skip
                                     lower = ti.select(hit_triangle > triangle, int_lanes(1), int_lanes(0))
                                     lower = ti.select(hit_instance == instance, lower, int_lanes(0))
                                     lower = ti.select(hit_instance > instance, int_lanes(1), lower)
