@@ -99,6 +99,14 @@ def test_layout_of_gpus_renders_the_same_bytes(monkeypatch: pytest.MonkeyPatch, 
     assert rendered == [4]
 
 
+def test_frames_of_a_batch_show_a_light_that_is_replaced_between_them() -> None:
+    with ts.Stream("solid_benchmark", buffers=("rgb",), spp=2, denoise=False, batch=3, **SIZE) as stream:
+        next(stream)
+        light = stream.world.stage.lights[0]
+        stream.world.set_light(0, replace(light, radiance=tuple(0.2 * each for each in light.radiance)))
+        assert next(stream).rgb.tobytes() == stream[1].rgb.tobytes()
+
+
 def test_another_stream_does_not_take_frames_that_this_one_has_rendered() -> None:
     options = {**SIZE, "buffers": ("instance",), "frames": 4, "batch": 4}
     with ts.Stream(orbiting(), **options) as one, ts.Stream(orbiting(), **options) as expected:

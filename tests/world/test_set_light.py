@@ -59,13 +59,6 @@ def test_a_state_of_other_lights_is_refused(stream):
         other.load_state_dict(with_light)
 
 
-def test_frames_of_a_batch_show_a_light_that_is_replaced_between_them():
-    with ts.Stream("solid_benchmark", buffers=("rgb",), spp=2, denoise=False, batch=3, **SIZE) as stream:
-        next(stream)
-        stream.world.set_light(0, dimmed(stream))
-        assert next(stream).rgb.tobytes() == stream[1].rgb.tobytes()
-
-
 def test_a_light_replaced_in_the_world_of_a_stream_that_renders_ahead_is_refused():
     with ts.Stream("solid_benchmark", buffers=("rgb",), spp=2, prefetch=2, **SIZE) as stream:
         stream.world.set_light(0, dimmed(stream))
