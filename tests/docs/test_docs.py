@@ -40,7 +40,8 @@ RUN_ELSEWHERE = {
     "export-recipes": "test_export_pages_run",
     "importing": "none: it needs models that are not in the repository",
 }
-SLOW = {"evaluate", "factors", "learning", "scenes", "taichi", "tutorial"}  # their Python takes more than ten seconds
+# Their Python takes long.
+SLOW = {"evaluate", "factors", "learning", "looking", "scenes", "taichi", "training", "tutorial"}
 ANY_SCENE = {"sampling", "scenario", "scenario-recipes", "usd_scenarios"}  # run in a scene that loads faster
 # Blocks with these imports run as scripts: worker processes import the file, and Taichi reads the source of kernels.
 NEEDS_SCRIPT = re.compile(r"^(?:import|from) (torch|avalanche|taichi|datasets|grain)", re.MULTILINE)

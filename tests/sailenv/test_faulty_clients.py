@@ -183,6 +183,7 @@ def fuzz(server, rounds, seed):
                     pass
 
 
+@pytest.mark.slow
 def test_server_survives_random_messages(server):
     fuzz(server, 40, seed=1)
     assert serves(server)

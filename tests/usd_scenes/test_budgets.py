@@ -64,6 +64,7 @@ def seconds_of_libraries(path: Path, description: SceneDescription) -> float:
     return time.process_time() - start
 
 
+@pytest.mark.slow
 def test_room_is_read_in_a_few_times_the_seconds_of_libraries(room: tuple[SceneDescription, float]) -> None:
     description, seconds = room
     assert seconds < RATIO * seconds_of_libraries(PACKAGE / description.name / "scene.usda", description)
