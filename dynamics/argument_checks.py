@@ -38,20 +38,20 @@ def optional(check: Check[Value]) -> Check[Value | None]:
 def number(value: Any, name: str) -> float:
     """Return `value` as a finite float."""
     if not is_number(value):
-        raise ArgumentTypeError(f"{name}={value!r}: must be a number")
+        raise ArgumentTypeError(f"{name}={brief(value)}: must be a number")
     try:
         result = float(value)
     except OverflowError:  # an int or Fraction beyond the range of floats
         result = math.inf
     if not math.isfinite(result):
-        raise ArgumentError(f"{name}={value!r}: must be finite")
+        raise ArgumentError(f"{name}={brief(value)}: must be finite")
     return result
 
 
 def whole(value: Any, name: str) -> int:
     """Return `value`, of any integer type, as an int."""
     if isinstance(value, bool) or not hasattr(value, "__index__"):
-        raise ArgumentTypeError(f"{name}={value!r}: must be a whole number")
+        raise ArgumentTypeError(f"{name}={brief(value)}: must be a whole number")
     return operator.index(value)
 
 
@@ -73,7 +73,7 @@ def positive(value: Any, name: str) -> float:
     """Return `value` as a finite float above 0."""
     result = number(value, name)
     if result <= 0.0:
-        raise ArgumentError(f"{name}={value!r}: must be greater than 0")
+        raise ArgumentError(f"{name}={brief(value)}: must be greater than 0")
     return result
 
 
@@ -81,7 +81,7 @@ def not_negative(value: Any, name: str) -> float:
     """Return `value` as a finite float of 0 or more."""
     result = number(value, name)
     if result < 0.0:
-        raise ArgumentError(f"{name}={value!r}: must not be negative")
+        raise ArgumentError(f"{name}={brief(value)}: must not be negative")
     return result
 
 
@@ -105,10 +105,10 @@ def numbers(value: Any, name: str, *counts: int) -> tuple[float, ...]:
     """
     expected = f"{' or '.join(map(str, counts))} numbers" if counts else "numbers"
     if not is_series(value):
-        raise ArgumentTypeError(f"{name}={value!r}: must be {expected}")
+        raise ArgumentTypeError(f"{name}={brief(value)}: must be {expected}")
     result = tuple(number(item, f"{name}[{index}]") for index, item in enumerate(value))
     if counts and len(result) not in counts:
-        raise ArgumentError(f"{name}={value!r}: must be {expected}, not {len(result)}")
+        raise ArgumentError(f"{name}={brief(value)}: must be {expected}, not {len(result)}")
     # A tuple of floats is kept as it is: of a long log of edits, defaults then take no memory.
     return value if type(value) is tuple and all(type(item) is float for item in value) else result
 
@@ -117,7 +117,7 @@ def vector(value: Any, name: str) -> tuple[float, float, float]:
     """Return `value` as three floats that single precision can hold."""
     result = numbers(value, name, 3)
     if max(map(abs, result)) > LARGEST:
-        raise ArgumentError(f"{name}={value!r}: must be numbers of at most {LARGEST:g}")
+        raise ArgumentError(f"{name}={brief(value)}: must be numbers of at most {LARGEST:g}")
     return cast("tuple[float, float, float]", result)
 
 
@@ -125,14 +125,14 @@ def position(value: Any, name: str) -> tuple[float, float, float]:
     """Return `value` as three floats that bodies can be placed at, m."""
     result = vector(value, name)
     if max(map(abs, result)) > MAX_POSITION:
-        raise ArgumentError(f"{name}={value!r}: must be numbers from -{MAX_POSITION:g} to {MAX_POSITION:g} m")
+        raise ArgumentError(f"{name}={brief(value)}: must be numbers from -{MAX_POSITION:g} to {MAX_POSITION:g} m")
     return result
 
 
 def vectors(value: Any, name: str) -> tuple[tuple[float, float, float], ...]:
     """Return `value` as a tuple of vectors, of any length."""
     if not is_series(value):
-        raise ArgumentTypeError(f"{name}={value!r}: must be a sequence of 3 numbers each")
+        raise ArgumentTypeError(f"{name}={brief(value)}: must be a sequence of 3 numbers each")
     return tuple(vector(item, f"{name}[{index}]") for index, item in enumerate(value))
 
 
@@ -140,7 +140,7 @@ def direction(value: Any, name: str) -> tuple[float, float, float]:
     """Return `value` as three finite floats that are not all zero."""
     result = vector(value, name)
     if math.hypot(*result) < 1e-9:
-        raise ArgumentError(f"{name}={value!r}: must have a direction, not be zero")
+        raise ArgumentError(f"{name}={brief(value)}: must have a direction, not be zero")
     return result
 
 
@@ -155,16 +155,18 @@ def rotation(value: Any, name: str) -> tuple[float, ...]:
 def text(value: Any, name: str) -> str:
     """Return `value`, a non-empty string that can be encoded as UTF-8."""
     if not isinstance(value, str):
-        raise ArgumentTypeError(f"{name}={value!r}: must be a string")
+        raise ArgumentTypeError(f"{name}={brief(value)}: must be a string")
     if not value or value.encode(errors="ignore").decode() != value:
-        raise ArgumentError(f"{name}={value!r}: must be a string of one character or more, without lone surrogates")
+        raise ArgumentError(
+            f"{name}={brief(value)}: must be a string of one character or more, without lone surrogates"
+        )
     return value
 
 
 def choice(value: Any, name: str, allowed: tuple[str, ...]) -> str:
     """Return `value`, one of the strings `allowed`."""
     if value not in allowed:
-        raise ArgumentError(f"{name}={value!r}: must be one of {', '.join(map(repr, allowed))}")
+        raise ArgumentError(f"{name}={brief(value)}: must be one of {', '.join(map(repr, allowed))}")
     return str(value)
 
 
@@ -193,17 +195,17 @@ def flag(value: Any, name: str) -> bool:
     """Return `value`, True or False, as a bool."""
     is_numpys = getattr(value, "shape", None) == () and value.dtype == bool
     if not isinstance(value, bool) and not is_numpys:
-        raise ArgumentTypeError(f"{name}={value!r}: must be True or False")
+        raise ArgumentTypeError(f"{name}={brief(value)}: must be True or False")
     return bool(value)
 
 
 def distinct_names(value: Any, name: str) -> tuple[str, ...]:
     """Return `value`, a sequence of one or more different and non-empty strings, as a tuple."""
     if isinstance(value, str) or not isinstance(value, Iterable):
-        raise ArgumentError(f"{name}={value!r}: must be a sequence of names, such as ('chair', 'ball')")
+        raise ArgumentError(f"{name}={brief(value)}: must be a sequence of names, such as ('chair', 'ball')")
     result = tuple(value)
     if not result or not all(isinstance(each, str) and each for each in result):
-        raise ArgumentError(f"{name}={result!r}: must be one or more names, none of them empty")
+        raise ArgumentError(f"{name}={brief(result)}: must be one or more names, none of them empty")
     repeated = [each for index, each in enumerate(result) if each in result[:index]]
     if repeated:
         raise ArgumentError(f"{name}: {repeated[0]!r} is named twice; name each once")

@@ -40,6 +40,7 @@ from tiscene.scenario.edits import Despawn, Move, SetFrustumWalls, Spawn
         (lambda made: made.move(99, (0, 0, 0)), ObjectNotFound, "no object 99"),
         (lambda made: made.spawn("Cub"), TemplateNotFound, "Did you mean 'Cube'"),
         (lambda made: made.spawn("Cube", id="a"), ScenarioError, "not reused"),
+        (lambda made: made.spawn(ts.Object("b", "Cube")), ArgumentTypeError, r"must be a name; of an Object, spawn\("),
         (lambda made: made.spawn("Cube", scale=-1), ScenarioError, "scale"),
         (lambda made: made.spawn("Cube", dynamic="fast"), ScenarioError, "dynamic"),
         (lambda made: made.spawn("Cube", colour=1), ArgumentTypeError, "colour: world.spawn has no .* collide, scale"),

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from dynamics import Dynamic, RigidBody, argument_checks
-from tiscene.errors import ArgumentError, ObjectNotFound, ScenarioError
+from tiscene.errors import ArgumentError, ArgumentTypeError, ObjectNotFound, ScenarioError
 from tiscene.scenario.edits import Despawn, Move, SetFrustumWalls, Spawn
 from tiscene.scenario.objects import Frustum, Object
 from tiscene.scenario.scenario import Scenario
@@ -83,6 +83,11 @@ class ObjectEdits(CameraEdits):
         if id is None:
             first = len(parts.log.histories) - len(self._scenario.objects) + 1
             id = next(name for n in itertools.count(first) if parts.log.row(name := f"spawned_{n}") is None)
+        if isinstance(template, Object):
+            raise ArgumentTypeError(
+                f"template={argument_checks.brief(template)}: must be a name; of an Object, "
+                "spawn(it.template, it.position, it.rotation, it.dynamic, id=it.id)"
+            )
         argument_checks.known_names(others, _SPAWN_ARGUMENTS, "world.spawn")
         if not free and (region is not WHOLE_IMAGE or depth is not TYPICAL_DEPTH):
             raise ArgumentError("region and depth say where a free place is looked for; add free=True")
