@@ -3,14 +3,15 @@
 
 ::
 
-    core       stages, reports, units, transforms, semantics, time samples, schema
-    read       walk a stage: objects, instances, templates, cameras
-    geometry   meshes, subdivision, gprims, curves, skinning
-    materials  materials, shader networks, textures, images
-    lights     UsdLux
-    joining    join: stages of several rooms
-    scenario   scenarios and motion on a stage, both ways
-    importers  glTF, OBJ and others to templates
+    core         stages, reports, units, transforms, semantics, time samples, schema
+    read         walk a stage: objects, instances, templates, cameras
+    geometry     meshes, subdivision, gprims, curves, skinning
+    materials    materials, shader networks, textures, images
+    lights       UsdLux
+    referencing  units and axes of stages that others reference
+    joining      join: stages of several rooms
+    scenario     scenarios and motion on a stage, both ways
+    importers    glTF, OBJ and others to templates
 """
 
 from __future__ import annotations

@@ -183,15 +183,12 @@ def test_rooms_in_centimeters_are_joined_in_meters(tmp_path: Path) -> None:
         ({"rooms": ["a.usda"]}, r"room 0 is 'a.usda'; expected \(file, position\)"),
         ({"twice": True}, "several rooms are called room"),
         ({"sky": "cellar"}, "the rooms are west, east"),
-        ({"units": True}, "convert one of them"),
     ],
 )
 def test_contradictory_arguments_are_refused(tmp_path: Path, arguments: dict[str, Any], message: str) -> None:
     rooms: list[Any] = arguments.get("rooms", two_rooms(tmp_path))
     if arguments.get("twice"):
         rooms = [(rooms[0].file, (0.0, 0.0, 0.0))] * 2
-    if arguments.get("units"):
-        rooms = [rooms[0], (write_room(tmp_path, "inches", meters=0.0254), (4.4, 0.0, 0.0))]
     with pytest.raises(ArgumentError, match=message):
         join(rooms, tmp_path / "flat.usda", sky=arguments.get("sky"))
     assert not (tmp_path / "flat.usda").exists()

@@ -3,7 +3,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Iterator
 
 from pxr import Sdf, Usd, UsdGeom
 
@@ -69,15 +69,3 @@ def outermost_instance(prim: Usd.Prim) -> Usd.Prim:
     """Return the instance that is, or holds, a prim and is in no other one; an invalid prim if there is none."""
     instances = (each for each in with_ancestors(prim) if each.IsInstance() and not each.IsInstanceProxy())
     return next(instances, Usd.Prim())
-
-
-def uninstance(stage: Usd.Stage, find: Callable[[], Iterable[Usd.Prim]]) -> None:
-    """Make the instances that are, or hold, some prims plain ones, so that these can be edited on their own.
-
-    Args:
-        stage: the stage, whose edit target is edited.
-        find: returns the prims; it is called until none of them is in an instance, since instances may hold others.
-    """
-    while instances := {found.GetPath() for prim in find() if (found := outermost_instance(prim))}:
-        for path in instances:
-            stage.GetPrimAtPath(path).SetInstanceable(False)

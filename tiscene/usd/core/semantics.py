@@ -9,13 +9,14 @@ An object is the nearest enclosing prim of kind `component`, else a native insta
 
 from __future__ import annotations
 
+from collections.abc import Callable, Iterable
 from pathlib import Path
 
 from pxr import Kind, Sdf, Usd, UsdGeom, UsdSemantics
 
 from tiscene.errors import UnknownName
 from tiscene.usd.core.package import split_package
-from tiscene.usd.core.prims import ancestors, with_ancestors
+from tiscene.usd.core.prims import ancestors, outermost_instance, with_ancestors
 
 PREFERRED_TAXONOMIES = ("class", "category")
 _TYPE, _DATA = ":params:semanticType", ":params:semanticData"  # ends of names of attributes of SemanticsAPI
@@ -177,6 +178,22 @@ def is_outermost_object(prim: Usd.Prim) -> bool:
 def is_in_object(prim: Usd.Prim) -> bool:
     """Return whether a prim is below an object."""
     return any(is_component(above) or is_object_instance(above) for above in ancestors(prim))
+
+
+def uninstance(stage: Usd.Stage, find: Callable[[], Iterable[Usd.Prim]]) -> None:
+    """Make the instances that are, or hold, some prims plain ones, so that these can be edited on their own.
+
+    An instance that was an object of its own still is one: it becomes a component.
+
+    Args:
+        stage: the stage, whose edit target is edited.
+        find: returns the prims; it is called until none of them is in an instance, since instances may hold others.
+    """
+    while instances := {found.GetPath() for prim in find() if (found := outermost_instance(prim))}:
+        for instance in map(stage.GetPrimAtPath, instances):
+            if is_object_instance(instance) and not is_in_object(instance):
+                Usd.ModelAPI(instance).SetKind(Kind.Tokens.component)
+            instance.SetInstanceable(False)
 
 
 def shared_path(prim: Usd.Prim) -> Sdf.Path:

@@ -14,8 +14,9 @@ from collections.abc import Iterator
 from pxr import Gf, Kind, Sdf, Usd, UsdGeom, UsdShade, Vt
 
 from tiscene.usd.core.broken_prims import has_bounds
-from tiscene.usd.core.prims import DEFINED, DRAWN_PURPOSES, distinct_prims, uninstance
+from tiscene.usd.core.prims import DEFINED, DRAWN_PURPOSES, distinct_prims
 from tiscene.usd.core.report import StageReport
+from tiscene.usd.core.semantics import uninstance
 
 _SIDES = ("Pos", "Neg")
 _OPACITY_THRESHOLD = 0.1

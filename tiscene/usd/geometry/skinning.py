@@ -17,9 +17,9 @@ from pxr import Sdf, Usd, UsdGeom, UsdSkel, Vt
 
 from tiscene.scene.skinned_deformation import BlendShapes, SkeletonPoses, Skin
 from tiscene.usd.core.content import content_digest
-from tiscene.usd.core.prims import DEFINED, ancestors, uninstance, with_ancestors
+from tiscene.usd.core.prims import DEFINED, ancestors, with_ancestors
 from tiscene.usd.core.report import StageReport
-from tiscene.usd.core.semantics import shared_path
+from tiscene.usd.core.semantics import shared_path, uninstance
 from tiscene.usd.core.time_samples import in_seconds
 from tiscene.usd.core.value_times import dense_times, transform_times
 from tiscene.usd.geometry.primvar import outside

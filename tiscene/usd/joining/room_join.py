@@ -7,11 +7,13 @@ import os
 import tempfile
 import warnings
 from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from pxr import Gf, Kind, Sdf, Tf, Usd, UsdGeom, UsdLux, UsdShade
+from pxr import Gf, Kind, Sdf, Tf, Usd, UsdGeom, UsdLux, UsdPhysics, UsdShade
 
 from tiscene import catalog
 from tiscene.catalog import LAYER_SUFFIXES
@@ -27,8 +29,11 @@ from tiscene.usd.joining.floor_plan import Opening, RoomPlacement
 from tiscene.usd.joining.lining import in_units, line
 from tiscene.usd.joining.stage_cut import GprimCut, cuts, release_instances
 from tiscene.usd.read.room_volumes import define_volume, has_volume, interior
+from tiscene.usd.referencing.conversion import Conversion
+from tiscene.usd.referencing.convert import convert
+from tiscene.usd.referencing.converted_values import RESET
 
-_RESET = "!resetXformStack!"
+_FALLBACKS = "fallbackPrimTypes"
 _SKY = (UsdLux.DomeLight, UsdLux.DistantLight)
 
 
@@ -53,7 +58,7 @@ def join(
     not cut.
 
     Args:
-        rooms: the rooms; their stages have one up axis and one unit of length.
+        rooms: the rooms. The new stage has the up axis and units of the first; others are scaled and turned.
         path: the file to write, .usda, .usdc or .usd. References are relative to it.
         openings: passages between the rooms.
         name: name of the root prim; None: from the file's name.
@@ -63,8 +68,8 @@ def join(
         The path of the file.
 
     Raises:
-        ArgumentError: no rooms, one that is no placement, two rooms of one name, rooms of different units or axes, an
-            unknown `sky`, or a `path` with another suffix or that is a file of a room.
+        ArgumentError: no rooms, one that is no placement, two rooms of one name, an unknown `sky`, or a `path` with
+            another suffix or that is a file of a room.
         SceneNotFound, MissingFile: there is no file of a room.
         StageError: a room cannot be read, or an opening meets a shape that cannot be cut.
     """
@@ -81,11 +86,16 @@ def join(
         name = name or Tf.MakeValidIdentifier(scene_name(target).title().replace("_", ""))
         stage = _empty_stage(target, name, stages)
         root = stage.GetDefaultPrim()
-        prims = [
-            _place(stage, f"{root.GetPath()}/{each}", room.GetDefaultPrim(), placement, up_axis, meters)
+        placed = [
+            _place(stage, f"{root.GetPath()}/{each}", room, placement)
             for each, room, placement in zip(names, stages, placements, strict=True)
         ]
         _report(stage, target)
+        prims = [prim for prim, _ in placed]
+        for (prim, conversion), placement in zip(placed, placements, strict=True):
+            report = StageReport(str(placement.file))
+            convert(prim, conversion, report)
+            report.warn()
         choices = _forward_variants(stage, root, prims)
         for prim, placement in zip(prims, placements, strict=True):
             _prepare(prim, placement)
@@ -125,10 +135,7 @@ def _identifiers(placements: Sequence[RoomPlacement]) -> list[str]:
 
 
 def _open(placements: Sequence[RoomPlacement], target: Path) -> list[Usd.Stage]:
-    """Return the stages of the rooms.
-
-    They must agree in axes and units, and the file to write must not be one of theirs.
-    """
+    """Return the stages of the rooms; the file to write must not be one of theirs."""
     stages = [open_stage(Path(each.file)) for each in placements]
     for stage, placement in zip(stages, placements, strict=True):
         if not stage.GetDefaultPrim():
@@ -138,18 +145,12 @@ def _open(placements: Sequence[RoomPlacement], target: Path) -> list[Usd.Stage]:
             raise ArgumentError(
                 f"join(path={str(target)!r}): is a file of the room {placement.file}; write another file"
             )
-        mine, other = [(str(UsdGeom.GetStageUpAxis(s)), UsdGeom.GetStageMetersPerUnit(s)) for s in (stage, stages[0])]
-        if mine != other:
-            raise ArgumentError(
-                f"join: {placement.file} has the up axis {mine[0]} and {mine[1]:g} m per unit, "
-                f"but {placements[0].file} has {other[0]} and {other[1]:g}: convert one of them"
-            )
     return stages
 
 
 def _name_outside(stage: Usd.Stage, placement: RoomPlacement, target: Path) -> None:
     """Warn of what a room has outside of its default prim, which a reference does not bring along."""
-    kinds = (UsdGeom.Xformable, UsdShade.Material)
+    kinds = (UsdGeom.Xformable, UsdShade.Material, UsdPhysics.Scene, UsdPhysics.Joint, UsdPhysics.CollisionGroup)
     lost = [
         f"<{prim.GetPath()}>"
         for prim in stage.GetPseudoRoot().GetChildren()
@@ -163,11 +164,17 @@ def _name_outside(stage: Usd.Stage, placement: RoomPlacement, target: Path) -> N
 def _empty_stage(target: Path, name: str, rooms: Sequence[Usd.Stage]) -> Usd.Stage:
     """Return a stage with an assembly as its default prim.
 
-    It has the axes, units and render settings of the first room, and the range of time codes over all rooms.
+    It has the axes, units and render settings of the first room, the range of time codes over all rooms, and the types
+    by which they replace unknown ones.
     """
-    stage = Usd.Stage.CreateInMemory(f"{target.stem}.usda")
+    layer = Sdf.Layer.CreateAnonymous(f"{target.stem}.usda")
+    if fallbacks := _fallback_types(rooms):
+        layer.pseudoRoot.SetInfo(_FALLBACKS, fallbacks)
+    stage = Usd.Stage.Open(layer)
     UsdGeom.SetStageUpAxis(stage, UsdGeom.GetStageUpAxis(rooms[0]))
     UsdGeom.SetStageMetersPerUnit(stage, UsdGeom.GetStageMetersPerUnit(rooms[0]))
+    if UsdPhysics.StageHasAuthoredKilogramsPerUnit(rooms[0]):
+        UsdPhysics.SetStageKilogramsPerUnit(stage, UsdPhysics.GetStageKilogramsPerUnit(rooms[0]))
     timed = [each for each in rooms if each.HasAuthoredTimeCodeRange()]
     if timed:
         rate = timed[0].GetTimeCodesPerSecond()
@@ -181,6 +188,18 @@ def _empty_stage(target: Path, name: str, rooms: Sequence[Usd.Stage]) -> Usd.Sta
     return stage
 
 
+def _fallback_types(rooms: Sequence[Usd.Stage]) -> dict[str, Any]:
+    """Return the types that replace those unknown to USD, of all rooms; warn of those that rooms replace otherwise."""
+    merged: dict[str, Any] = {}
+    for room in rooms:
+        for name, types in (room.GetMetadata(_FALLBACKS) or {}).items():
+            if list(merged.setdefault(name, types)) != list(types):
+                text = f"{_FALLBACKS} of {name} are {', '.join(types)}; those of a room before count: "
+                text += ", ".join(merged[name])
+                warnings.warn(StageWarning(f"{room.GetRootLayer().realPath}: {text}"), stacklevel=4)
+    return merged
+
+
 def _copy_render_settings(source: Usd.Stage, stage: Usd.Stage) -> None:
     """Copy the render settings of a stage, which references do not bring along."""
     path = source.GetMetadata("renderSettingsPrimPath")
@@ -190,10 +209,9 @@ def _copy_render_settings(source: Usd.Stage, stage: Usd.Stage) -> None:
         stage.SetMetadata("renderSettingsPrimPath", str(path))
 
 
-def _place(
-    stage: Usd.Stage, path: str, room: Usd.Prim, placement: RoomPlacement, up_axis: str, meters: float
-) -> Usd.Prim:
-    """Reference a room, the default prim of its own stage, by a new prim that places it."""
+def _place(stage: Usd.Stage, path: str, source: Usd.Stage, placement: RoomPlacement) -> tuple[Usd.Prim, Conversion]:
+    """Reference a room by a new prim that places, turns and scales it; return also what its transform converts."""
+    room, conversion = source.GetDefaultPrim(), Conversion.between(source, stage)
     prim = stage.DefinePrim(path, "" if room.IsA(UsdGeom.Gprim) else "Xform")  # a room may be one mesh
     xform = UsdGeom.Xformable(prim)
     prim.GetReferences().AddReference(str(Path(placement.file).resolve()))
@@ -201,16 +219,26 @@ def _place(
         prim.SetInstanceable(False)
     Usd.ModelAPI(prim).SetKind(Kind.Tokens.assembly)
     own = list(xform.GetXformOpOrderAttr().Get() or [])
-    while _RESET in own:  # it would leave the room where it is
-        own = own[own.index(_RESET) + 1 :]
+    while RESET in own:  # it would leave the room where it is
+        own = own[own.index(RESET) + 1 :]
+    meters = UsdGeom.GetStageMetersPerUnit(stage)
     ops = [xform.AddTranslateOp(opSuffix="room")]
     ops[0].Set(Gf.Vec3d(*(round(value / meters, 9) for value in placement.position)))
     if placement.yaw:
-        turn = xform.AddRotateYOp if up_axis == "Y" else xform.AddRotateZOp
+        turn = xform.AddRotateYOp if UsdGeom.GetStageUpAxis(stage) == UsdGeom.Tokens.y else xform.AddRotateZOp
         ops.append(turn(opSuffix="room"))
-        ops[1].Set(float(placement.yaw))
+        ops[-1].Set(float(placement.yaw))
+    if conversion.degrees_about_x:
+        ops.append(xform.AddRotateXOp(opSuffix="room"))
+        ops[-1].Set(conversion.degrees_about_x)
+    if conversion.length != 1.0:
+        ops.append(xform.AddScaleOp(UsdGeom.XformOp.PrecisionDouble, "room"))
+        ops[-1].Set(Gf.Vec3d(conversion.length))
     xform.GetXformOpOrderAttr().Set([*(op.GetOpName() for op in ops), *own])
-    return prim
+    world = Gf.Matrix4d(1.0)
+    for op in ops:
+        world = op.GetOpTransform(Usd.TimeCode.Default()) * world
+    return prim, replace(conversion, world=world)
 
 
 def _report(stage: Usd.Stage, target: Path) -> None:

@@ -12,9 +12,9 @@ from numpy.typing import NDArray
 from pxr import Sdf, Usd, UsdGeom, UsdLux, UsdSemantics, Vt
 
 from tiscene.errors import StageError
-from tiscene.usd.core.prims import DRAWN_PURPOSES, uninstance
+from tiscene.usd.core.prims import DRAWN_PURPOSES
 from tiscene.usd.core.report import StageReport
-from tiscene.usd.core.semantics import ROOM
+from tiscene.usd.core.semantics import ROOM, uninstance
 from tiscene.usd.geometry.gprim import TYPES, read_gprim
 from tiscene.usd.joining.box_cut import CutFaces, cut_box
 

@@ -80,13 +80,12 @@ def has_volume(root: Usd.Prim) -> bool:
 
 
 def interior(room: Usd.Prim) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Return the lower and upper corner of a room's interior, in the room's own axes and in stage units.
+    """Return the lower and upper corner of a room's interior, in the room's own axes and units.
 
     It is the box over all prims labeled "floor", up to the lowest prim labeled "ceiling"; without them, around
     everything.
     """
     cache = UsdGeom.BBoxCache(Usd.TimeCode.EarliestTime(), DRAWN_PURPOSES, useExtentsHint=False)
-    up = 1 if UsdGeom.GetStageUpAxis(room.GetStage()) == UsdGeom.Tokens.y else 2
     inverse = UsdGeom.Xformable(room).GetLocalTransformation().GetInverse()
     boxes: dict[str, list[NDArray[np.float64]]] = {_FLOOR: [], _CEILING: []}
     for prim in Usd.PrimRange(room, Usd.TraverseInstanceProxies()):
@@ -95,11 +94,17 @@ def interior(room: Usd.Prim) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
             boxes[label].append(_box(cache.ComputeWorldBound(prim), inverse))
     low, high = _box(cache.ComputeWorldBound(room), inverse)
     if boxes[_FLOOR]:
-        floors = np.array(boxes[_FLOOR])
+        up = 1 if UsdGeom.GetStageUpAxis(room.GetStage()) == UsdGeom.Tokens.y else 2
+        upward = np.array(inverse.TransformDir(Gf.Vec3d(0, 1, 0) if up == 1 else Gf.Vec3d(0, 0, 1)))
+        up = int(np.abs(upward).argmax())  # the room may have been turned from another up axis
+        mirror = np.where(np.arange(3) == up, np.sign(upward[up]), 1.0)
+        floors, ceilings = (np.sort(np.array(boxes[label]) * mirror, axis=1) for label in (_FLOOR, _CEILING))
+        whole = np.sort(np.array([low, high]) * mirror, axis=0)
         level = floors[:, 1, up].max()
-        top = min((box[0, up] for box in boxes[_CEILING] if box[0, up] > level), default=high[up])
+        top = min((box[0, up] for box in ceilings if box[0, up] > level), default=whole[1, up])
         low, high = floors[:, 0].min(axis=0), floors[:, 1].max(axis=0)
         low[up], high[up] = level, top
+        low, high = np.sort([low * mirror, high * mirror], axis=0)
     return low, high
 
 

@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import functools
 import math
 import os
 from collections.abc import Mapping, Sequence
@@ -18,8 +19,8 @@ from tiscene.scene.camera import Camera
 from tiscene.scene.description import Matrix
 from tiscene.usd.core.layers import catalog_path, has_file
 from tiscene.usd.core.pose import PoseOperations, pose_operations, read_pose
-from tiscene.usd.core.prims import outermost_instance, unused_path
-from tiscene.usd.core.semantics import is_in_object, is_object_instance, spaced
+from tiscene.usd.core.prims import unused_path
+from tiscene.usd.core.semantics import spaced, uninstance
 from tiscene.usd.core.stage import Variants, changes_over_time, open_stage, reading_time, select_variants
 from tiscene.usd.core.transform import to_matrix
 from tiscene.usd.core.units import Units
@@ -118,14 +119,11 @@ class OverLayer:
 
         An instance that it is in becomes a plain prim, which still is an object of its own if it was one.
         """
-        prim = self.stage.GetPrimAtPath(path) if Sdf.Path.IsValidPathString(path) else None
-        while prim and prim.IsInstanceProxy():
-            outer = outermost_instance(prim)
-            if is_object_instance(outer) and not is_in_object(outer):
-                Usd.ModelAPI(outer).SetKind("component")
-            outer.SetInstanceable(False)
-            prim = self.stage.GetPrimAtPath(path)
-        return prim if prim else None
+        if not Sdf.Path.IsValidPathString(path):
+            return None
+        at_path = functools.partial(self.stage.GetPrimAtPath, path)
+        uninstance(self.stage, lambda: [prim for prim in [at_path()] if prim and prim.IsInstanceProxy()])
+        return at_path() or None
 
     def define_object(
         self, name: str, template: str, *, euler: bool = False, scale: Sequence[float] = (1.0, 1.0, 1.0)
