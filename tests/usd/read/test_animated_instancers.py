@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from pxr import Usd, UsdGeom
 
+import tiscene as ts
 from tests.usd.helpers import read, write
 from tests.usd.read.test_animation import RANGE, placed, stream
 from tiscene.usd.read.stage_reader import read_stage
@@ -215,3 +216,49 @@ def PointInstancer "Lamps"
     boxes = {row.name: row.world_bounds.tolist() for row in frame.objects}
     assert boxes["Shade"] == [[-1.0, 1.5, -1.0], [1.0, 3.5, 1.0]]
     assert boxes["Lamps[0]"] == [[3.0, -1.0, -1.0], [5.0, 3.5, 1.0]]
+
+
+CAR = """
+def %s "Car" (kind = "component")
+{
+    double3 xformOp:translate.timeSamples = { 0: (0, 0, 0), 10: (1, 0, 0) }
+    double xformOp:rotateY.timeSamples = { 0: 0, 10: 90 }
+    uniform token[] xformOpOrder = ["xformOp:translate", "xformOp:rotateY"]
+%s
+}
+"""
+WHEELS = """
+    rel prototypes = <%s/Ball>
+    int[] protoIndices = [0, 0]
+    point3f[] positions = [(-1, 1, 0), (1, 1, 0)]
+    def Sphere "Ball"
+    {
+        double radius = 0.3
+        %s
+    }
+"""
+
+
+@pytest.mark.parametrize("kind", ["Xform", "PointInstancer"])
+def test_points_of_a_component_that_moves_have_ids_of_their_own(tmp_path, kind):
+    """Those within another prim shared the id of the component; those of one that is the component stood still."""
+    body = WHEELS % ("/Car", "")
+    if kind == "Xform":
+        body = f'    def PointInstancer "P"\\n    {{{WHEELS % ("/Car/P", "")}}}'.replace("\\n", "\n")
+    frame = stream(write(tmp_path, CAR % (kind, body), more=RANGE))[5]
+    name = "P" if kind == "Xform" else "Car"
+    rows = {row.name: row for row in frame.objects}
+    assert set(rows) == {f"{name}[0]", f"{name}[1]"}
+    for number, side in enumerate((-1.0, 1.0)):
+        row = rows[f"{name}[{number}]"]
+        half = np.sqrt(0.5)
+        assert row.position == pytest.approx((0.5 + side * half, 1, -side * half))
+        assert (frame.instance == row.id).any()
+
+
+def test_component_with_lights_at_points_moves_as_a_whole(tmp_path):
+    """The place of lights at points does not play, while all of an object's lights go along with it."""
+    lamp = 'def SphereLight "Lamp"\n{\n}'
+    body = f'    def PointInstancer "P"\n    {{{WHEELS % ("/Car/P", lamp)}}}'
+    stage = ts.Stream(str(write(tmp_path, CAR % ("Xform", body), more=RANGE)), width=8, height=6, buffers=("instance",))
+    assert [row.name for row in stage[3].objects] == ["Car"]

@@ -11,10 +11,10 @@ import math
 from typing import Any
 
 import numpy as np
-from pxr import Usd, UsdGeom
+from pxr import Usd, UsdGeom, UsdLux
 
 from tiscene.usd.core.pose import read_pose
-from tiscene.usd.core.prims import with_ancestors
+from tiscene.usd.core.prims import ALSO_ABSTRACT, with_ancestors
 from tiscene.usd.core.report import StageReport
 from tiscene.usd.core.transform import to_matrix
 from tiscene.usd.core.units import Units
@@ -48,17 +48,35 @@ def sample_times(prim: Usd.Prim) -> list[float]:
 def plays_in_parts(prim: Usd.Prim) -> bool:
     """Return whether a prim's time samples are more than a rigid trajectory of the whole prim.
 
-    Its scale or shear changes, `!resetXformStack!` keeps parts of it in place, or it is hidden or shown: lifespans
-    count frames, whose rate is not that of the stage. It is played by the transforms and the presence of its parts.
+    Its scale or shear changes, `!resetXformStack!` keeps parts of it in place, points of an instancer in it are objects
+    of their own, or it is hidden or shown: lifespans count frames, whose rate is not that of the stage. It is played by
+    the transforms and the presence of its parts.
     """
     if len(_visibility_changes(prim)) > 1:
         return True
     times = sample_times(prim)
     if len(times) < 2:
         return False
-    inside = (UsdGeom.Xformable(each) for each in Usd.PrimRange(prim, Usd.TraverseInstanceProxies()))
-    return changes_scale(prim, times) or any(
-        each.GetPrim() != prim and each.GetResetXformStack() for each in inside if each
+    inside = list(Usd.PrimRange(prim, Usd.TraverseInstanceProxies()))
+    return (
+        changes_scale(prim, times)
+        or any(
+            each != prim and UsdGeom.Xformable(each).GetResetXformStack()
+            for each in inside
+            if each.IsA(UsdGeom.Xformable)
+        )
+        or any(_places_objects(each) for each in inside if each.IsA(UsdGeom.PointInstancer))
+    )
+
+
+def _places_objects(instancer: Usd.Prim) -> bool:
+    """Return whether the points of an instancer are objects of their own, without lights, whose places do not play."""
+    targets = UsdGeom.PointInstancer(instancer).GetPrototypesRel().GetForwardedTargets()
+    prototypes = [prim for prim in map(instancer.GetStage().GetPrimAtPath, targets) if prim]
+    return bool(prototypes) and not any(
+        each.HasAPI(UsdLux.LightAPI) and not each.IsA(UsdGeom.Gprim)
+        for prim in prototypes
+        for each in Usd.PrimRange(prim, ALSO_ABSTRACT)
     )
 
 
