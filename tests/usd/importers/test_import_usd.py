@@ -90,3 +90,37 @@ def test_usd_file_with_broken_parts_is_imported_without_them(tmp_path):
     assert (tmp_path / "out" / "source" / "0" / "there.png").is_file()
     with pytest.warns(StageWarning):
         np.testing.assert_allclose(read_template(file).description.bounds(), [[-1] * 3, [1] * 3], atol=1e-6)
+
+
+LAMP = """def Xform "Lamp"
+{
+    def SphereLight "Bulb"
+    {
+        bool inputs:normalize = 1
+        float inputs:intensity = 30000
+        float inputs:radius = 4
+    }
+    def Slab "Base"
+    {
+        double size = 10
+    }
+}"""
+
+
+def test_what_a_scale_does_not_convert_of_an_imported_usd_file_is_converted(tmp_path):
+    (tmp_path / "in").mkdir()
+    more = 'defaultPrim = "Lamp"\n    fallbackPrimTypes = {\n        token[] Slab = ["Cube"]\n    }'
+    source = write(tmp_path / "in", LAMP, meters=0.01, up="Z", more=more, name="lamp.usda")
+    (own,) = read_template(source).description.lights
+    template = read_template(import_asset(source, tmp_path / "out", name="Lamp 01")).description
+    (light,) = template.lights
+    assert light.radius == pytest.approx(own.radius) == pytest.approx(0.04)
+    assert light.radiance == pytest.approx(own.radiance)
+    assert len(template.instances) == 1  # the Slab is a Cube
+
+
+def test_file_in_meters_is_referenced_as_it_is(tmp_path):
+    (tmp_path / "in").mkdir()
+    source = write(tmp_path / "in", LAMP, meters=1.0, more='defaultPrim = "Lamp"', name="lamp.usda")
+    stage = Usd.Stage.Open(str(import_asset(source, tmp_path / "out")))
+    assert not stage.GetRootLayer().GetPrimAtPath("/Lamp/Source/Asset").nameChildren

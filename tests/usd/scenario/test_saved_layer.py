@@ -25,6 +25,7 @@ from tiscene.scenario.scenario import Scenario
 from tiscene.usd.core.layers import layer_digests
 from tiscene.usd.core.stage import open_stage
 from tiscene.usd.read.stage_reader import read_stage
+from tiscene.usd.read.template import read_template
 
 
 @dataclasses.dataclass(frozen=True)
@@ -113,6 +114,28 @@ def test_decimals_survive_a_stage_in_centimeters(tmp_path):
     prim = stage.GetPrimAtPath("/Scenario/Objects/a")
     assert prim.GetAttribute("tiscene:motion:positions").Get()[0] == Gf.Vec3d(10, 123, -7)
     assert UsdGeom.GetStageMetersPerUnit(stage) == 0.01
+
+
+def test_lights_of_a_template_in_another_unit_are_as_bright_in_the_layer(room, tmp_path):
+    lamp = """def Xform "Lamp"
+{
+    def Cube "Base"
+    {
+        double size = 10
+    }
+    def SphereLight "Bulb"
+    {
+        bool inputs:normalize = 1
+        float inputs:intensity = 30000
+        float inputs:radius = 4
+    }
+}"""
+    file = write(tmp_path, lamp, name="lamp.usda", meters=0.01, up="Z", more='defaultPrim = "Lamp"')
+    Scenario(str(room), [Object("lamp", str(file), (0, 1, 0))]).save(tmp_path / "run.usda")
+    (own,) = read_template(file).description.lights
+    light = next(each for each in read_stage(tmp_path / "run.usda").lights if each.prim_path.endswith("/Bulb"))
+    assert light.radiance == pytest.approx(own.radiance)
+    assert light.radius == pytest.approx(0.04)
 
 
 def test_saved_layer_shows_start_poses_without_the_schema(room, tmp_path):

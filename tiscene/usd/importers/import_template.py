@@ -13,7 +13,7 @@ import re
 import shutil
 import tempfile
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -32,6 +32,8 @@ from tiscene.usd.importers.imported_mesh_writer import author_samples, define_me
 from tiscene.usd.importers.materials import define_material
 from tiscene.usd.importers.mesh_file import CONVENTIONS, load_model
 from tiscene.usd.read.template import root_prim
+from tiscene.usd.referencing.conversion import Conversion
+from tiscene.usd.referencing.convert import convert
 
 USD_SUFFIXES = (".usd", ".usda", ".usdc", ".usdz")
 LICENSE_FILES = re.compile(r"(licen[cs]e|copying|credits?|attribution).*", re.IGNORECASE)
@@ -287,6 +289,8 @@ def _import_usd(
         with _writing(folder):
             _copy_with_dependencies(path, folder / "source", report)
         stage = _new_stage(name, label, credit)
+        if fallbacks := source.GetMetadata("fallbackPrimTypes"):
+            stage.GetRootLayer().pseudoRoot.SetInfo("fallbackPrimTypes", fallbacks)
         if source.HasAuthoredTimeCodeRange():  # its animation begins there
             stage.SetTimeCodesPerSecond(source.GetTimeCodesPerSecond())
             stage.SetStartTimeCode(source.GetStartTimeCode())
@@ -295,7 +299,8 @@ def _import_usd(
         transform = np.eye(4)
         transform[:3, :3] = matrix.T  # USD multiplies row vectors
         transform[3, :3] = -matrix @ center
-        child.AddTransformOp().Set(Gf.Matrix4d(*transform.reshape(-1).tolist()))
+        conversion = replace(Conversion.between(source, stage), world=Gf.Matrix4d(transform.tolist()))
+        child.AddTransformOp().Set(conversion.world)
         child.GetPrim().CreateAttribute("xformOpOrder", Sdf.ValueTypeNames.TokenArray, False)
         inner = stage.DefinePrim(child.GetPath().AppendChild("Asset"))
         inner.GetReferences().AddReference(f"./source/{path.name}", prim.GetPath())
@@ -303,6 +308,11 @@ def _import_usd(
         file = folder / "template.usda"
         with _writing(folder):
             stage.GetRootLayer().Export(str(file))
+            saved = Usd.Stage.Open(str(file))
+            saved.Reload()
+            convert(saved.GetPrimAtPath(inner.GetPath()), conversion, report)
+            if saved.GetRootLayer().dirty:
+                saved.Save()
         return file
 
 

@@ -20,11 +20,14 @@ from tiscene.scene.description import Matrix
 from tiscene.usd.core.layers import catalog_path, has_file
 from tiscene.usd.core.pose import PoseOperations, pose_operations, read_pose
 from tiscene.usd.core.prims import unused_path
+from tiscene.usd.core.report import StageReport
 from tiscene.usd.core.semantics import spaced, uninstance
 from tiscene.usd.core.stage import Variants, changes_over_time, open_stage, reading_time, select_variants
 from tiscene.usd.core.transform import to_matrix
 from tiscene.usd.core.units import Units
 from tiscene.usd.read.template import TEMPLATES_PRIM, display_name, root_prim
+from tiscene.usd.referencing.conversion import Conversion
+from tiscene.usd.referencing.convert import convert
 
 _APERTURE = 0.024  # m, vertical aperture of written cameras
 _METADATA = (  # that USD reads from the root layer only
@@ -164,6 +167,9 @@ class OverLayer:
             references.AddReference(str(file), root.GetPath(), self._at_start(below))
             for variant_set, variant in catalog.template_variants(template)[1].items():
                 prim.GetVariantSets().SetSelection(variant_set, variant)
+            report = StageReport(str(file))
+            convert(prim, Conversion.between(below, self.stage), report)
+            report.warn()
             stretch = self._own_stretch(root)
         if not prim.IsA(UsdGeom.Xformable):  # a template may be a single mesh, or a prim without type
             prim.SetTypeName("Xform")
