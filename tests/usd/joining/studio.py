@@ -239,7 +239,7 @@ def Xform "Room" (
 
 def write_cellar(folder: Path, meters: float = 1.0, up: str = "Y", more: str = "") -> Path:
     """Write the room whose units and axes a joined stage has."""
-    body = f'def Cube "Cellar"\n{{\n    double size = {0.1 / meters}\n}}'
+    body = f'def Cube "Cellar" (prepend apiSchemas = ["PhysicsCollisionAPI"])\n{{\n    double size = {0.1 / meters}\n}}'
     return write(folder, body, meters=meters, up=up, name="cellar.usda", more=f'defaultPrim = "Cellar"\n    {more}')
 
 

@@ -27,6 +27,7 @@ from tiscene.usd.core.semantics import scene_name
 from tiscene.usd.core.stage import open_stage, quiet, readable
 from tiscene.usd.joining.floor_plan import Opening, RoomPlacement
 from tiscene.usd.joining.lining import in_units, line
+from tiscene.usd.joining.room_conflicts import check_conflicts
 from tiscene.usd.joining.stage_cut import GprimCut, cuts, release_instances
 from tiscene.usd.read.room_volumes import define_volume, has_volume, interior
 from tiscene.usd.referencing.conversion import Conversion
@@ -71,7 +72,7 @@ def join(
         ArgumentError: no rooms, one that is no placement, two rooms of one name, an unknown `sky`, or a `path` with
             another suffix or that is a file of a room.
         SceneNotFound, MissingFile: there is no file of a room.
-        StageError: a room cannot be read, or an opening meets a shape that cannot be cut.
+        StageError: a room cannot be read, two rooms have a scenario, or an opening meets a shape that cannot be cut.
     """
     target = Path(path)
     if target.suffix.lower() not in LAYER_SUFFIXES:
@@ -96,6 +97,7 @@ def join(
             report = StageReport(str(placement.file))
             convert(prim, conversion, report)
             report.warn()
+        check_conflicts(dict(zip([each.label for each in placements], prims, strict=True)), str(target))
         choices = _forward_variants(stage, root, prims)
         for prim, placement in zip(prims, placements, strict=True):
             _prepare(prim, placement)

@@ -16,8 +16,12 @@ from tiscene.usd.core.units import Units
 def read_gravity(stage: Usd.Stage) -> Vector3 | None:
     """Return the gravity of a stage's first PhysicsScene, m/s2; None: it has none, or that of the earth by default."""
     scene = next((UsdPhysics.Scene(prim) for prim in stage.Traverse() if prim.IsA(UsdPhysics.Scene)), None)
-    if scene is None:
-        return None
+    return None if scene is None else gravity_of(scene)
+
+
+def gravity_of(scene: UsdPhysics.Scene) -> Vector3 | None:
+    """Return the gravity of a PhysicsScene, m/s2; None: that of the earth by default."""
+    stage = scene.GetPrim().GetStage()
     strength = float(str(np.float32(scene.GetGravityMagnitudeAttr().Get())))  # 9.81 in single precision is 9.81
     direction = np.array(scene.GetGravityDirectionAttr().Get(), np.float64)
     length = float(np.linalg.norm(direction))
