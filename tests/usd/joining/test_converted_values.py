@@ -13,8 +13,9 @@ from pxr import Gf, Usd, UsdGeom, UsdPhysics
 
 from tests.usd.helpers import write
 from tests.usd.joining.rooms import write_room
-from tests.usd.joining.studio import joined, write_studio
+from tests.usd.joining.studio import joined, write_cellar, write_studio
 from tiscene.errors import StageWarning
+from tiscene.usd import RoomPlacement, join
 from tiscene.usd.read.stage_reader import read_stage
 
 ROOM = "/Home/studio"
@@ -269,6 +270,20 @@ def test_values_of_variants_are_converted_in_each(tmp_path: Path) -> None:
     assert (intensity("Lamp/Bulb"), intensity("Spot")) == pytest.approx((2, 9))
     stage.GetPrimAtPath(f"{ROOM}/Lamp").GetVariantSets().SetSelection("power", "low")
     assert intensity("Lamp/Bulb") == pytest.approx(1)
+
+
+def test_joined_stage_may_be_a_room_of_another_one(tmp_path: Path) -> None:
+    """Its root's variants select those of the rooms, in which the values are."""
+    inner = stage_of(NESTED, tmp_path)
+    home = inner.GetRootLayer().realPath
+    (tmp_path / "outer").mkdir()
+    cellar = write_cellar(tmp_path / "outer", 0.001, "Z")
+    path = join([(cellar, (0.0, 0.0, -90.0)), RoomPlacement(home, name="home")], tmp_path / "outer" / "house.usda")
+    stage = Usd.Stage.Open(str(path))
+    for mood, power in (("wild", 2), ("calm", 1)):
+        stage.GetDefaultPrim().GetVariantSets().SetSelection("mood", mood)
+        bulb = stage.GetAttributeAtPath("/House/home/studio/Lamp/Bulb.inputs:intensity")
+        assert bulb.Get() == pytest.approx(power * 1e6)
 
 
 def test_what_cannot_be_converted_is_named(tmp_path: Path) -> None:

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from pxr import Gf, Sdf, Usd, UsdGeom, UsdShade
+from pxr import Gf, Sdf, Usd, UsdGeom, UsdSemantics, UsdShade
 
 from tests.usd.joining.rooms import OPENING, edit, two_rooms, view, write_room
 from tiscene.errors import StageError, StageWarning
@@ -42,6 +42,28 @@ def test_names_of_what_is_added_are_new(tmp_path: Path) -> None:
     assert [prim.GetName() for prim in stage.GetDefaultPrim().GetChildren()] == ["Openings", "east", "Openings_2"]
     assert UsdGeom.Cube(stage.GetPrimAtPath("/Flat/east/RoomVolume")).GetPurposeAttr().Get() == "default"
     assert [each.name for each in read_stage(path).rooms] == ["Openings", "east"]
+
+
+def test_volume_of_a_room_that_its_root_turns_over_is_up_to_its_ceiling(tmp_path: Path) -> None:
+    def turn_over(stage: Usd.Stage) -> None:
+        UsdGeom.Xformable(stage.GetDefaultPrim()).AddRotateXOp().Set(180.0)
+        for prim, label in (("Floor", "ceiling"), ("Ceiling", "floor")):
+            UsdSemantics.LabelsAPI(stage.GetPrimAtPath(f"/Room/{prim}"), "class").GetLabelsAttr().Set([label])
+
+    room = write_room(tmp_path, "one")
+    edit(room, turn_over)
+    (volume,) = read_stage(join([(room, (0, 5, 0))], tmp_path / "flat.usda")).rooms
+    corners = np.array([volume.world_from_box @ (*[side] * 3, 1.0) for side in (-1.0, 1.0)])[:, :3]
+    np.testing.assert_allclose(np.sort(corners, axis=0), [(-2.2, 2, -2.2), (2.2, 5, 2.2)], atol=1e-5)
+
+
+def test_names_of_rooms_are_kept_in_any_script(tmp_path: Path) -> None:
+    rooms = [
+        (write_room(tmp_path, name), (5.0 * k, 0, 0)) for k, name in enumerate(("büro", "bäro", "台所", "up-stairs"))
+    ]
+    stage = Usd.Stage.Open(str(join(rooms, tmp_path / "münchen.usda")))
+    assert stage.GetDefaultPrim().GetName() == "München"
+    assert [prim.GetName() for prim in stage.GetDefaultPrim().GetChildren()] == ["büro", "bäro", "台所", "up_stairs"]
 
 
 def test_prims_outside_of_the_default_prim_are_named(tmp_path: Path) -> None:

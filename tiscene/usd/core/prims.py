@@ -5,7 +5,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
-from pxr import Sdf, Usd, UsdGeom
+from pxr import Sdf, Tf, Usd, UsdGeom
 
 _LOADED = Usd.PrimIsActive & Usd.PrimIsLoaded
 DEFINED = Usd.TraverseInstanceProxies(_LOADED & Usd.PrimIsDefined & ~Usd.PrimIsAbstract)
@@ -56,12 +56,17 @@ def type_of(prim: Usd.Prim) -> str:
     return str(prim.GetPrimTypeInfo().GetSchemaTypeName() or prim.GetTypeName())
 
 
-def unused_path(stage: Usd.Stage, folder: Sdf.Path, identifier: str) -> Sdf.Path:
-    """Return a path for a new prim below a folder, numbered if the identifier is taken."""
-    path, number = folder.AppendChild(identifier), 1
+def identifier(text: str) -> str:
+    """Return the name of a prim that is as close to a text as USD allows; letters of any script are kept."""
+    return text if Sdf.Path.IsValidIdentifier(text) else str(Tf.MakeValidIdentifier(text))
+
+
+def unused_path(stage: Usd.Stage, folder: Sdf.Path, name: str) -> Sdf.Path:
+    """Return a path for a new prim below a folder, numbered if the name is taken."""
+    path, number = folder.AppendChild(name), 1
     while stage.GetPrimAtPath(path):
         number += 1
-        path = folder.AppendChild(f"{identifier}_{number}")
+        path = folder.AppendChild(f"{name}_{number}")
     return path
 
 

@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from pxr import Gf, Kind, Sdf, Tf, Usd, UsdGeom, UsdLux, UsdPhysics, UsdShade
+from pxr import Gf, Kind, Sdf, Usd, UsdGeom, UsdLux, UsdPhysics, UsdShade
 
 from tiscene import catalog
 from tiscene.catalog import LAYER_SUFFIXES
@@ -21,7 +21,7 @@ from tiscene.errors import ArgumentError, StageError, StageWarning
 from tiscene.files import write_atomically
 from tiscene.usd.core.broken_prims import deactivate_broken
 from tiscene.usd.core.layers import has_file
-from tiscene.usd.core.prims import unused_path
+from tiscene.usd.core.prims import identifier, unused_path
 from tiscene.usd.core.report import StageReport
 from tiscene.usd.core.semantics import scene_name
 from tiscene.usd.core.stage import open_stage, quiet, readable
@@ -84,7 +84,7 @@ def join(
     with quiet(), readable(target):
         stages = _open(placements, target)
         up_axis, meters = str(UsdGeom.GetStageUpAxis(stages[0])), float(UsdGeom.GetStageMetersPerUnit(stages[0]))
-        name = name or Tf.MakeValidIdentifier(scene_name(target).title().replace("_", ""))
+        name = name or identifier(scene_name(target).title().replace("_", ""))
         stage = _empty_stage(target, name, stages)
         root = stage.GetDefaultPrim()
         placed = [
@@ -125,7 +125,7 @@ def _placement(number: int, room: object) -> RoomPlacement:
 
 def _identifiers(placements: Sequence[RoomPlacement]) -> list[str]:
     """Return the prim names of the rooms."""
-    names = [Tf.MakeValidIdentifier(each.label) for each in placements]
+    names = [identifier(each.label) for each in placements]
     if not names:
         raise ArgumentError("join(rooms=[]): expected at least one room, such as ('kitchen.usda', (0, 0, 0))")
     twice = sorted({each for each in names if names.count(each) > 1})

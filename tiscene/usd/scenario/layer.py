@@ -19,7 +19,7 @@ from tiscene.scene.camera import Camera
 from tiscene.scene.description import Matrix
 from tiscene.usd.core.layers import catalog_path, has_file
 from tiscene.usd.core.pose import PoseOperations, pose_operations, read_pose
-from tiscene.usd.core.prims import unused_path
+from tiscene.usd.core.prims import identifier, unused_path
 from tiscene.usd.core.report import StageReport
 from tiscene.usd.core.semantics import spaced, uninstance
 from tiscene.usd.core.stage import Variants, changes_over_time, open_stage, reading_time, select_variants
@@ -109,8 +109,7 @@ class OverLayer:
 
     def unused_path(self, folder: Sdf.Path, name: str) -> Sdf.Path:
         """Return a path for a new prim below `folder`, named as closely to `name` as USD allows."""
-        identifier = name if Sdf.Path.IsValidIdentifier(name) else Tf.MakeValidIdentifier(name)
-        return unused_path(self.stage, folder, identifier)
+        return unused_path(self.stage, folder, identifier(name))
 
     def folder(self, name: str) -> Sdf.Path:
         """Return the path of a Scope below the root prim, which is created if needed."""
