@@ -48,15 +48,17 @@ def join(
 ) -> Path:
     """Write a stage that references rooms, placed beside one another, with openings between them.
 
+    - The stage has the up axis and units of the first room. Others are scaled and turned; values that this does not
+      convert, such as lenses, normalized lights and densities, are written converted over the room.
     - Walls and closed doors are cut at the openings by overrides; the files of the rooms are not changed.
     - Variant sets of the rooms are variant sets of the new root, which select the same variant in all rooms.
     - Domes and distant lights light all rooms, so those of one room are kept; the dome gets the portals of all rooms.
     - Cameras are kept under the names `ROOM CAMERA`, such as "kitchen Main".
     - Each room has a volume (`frame.room`): its own, or a box over its floor up to its ceiling.
 
-    Openings that cut nothing are named in a StageWarning, and so are prims outside of a room's default prim, which are
-    left out, and prims that contradict themselves, such as a transform that cannot be read: they are not measured and
-    not cut.
+    Named in a StageWarning are openings that cut nothing, values that cannot be converted, rooms whose gravity or
+    collisions change, prims outside of a room's default prim, which are left out, and prims that contradict themselves,
+    such as a transform that cannot be read: they are not measured and not cut.
 
     Args:
         rooms: the rooms. The new stage has the up axis and units of the first; others are scaled and turned.
