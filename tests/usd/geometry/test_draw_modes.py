@@ -167,6 +167,13 @@ def test_instances_are_drawn_as_cards_each(tmp_path):
     assert {mesh.name for mesh in description.meshes} == {"CardXPos", "CardYPos", "CardZPos"}
 
 
+def test_instance_that_holds_models_drawn_as_cards_stays_one_object(tmp_path):
+    lines = "uniform bool model:applyDrawMode = 1"
+    trees = "".join(model(lines, "").replace('"Tree"', f'"Tree{number}"') for number in range(2))
+    body = f'class "Wood"\n{{\n{trees}}}\n' + 'def "Copy" (\ninstanceable = true\nreferences = </Wood>\n)\n{\n}\n'
+    assert [each.name for each in read(tmp_path, body).objects] == ["Copy"]
+
+
 @pytest.mark.parametrize(
     ("body", "text"),
     [

@@ -248,6 +248,7 @@ def test_wall_in_an_instance_within_another_one_is_cut(tmp_path: Path) -> None:
     """)
     path = join([(room, (0.0, 0.0, 0.0))], tmp_path / "flat.usda", openings=[Opening((0.0, 0.0, 0.0))])
     assert Usd.Stage.Open(str(path)).GetPrimAtPath("/Flat/room/Outer/Inner/Shape").IsA(UsdGeom.Mesh)
+    assert [each.name for each in read_stage(path).objects] == ["Shape", "Inner", "Outer", "Opening1"]
 
 
 def test_room_is_a_scene_by_its_name(tmp_path: Path) -> None:
