@@ -7,9 +7,12 @@ import math
 from pathlib import Path
 from typing import Any
 
+from pxr import Usd
+
 from tests.usd.helpers import write
 from tiscene.usd import RoomPlacement, join
 
+ROOM = "/Home/studio"  # path of a joined room
 OBJECT = 'prepend apiSchemas = ["TisceneObjectAPI", "PhysicsRigidBodyAPI", "PhysicsMassAPI"]'
 RATE = "startTimeCode = 0\n    endTimeCode = 10\n    timeCodesPerSecond = 10"
 
@@ -248,3 +251,10 @@ def joined(room: Path, place: tuple[float, float, float] = (0.0, 0.0, 0.0), yaw:
     below = (0.0, -90.0, 0.0) if cellar.get("up", "Y") == "Y" else (0.0, 0.0, -90.0)
     rooms = [(write_cellar(room.parent, **cellar), below), RoomPlacement(room, place, yaw, "studio")]
     return join(rooms, room.parent / "home.usda")
+
+
+def stage_of(body: str, folder: Path, more: str = "") -> Usd.Stage:
+    """Join a room in centimeters with Z up to a stage in meters with Y up; return that."""
+    more = f'defaultPrim = "Room"\n    {more}'
+    room = write(folder, body, name="room.usda", meters=0.01, up="Z", more=more)
+    return Usd.Stage.Open(str(joined(room, (1.0, 2.0, 3.0))))

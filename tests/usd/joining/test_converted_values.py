@@ -11,21 +11,10 @@ import numpy as np
 import pytest
 from pxr import Gf, Usd, UsdGeom, UsdPhysics
 
-from tests.usd.helpers import write
 from tests.usd.joining.rooms import write_room
-from tests.usd.joining.studio import joined, write_cellar, write_studio
+from tests.usd.joining.studio import ROOM, joined, stage_of, write_studio
 from tiscene.errors import StageWarning
-from tiscene.usd import RoomPlacement, join
 from tiscene.usd.read.stage_reader import read_stage
-
-ROOM = "/Home/studio"
-
-
-def stage_of(body: str, folder: Path, more: str = "") -> Usd.Stage:
-    """Join a room in centimeters with Z up to a stage in meters with Y up; return that."""
-    more = f'defaultPrim = "Room"\n    {more}'
-    room = write(folder, body, name="room.usda", meters=0.01, up="Z", more=more)
-    return Usd.Stage.Open(str(joined(room, (1.0, 2.0, 3.0))))
 
 
 def test_values_of_physics_are_in_the_units_of_the_joined_stage(tmp_path: Path) -> None:
@@ -184,106 +173,6 @@ def test_instances_that_hold_a_converted_value_stay_objects(tmp_path: Path) -> N
     description = read_stage(home)
     lamp = next(row for row, each in enumerate(description.objects) if each.name == "LampA")
     assert sum(each.object == lamp for each in description.instances) == 2
-
-
-NESTED = """
-def Xform "Room" (
-    prepend variantSets = ["mood", "size"]
-    variants = {
-        string mood = "calm"
-        string size = "small"
-    }
-)
-{
-    variantSet "mood" = {
-        "calm" {
-            over "Lamp" (
-                variants = {
-                    string power = "low"
-                }
-            )
-            {
-            }
-        }
-        "wild" {
-            over "Lamp" (
-                variants = {
-                    string power = "high"
-                }
-            )
-            {
-            }
-        }
-    }
-    variantSet "size" = {
-        "small" {
-            over "Spot"
-            {
-                float inputs:intensity = 50000
-            }
-        }
-        "large" {
-            over "Spot"
-            {
-                float inputs:intensity = 90000
-            }
-        }
-    }
-    def "Lamp" (
-        prepend variantSets = "power"
-    )
-    {
-        variantSet "power" = {
-            "low" {
-                def SphereLight "Bulb"
-                {
-                    bool inputs:normalize = 1
-                    float inputs:intensity = 10000
-                }
-            }
-            "high" {
-                def SphereLight "Bulb"
-                {
-                    bool inputs:normalize = 1
-                    float inputs:intensity = 20000
-                }
-            }
-        }
-    }
-    def SphereLight "Spot"
-    {
-        bool inputs:normalize = 1
-    }
-}"""
-
-
-def test_values_of_variants_are_converted_in_each(tmp_path: Path) -> None:
-    stage = stage_of(NESTED, tmp_path)
-
-    def intensity(name: str) -> float:
-        return float(stage.GetAttributeAtPath(f"{ROOM}/{name}.inputs:intensity").Get())
-
-    assert (intensity("Lamp/Bulb"), intensity("Spot")) == pytest.approx((1, 5))
-    sets = stage.GetDefaultPrim().GetVariantSets()
-    sets.SetSelection("mood", "wild")
-    sets.SetSelection("size", "large")
-    assert (intensity("Lamp/Bulb"), intensity("Spot")) == pytest.approx((2, 9))
-    stage.GetPrimAtPath(f"{ROOM}/Lamp").GetVariantSets().SetSelection("power", "low")
-    assert intensity("Lamp/Bulb") == pytest.approx(1)
-
-
-def test_joined_stage_may_be_a_room_of_another_one(tmp_path: Path) -> None:
-    """Its root's variants select those of the rooms, in which the values are."""
-    inner = stage_of(NESTED, tmp_path)
-    home = inner.GetRootLayer().realPath
-    (tmp_path / "outer").mkdir()
-    cellar = write_cellar(tmp_path / "outer", 0.001, "Z")
-    path = join([(cellar, (0.0, 0.0, -90.0)), RoomPlacement(home, name="home")], tmp_path / "outer" / "house.usda")
-    stage = Usd.Stage.Open(str(path))
-    for mood, power in (("wild", 2), ("calm", 1)):
-        stage.GetDefaultPrim().GetVariantSets().SetSelection("mood", mood)
-        bulb = stage.GetAttributeAtPath("/House/home/studio/Lamp/Bulb.inputs:intensity")
-        assert bulb.Get() == pytest.approx(power * 1e6)
 
 
 def test_what_cannot_be_converted_is_named(tmp_path: Path) -> None:

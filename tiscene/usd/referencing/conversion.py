@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from fractions import Fraction
 from typing import Any
@@ -81,7 +82,10 @@ def scaled(value: Any, factor: float) -> Any:
 
 
 def _ratio(one: float, other: float) -> float:
-    """Return the ratio of two units: that of their decimal notations, so that 1 mm is exactly 0.1 cm."""
-    if abs(one - other) <= _SAME_UNIT * other:
+    """Return the ratio of two units: that of their decimal notations, so that 1 mm is exactly 0.1 cm.
+
+    It is 1 where one is not valid.
+    """
+    if not (0.0 < one < math.inf and 0.0 < other < math.inf) or abs(one - other) <= _SAME_UNIT * other:
         return 1.0
     return float(Fraction(repr(float(one))) / Fraction(repr(float(other))))

@@ -3,7 +3,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field
 
 from pxr import Sdf, Usd
 
@@ -29,85 +30,139 @@ def convert(root: Usd.Prim, conversion: Conversion, report: StageReport) -> None
         conversion: from that stage to the prim's.
         report: receives what cannot be converted.
     """
-    if conversion.is_identity:
-        return
-    stage, path = root.GetStage(), root.GetPath()
-    values = _find(stage, path, conversion, report)
-    in_variants: dict[Sdf.Path, _VariantSet] = {}  # the innermost set on which a value depends
-    choices: dict[_VariantSet, dict[str, _Found]] = {}
-    for each in _variant_sets(root):
-        found: dict[str, _Found] = {}
-        selected: dict[str, dict[_VariantSet, str]] = {}  # in the other sets, for each variant
-        for variant in _each_variant(stage, each):
-            found[variant] = _find(stage, each[0], conversion, report)
-            selected[variant] = {
-                other: stage.GetPrimAtPath(other[0]).GetVariantSet(other[1]).GetVariantSelection()
-                for other in choices
-                if stage.GetPrimAtPath(other[0])
-            }
-        choices[each] = found
-        own = {attribute for attribute in values if attribute.HasPrefix(each[0])}
-        for attribute in sorted(own.union(*found.values())):
-            if all(result.get(attribute) == values.get(attribute) for result in found.values()):
-                continue
-            inner = in_variants.setdefault(attribute, each)
-            if inner != each and any(
-                choices[inner].get(selected[variant].get(inner, ""), {}).get(attribute) != result.get(attribute)
-                for variant, result in found.items()
-            ):
-                text = f"{attribute.name} depends on two variant sets, {inner[1]} and {each[1]}"
-                text += f": it is converted for those of {inner[1]}"
-                report.omission(attribute.GetPrimPath(), text)
-    _author(stage, {name: value for name, value in values.items() if name not in in_variants})
-    for each, found in choices.items():
-        for variant in _each_variant(stage, each):
-            held = {name: value for name, value in found[variant].items() if in_variants.get(name) == each}
-            if held:
-                with stage.GetPrimAtPath(each[0]).GetVariantSet(each[1]).GetVariantEditContext():
-                    _author(stage, held)
+    if not conversion.is_identity:
+        _Converter(root.GetStage(), conversion, report).convert(root.GetPath(), frozenset(), frozenset())
 
 
-def _find(stage: Usd.Stage, path: Sdf.Path, conversion: Conversion, report: StageReport) -> _Found:
-    """Return the values that change at and below a prim; the instances that hold them become editable."""
-    found: _Found = {}
+@dataclass(frozen=True)
+class _Choice:
+    """What a variant set changes.
 
-    def held_by_instances() -> list[Usd.Prim]:
-        found.clear()
-        prims = list(Usd.PrimRange(stage.GetPrimAtPath(path), ALSO_ABSTRACT))
-        relative = relative_parts(prims)
-        for prim in prims:
-            with report.guard(prim):
-                found.update(converted_values(prim, conversion, report))
-                found.update(motion_values(prim, conversion, prim.GetPath() in relative, report))
-        holders = map(stage.GetPrimAtPath, {each.GetPrimPath() for each in found})
-        return [prim for prim in holders if prim.IsInstanceProxy()]
+    Attributes:
+        found: the values that change, for each variant.
+        selected: the selections in sets farther inside, for each variant.
+        opening: variants that have variant sets of their own.
+    """
 
-    uninstance(stage, held_by_instances)
-    return found
+    found: dict[str, _Found] = field(default_factory=dict)
+    selected: dict[str, dict[_VariantSet, str]] = field(default_factory=dict)
+    opening: set[str] = field(default_factory=set)
 
-
-def _variant_sets(root: Usd.Prim) -> list[_VariantSet]:
-    """Return the variant sets at and below a prim that have a choice, the innermost first."""
-    sets = [
-        (prim.GetPath(), name)
-        for prim in Usd.PrimRange(root, ALSO_ABSTRACT)
-        if prim.HasVariantSets() and not prim.IsInstanceProxy()
-        for name in prim.GetVariantSets().GetNames()
-        if prim.GetVariantSet(name).GetVariantNames()
-    ]
-    return sorted(sets, key=lambda each: -each[0].pathElementCount)
+    def follows(self, inner: _VariantSet, other: _Choice, attribute: Sdf.Path) -> bool:
+        """Return whether an attribute differs between the variants as these select variants of a set inside."""
+        return all(
+            other.found.get(self.selected[variant].get(inner, ""), {}).get(attribute) == found.get(attribute)
+            for variant, found in self.found.items()
+        )
 
 
-def _each_variant(stage: Usd.Stage, variant_set: _VariantSet) -> Iterator[str]:
-    """Yield the variants of a set, each while it is selected; the selection is made in the session layer."""
-    path, name = variant_set
-    session = stage.GetSessionLayer()
-    for variant in stage.GetPrimAtPath(path).GetVariantSet(name).GetVariantNames():
-        Sdf.CreatePrimInLayer(session, path).variantSelections[name] = variant
-        yield variant
-    del session.GetPrimAtPath(path).variantSelections[name]
+@dataclass(frozen=True)
+class _Converter:
+    """Converts prims of a stage, on which it selects one variant after the other."""
 
+    stage: Usd.Stage
+    conversion: Conversion
+    report: StageReport
 
-def _author(stage: Usd.Stage, values: _Found) -> None:
-    for attribute, value in values.items():
-        value.author(stage.GetPrimAtPath(attribute.GetPrimPath()), attribute.name)
+    def convert(self, path: Sdf.Path, known: frozenset[_VariantSet], done: frozenset[Sdf.Path]) -> set[Sdf.Path]:
+        """Author the values at and below a prim, in the edit target and in variants within it.
+
+        Args:
+            path: the prim.
+            known: variant sets that are handled elsewhere; the edit target is in a variant of one.
+            done: attributes that are handled elsewhere.
+
+        Returns:
+            The attributes that change.
+        """
+        values = self._find(path)
+        sets = [each for each in self._variant_sets(path) if each not in known]
+        known = known.union(sets)
+        choices: dict[_VariantSet, _Choice] = {}
+        for each in sets:
+            choices[each] = self._choice(each, list(choices), known)
+        owners = self._owners(values, choices, done)
+        self._author({name: value for name, value in values.items() if name not in done and name not in owners})
+        seen = set(values).union(*(found for each in choices.values() for found in each.found.values()))
+        for each, choice in choices.items():
+            held = {attribute for attribute, owner in owners.items() if owner == each}
+            new = set[Sdf.Path]()
+            for variant in self._each_variant(each):
+                if variant in choice.opening or not held.isdisjoint(choice.found[variant]):
+                    with self._set(each).GetVariantEditContext():
+                        new |= self.convert(each[0], known, done.union(seen - held))
+            seen |= new
+        return seen
+
+    def _choice(self, variant_set: _VariantSet, inside: list[_VariantSet], known: frozenset[_VariantSet]) -> _Choice:
+        """Return what a variant set changes; `inside`: sets of the same prim and farther inside."""
+        choice = _Choice()
+        for variant in self._each_variant(variant_set):
+            there = (each for each in inside if self.stage.GetPrimAtPath(each[0]))
+            choice.selected[variant] = {each: self._set(each).GetVariantSelection() for each in there}
+            choice.found[variant] = self._find(variant_set[0])
+            if not known.issuperset(self._variant_sets(variant_set[0])):
+                choice.opening.add(variant)
+        return choice
+
+    def _owners(
+        self, values: _Found, choices: Mapping[_VariantSet, _Choice], done: frozenset[Sdf.Path]
+    ) -> dict[Sdf.Path, _VariantSet]:
+        """Return the innermost variant set that each attribute depends on; report those that depend on two."""
+        owners: dict[Sdf.Path, _VariantSet] = {}
+        for each, choice in choices.items():
+            inside = {attribute for attribute in values if attribute.HasPrefix(each[0])}
+            for attribute in sorted(inside.union(*choice.found.values()) - done):
+                if all(found.get(attribute) == values.get(attribute) for found in choice.found.values()):
+                    continue
+                inner = owners.setdefault(attribute, each)
+                if inner != each and not choice.follows(inner, choices[inner], attribute):
+                    text = f"{attribute.name} depends on the variant sets {inner[1]} and {each[1]}"
+                    self.report.omission(attribute.GetPrimPath(), f"{text}: it is converted for those of {inner[1]}")
+        return owners
+
+    def _find(self, path: Sdf.Path) -> _Found:
+        """Return the values that change at and below a prim; the instances that hold them become editable."""
+        found: _Found = {}
+
+        def held_by_instances() -> list[Usd.Prim]:
+            found.clear()
+            prims = list(Usd.PrimRange(self.stage.GetPrimAtPath(path), ALSO_ABSTRACT))
+            relative = relative_parts(prims)
+            for prim in prims:
+                with self.report.guard(prim):
+                    found.update(converted_values(prim, self.conversion, self.report))
+                    found.update(motion_values(prim, self.conversion, prim.GetPath() in relative, self.report))
+            holders = map(self.stage.GetPrimAtPath, {each.GetPrimPath() for each in found})
+            return [prim for prim in holders if prim.IsInstanceProxy()]
+
+        uninstance(self.stage, held_by_instances)
+        return found
+
+    def _variant_sets(self, path: Sdf.Path) -> list[_VariantSet]:
+        """Return the variant sets at and below a prim, the innermost first."""
+        sets = [
+            (prim.GetPath(), name)
+            for prim in Usd.PrimRange(self.stage.GetPrimAtPath(path), ALSO_ABSTRACT)
+            if prim.HasVariantSets() and not prim.IsInstanceProxy()
+            for name in prim.GetVariantSets().GetNames()
+        ]
+        return sorted(sets, key=lambda each: -each[0].pathElementCount)
+
+    def _set(self, variant_set: _VariantSet) -> Usd.VariantSet:
+        path, name = variant_set
+        return self.stage.GetPrimAtPath(path).GetVariantSet(name)
+
+    def _each_variant(self, variant_set: _VariantSet) -> Iterator[str]:
+        """Yield the variants of a set, each while it is selected; the selection is made in the session layer."""
+        session, (path, name) = self.stage.GetSessionLayer(), variant_set
+        spec = Sdf.CreatePrimInLayer(session, path)
+        for variant in self._set(variant_set).GetVariantNames():
+            spec.variantSelections[name] = variant
+            yield variant
+        if name in spec.variantSelections:
+            del spec.variantSelections[name]
+
+    def _author(self, values: _Found) -> None:
+        for attribute, value in values.items():
+            value.author(self.stage.GetPrimAtPath(attribute.GetPrimPath()), attribute.name)
