@@ -12,8 +12,9 @@ import pytest
 from pxr import Gf, Usd, UsdGeom, UsdPhysics
 
 from tests.usd.joining.rooms import write_room
-from tests.usd.joining.studio import ROOM, joined, stage_of, write_studio
+from tests.usd.joining.studio import ROOM, joined, stage_of, write_cellar, write_studio
 from tiscene.errors import StageWarning
+from tiscene.usd import RoomPlacement, join
 from tiscene.usd.read.stage_reader import read_stage
 
 
@@ -199,6 +200,12 @@ def Xform "Room" (prepend apiSchemas = ["TisceneScenarioAPI"])
     {
         uniform token tiscene:motion:type = "stepped"
     }
+    def Cube "Walker" (prepend apiSchemas = ["TisceneMotionAPI"])
+    {
+        uniform token tiscene:motion:type = "linearWaypoints"
+        uniform token tiscene:motion:interpolation = "euler"
+        uniform point3d[] tiscene:motion:positions = [(1, 2, 3)]
+    }
     def SphereLight "Odd"
     {
         bool inputs:normalize.timeSamples = { 0: 1, 5: 0 }
@@ -212,6 +219,7 @@ def Xform "Room" (prepend apiSchemas = ["TisceneScenarioAPI"])
         ("/Glass", "its input transmission_depth, a length, comes from another node"),
         ("/Tree", "cards of a model"),
         ("/Own", "the fields of a trajectory of type stepped"),
+        ("/Walker", "Euler angles of a trajectory become quaternions"),
         ("/Odd", "inputs:normalize varies"),
     ):
         line = next(each for each in text.splitlines() if part in each)
@@ -236,3 +244,33 @@ def Xform "Room"
     stage = stage_of(body, tmp_path)
     assert stage.GetAttributeAtPath(f"{ROOM}/Glass.inputs:transmission_depth").Get() == 5
     assert stage.GetAttributeAtPath(f"{ROOM}/Glass.inputs:subsurface_radius").Get() == pytest.approx(0.05)
+
+
+def test_prim_that_resets_transforms_is_placed_by_each_stage_that_holds_its_room(tmp_path: Path) -> None:
+    body = """
+def Xform "Room"
+{
+    def Cube "Loose"
+    {
+        double3 xformOp:translate = (100, 200, 300)
+        uniform token[] xformOpOrder = ["!resetXformStack!", "xformOp:translate"]
+    }
+}"""
+    inner = stage_of(body, tmp_path)
+    loose = UsdGeom.Xformable(inner.GetPrimAtPath(f"{ROOM}/Loose"))
+    assert loose.ComputeLocalToWorldTransform(0).ExtractTranslation() == pytest.approx((2, 5, 1))
+    (tmp_path / "outer").mkdir()
+    home = RoomPlacement(inner.GetRootLayer().realPath, (10.0, 0.0, 0.0), name="home")
+    path = join([(write_cellar(tmp_path / "outer", 0.1), (0, -90, 0)), home], tmp_path / "outer" / "house.usda")
+    outer = Usd.Stage.Open(str(path))
+    loose = UsdGeom.Xformable(outer.GetPrimAtPath("/House/home/studio/Loose"))
+    assert loose.ComputeLocalToWorldTransform(0).ExtractTranslation() == pytest.approx((120, 50, 10))
+
+
+def test_frustum_of_a_scenario_keeps_its_depth(tmp_path: Path) -> None:
+    body = """
+def Xform "Room" (prepend apiSchemas = ["TisceneScenarioAPI"])
+{
+    uniform double tiscene:scenario:frustumFar = 700
+}"""
+    assert stage_of(body, tmp_path).GetAttributeAtPath(f"{ROOM}.tiscene:scenario:frustumFar").Get() == 7.0

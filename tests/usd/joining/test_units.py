@@ -98,7 +98,7 @@ def test_volume_of_a_turned_room_is_over_its_floor(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(("meters", "up"), [(1.0, "Y"), (0.01, "Z")])
-@pytest.mark.parametrize("kind", ["linearWaypoints", "orbit", "composite"])
+@pytest.mark.parametrize("kind", ["linearWaypoints", "keyframes", "orbit", "lookAt", "composite"])
 def test_trajectories_of_a_room_go_along_with_it(tmp_path: Path, kind: str, meters: float, up: str) -> None:
     """Positions, turns and distances are those of the room alone, turned and placed."""
     x, y, z = ((100, 0, 0), (0, 100, 0), (0, 0, 100)) if meters == 0.01 else ((1, 0, 0), (0, 1, 0), (0, 0, 1))
@@ -106,6 +106,12 @@ def test_trajectories_of_a_room_go_along_with_it(tmp_path: Path, kind: str, mete
         "linearWaypoints": f"""
         uniform point3d[] tiscene:motion:positions = [{x}, {y}]
         uniform double3[] tiscene:motion:rotations = [(0, 10, 0), (0, 50, 0)]""",
+        "keyframes": f"""
+        uniform point3d[] tiscene:motion:positions = [{x}, {y}]
+        uniform double3[] tiscene:motion:rotations = [(0, 10, 0), (0, 0, 0)]
+        uniform quatd[] tiscene:motion:orientations = [(0, 0, 0, 0), (0.6, 0, 0.8, 0)]
+        uniform double[] tiscene:motion:times = [0, 1]""",
+        "lookAt": f"uniform point3d tiscene:motion:target = {x}\nuniform vector3d tiscene:motion:up = (0, 0, 1)",
         "orbit": f"uniform point3d tiscene:motion:center = {x}\nuniform vector3d tiscene:motion:axis = (0, 0, 1)",
         "composite": "rel tiscene:motion:parts = [</Room/First>, </Room/Second>]",
     }
