@@ -31,11 +31,11 @@ def convert(root: Usd.Prim, conversion: Conversion, report: StageReport) -> None
         report: receives what cannot be converted.
     """
     if not conversion.is_identity:
-        _Converter(root.GetStage(), conversion, report).convert(root.GetPath(), frozenset(), frozenset())
+        _UnitConverter(root.GetStage(), conversion, report).convert(root.GetPath(), frozenset(), frozenset())
 
 
 @dataclass(frozen=True)
-class _Choice:
+class _VariantValues:
     """What a variant set changes.
 
     Attributes:
@@ -48,7 +48,7 @@ class _Choice:
     selected: dict[str, dict[_VariantSet, str]] = field(default_factory=dict)
     opening: set[str] = field(default_factory=set)
 
-    def follows(self, inner: _VariantSet, other: _Choice, attribute: Sdf.Path) -> bool:
+    def follows(self, inner: _VariantSet, other: _VariantValues, attribute: Sdf.Path) -> bool:
         """Return whether an attribute differs between the variants as these select variants of a set inside."""
         return all(
             other.found.get(self.selected[variant].get(inner, ""), {}).get(attribute) == found.get(attribute)
@@ -57,7 +57,7 @@ class _Choice:
 
 
 @dataclass(frozen=True)
-class _Converter:
+class _UnitConverter:
     """Converts prims of a stage, on which it selects one variant after the other."""
 
     stage: Usd.Stage
@@ -78,9 +78,9 @@ class _Converter:
         values = self._find(path)
         sets = [each for each in self._variant_sets(path) if each not in known]
         known = known.union(sets)
-        choices: dict[_VariantSet, _Choice] = {}
+        choices: dict[_VariantSet, _VariantValues] = {}
         for each in sets:
-            choices[each] = self._choice(each, list(choices), known)
+            choices[each] = self._values_of_variants(each, list(choices), known)
         owners = self._owners(values, choices, done)
         self._author({name: value for name, value in values.items() if name not in done and name not in owners})
         seen = set(values).union(*(found for each in choices.values() for found in each.found.values()))
@@ -94,9 +94,11 @@ class _Converter:
             seen |= new
         return seen
 
-    def _choice(self, variant_set: _VariantSet, inside: list[_VariantSet], known: frozenset[_VariantSet]) -> _Choice:
+    def _values_of_variants(
+        self, variant_set: _VariantSet, inside: list[_VariantSet], known: frozenset[_VariantSet]
+    ) -> _VariantValues:
         """Return what a variant set changes; `inside`: sets of the same prim and farther inside."""
-        choice = _Choice()
+        choice = _VariantValues()
         for variant in self._each_variant(variant_set):
             there = (each for each in inside if self.stage.GetPrimAtPath(each[0]))
             choice.selected[variant] = {each: self._set(each).GetVariantSelection() for each in there}
@@ -106,7 +108,7 @@ class _Converter:
         return choice
 
     def _owners(
-        self, values: _Found, choices: Mapping[_VariantSet, _Choice], done: frozenset[Sdf.Path]
+        self, values: _Found, choices: Mapping[_VariantSet, _VariantValues], done: frozenset[Sdf.Path]
     ) -> dict[Sdf.Path, _VariantSet]:
         """Return the innermost variant set that each attribute depends on; report those that depend on two."""
         owners: dict[Sdf.Path, _VariantSet] = {}
