@@ -58,10 +58,10 @@ angles, where a class accepts them, are degrees (see `dynamics.rotation`). Axes 
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from dynamics.cache_folder import set_cache_folder
-from dynamics.lazy_names import import_name
+from dynamics.lazy_names import lazy_names
 
 if TYPE_CHECKING:
     from dynamics.bodies import Body
@@ -124,43 +124,22 @@ set_cache_folder()
 
 # Module of each public name. Names are imported at first use, so that `import dynamics` loads neither numpy nor Taichi.
 _MODULES = {
-    "AllTogether": "dynamics.timings",
-    "AllTogetherTimings": "dynamics.timings",
-    "ArgumentError": "dynamics.errors",
-    "ArgumentTypeError": "dynamics.errors",
-    "Body": "dynamics.bodies",
-    "CatmullWaypoints": "dynamics.waypoints",
-    "ClosedForm": "dynamics.dynamic",
-    "CollisionState": "dynamics.colliding_bodies",
-    "Composite": "dynamics.closed_form",
-    "Contact": "dynamics.colliding_bodies",
-    "DictTimings": "dynamics.timings",
-    "Dynamic": "dynamics.dynamic",
-    "Keyframes": "dynamics.closed_form",
-    "LinearWaypoints": "dynamics.waypoints",
-    "LookAt": "dynamics.closed_form",
-    "Mover": "dynamics.colliding_bodies",
-    "Obstacles": "dynamics.obstacles",
-    "Orbit": "dynamics.closed_form",
-    "Shape": "dynamics.sphere_proxy",
-    "Simulation": "dynamics.simulation",
-    "Stepped": "dynamics.stepped_dynamic",
-    "SteppedSimulation": "dynamics.stepped_simulation",
-    "Still": "dynamics.closed_form",
-    "Teleport": "dynamics.colliding_bodies",
-    "Timing": "dynamics.timings",
-    "RigidBody": "dynamics.rigid_body",
-    "UniformMovementRandomBounce": "dynamics.random_bounce",
-    "WaitUntilComplete": "dynamics.timings",
-    "WaitUntilCompleteTimings": "dynamics.timings",
-    "Waypoint": "dynamics.waypoints",
-    "cover": "dynamics.sphere_proxy",
+    "dynamics.bodies": ("Body",),
+    "dynamics.closed_form": ("Composite", "Keyframes", "LookAt", "Orbit", "Still"),
+    "dynamics.colliding_bodies": ("CollisionState", "Contact", "Mover", "Teleport"),
+    "dynamics.dynamic": ("ClosedForm", "Dynamic"),
+    "dynamics.errors": ("ArgumentError", "ArgumentTypeError"),
+    "dynamics.obstacles": ("Obstacles",),
+    "dynamics.random_bounce": ("UniformMovementRandomBounce",),
+    "dynamics.rigid_body": ("RigidBody",),
+    "dynamics.simulation": ("Simulation",),
+    "dynamics.sphere_proxy": ("Shape", "cover"),
+    "dynamics.stepped_dynamic": ("Stepped",),
+    "dynamics.stepped_simulation": ("SteppedSimulation",),
+    "dynamics.timings": (
+        *("AllTogether", "AllTogetherTimings", "DictTimings", "Timing", "WaitUntilComplete"),
+        "WaitUntilCompleteTimings",
+    ),
+    "dynamics.waypoints": ("CatmullWaypoints", "LinearWaypoints", "Waypoint"),
 }
-
-
-def __getattr__(name: str) -> Any:
-    return import_name(__name__, _MODULES, name)
-
-
-def __dir__() -> list[str]:
-    return list(__all__)
+__getattr__, __dir__, _ = lazy_names(__name__, _MODULES)

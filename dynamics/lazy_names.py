@@ -3,26 +3,31 @@
 
 import importlib
 import sys
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 
-def import_name(package: str, modules: Mapping[str, str], name: str) -> Any:
-    """Return a public name of a package, and keep it there; for the package's `__getattr__`.
+def lazy_names(
+    package: str, modules: Mapping[str, Sequence[str]]
+) -> tuple[Callable[[str], Any], Callable[[], list[str]], list[str]]:
+    """Return `__getattr__`, `__dir__` and `__all__` of a package whose public names are imported at first use.
 
     Args:
         package: Full name of the package.
-        modules: Full name of the module that defines each public name, or is it.
-        name: The name that is looked up.
-
-    Raises:
-        AttributeError: The package has no such name.
+        modules: The public names that each module defines, by the module's full name. A module is public itself if its
+            own name is among them.
     """
-    if name not in modules:
-        from dynamics.errors import did_you_mean
+    module_of = {name: module for module, names in modules.items() for name in names}
+    public = sorted(module_of)
 
-        raise AttributeError(f"module {package!r} has no attribute {name!r}{did_you_mean(name, modules)}")
-    module = importlib.import_module(modules[name])
-    value = module if module.__name__.endswith(f".{name}") else getattr(module, name)
-    setattr(sys.modules[package], name, value)
-    return value
+    def import_name(name: str) -> Any:
+        if name not in module_of:
+            from dynamics.errors import did_you_mean
+
+            raise AttributeError(f"module {package!r} has no attribute {name!r}{did_you_mean(name, module_of)}")
+        module = importlib.import_module(module_of[name])
+        value = module if module.__name__.endswith(f".{name}") else getattr(module, name)
+        setattr(sys.modules[package], name, value)
+        return value
+
+    return import_name, lambda: public, public

@@ -28,11 +28,10 @@ Two packages stand beside this one: `dynamics` simulates motion, `usd_scenes` co
 from __future__ import annotations
 
 import os
-from typing import Any
 
 try:
     from dynamics.cache_folder import set_cache_folder
-    from dynamics.lazy_names import import_name
+    from dynamics.lazy_names import lazy_names
 except ImportError as error:
     import dynamics
 
@@ -50,57 +49,30 @@ os.environ.setdefault("TI_SKIP_VERSION_CHECK", "ON")
 set_cache_folder()
 
 _MODULES = {
-    "AllTogether": "dynamics",
-    "Camera": "tiscene.scene.camera",
-    "CameraOverride": "tiscene.scenario.overrides",
-    "CatmullWaypoints": "dynamics",
-    "Clock": "tiscene.learning.clock",
-    "Composite": "dynamics",
-    "Course": "tiscene.learning.course",
-    "DictTimings": "dynamics",
-    "DistanceJoint": "tiscene.scenario.joints",
-    "FixedJoint": "tiscene.scenario.joints",
-    "Frame": "tiscene.frame.frame",
-    "Frustum": "tiscene.scenario.objects",
-    "Keyframes": "dynamics",
-    "LensKeyframes": "tiscene.scene.lens_keyframes",
-    "LightMotion": "tiscene.scenario.light_motion",
-    "LightOverride": "tiscene.scenario.overrides",
-    "Limits": "tiscene.usd.core.limits",
-    "LinearWaypoints": "dynamics",
-    "LookAt": "dynamics",
-    "MaterialOverride": "tiscene.scenario.overrides",
-    "Object": "tiscene.scenario.objects",
-    "ObjectOverride": "tiscene.scenario.overrides",
-    "Orbit": "dynamics",
-    "Phase": "tiscene.learning.phase",
-    "PrismaticJoint": "tiscene.scenario.joints",
-    "RevoluteJoint": "tiscene.scenario.joints",
-    "RigidBody": "dynamics",
-    "Scenario": "tiscene.scenario.scenario",
-    "Stepped": "dynamics",
-    "SphericalJoint": "tiscene.scenario.joints",
-    "Still": "dynamics",
-    "Stream": "tiscene.stream.stream",
-    "Supervision": "tiscene.learning.supervision",
-    "TisceneError": "tiscene.errors",
-    "UniformMovementRandomBounce": "dynamics",
-    "WaitUntilComplete": "dynamics",
-    "Waypoint": "dynamics",
-    "World": "tiscene.world.world",
-    "categories": "tiscene.catalog",
-    "distributed": "tiscene.export.distributed",
-    "evaluate": "tiscene.learning.evaluation",
-    "scenes": "tiscene.catalog",
-    "templates": "tiscene.catalog",
+    "dynamics": (
+        *("AllTogether", "CatmullWaypoints", "Composite", "DictTimings", "Keyframes", "LinearWaypoints", "LookAt"),
+        *("Orbit", "RigidBody", "Stepped", "Still", "UniformMovementRandomBounce", "WaitUntilComplete", "Waypoint"),
+    ),
+    "tiscene.catalog": ("categories", "scenes", "templates"),
+    "tiscene.errors": ("TisceneError",),
+    "tiscene.export.distributed": ("distributed",),
+    "tiscene.frame.frame": ("Frame",),
+    "tiscene.learning.clock": ("Clock",),
+    "tiscene.learning.course": ("Course",),
+    "tiscene.learning.evaluation": ("evaluate",),
+    "tiscene.learning.phase": ("Phase",),
+    "tiscene.learning.supervision": ("Supervision",),
+    "tiscene.scenario.joints": ("DistanceJoint", "FixedJoint", "PrismaticJoint", "RevoluteJoint", "SphericalJoint"),
+    "tiscene.scenario.light_motion": ("LightMotion",),
+    "tiscene.scenario.objects": ("Frustum", "Object"),
+    "tiscene.scenario.overrides": ("CameraOverride", "LightOverride", "MaterialOverride", "ObjectOverride"),
+    "tiscene.scenario.scenario": ("Scenario",),
+    "tiscene.scene.camera": ("Camera",),
+    "tiscene.scene.lens_keyframes": ("LensKeyframes",),
+    "tiscene.stream.stream": ("Stream",),
+    "tiscene.usd.core.limits": ("Limits",),
+    "tiscene.world.world": ("World",),
 }
-__all__ = ["__version__", *sorted(_MODULES)]
 __version__ = "0.2.0.dev0"
-
-
-def __getattr__(name: str) -> Any:
-    return import_name(__name__, _MODULES, name)
-
-
-def __dir__() -> list[str]:
-    return __all__
+__getattr__, __dir__, __all__ = lazy_names(__name__, _MODULES)
+__all__.insert(0, "__version__")

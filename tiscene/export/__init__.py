@@ -33,26 +33,13 @@ Names are imported at first use, so that the command line can list the formats a
 
 from __future__ import annotations
 
-from typing import Any
-
-from dynamics.lazy_names import import_name
+from dynamics.lazy_names import lazy_names
 
 _MODULES = {
-    "FORMATS": "tiscene.export.formats",
-    "Format": "tiscene.export.formats",
-    "Manifest": "tiscene.export.manifest",
-    "export": "tiscene.export.exporter",
-    "merge": "tiscene.export.merging",
-    "provenance": "tiscene.export.exporter",
-    "register_format": "tiscene.export.formats",
-    "verify": "tiscene.export.verification",
+    "tiscene.export.exporter": ("export", "provenance"),
+    "tiscene.export.formats": ("FORMATS", "Format", "register_format"),
+    "tiscene.export.manifest": ("Manifest",),
+    "tiscene.export.merging": ("merge",),
+    "tiscene.export.verification": ("verify",),
 }
-__all__ = sorted(_MODULES)
-
-
-def __getattr__(name: str) -> Any:
-    return import_name(__name__, _MODULES, name)
-
-
-def __dir__() -> list[str]:
-    return __all__
+__getattr__, __dir__, __all__ = lazy_names(__name__, _MODULES)

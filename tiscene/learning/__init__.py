@@ -35,39 +35,34 @@
 
 from __future__ import annotations
 
-from typing import Any
+from dynamics.lazy_names import lazy_names
 
-from dynamics.lazy_names import import_name
-
-_NAMES = {
-    "answers": ("Answer", "Pending", "Refused"),
-    "accuracy_matrix": ("average_accuracy", "backward_transfer", "forgetting", "forward_transfer"),
-    "clock": ("Clock",),
-    "held_out_tests": ("counterfactuals", "held_out"),
-    "course": ("Course",),
-    "drift": ("Cycle", "Drift", "Mix", "Ramp", "Schedule", "Step"),
-    "evaluation": ("evaluate", "evaluate_all"),
-    "laps": ("lap_times",),
-    "learner": ("Learner", "make_learner"),
-    "phase": ("CourseFrame", "Phase"),
-    "results_page": ("write_page",),
-    "score": ("Score", "differences", "read_score"),
-    "stream_metrics": ("Adaptation", "FocusAccuracy", "Metric", "NearFutureAccuracy", "OnlineAccuracy"),
-    "suite_names": ("load_course", "suites"),
-    "supervision": ("Supervision",),
-    "supervision_rules": ("SupervisionRules",),
-    "teaching_policies": (
+_MODULES = {
+    "tiscene.learning.answers": ("Answer", "Pending", "Refused"),
+    "tiscene.learning.accuracy_matrix": ("average_accuracy", "backward_transfer", "forgetting", "forward_transfer"),
+    "tiscene.learning.clock": ("Clock",),
+    "tiscene.learning.held_out_tests": ("counterfactuals", "held_out"),
+    "tiscene.learning.course": ("Course",),
+    "tiscene.learning.drift": ("Cycle", "Drift", "Mix", "Ramp", "Schedule", "Step"),
+    "tiscene.learning.evaluation": ("evaluate", "evaluate_all"),
+    "tiscene.learning.laps": ("lap_times",),
+    "tiscene.learning.learner": ("Learner", "make_learner"),
+    "tiscene.learning.phase": ("CourseFrame", "Phase"),
+    "tiscene.learning.results_page": ("write_page",),
+    "tiscene.learning.score": ("Score", "differences", "read_score"),
+    "tiscene.learning.stream_metrics": (
+        "Adaptation",
+        "FocusAccuracy",
+        "Metric",
+        "NearFutureAccuracy",
+        "OnlineAccuracy",
+    ),
+    "tiscene.learning.suite_names": ("load_course", "suites"),
+    "tiscene.learning.supervision": ("Supervision",),
+    "tiscene.learning.supervision_rules": ("SupervisionRules",),
+    "tiscene.learning.teaching_policies": (
         *("Asked", "Combined", "Everything", "FirstFrames", "FocusOfAttention", "FollowMovingObjects", "LastFrames"),
         *("Moment", "OnePixelPerMovingObject", "Policy", "RandomPixels", "Recorded"),
     ),
 }
-_MODULES = {name: f"{__name__}.{module}" for module, names in _NAMES.items() for name in names}
-__all__ = sorted(_MODULES)  # imported at first use
-
-
-def __getattr__(name: str) -> Any:
-    return import_name(__name__, _MODULES, name)
-
-
-def __dir__() -> list[str]:
-    return __all__
+__getattr__, __dir__, __all__ = lazy_names(__name__, _MODULES)

@@ -40,40 +40,17 @@
 
 from __future__ import annotations
 
-from typing import Any
-
-from dynamics.lazy_names import import_name
+from dynamics.lazy_names import lazy_names
 
 _MODULES = {
-    "Agent": "tiscene.sailenv.agent",
-    "AllTogetherTimings": "tiscene.sailenv.scenario_classes",
-    "CatmullWaypoints": "tiscene.sailenv.scenario_classes",
-    "CommandsBytes": "tiscene.sailenv.wire_format",
-    "DictTimings": "tiscene.sailenv.scenario_classes",
-    "Dynamic": "tiscene.sailenv.scenario_classes",
-    "FrameFlags": "tiscene.sailenv.agent",
-    "Frustum": "tiscene.sailenv.scenario_classes",
-    "LinearWaypoints": "tiscene.sailenv.scenario_classes",
-    "Object": "tiscene.sailenv.scenario_classes",
-    "SAILenvException": "tiscene.sailenv.manager",
-    "SAILenvManager": "tiscene.sailenv.manager",
-    "Scenario": "tiscene.sailenv.scenario_classes",
-    "Timings": "tiscene.sailenv.scenario_classes",
-    "UniformMovementRandomBounce": "tiscene.sailenv.scenario_classes",
-    "Vector3": "tiscene.sailenv.scenario_classes",
-    "WaitUntilCompleteTimings": "tiscene.sailenv.scenario_classes",
-    "Waypoint": "tiscene.sailenv.scenario_classes",
-    "download_executable": "tiscene.sailenv.downloader",
-    "download_source": "tiscene.sailenv.downloader",
-    "draw_flow_map": "tiscene.sailenv.utilities",
-    "executables_per_platform": "tiscene.sailenv.manager",
+    "tiscene.sailenv.agent": ("Agent", "FrameFlags"),
+    "tiscene.sailenv.downloader": ("download_executable", "download_source"),
+    "tiscene.sailenv.manager": ("SAILenvException", "SAILenvManager", "executables_per_platform"),
+    "tiscene.sailenv.scenario_classes": (
+        *("AllTogetherTimings", "CatmullWaypoints", "DictTimings", "Dynamic", "Frustum", "LinearWaypoints", "Object"),
+        *("Scenario", "Timings", "UniformMovementRandomBounce", "Vector3", "WaitUntilCompleteTimings", "Waypoint"),
+    ),
+    "tiscene.sailenv.utilities": ("draw_flow_map",),
+    "tiscene.sailenv.wire_format": ("CommandsBytes",),
 }
-__all__ = sorted(_MODULES)
-
-
-def __getattr__(name: str) -> Any:
-    return import_name(__name__, _MODULES, name)
-
-
-def __dir__() -> list[str]:
-    return __all__
+__getattr__, __dir__, __all__ = lazy_names(__name__, _MODULES)

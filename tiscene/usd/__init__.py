@@ -16,21 +16,10 @@
 
 from __future__ import annotations
 
-from typing import Any
-
-from dynamics.lazy_names import import_name
+from dynamics.lazy_names import lazy_names
 
 _MODULES = {
-    "Opening": "tiscene.usd.joining.floor_plan",
-    "RoomPlacement": "tiscene.usd.joining.floor_plan",
-    "join": "tiscene.usd.joining.room_join",
+    "tiscene.usd.joining.floor_plan": ("Opening", "RoomPlacement"),
+    "tiscene.usd.joining.room_join": ("join",),
 }
-__all__ = sorted(_MODULES)
-
-
-def __getattr__(name: str) -> Any:
-    return import_name(__name__, _MODULES, name)
-
-
-def __dir__() -> list[str]:
-    return __all__
+__getattr__, __dir__, __all__ = lazy_names(__name__, _MODULES)

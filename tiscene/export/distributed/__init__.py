@@ -16,17 +16,7 @@
 
 from __future__ import annotations
 
-from typing import Any
+from dynamics.lazy_names import lazy_names
 
-from dynamics.lazy_names import import_name
-
-_MODULES = dict.fromkeys(("generate", "render"), "tiscene.export.distributed.cluster_runs")
-__all__ = sorted(_MODULES)
-
-
-def __getattr__(name: str) -> Any:
-    return import_name(__name__, _MODULES, name)
-
-
-def __dir__() -> list[str]:
-    return __all__
+_MODULES = {"tiscene.export.distributed.cluster_runs": ("generate", "render")}
+__getattr__, __dir__, __all__ = lazy_names(__name__, _MODULES)
