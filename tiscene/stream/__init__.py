@@ -15,6 +15,7 @@
     render_ahead    render the next frames in a worker process
     loaders         data sets of PyTorch, Grain and Hugging Face
     stream_output   methods for USD programs and notebooks
+    motion_recording  what a world shows at some frames, for USD layers
     loading         read a stage while kernels compile
     saved_state     check of saved states
     progress        default progress bar

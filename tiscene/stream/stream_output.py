@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from tiscene.device import runtime
 from tiscene.errors import ArgumentError
+from tiscene.stream.motion_recording import record_motion
 from tiscene.stream.stream_interface import StreamInterface
 from tiscene.usd.scenario.bake import write_motion
 
@@ -68,7 +69,7 @@ class StreamOutput:
         frames = self.frames if frames is None else frames
         if frames is None:
             raise ArgumentError("frames=None: an endless stream cannot be written whole; pass frames=N")
-        write_motion(self.world, path, frames)
+        write_motion(record_motion(self.world, frames), path)
 
     def _repr_html_(self: StreamInterface) -> str:
         """Return a table for notebooks: scene, size, length, objects and settings. Nothing is rendered."""

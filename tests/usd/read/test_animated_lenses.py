@@ -15,7 +15,6 @@ from tiscene.sailenv.scene_profile import SceneProfile
 from tiscene.scene.camera import Camera
 from tiscene.usd.core.stage import open_stage
 from tiscene.usd.read.stage_reader import read_stage
-from tiscene.usd.scenario.bake import write_motion
 
 WIDTH, HEIGHT = 64, 48
 RANGE = "startTimeCode = 1\n    endTimeCode = 9\n    timeCodesPerSecond = 4"
@@ -219,7 +218,7 @@ def test_scenario_and_baked_motion_have_the_lens(tmp_path):
         expected = [stream[index].camera.camera for index in (0, 3, 8)]
         stream.scenario.save(tmp_path / "saved.usda")
         stream.scenario.save(tmp_path / "saved.json")
-        write_motion(stream.world, tmp_path / "baked.usda", 9)
+        stream.to_usd(tmp_path / "baked.usda", 9)
     for name in ("saved.usda", "saved.json", "baked.usda"):
         with stream_of(tmp_path / name) as stream:
             found = [stream[index].camera.camera for index in (0, 3, 8)]
@@ -233,7 +232,7 @@ def test_scenario_and_baked_motion_have_the_lens(tmp_path):
 def test_a_still_camera_that_zooms_is_baked(tmp_path):
     with stream_of(stage_with(tmp_path)) as stream:
         expected = [stream[index].camera.K for index in (0, 3, 8)]
-        write_motion(stream.world, tmp_path / "baked.usda", 9)
+        stream.to_usd(tmp_path / "baked.usda", 9)
     with stream_of(tmp_path / "baked.usda") as stream:
         np.testing.assert_allclose([stream[index].camera.K for index in (0, 3, 8)], expected, rtol=1e-5)
 
