@@ -215,9 +215,7 @@ class LobeReader:
         return self._apply(lambda value: np.sqrt(np.maximum(value.mean(axis=-1, keepdims=True), 0.0)), alphas)
 
     def _value(self, inputs: Inputs, name: str, default: Any) -> Signal:
-        found = self._network.value(inputs.get(name), default)
-        assert found is not None
-        return found
+        return self._network.value(inputs.get(name), default)
 
     def _apply(self, function: Callable[..., NDArray[Any]], *operands: Signal) -> Signal:
         return self._baker.apply(function, *operands)

@@ -37,7 +37,7 @@ def folded_inputs(
     lobes = reader.lobes(inputs.get("bsdf"))
     emission = reader.lobes(inputs.get("edf"))
     folding = _Folding(network.baker, reader.notes)
-    computed = folding.inputs(lobes, emission, network.value(inputs.get("opacity"), 1.0) or number(1.0))
+    computed = folding.inputs(lobes, emission, network.value(inputs.get("opacity"), 1.0))
     normal = folding.normal(lobes)
     if reader.notes:
         report.omission(surface.GetPath(), f"BSDFs are drawn as one material: {'; '.join(reader.notes)}")

@@ -39,20 +39,20 @@ class SurfaceModel:
         unsupported: inputs without a counterpart, and the values at which they have no effect.
     """
 
-    base: tuple[str, float] | None
+    base: tuple[str, float] | None = None
     color: tuple[str, Any]
     metallic: tuple[str, float]
     roughness: tuple[str, float]
     ior: tuple[str, float]
-    specular: tuple[str, float] | None
+    specular: tuple[str, float] | None = None
     coat: tuple[str, float]
     coat_roughness: tuple[str, float]
-    emission: tuple[str, float] | None
+    emission: tuple[str, float] | None = None
     emissive: tuple[str, Any]
     opacity: tuple[str, Any]
-    transmission: tuple[str, float] | None
-    subsurface: tuple[str, float] | None
-    subsurface_color: tuple[str, Any] | None
+    transmission: tuple[str, float] | None = None
+    subsurface: tuple[str, float] | None = None
+    subsurface_color: tuple[str, Any] | None = None
     normal: str
     unsupported: Mapping[str, Any] = field(default_factory=dict)
 
@@ -86,13 +86,13 @@ class ExtendedModel(SurfaceModel):
     specular_color: Named
     transmission: Named
     tint: Named
-    depth: Named | None
-    thin: Named | None
-    sheen: Named | None
+    depth: Named | None = None
+    thin: Named | None = None
+    sheen: Named | None = None
     sheen_color: Named
     sheen_roughness: Named
     anisotropy: Named
-    rotation: Named | None
+    rotation: Named | None = None
     tangent: str
     coat_normal: str
     turns: float = 1.0
@@ -176,7 +176,6 @@ MODELS: dict[str, SurfaceModel] = {
         sheen_color=("fuzz_color", _WHITE),
         sheen_roughness=("fuzz_roughness", 0.5),
         anisotropy=("specular_roughness_anisotropy", 0.0),
-        rotation=None,
         tangent="geometry_tangent",
         coat_normal="geometry_coat_normal",
         coat_color=("coat_color", _WHITE),
@@ -184,7 +183,6 @@ MODELS: dict[str, SurfaceModel] = {
         coat_darkening=("coat_darkening", 1.0),
     ),
     "ND_gltf_pbr_surfaceshader": ExtendedModel(
-        base=None,
         color=("base_color", _WHITE),
         metallic=("metallic", 1.0),
         roughness=("roughness", 1.0),
@@ -196,15 +194,10 @@ MODELS: dict[str, SurfaceModel] = {
         emissive=("emissive", _BLACK),
         opacity=("alpha", 1.0),
         transmission=("transmission", 0.0),
-        subsurface=None,
-        subsurface_color=None,
         normal="normal",
         unsupported={"iridescence": 0.0, "dispersion": 0.0},
         specular_color=("specular_color", _WHITE),
         tint=("base_color", _WHITE),
-        depth=None,
-        thin=None,
-        sheen=None,
         sheen_color=("sheen_color", _BLACK),
         sheen_roughness=("sheen_roughness", 0.0),
         anisotropy=("anisotropy_strength", 0.0),
@@ -217,38 +210,28 @@ MODELS: dict[str, SurfaceModel] = {
         thickness=("thickness", 0.0),
     ),
     "ND_surface_unlit": SurfaceModel(  # emits, and reflects nothing
-        base=None,
         color=("", _BLACK),
         metallic=("", 0.0),
         roughness=("", 1.0),
         ior=("", 1.0),
-        specular=None,
         coat=("", 0.0),
         coat_roughness=("", 0.0),
         emission=("emission", 1.0),
         emissive=("emission_color", _WHITE),
         opacity=("opacity", 1.0),
         transmission=("transmission", 0.0),
-        subsurface=None,
-        subsurface_color=None,
         normal="",
         unsupported={"transmission_color": _WHITE},
     ),
     "UsdPreviewSurface": SurfaceModel(
-        base=None,
         color=("diffuseColor", (0.18, 0.18, 0.18)),
         metallic=("metallic", 0.0),
         roughness=("roughness", 0.5),
         ior=("ior", 1.5),
-        specular=None,
         coat=("clearcoat", 0.0),
         coat_roughness=("clearcoatRoughness", 0.01),
-        emission=None,
         emissive=("emissiveColor", _BLACK),
         opacity=("opacity", 1.0),
-        transmission=None,
-        subsurface=None,
-        subsurface_color=None,
         normal="normal",
         unsupported={"useSpecularWorkflow": 0.0},
     ),

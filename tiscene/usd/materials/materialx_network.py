@@ -83,13 +83,12 @@ class MaterialXNetwork:
         # A method would refer to the network, which would then keep its images until they are collected as garbage.
         self.baker = Baker(textures, partial(_report_whitened, path, self._open, report))
 
-    def value(self, connection: ShaderConnection | None, default: Any) -> Signal | None:
+    def value(self, connection: ShaderConnection | None, default: Any) -> Signal:
         """Return an input's value.
 
         Args:
             connection: the input; None: not authored.
-            default: number or numbers; None: texture coordinates; "": None is returned for an input that is not
-                authored.
+            default: number or numbers; None: texture coordinates.
         """
         if connection is not None and connection.source is not None:
             return self.output(connection.source)
@@ -102,8 +101,6 @@ class MaterialXNetwork:
                 if len(numbers) == 1 and connection is not None and is_in_radians(connection.attribute):
                     numbers = [math.degrees(numbers[0])]
                 return number(*numbers)
-        if default == "":
-            return None
         if default is None:
             return Signal(uv=Coordinates())
         return number(*default) if isinstance(default, tuple) else number(default)
@@ -122,7 +119,7 @@ class MaterialXNetwork:
 
     def numbers(self, inputs: dict[str, ShaderConnection], name: str, default: tuple[float, ...]) -> Floats:
         """Return an input that must be constant; a texture is reported and replaced by its mean."""
-        signal = self._required(inputs.get(name), default)
+        signal = self.value(inputs.get(name), default)
         if signal.constant is None:
             text = f"{name} cannot come from a texture; its mean is used"
             self._report.omission(self._open[-1][0] if self._open else self._path, text)
@@ -147,31 +144,26 @@ class MaterialXNetwork:
 
     def _operation(self, category: str, inputs: dict[str, ShaderConnection]) -> Signal:
         names, function = OPERATIONS[category]
-        operands = [self._required(inputs.get(name), default) for name, default in names]
+        operands = [self.value(inputs.get(name), default) for name, default in names]
         is_point = [default is None for _, default in names]
         return affine_operation(category, operands) or self.baker.apply(function, *widened(operands, is_point))
-
-    def _required(self, connection: ShaderConnection | None, default: Any) -> Signal:
-        found = self.value(connection, default)
-        assert found is not None
-        return found
 
     def _special(self, category: str, source: Source, inputs: dict[str, ShaderConnection]) -> Signal | None:
         """Return the output of a node that is not a function of values alone; None for other nodes."""
         if category in IMAGES:
             node = ImageNode(
-                category, source, inputs, self._required, self.numbers, self.baker, self._textures, self._report
+                category, source, inputs, self.value, self.numbers, self.baker, self._textures, self._report
             )
             return node.signal()
         if category in ("texcoord", "geompropvalue", "geompropvalueuniform", "UsdPrimvarReader", "geomcolor"):
             return self._primvar(category, source, inputs)
         if category in THROUGH:
-            found = self._required(inputs.get("value" if category == "constant" else "in"), 0.0)
+            found = self.value(inputs.get("value" if category == "constant" else "in"), 0.0)
             width = output_width(source, category)
             is_point = width == 3 and found.uv is not None
             return found.extended(width, self.baker.apply) if category == "convert" and not is_point else found
         if category in ("heighttonormal", "bump"):
-            height = self._required(inputs.get("in" if category == "heighttonormal" else "height"), 0.0)
+            height = self.value(inputs.get("in" if category == "heighttonormal" else "height"), 0.0)
             return self.baker.normals(height, float(self.numbers(inputs, "scale", (1.0,))[0]))
         if category in NOISES:
             return self._noise(category, source, inputs)
@@ -179,15 +171,15 @@ class MaterialXNetwork:
             return self._placed(category, inputs)
         if category in ("extract", "swizzle", *(f"separate{count}" for count in (2, 3, 4))):
             components = self._components(category, source, inputs)
-            return self._required(inputs.get("in"), 0.0).select(components)
+            return self.value(inputs.get("in"), 0.0).select(components)
         if category.startswith("combine"):
-            parts = [self._required(inputs.get(f"in{row + 1}"), 0.0) for row in range(int(category[-1]))]
+            parts = [self.value(inputs.get(f"in{row + 1}"), 0.0) for row in range(int(category[-1]))]
             return self.baker.apply(lambda *values: _joined(values), *parts)
         if category == "switch":
-            which = self._required(inputs.get("which"), 0.0)
+            which = self.value(inputs.get("which"), 0.0)
             if which.constant is not None:
-                return self._required(inputs.get(f"in{int(which.constant[0]) + 1}"), 0.0)
-            operands = [self._required(inputs.get(f"in{row + 1}"), 0.0) for row in range(_MAX_BRANCHES)]
+                return self.value(inputs.get(f"in{int(which.constant[0]) + 1}"), 0.0)
+            operands = [self.value(inputs.get(f"in{row + 1}"), 0.0) for row in range(_MAX_BRANCHES)]
             return self.baker.apply(_switched, which, *widened(operands, [False] * _MAX_BRANCHES))
         return None
 
@@ -201,21 +193,20 @@ class MaterialXNetwork:
 
     def _noise(self, category: str, source: Source, inputs: dict[str, ShaderConnection]) -> Signal:
         """Return a noise of texture coordinates, computed per texel, else the mean, which is reported."""
-        at = (
-            self.value(inputs.get("position"), "")
-            if category in NOISES_3D
-            else self._required(inputs.get("texcoord"), None)
-        )
-        if at is not None and (at.constant is None or category in NOISES_2D):
+        if category in NOISES_3D:  # without texture coordinates, of the place in space
+            at = self.value(inputs.get("position"), 0.0)
+        else:
+            at = self.value(inputs.get("texcoord"), None)
+        if at.constant is None or category in NOISES_2D:
             width = 1 if category.startswith("cell") else output_width(source, category)
             found = noise_signal(
-                category, at, width, lambda name, start: self._required(inputs.get(name), start), self.baker
+                category, at, width, lambda *named: self.value(inputs.get(named[0]), named[1]), self.baker
             )
             if found is not None:
                 return found
         text = f"MaterialX node {category!r} is not computed; its mean is used"
         self._report.omission(source.shader.GetPath(), text)
-        return number(0.5) if category in _MEAN_HALF else self._required(inputs.get("pivot"), 0.0)
+        return number(0.5) if category in _MEAN_HALF else self.value(inputs.get("pivot"), 0.0)
 
     def _primvar(self, category: str, source: Source, inputs: dict[str, ShaderConnection]) -> Signal | None:
         """Return texture coordinates, or another primvar: a constant or the vertices' colors."""
@@ -230,7 +221,7 @@ class MaterialXNetwork:
         found = self._vertex_color(name, width)
         if found is None:
             default = inputs.get("fallback" if category == "UsdPrimvarReader" else "default")
-            return self._required(default, 1.0 if category == "geomcolor" else 0.0)
+            return self.value(default, 1.0 if category == "geomcolor" else 0.0)
         return found
 
     def _placed(self, category: str, inputs: dict[str, ShaderConnection]) -> Signal | None:
@@ -238,7 +229,7 @@ class MaterialXNetwork:
 
         None: a rotation of something else, or out of the plane of texture coordinates, which is computed per texel.
         """
-        at = self._required(inputs.get("texcoord" if category == "place2d" else "in"), None)
+        at = self.value(inputs.get("texcoord" if category == "place2d" else "in"), None)
 
         numbers = partial(self.numbers, inputs)
         if category == "rotate3d":

@@ -25,7 +25,7 @@ from tiscene.usd.materials.materialx_bsdf import SURFACES
 from tiscene.usd.materials.materialx_folding import FOLDED, folded_inputs
 from tiscene.usd.materials.materialx_inputs import SurfaceInputs
 from tiscene.usd.materials.materialx_network import MaterialXNetwork
-from tiscene.usd.materials.materialx_signal import Signal, number, vertex_colors
+from tiscene.usd.materials.materialx_signal import Signal, number, rotation, shift, vertex_colors
 from tiscene.usd.materials.materialx_surface import MaterialXSurface
 from tiscene.usd.materials.surface_shader import surface_shader
 from tiscene.usd.materials.texture import IDENTITY, Affine, TextureTable
@@ -350,13 +350,11 @@ class NetworkReader:
 
     def _transform2d(self, inputs: dict[str, ShaderConnection]) -> np.ndarray[Any, Any]:
         """Return the 3x3 matrix of a UsdTransform2d: scale, then rotate counter-clockwise, then translate."""
-        angle = math.radians(self._number(inputs, "rotation", 0.0))
         scale = self._value(inputs, "scale") or (1.0, 1.0)
         move = self._value(inputs, "translation") or (0.0, 0.0)
         if isinstance(scale, TextureLookup) or isinstance(move, TextureLookup):
             return np.eye(3)
-        c, s = math.cos(angle), math.sin(angle)
-        return np.array([[c * scale[0], -s * scale[1], move[0]], [s * scale[0], c * scale[1], move[1]], [0, 0, 1]])
+        return shift(*move) @ rotation(self._number(inputs, "rotation", 0.0)) @ np.diag([*scale[:2], 1.0])
 
 
 def _is_materialx(connection: ShaderConnection) -> bool:
