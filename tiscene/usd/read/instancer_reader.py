@@ -52,6 +52,24 @@ class PrototypeLight(NamedTuple):
     animated: AnimatedAncestors
 
 
+class _Instancer(NamedTuple):
+    """An instancer that is being read.
+
+    Attributes:
+        prim: the instancer.
+        here: its context.
+        world: its world transform, m.
+        points: its points at the time read.
+        primvars: what the points give.
+    """
+
+    prim: Usd.Prim
+    here: TraversalContext
+    world: Matrix
+    points: PointInstances
+    primvars: PointPrimvars
+
+
 class PointInstancerReader:
     """Reads point instancers. While the prototype of one is traversed, its parts and lights are collected."""
 
@@ -96,26 +114,26 @@ class PointInstancerReader:
         used = np.unique(np.concatenate([each.prototype_of_point for each in instances.values()])).tolist()
         if not used:
             self._report.omission(prim.GetPath(), "a point instancer without points")
-        roots = [instances[self._time].prototypes[number] for number in used]
         primvars = PointPrimvars(prim, self._time, self._report)
-        prototypes, lights = [], []
-        for root in roots:
+        instancer = _Instancer(prim, here, world, instances[self._time], primvars)
+        prototypes, lights = {}, {}
+        for number in used:
+            root = instancer.points.prototypes[number]
             with self._instancers.reading(primvars, prim, root):
-                parts, found_lights = self._prototype(prim, root, here)
-            prototypes.append(parts)
-            lights.append(found_lights)
-        given = {part.of_points for parts in prototypes for part in parts}
+                prototypes[number], lights[number] = self._prototype(prim, root, here)
+        given = {part.of_points for parts in prototypes.values() for part in parts}
         own_color_times = {time for names in given for time in primvars.times(names)}
-        if any(lights) and (own_times or here.animated.movers):
+        if any(lights.values()) and (own_times or here.animated.movers):
             self._report.frozen(prim.GetPath(), "the place of the lights at the points of an instancer")
-        self._place_lights(prim, world, here.animated, instances[self._time], used, lights)
+        for number in used:
+            self._place_lights(instancer, number, lights[number])
         if self._parts is not None:  # the points of an instancer in a prototype are parts of that prototype
             if own_color_times:
                 self._report.frozen(prim.GetPath(), "the color of points of an instancer in a prototype of another")
-            for number, parts in zip(used, prototypes, strict=True):
-                self._parts += self._nested(world, here.animated, parts, instances[self._time], number, primvars)
+            for number in used:
+                self._parts += self._nested(instancer, number, prototypes[number])
             return
-        part_times = (time for parts in prototypes for part in parts for time in part.times())
+        part_times = (time for parts in prototypes.values() for part in parts for time in part.times())
         times = sorted({*own_times, *here.animated.times(), *part_times})
         color_times = sorted({*own_color_times, *times})
         if times:  # else the same points are there at all times
@@ -126,67 +144,32 @@ class PointInstancerReader:
             matrix = to_matrix(here.animated.world(code, here.world), self._meters)
             points.matrices[row] = matrix @ points.matrices[row]
         objects: dict[int, StageObject] = {}
-        for number, root, parts in zip(used, roots, prototypes, strict=True):
-            if parts:
-                colors = [self._colors_of(part, points, color_times, primvars) for part in parts]
-                self._place_points(prim, here, root, parts, points, number, times, objects, colors, color_times)
+        for number in used:
+            if prototypes[number]:
+                self._place_points(instancer, number, prototypes[number], points, times, color_times, objects)
 
-    def _place_lights(
-        self,
-        prim: Usd.Prim,
-        world: Matrix,
-        ancestors: AnimatedAncestors,
-        points: PointInstances,
-        used: Sequence[int],
-        lights: Sequence[Sequence[PrototypeLight]],
-    ) -> None:
-        """Add the lights of an instancer's prototypes at each of its points, as they are at the time read.
+    def _place_lights(self, instancer: _Instancer, number: int, lights: Sequence[PrototypeLight]) -> None:
+        """Add the lights of a prototype, by its number, at each of its points, as they are at the time read."""
+        points = instancer.points
+        for row in np.flatnonzero(points.prototype_of_point == number) if lights else ():
+            point = instancer.world @ points.matrices[row]
+            for light, matrix, animated in lights:
+                placed = animated.below(from_matrix(point, self._meters), instancer.here.animated.hiders)
+                if self._parts is not None:
+                    self._prototype_lights.append(PrototypeLight(light, point @ matrix, placed))
+                else:
+                    suffix = f"[{instancer.prim.GetName()} {points.ids[row]}]"
+                    self._add_light(light, point @ matrix, placed, suffix=suffix)
 
-        Args:
-            prim: the instancer.
-            world: its world transform.
-            ancestors: its ancestors with animated visibility.
-            points: its points.
-            used: indices of the prototypes.
-            lights: lights of each prototype.
-        """
-        for number, each in zip(used, lights, strict=True):
-            rows = np.flatnonzero(points.prototype_of_point == number) if each else ()
-            for row in rows:
-                point = world @ points.matrices[row]
-                for light, matrix, animated in each:
-                    placed = animated.below(from_matrix(point, self._meters), ancestors.hiders)
-                    if self._parts is not None:
-                        self._prototype_lights.append(PrototypeLight(light, point @ matrix, placed))
-                    else:
-                        suffix = f"[{prim.GetName()} {points.ids[row]}]"
-                        self._add_light(light, point @ matrix, placed, suffix=suffix)
-
-    def _nested(
-        self,
-        world: Matrix,
-        ancestors: AnimatedAncestors,
-        parts: Sequence[PrototypePart],
-        points: PointInstances,
-        number: int,
-        primvars: PointPrimvars,
-    ) -> list[PrototypePart]:
-        """Return the parts of the points that show one prototype, as parts of an outer prototype.
-
-        Args:
-            world: transform of the instancer.
-            ancestors: animated prims that move or hide the instancer.
-            parts: parts of the prototype.
-            points: points of the instancer.
-            number: index of the prototype.
-            primvars: what the points give.
-        """
+    def _nested(self, instancer: _Instancer, number: int, parts: Sequence[PrototypePart]) -> list[PrototypePart]:
+        """Return the parts of the points that show a prototype, by its number, as parts of an outer prototype."""
+        points, primvars = instancer.points, instancer.primvars
         rows = np.flatnonzero(points.prototype_of_point == number)
         colors = [primvars.colors(part.of_points, self._time)[points.rows[rows]] for part in parts]
         left = [cast(Any, tuple("" if name in primvars else name for name in part.of_points)) for part in parts]
         own = [np.where(np.isnan(each), part.color, each) for part, each in zip(parts, colors, strict=True)]
-        matrices = points.matrices[rows]
-        nested = [NestedPoint(*each, ancestors) for each in zip(world @ matrices, matrices, strict=True)]
+        matrices, ancestors = points.matrices[rows], instancer.here.animated
+        nested = [NestedPoint(*each, ancestors) for each in zip(instancer.world @ matrices, matrices, strict=True)]
         return [
             part.nested(point, color[row], others)
             for row, point in enumerate(nested)
@@ -245,31 +228,27 @@ class PointInstancerReader:
 
     def _place_points(
         self,
-        prim: Usd.Prim,
-        here: TraversalContext,
-        root: Usd.Prim,
+        instancer: _Instancer,
+        number: int,
         parts: Sequence[PrototypePart],
         points: PointSamples,
-        number: int,
         times: Sequence[float],
-        objects: dict[int, StageObject],
-        colors: Sequence[NDArray[np.float32] | None],
         color_times: Sequence[float],
+        objects: dict[int, StageObject],
     ) -> None:
         """Add the points that ever show one prototype.
 
         Args:
-            prim: the instancer.
-            here: its context.
-            root: root of the prototype.
+            instancer: the instancer.
+            number: of the prototype.
             parts: parts of the prototype.
             points: all points at the time read, then at `times`.
-            number: index of the prototype.
             times: time codes of the animation; empty: static.
+            color_times: those of the colors.
             objects: objects of the points so far by id, added to.
-            colors: of each part, as of `_colors_of`.
-            color_times: their time codes.
         """
+        prim, here, root = instancer.prim, instancer.here, instancer.points.prototypes[number]
+        colors = [self._colors_of(part, points, color_times, instancer.primvars) for part in parts]
         labels = (
             direct_label(root, self._time, self._taxonomy),
             *(p.label for p in parts),
