@@ -21,60 +21,25 @@ from tiscene.errors import CameraNotFound
 from tiscene.scene.animation import ColorTrack, Deformation, InstanceTrack
 from tiscene.scene.camera import Camera, Vector3
 from tiscene.scene.input_track import InputTrack
-from tiscene.scene.light_description import (
-    CylinderLight,
-    DiskLight,
-    DistantLight,
-    DomeLight,
-    Light,
-    Matrix,
-    Portal,
-    RectLight,
-    Shaping,
-    SphereLight,
-)
-from tiscene.scene.material_description import (
-    VERTEX_COLORS,
-    Color,
-    ColorInput,
-    ExtendedLobes,
-    FloatInput,
-    Material,
-    Texture,
-    TextureLookup,
-)
+from tiscene.scene.light_description import CylinderLight as CylinderLight
+from tiscene.scene.light_description import DiskLight as DiskLight
+from tiscene.scene.light_description import DistantLight as DistantLight
+from tiscene.scene.light_description import DomeLight as DomeLight
+from tiscene.scene.light_description import Light as Light
+from tiscene.scene.light_description import Matrix as Matrix
+from tiscene.scene.light_description import Portal as Portal
+from tiscene.scene.light_description import RectLight as RectLight
+from tiscene.scene.light_description import Shaping as Shaping
+from tiscene.scene.light_description import SphereLight as SphereLight
+from tiscene.scene.material_description import VERTEX_COLORS as VERTEX_COLORS
+from tiscene.scene.material_description import Color as Color
+from tiscene.scene.material_description import ColorInput as ColorInput
+from tiscene.scene.material_description import ExtendedLobes as ExtendedLobes
+from tiscene.scene.material_description import FloatInput as FloatInput
+from tiscene.scene.material_description import Material as Material
+from tiscene.scene.material_description import Texture as Texture
+from tiscene.scene.material_description import TextureLookup as TextureLookup
 from tiscene.scene.room_volume import RoomVolume
-
-__all__ = [
-    "VERTEX_COLORS",
-    "Collider",
-    "Color",
-    "ColorInput",
-    "CylinderLight",
-    "DiskLight",
-    "DistantLight",
-    "DomeLight",
-    "ExtendedLobes",
-    "FloatArray",
-    "FloatInput",
-    "Instance",
-    "IntArray",
-    "Light",
-    "Material",
-    "Matrix",
-    "Mesh",
-    "Portal",
-    "RectLight",
-    "SceneDescription",
-    "SceneObject",
-    "Shaping",
-    "SphereLight",
-    "Template",
-    "Texture",
-    "TextureLookup",
-    "bounding_box",
-    "mesh_boxes",
-]
 
 FloatArray = NDArray[np.float32]
 IntArray = NDArray[np.int32]
