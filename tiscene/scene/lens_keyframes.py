@@ -14,6 +14,7 @@ import numpy as np
 from dynamics.argument_checks import is_series, not_negative, number, numbers, positive, set_checked
 from tiscene.errors import ArgumentError
 from tiscene.scene.animation import between
+from tiscene.scene.input_track import mixed
 
 Pair = tuple[float, float]
 
@@ -122,10 +123,6 @@ class LensKeyframes:
 
 def _mixed(name: str, a: Any, b: Any, t: float) -> Any:
     """Return a value between two others, at a part 0..1 of the way."""
-    if a == b:
-        return a
-    if isinstance(a, tuple):
-        return tuple(_mixed(name, x, y, t) for x, y in zip(a, b, strict=True))
-    if name == "vertical_fov":
-        return 2.0 * math.atan(1.0 / _mixed("", 1.0 / math.tan(0.5 * a), 1.0 / math.tan(0.5 * b), t))
-    return a + t * (b - a)
+    if name == "vertical_fov" and a != b:
+        return 2.0 * math.atan(1.0 / mixed(1.0 / math.tan(0.5 * a), 1.0 / math.tan(0.5 * b), t))
+    return mixed(a, b, t)
