@@ -14,7 +14,6 @@
     scenario_classes    Scenario, Object, waypoints, timings
     manager             SAILenvManager
     utilities           draw_flow_map
-    downloader          download_executable, download_source: nothing to download
     module_aliases      `import sailenv`
     script_runner       run scripts and scenarios in this process
     captured_scenario   scripts as scenarios of tiscene
@@ -25,7 +24,6 @@
     scene_session       the running scene: stream, profile, lights
     agent_camera        state of one agent
     agent_renderer      rendering of agents' views
-    agent_walls         walls at the sides of an agent's view
     frame_views         views of a frame in SAILenv's types
     scene_profile       start pose and camera track
     pixel_queries       answers about single pixels within a budget, an extension
@@ -44,8 +42,9 @@ from dynamics.lazy_names import lazy_names
 
 _MODULES = {
     "tiscene.sailenv.agent": ("Agent", "FrameFlags"),
-    "tiscene.sailenv.downloader": ("download_executable", "download_source"),
-    "tiscene.sailenv.manager": ("SAILenvException", "SAILenvManager", "executables_per_platform"),
+    "tiscene.sailenv.manager": (
+        *("SAILenvException", "SAILenvManager", "download_executable", "download_source", "executables_per_platform"),
+    ),
     "tiscene.sailenv.scenario_classes": (
         *("AllTogetherTimings", "CatmullWaypoints", "DictTimings", "Dynamic", "Frustum", "LinearWaypoints", "Object"),
         *("Scenario", "Timings", "UniformMovementRandomBounce", "Vector3", "WaitUntilCompleteTimings", "Waypoint"),

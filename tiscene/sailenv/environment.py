@@ -27,8 +27,7 @@ from tiscene.render.render_settings import preset
 from tiscene.sailenv import asset_names, json_messages
 from tiscene.sailenv.agent_camera import AgentCamera
 from tiscene.sailenv.agent_renderer import AgentRenderer
-from tiscene.sailenv.agent_walls import AgentWalls
-from tiscene.sailenv.environment_edits import EnvironmentEdits
+from tiscene.sailenv.environment_edits import AgentWalls, EnvironmentEdits
 from tiscene.sailenv.light_controls import clipped, integer_color
 from tiscene.sailenv.pixel_queries import PixelAnswer, PixelQueries
 from tiscene.sailenv.scene_profile import SceneProfile

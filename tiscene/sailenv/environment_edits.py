@@ -4,22 +4,45 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from typing import Any
 
 import tiscene.scenario.objects as native_objects
 from dynamics import Dynamic, RigidBody, Still
 from tiscene.sailenv import asset_names, json_messages
 from tiscene.sailenv.agent_camera import AgentCamera
-from tiscene.sailenv.agent_walls import AgentWalls
 from tiscene.sailenv.json_messages import bounded
 from tiscene.sailenv.light_controls import Color8, LightControls, clipped
+from tiscene.sailenv.scene_profile import SceneProfile
 from tiscene.sailenv.scene_session import SceneSession
 from tiscene.sailenv.unity_coordinates import mirrored, mirrored_euler
 from tiscene.sailenv.uploaded_models import UploadedModels
-from tiscene.scene.camera import Vector3
+from tiscene.scene.camera import Camera, Vector3
 from tiscene.stream.stream import Stream
 
 _UPLOAD_PREFIX = "file:"
+
+
+@dataclass(eq=False)
+class AgentWalls:
+    """Walls of one agent's view.
+
+    Attributes:
+        agent: The agent.
+        frustum: Their extent.
+        camera: The camera at which they are; None before the first frame.
+    """
+
+    agent: AgentCamera
+    frustum: native_objects.Frustum
+    camera: Camera | None = None
+
+    def follow(self, stream: Stream, profile: SceneProfile, frame: int) -> None:
+        """Move the walls to the agent's camera at a frame, if it has moved."""
+        camera = self.agent.camera(profile, frame)
+        if camera != self.camera:
+            stream.world.set_frustum_walls(self.frustum, camera, self.agent.width / self.agent.height)
+            self.camera = camera
 
 
 class EnvironmentEdits:

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""SAILenv's manager, which starts and stops its Unity program. Here it does nothing: agents are in process.
+"""SAILenv's manager and downloader of its Unity program. Here they do nothing: agents are in process.
 
 `executables_per_platform` has SAILenv's names of its program, for scripts that look for it; nothing here runs it.
 """
@@ -10,6 +10,8 @@ import os
 import platform
 from collections.abc import Sequence
 
+os_names = {"Darwin": "OSX", "Linux": "Linux", "Windows": "Windows"}
+os_name = os_names.get(platform.system(), platform.system())
 executables_per_platform = {
     "Windows": "SAILenv.exe",
     "Linux": "SAILenv.run",
@@ -56,3 +58,13 @@ class SAILenvManager:
 
     def restart(self) -> None:
         """Do nothing."""
+
+
+def download_executable(version: str = "latest") -> None:
+    """Print that tiscene needs no program; `version` has no effect."""
+    print(f"tiscene replaces SAILenv's Unity program (version {version}): there is nothing to download")
+
+
+def download_source(version: str = "latest") -> None:
+    """Print that tiscene needs no Unity project; `version` has no effect."""
+    print(f"tiscene replaces SAILenv's Unity project (version {version}): there is nothing to download")

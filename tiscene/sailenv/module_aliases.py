@@ -9,13 +9,13 @@ from __future__ import annotations
 import sys
 from types import ModuleType
 
-from tiscene.sailenv import agent, downloader, manager, scenario_classes, utilities, wire_format
+from tiscene.sailenv import agent, manager, scenario_classes, utilities, wire_format
 
 # For each module of SAILenv, the module here that defines its names, and the names.
 CONTENTS: dict[str, tuple[ModuleType, tuple[str, ...]]] = {
     "sailenv": (scenario_classes, ("Vector3",)),
     "sailenv.agent": (agent, ("Agent", "FrameFlags")),
-    "sailenv.downloader": (downloader, ("download_executable", "download_source", "os_name", "os_names")),
+    "sailenv.downloader": (manager, ("download_executable", "download_source", "os_name", "os_names")),
     "sailenv.dynamics": (scenario_classes, ("Dynamic",)),
     "sailenv.dynamics.uniform_movement_random_bounce": (scenario_classes, ("UniformMovementRandomBounce",)),
     "sailenv.dynamics.waypoints": (

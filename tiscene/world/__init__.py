@@ -22,7 +22,6 @@
     physics_trajectories  the same with rigid bodies
     physics           rigid bodies, simulated by MuJoCo
     object_movers     objects as bodies of dynamics
-    proxy_cache       sphere proxies of surfaces, shared by worlds
     collision_onset   first frame at which objects might collide
     lights            lights at each frame
     event_detector    events between two frames

@@ -7,6 +7,7 @@ objects holds as many as are alive.
 
 from __future__ import annotations
 
+import hashlib
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
 from fractions import Fraction
@@ -15,15 +16,17 @@ from typing import overload
 import numpy as np
 from numpy.typing import NDArray
 
-from dynamics import Body, Mover, RigidBody, Shape, Still, Teleport, UniformMovementRandomBounce
+from dynamics import Body, Mover, RigidBody, Shape, Still, Teleport, UniformMovementRandomBounce, cover
 from dynamics.lru_cache import LRUCache
 from dynamics.rotation import quaternion
 from tiscene.scenario.edits import Despawn, Edit, EditLog, Move
 from tiscene.scenario.objects import Object, path_of
-from tiscene.world.proxy_cache import proxy_of
 
 MAX_SHAPES = 256  # sphere proxies kept
+MAX_PROXIES = 1024  # kept for all worlds of this process, about 5 kB each
 UNUSED = 64  # objects kept beside the used ones and as many others
+
+_proxies: LRUCache[bytes, Shape] = LRUCache(MAX_PROXIES)  # by the digest of the surface
 
 
 @dataclass(eq=False)
@@ -124,7 +127,7 @@ class ObjectMovers(Sequence[Mover]):
 
         def new() -> Shape | None:
             surface = self._surface(spec)
-            return proxy_of(surface) if len(surface) else None
+            return _proxy_of(surface) if len(surface) else None
 
         return self._shapes.get((spec.template, spec.scale), new)
 
@@ -132,3 +135,16 @@ class ObjectMovers(Sequence[Mover]):
 def _teleport(move: Move) -> Teleport:
     w, x, y, z = quaternion(move.rotation).tolist()
     return Teleport(move.frame, move.position, (w, x, y, z))
+
+
+def _proxy_of(surface: NDArray[np.float64]) -> Shape:
+    """Return `dynamics.cover` of a surface, float64 [m, 3, 3], m. Taichi must be running."""
+    key = hashlib.sha256(np.ascontiguousarray(surface, np.float64).data).digest()
+    return _proxies.get(key, lambda: _new_proxy(surface))
+
+
+def _new_proxy(surface: NDArray[np.float64]) -> Shape:
+    shape = cover(surface)
+    for array in (shape.spheres, shape.groups, shape.first):
+        array.setflags(write=False)
+    return shape

@@ -13,6 +13,5 @@
     layer               layers over a scene: references, cameras, poses
     layer_files         scenes and templates that are files, found from the layer
     bake                a stream's motion as time samples
-    name_labels         categories that come from names, as labels of a baked layer
     light_time_samples  animated lights, read and written
 """

@@ -7,23 +7,23 @@ Objects, cameras and lights have a sample per frame; time code k is frame k.
 from __future__ import annotations
 
 import os
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
-from pxr import Sdf, Usd, UsdGeom
+from pxr import Sdf, Usd, UsdGeom, UsdSemantics
 
 from tiscene.errors import ArgumentError
 from tiscene.scene.camera import Camera, Vector3, quaternion_from_matrix
-from tiscene.scene.description import Light, SceneDescription
+from tiscene.scene.description import Light, SceneDescription, SceneObject
 from tiscene.scene.lights.light_groups import emission_of
 from tiscene.usd.core import schema
 from tiscene.usd.core.pose import PoseOperations, pose_matrix, pose_operations, read_pose
+from tiscene.usd.core.semantics import PREFERRED_TAXONOMIES, direct_label, inherited_label, name_label, taxonomies_of
 from tiscene.usd.core.stage import quiet, readable, reading_time
 from tiscene.usd.scenario.layer import OverLayer
 from tiscene.usd.scenario.light_time_samples import write_emission
-from tiscene.usd.scenario.name_labels import write_name_labels
 
 Array = NDArray[np.float64]
 Poses = dict[int, Array]  # by frame: position (m) and quaternion [7]
@@ -101,7 +101,7 @@ def write_motion(motion: RecordedMotion, path: str | os.PathLike[str]) -> None:
         over = OverLayer(motion.scene, "Motion", motion.variants)
         over.set_time(motion.frames[0], motion.frames[-1], motion.fps)
         spawned = _write_objects(over, motion)
-        write_name_labels(over, spawned, motion.stage.objects)
+        _write_name_labels(over, spawned, motion.stage.objects)
         for prim_path, offsets in motion.stage_objects.items():
             prim = _write_offsets(over, prim_path, offsets)
             _write_visibility(prim, offsets, motion.frames)
@@ -218,3 +218,40 @@ def _write_visibility(prim: Usd.Prim, alive: Collection[int], frames: Sequence[i
     for row, (frame, token) in enumerate(zip(frames, tokens, strict=True)):
         if row == 0 or token != tokens[row - 1]:
             visibility.Set(token, Usd.TimeCode(frame))
+
+
+def _write_name_labels(over: OverLayer, spawned: Mapping[Usd.Prim, str], stage_objects: Iterable[SceneObject]) -> None:
+    """Label the objects of a layer that have no label, where their names do not give their categories any more.
+
+    Args:
+        over: the layer.
+        spawned: categories of the prims that the layer adds.
+        stage_objects: the objects of the scene.
+    """
+    unlabeled = {prim: category for prim, category in spawned.items() if category and not _is_labeled(prim)}
+    if not taxonomies_of(over.stage) and all(name_label(prim) == name for prim, name in unlabeled.items()):
+        return
+    for prim, category in unlabeled.items():
+        _label(prim, category)
+    scene = over.below
+    if taxonomies_of(scene):
+        return
+    points = dict.fromkeys(each.prim_path.partition("[")[0] for each in stage_objects if "[" in each.prim_path)
+    for instancer in points:
+        for target in UsdGeom.PointInstancer(scene.GetPrimAtPath(instancer)).GetPrototypesRel().GetTargets():
+            _label(over.editable(str(target)), name_label(scene.GetPrimAtPath(target)))
+    for each in stage_objects:
+        if "[" not in each.prim_path:
+            _label(over.editable(each.prim_path), each.category)
+
+
+def _is_labeled(prim: Usd.Prim) -> bool:
+    time = reading_time(prim.GetStage(), None)
+    if inherited_label(prim, time, None):
+        return True
+    return any(direct_label(each, time, None) for each in Usd.PrimRange(prim, Usd.TraverseInstanceProxies()))
+
+
+def _label(prim: Usd.Prim | None, category: str) -> None:
+    if prim and category:
+        UsdSemantics.LabelsAPI.Apply(prim, PREFERRED_TAXONOMIES[0]).CreateLabelsAttr([category])
