@@ -26,13 +26,9 @@ def selected_pixels(frame: CourseFrame, pixels: str) -> NDArray[np.bool_]:
     """
     if pixels == "frame":
         return np.ones(frame.instance.shape, np.bool_)
-    chosen = frame.moving if pixels == "moving" else _objects(frame)
-    selected: NDArray[np.bool_] = np.isin(frame.instance, list(chosen))
+    objects = {row.id for row in frame.objects if row.template and not row.name.startswith(DISTRACTOR)}
+    selected: NDArray[np.bool_] = np.isin(frame.instance, list(frame.moving if pixels == "moving" else objects))
     return selected
-
-
-def _objects(frame: CourseFrame) -> set[int]:
-    return {row.id for row in frame.objects if row.template and not row.name.startswith(DISTRACTOR)}
 
 
 def check_pixels(value: str) -> str:
@@ -81,6 +77,14 @@ class PixelCounts:
         """Return the fraction of correct pixels of each category id that occurs."""
         sums = self.matrix.sum(axis=1)
         return {int(row): float(self.matrix[row, row] / sums[row]) for row in np.flatnonzero(sums)}
+
+    def scores(self, categories: Mapping[int, str]) -> dict[str, Any]:
+        """Return all three as JSON-ready values; categories: names by id."""
+        return {
+            "accuracy": self.accuracy(),
+            "class_accuracy": self.class_accuracy(),
+            "by_category": named(self.by_category(), categories),
+        }
 
     def to_json(self) -> list[list[int]]:
         """Return the cells that are not 0 as rows (true id, predicted id, number)."""

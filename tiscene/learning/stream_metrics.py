@@ -17,7 +17,7 @@ from tiscene.errors import ArgumentError
 from tiscene.learning.course import Course
 from tiscene.learning.drift import SCENARIO
 from tiscene.learning.phase import CourseFrame
-from tiscene.learning.pixel_counts import PixelCounts, check_pixels, named, selected_pixels
+from tiscene.learning.pixel_counts import PixelCounts, check_pixels, selected_pixels
 from tiscene.learning.teaching_policies import FollowMovingObjects, Moment, Policy, check_policy, chosen_pixels
 
 _FOCUS = 0x60C
@@ -94,9 +94,7 @@ class OnlineAccuracy(Metric):
     def result(self) -> dict[str, Any]:
         return {
             "pixels": self.pixels,
-            "accuracy": self._counts.accuracy(),
-            "class_accuracy": self._counts.class_accuracy(),
-            "by_category": named(self._counts.by_category(), self._course.categories),
+            **self._counts.scores(self._course.categories),
             "by_phase": self._grouped(lambda index: self._course.phases[self._course.phase_at(index)[0]].name),
             "by_factor": {factors: value for factors, value in self._grouped(self._factors).items() if factors},
             "curve": self.curve(),
@@ -184,11 +182,7 @@ class FocusAccuracy(Metric):
             self._counts.add(frame.semantic[rows, columns], prediction[rows, columns])
 
     def result(self) -> dict[str, Any]:
-        return {
-            "accuracy": self._counts.accuracy(),
-            "class_accuracy": self._counts.class_accuracy(),
-            "by_category": named(self._counts.by_category(), self._course.categories),
-        }
+        return self._counts.scores(self._course.categories)
 
     def state_dict(self) -> dict[str, Any]:
         return {"counts": self._counts.to_json()}

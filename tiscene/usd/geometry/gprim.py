@@ -154,10 +154,6 @@ def _cylinder(size: dict[str, float]) -> WeldedMesh:
     return _frustum(bottom, top, size["height"] / 2.0)
 
 
-def _cone(size: dict[str, float]) -> WeldedMesh:
-    return _frustum(size["radius"], 0.0, size["height"] / 2.0)
-
-
 def _frustum(bottom: float, top: float, half: float) -> WeldedMesh:
     slope = np.array([2.0 * half, bottom - top])
     normal = slope / max(float(np.linalg.norm(slope)), 1e-300)
@@ -236,7 +232,7 @@ TYPES: dict[str, Callable[[dict[str, float]], WeldedMesh]] = {
     "Sphere": _sphere,
     "Cylinder": _cylinder,
     "Cylinder_1": _cylinder,
-    "Cone": _cone,
+    "Cone": lambda size: _frustum(size["radius"], 0.0, size["height"] / 2.0),
     "Capsule": _capsule,
     "Capsule_1": _capsule,
     "Plane": _plane,

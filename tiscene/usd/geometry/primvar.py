@@ -159,7 +159,7 @@ def read_normals(prim: Usd.Prim, topology: Topology, time: Usd.TimeCode, report:
     values = array_of(mesh.GetNormalsAttr(), time, np.float32, width=3)
     if values.size == 0:
         return None
-    return _to_attribute(prim, "normals", values, None, mesh.GetNormalsInterpolation(), 3, topology, report)
+    return _to_attribute(mesh.GetNormalsAttr(), values, None, mesh.GetNormalsInterpolation(), 3, topology, report)
 
 
 def read_uv(prim: Usd.Prim, name: str, topology: Topology, time: Usd.TimeCode, report: StageReport) -> Attribute | None:
@@ -290,19 +290,15 @@ def read_primvar(
     if values.size == 0:
         return None
     indices = np.asarray(primvar.GetIndices(time)) if primvar.IsIndexed() else None
-    name = attribute.GetName()
     if values.ndim > 1:
         values = attribute_colors(attribute, values)
     elif width == 1:
         values = values[:, None]
-    return _to_attribute(
-        attribute.GetPrim(), name, values, indices, primvar.GetInterpolation(), width, topology, report
-    )
+    return _to_attribute(attribute, values, indices, primvar.GetInterpolation(), width, topology, report)
 
 
 def _to_attribute(
-    prim: Usd.Prim,
-    name: str,
+    attribute: Usd.Attribute,
     values: NDArray[Any],
     indices: NDArray[np.int32] | None,
     interpolation: str,
@@ -312,7 +308,8 @@ def _to_attribute(
 ) -> Attribute | None:
     fault = _fault(values, indices, interpolation, width, topology.element_count(interpolation))
     if fault:
-        report.omission(prim.GetPath(), f"{name}: {fault}, so that it is not used")
+        text = f"{attribute.GetName()}: {fault}, so that it is not used"
+        report.omission(attribute.GetPrim().GetPath(), text)
         return None
     values = values.astype(np.float32, copy=False)
     if indices is not None:

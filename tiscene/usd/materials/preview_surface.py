@@ -80,7 +80,8 @@ class NetworkReader:
             self._report.omission(attribute.GetPath(), text, target)
         inputs = connections_of(surface, self._time)
         name = shader_id(surface)
-        if name != "UsdPreviewSurface" or any(_is_materialx(each) for each in inputs.values()):
+        sources = [each.source.id for each in inputs.values() if each.source is not None]
+        if name != "UsdPreviewSurface" or any(each.startswith("ND_") for each in sources):
             return self._read_materialx(material, surface, name, inputs)
         default = _DEFAULT
         displacement = inputs.get("displacement")
@@ -266,7 +267,8 @@ class NetworkReader:
             values = {"r": fallback[:1], "g": fallback[1:2], "b": fallback[2:3], "a": fallback[3:]}
             return values.get(channel, fallback[:3])
         matrix, uv = self._coordinates(inputs.get("st"))
-        transform = _rows(np.array([window[:3], window[3:], (0.0, 0.0, 1.0)]) @ matrix)
+        matrix = np.array([window[:3], window[3:], (0.0, 0.0, 1.0)]) @ matrix
+        transform = cast(Affine, tuple(matrix[:2].reshape(-1).tolist()))
         chosen = self._uv_set(uv)
         if file is not None and any(unwrapped):
             self.unwrapped.append(UnwrappedTexture(file.value.path, uv, transform, unwrapped))
@@ -357,16 +359,6 @@ class NetworkReader:
         return shift(*move) @ rotation(self._number(inputs, "rotation", 0.0)) @ np.diag([*scale[:2], 1.0])
 
 
-def _is_materialx(connection: ShaderConnection) -> bool:
-    """Return whether an input comes from a node of MaterialX's own library."""
-    return connection.source is not None and connection.source.id.startswith("ND_")
-
-
 def _at_point(point: tuple[float, ...]) -> np.ndarray[Any, Any]:
     """Return the map [3, 3] of all texture coordinates to one point."""
     return np.array([[0, 0, point[0]], [0, 0, point[1]], [0, 0, 1.0]])
-
-
-def _rows(matrix: np.ndarray[Any, Any]) -> Affine:
-    """Return the first two rows of a 3x3 matrix as six numbers."""
-    return cast(Affine, tuple(matrix[:2].reshape(-1).tolist()))
