@@ -11,6 +11,7 @@ from __future__ import annotations
 import itertools
 from collections import Counter
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -33,10 +34,11 @@ COARSE, FINEST = 16, 1024  # points per segment: for the first test, and at most
 _TOLERANCE = 1e-9
 
 
+@dataclass(eq=False)
 class ObjectPlacer:
     """Search for places for one object of one template.
 
-    Args:
+    Attributes:
         space: free space of the scene.
         ranges: the ranges.
         draws: random numbers of the object.
@@ -44,30 +46,21 @@ class ObjectPlacer:
         radius: radius of the ball about its origin that encloses it, m.
         diameter: its size for `min_size`, m.
         occupied: center and radius of each object drawn before, at its start.
-
-    Attributes:
         reasons: number of rejected draws by reason.
     """
 
-    def __init__(
-        self,
-        space: FreeSpace,
-        ranges: ScenarioRanges,
-        draws: Draws,
-        pools: PointPools,
-        radius: float,
-        diameter: float,
-        occupied: Sequence[tuple[Array, float]],
-    ) -> None:
+    space: FreeSpace
+    ranges: ScenarioRanges
+    draws: Draws
+    pools: PointPools
+    radius: float
+    diameter: float
+    occupied: Sequence[tuple[Array, float]]
+
+    def __post_init__(self) -> None:
         self.reasons: Counter[str] = Counter()
-        self._space = space
-        self._ranges = ranges
-        self._draws = draws
-        self._pools = pools
-        self._radius = radius
-        self._occupied = occupied
-        self._far = farthest_depth(space, diameter, ranges.min_size)
         self._points: dict[str, Array] = {}
+        self._far = farthest_depth(self.space, self.diameter, self.ranges.min_size)
 
     def position(self) -> Array | None:
         """Return a free position [3]; None if none was found."""
@@ -84,7 +77,7 @@ class ObjectPlacer:
         for first, end in itertools.pairwise(np.cumsum((0, *BLOCKS)).tolist()):
             candidates = []
             for attempt in range(first, end):
-                count = self._draws.whole("waypoints", attempt, *self._ranges.waypoints)
+                count = self.draws.whole("waypoints", attempt, *self.ranges.waypoints)
                 points = self._waypoints(attempt, count)
                 if points is None or self._overlaps(points[0]):
                     continue
@@ -104,7 +97,7 @@ class ObjectPlacer:
 
     def _waypoints(self, attempt: int, count: int) -> Array | None:
         """Return `count` waypoints [n, 3] in random order; None without free points."""
-        draws, ranges = self._draws, self._ranges
+        draws, ranges = self.draws, self.ranges
         needs_view = ranges.in_view[0] > 0.0 or ranges.occlusion[0] > 0.0
         in_view = max(round(count * draws.between("in view", attempt, *ranges.in_view)), int(needs_view))
         hidden = round(in_view * draws.between("occluded", attempt, *ranges.occlusion))
@@ -116,10 +109,10 @@ class ObjectPlacer:
         points: list[Array] = []
         for kind, row in zip(wanted, numbers, strict=True):
             if kind not in self._points:
-                self._points[kind] = self._pools.points(kind, self._radius + CLEARANCE, self._far)
+                self._points[kind] = self.pools.points(kind, self.radius + CLEARANCE, self._far)
             pool = self._points[kind]
             if not len(pool):
-                too_small = kind != OUT_OF_VIEW and self._far < self._ranges.depth[0]
+                too_small = kind != OUT_OF_VIEW and self._far < self.ranges.depth[0]
                 self.reasons["it looks smaller than min_size" if too_small else f"no free point {kind}"] += 1
                 return None
             near = pool[(row * len(pool)).astype(np.intp)]
@@ -129,7 +122,7 @@ class ObjectPlacer:
 
     def _overlaps(self, start: Array) -> bool:
         """Return whether the object would start inside another one, and count it."""
-        result = any(np.linalg.norm(start - center) < self._radius + size for center, size in self._occupied)
+        result = any(np.linalg.norm(start - center) < self.radius + size for center, size in self.occupied)
         if result:
             self.reasons["it would start inside another object"] += 1
         return result
@@ -140,7 +133,7 @@ class ObjectPlacer:
             return []
         paths = [path_points(cubics, COARSE)[0] for _, cubics in candidates]
         ends = np.cumsum([len(path) for path in paths])
-        free = self._space.distances(np.concatenate(paths), 2.0 * self._radius) > self._radius
+        free = self.space.distances(np.concatenate(paths), 2.0 * self.radius) > self.radius
         kept = [each for each, part in zip(candidates, np.split(free, ends[:-1]), strict=True) if part.all()]
         if len(kept) < len(candidates):
             self.reasons["its path collides with the scene"] += len(candidates) - len(kept)
@@ -152,18 +145,18 @@ class ObjectPlacer:
         longest = float(lengths.reshape(-1, COARSE).sum(axis=1).max())
         # The speed along a cubic varies.
         path, lengths = path_points(cubics, min(max(COARSE, int(2.0 * longest / SPACING)), FINEST))
-        reach = self._radius + 0.5 * float(lengths.max())
-        if not (self._space.distances(path, 2.0 * reach) > reach).all():
+        reach = self.radius + 0.5 * float(lengths.max())
+        if not (self.space.distances(path, 2.0 * reach) > reach).all():
             return "its path collides with the scene"
-        in_view, hidden = self._space.in_view(path), self._space.hidden(path)
+        in_view, hidden = self.space.in_view(path), self.space.hidden(path)
         seen = float(lengths @ in_view)
-        low, high = self._ranges.in_view
+        low, high = self.ranges.in_view
         if not low - _TOLERANCE <= seen / float(lengths.sum()) <= high + _TOLERANCE:
             return "in_view is missed"
-        low, high = self._ranges.occlusion
+        low, high = self.ranges.occlusion
         if not low - _TOLERANCE <= float(lengths @ hidden) / max(seen, _TOLERANCE) <= high + _TOLERANCE:
             return "occlusion is missed"
-        if (self._space.project(path[in_view])[2] > self._far).any():
+        if (self.space.project(path[in_view])[2] > self._far).any():
             return "it looks smaller than min_size"
         return ""
 

@@ -51,10 +51,11 @@ class PlaceRequest:
     occupied: tuple[tuple[Vector3, float], ...]
 
 
+@dataclass(eq=False)
 class PlaceFinder:
     """Puts spawned objects into free places of a world.
 
-    Args:
+    Attributes:
         stage: the stage.
         registry: templates and ids of the objects.
         stage_objects: the stage's own objects.
@@ -63,21 +64,12 @@ class PlaceFinder:
         seed: of the search.
     """
 
-    def __init__(
-        self,
-        stage: SceneDescription,
-        registry: ObjectRegistry,
-        stage_objects: StageObjects,
-        evaluator: FrameEvaluator,
-        aspect: float,
-        seed: int,
-    ) -> None:
-        self._stage = stage
-        self._registry = registry
-        self._stage_objects = stage_objects
-        self._evaluator = evaluator
-        self._aspect = aspect
-        self._seed = seed
+    stage: SceneDescription
+    registry: ObjectRegistry
+    stage_objects: StageObjects
+    evaluator: FrameEvaluator
+    aspect: float
+    seed: int
 
     def placed(
         self, spec: Object, camera: Camera, region: tuple[float, float, float, float], depth: tuple[float, float]
@@ -96,17 +88,17 @@ class PlaceFinder:
         """
         _check_starts_at_position(spec)
         frame = spec.first_frame
-        instances, present = self._stage_objects.instances(frame)
+        instances, present = self.stage_objects.instances(frame)
         placed = list(itertools.compress(instances, present))
-        others = [each for each in self._evaluator.objects(frame) if not each.prim_path]
+        others = [each for each in self.evaluator.objects(frame) if not each.prim_path]
         request = PlaceRequest(
             spec=spec,
-            row=len(self._evaluator.log.histories),
-            description=self._registry.template(spec).description,
+            row=len(self.evaluator.log.histories),
+            description=self.registry.template(spec).description,
             region=region,
             depth=depth,
             camera=camera,
-            aspect=self._aspect,
+            aspect=self.aspect,
             instances=tuple(each for each in placed if not isinstance(each, Collider)),
             colliders=tuple(each for each in placed if isinstance(each, Collider)),
             occupied=tuple((each.position, _ball_radius(each.box)) for each in others),
@@ -115,7 +107,7 @@ class PlaceFinder:
 
     @cached_property
     def _places(self) -> Any:
-        return provider("free_places")(self._stage, self._seed)
+        return provider("free_places")(self.stage, self.seed)
 
 
 def _check_starts_at_position(spec: Object) -> None:

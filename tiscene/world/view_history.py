@@ -64,10 +64,11 @@ class FrameNovelty:
         return {**vars(self), "known": self.angles(), "history": None}
 
 
+@dataclass(eq=False)
 class ViewHistory:
     """Views of the objects of a scenario over time.
 
-    Args:
+    Attributes:
         log: the edit log, which may grow.
         trajectories: poses of the objects.
         cameras: the cameras.
@@ -75,29 +76,19 @@ class ViewHistory:
         fps: frames per second.
         aspect: width / height of the image.
         lock: held while views are evaluated, which simulates.
-
-    Attributes:
-        lock: the same.
     """
 
-    def __init__(
-        self,
-        log: EditLog,
-        trajectories: Trajectories,
-        cameras: WorldCameras,
-        first_id: int,
-        fps: float,
-        aspect: float,
-        lock: AbstractContextManager[object],
-    ) -> None:
-        self._log = log
-        self._trajectories = trajectories
-        self._cameras = cameras
-        self._first_id = first_id
-        self._step = max(1, round(fps / RATE))
-        self._lag = max(1, round(fps * LATEST))
-        self._aspect = aspect
-        self.lock = lock
+    log: EditLog
+    trajectories: Trajectories
+    cameras: WorldCameras
+    first_id: int
+    fps: float
+    aspect: float
+    lock: AbstractContextManager[object]
+
+    def __post_init__(self) -> None:
+        self._step = max(1, round(self.fps / RATE))
+        self._lag = max(1, round(self.fps * LATEST))
         self._novelties: weakref.WeakSet[FrameNovelty] = weakref.WeakSet()
         self._views: LRUCache[tuple[int, int], dict[int, Array]] = LRUCache(KEPT)
 
@@ -128,20 +119,20 @@ class ViewHistory:
             if shown:
                 differences = np.linalg.norm(np.array(shown) - direction, axis=1)
                 angle = float(np.degrees(2.0 * np.arcsin(np.clip(0.5 * differences.min(), 0.0, 1.0))))
-            result[self._first_id + number] = angle
+            result[self.first_id + number] = angle
         return result
 
     def _seen(self, frame: int, row: int) -> dict[int, Array]:
         """Return the directions to the camera of the objects in view at a frame, by row."""
         return self._views.get(
-            (frame, row), lambda: self._directions(frame, self._cameras.at(frame, row, frame), in_view=True)
+            (frame, row), lambda: self._directions(frame, self.cameras.at(frame, row, frame), in_view=True)
         )
 
     def _directions(self, frame: int, camera: Camera, *, in_view: bool = False) -> dict[int, Array]:
-        rows = self._log.alive(frame)
+        rows = self.log.alive(frame)
         if not rows:
             return {}
-        poses = self._trajectories.poses(frame, rows)
+        poses = self.trajectories.poses(frame, rows)
         towards = np.asarray(camera.position) - poses[:, :3]
         if camera.orthographic_height is not None:
             towards = np.broadcast_to(camera.axes()[:, 2], towards.shape)
@@ -150,9 +141,9 @@ class ViewHistory:
         kept = np.ones(len(rows), np.bool_)
         if in_view:
             local = (poses[:, :3] - camera.position) @ camera.axes()
-            framed = camera.framed(self._aspect)
+            framed = camera.framed(self.aspect)
             half = np.array([framed.half_height(max(depth, 0.0)) for depth in (-local[:, 2]).tolist()])
             x, y = camera.image_center(-local[:, 2])
             kept = (-local[:, 2] > 0.0) & (np.abs(local[:, 1] - y) <= half)
-            kept &= np.abs(local[:, 0] - x) <= half * self._aspect
+            kept &= np.abs(local[:, 0] - x) <= half * self.aspect
         return {row: direction for row, direction, shown in zip(rows, directions, kept, strict=True) if shown}

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 from functools import partial
 from typing import Any
 
@@ -50,38 +51,30 @@ _MAX_DEPTH = 64
 _MAX_BRANCHES = 10  # of a switch
 
 
+@dataclass(eq=False)
 class MaterialXNetwork:
     """Evaluates the inputs of MaterialX nodes.
 
-    Args:
+    Attributes:
         path: of the surface shader.
         textures: table for image files and computed images.
         time: when to evaluate attributes.
         report: collects nodes that are not supported.
         vertex_color: returns whether the gprim's primvar of a name varies, and its constant value otherwise.
-
-    Attributes:
-        time: as given.
         baker: computes per texel.
     """
 
-    def __init__(
-        self,
-        path: Sdf.Path,
-        textures: TextureTable,
-        time: Usd.TimeCode,
-        report: StageReport,
-        vertex_color: Callable[[str, int], Signal | None],
-    ) -> None:
-        self.time = time
-        self._path = path
-        self._textures = textures
-        self._report = report
-        self._vertex_color = vertex_color
+    path: Sdf.Path
+    textures: TextureTable
+    time: Usd.TimeCode
+    report: StageReport
+    vertex_color: Callable[[str, int], Signal | None]
+
+    def __post_init__(self) -> None:
         self._known: dict[tuple[Sdf.Path, str], Signal] = {}
         self._open: list[tuple[Sdf.Path, str]] = []
         # A method would refer to the network, which would then keep its images until they are collected as garbage.
-        self.baker = Baker(textures, partial(_report_whitened, path, self._open, report))
+        self.baker = Baker(self.textures, partial(_report_whitened, self.path, self._open, self.report))
 
     def value(self, connection: ShaderConnection | None, default: Any) -> Signal:
         """Return an input's value.
@@ -110,7 +103,7 @@ class MaterialXNetwork:
         key = (source.shader.GetPath(), source.output)
         if key not in self._known:
             if key in self._open or len(self._open) > _MAX_DEPTH:
-                self._report.omission(key[0], "a MaterialX node that is connected to itself counts as 0")
+                self.report.omission(key[0], "a MaterialX node that is connected to itself counts as 0")
                 return number(0.0)
             self._open.append(key)
             self._known[key] = self._evaluate(source)
@@ -122,7 +115,7 @@ class MaterialXNetwork:
         signal = self.value(inputs.get(name), default)
         if signal.constant is None:
             text = f"{name} cannot come from a texture; its mean is used"
-            self._report.omission(self._open[-1][0] if self._open else self._path, text)
+            self.report.omission(self._open[-1][0] if self._open else self.path, text)
         return self.baker.mean(signal.of_width(len(default)))
 
     def _evaluate(self, source: Source) -> Signal:
@@ -133,9 +126,7 @@ class MaterialXNetwork:
             result = self._operation(category, inputs)
         if result is None:
             name = source.id or str(source.shader.GetPath().name)
-            self._report.omission(
-                source.shader.GetPath(), f"MaterialX node {name!r} is not supported; it counts as 0.5"
-            )
+            self.report.omission(source.shader.GetPath(), f"MaterialX node {name!r} is not supported; it counts as 0.5")
             result = number(0.5)
         width = output_width(source, category)
         if not width or (width == 3 and result.uv is not None and "vector3" in source.id):  # a point (u, v, 0)
@@ -151,9 +142,7 @@ class MaterialXNetwork:
     def _special(self, category: str, source: Source, inputs: dict[str, ShaderConnection]) -> Signal | None:
         """Return the output of a node that is not a function of values alone; None for other nodes."""
         if category in IMAGES:
-            node = ImageNode(
-                category, source, inputs, self.value, self.numbers, self.baker, self._textures, self._report
-            )
+            node = ImageNode(category, source, inputs, self.value, self.numbers, self.baker, self.textures, self.report)
             return node.signal()
         if category in ("texcoord", "geompropvalue", "geompropvalueuniform", "UsdPrimvarReader", "geomcolor"):
             return self._primvar(category, source, inputs)
@@ -205,7 +194,7 @@ class MaterialXNetwork:
             if found is not None:
                 return found
         text = f"MaterialX node {category!r} is not computed; its mean is used"
-        self._report.omission(source.shader.GetPath(), text)
+        self.report.omission(source.shader.GetPath(), text)
         return number(0.5) if category in _MEAN_HALF else self.value(inputs.get("pivot"), 0.0)
 
     def _primvar(self, category: str, source: Source, inputs: dict[str, ShaderConnection]) -> Signal | None:
@@ -218,7 +207,7 @@ class MaterialXNetwork:
         if "vector2" in source.id or "float2" in source.id:
             return Signal(uv=Coordinates(primvar=name))
         width = output_width(source, category) or 3
-        found = self._vertex_color(name, width)
+        found = self.vertex_color(name, width)
         if found is None:
             default = inputs.get("fallback" if category == "UsdPrimvarReader" else "default")
             return self.value(default, 1.0 if category == "geomcolor" else 0.0)
