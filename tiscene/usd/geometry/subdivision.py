@@ -80,16 +80,15 @@ def subdivide(
     width = values.shape[1]
     if position_samples is not None:  # all times share the rules, so they are refined side by side
         values = np.concatenate([values, *position_samples.astype(np.float64)], axis=1)
-    dense = len(cage.indices) > MAX_QUADS
     maps: list[LinearMap] | None = [] if controlled else None
-    if not levels and not dense:
+    if len(cage.indices) > MAX_QUADS:  # the cage is already as fine as a refined surface
+        return _triangulate_cage(cage, values[:, :3], uv, values[:, width:], visible, source, maps)
+    if not levels:
         if maps is not None:
             maps += [refine_map(cage), limit_map(refine(cage, values)[0], cage.points)]
         return _triangulate_cage(cage, *_on_limit(cage, values, uv, width), visible, source, maps)
     for level in range(levels):
-        if len(cage.indices) > MAX_QUADS:
-            break
-        if level > 1 and _is_flat(cage, values[:, :3]):
+        if len(cage.indices) > MAX_QUADS or (level > 1 and _is_flat(cage, values[:, :3])):
             break
         visible, source = visible[cage.face], source[cage.face]
         if maps is not None:
@@ -97,8 +96,6 @@ def subdivide(
         if uv_cage is not None and uv_values is not None:
             uv_cage, uv_values = refine(uv_cage, uv_values)
         cage, values = refine(cage, values)
-    if dense:  # the cage is already as fine as a refined surface
-        return _triangulate_cage(cage, values[:, :3], uv, values[:, width:], visible, source, maps)
     if maps is not None:
         maps.append(limit_map(cage))
     values = limit(cage, values)
