@@ -6,7 +6,7 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
-from tiscene.cli.terminal import counted, progress
+from tiscene.cli.terminal import counted, progress, task_shown
 from tiscene.errors import ExportError
 from tiscene.export.generation.data_set_index import DataSet
 from tiscene.export.generation.data_set_verification import verify_data_set
@@ -45,7 +45,14 @@ def _verify_data_set(args: argparse.Namespace, count: int) -> None:
         def show(number: int, frame: int | None) -> None:
             step(int(frame is None), task=f"scenario {number}" + ("" if frame is None else f", frame {frame}"))
 
-        found = verify_data_set(args.folder, sample=args.sample, search=args.search, arch=args.arch, progress=show)
+        found = verify_data_set(
+            args.folder,
+            sample=args.sample,
+            search=args.search,
+            arch=args.arch,
+            progress=show,
+            index_progress=task_shown(step),
+        )
     if not found.is_good:
         lines = [f"\n  {place}: {'; '.join(problems)}" for place, problems in found.problems.items()]
         if len(lines) > MAX_LISTED:

@@ -67,7 +67,7 @@ class VideoWriter:
         import av
 
         self._av, self._codec = av, codec
-        self._rate = Fraction(fps).limit_denominator(1001)
+        self._rate = frame_rate(fps)
         if not self._rate:
             raise ExportError(f"fps={fps:g}: videos have at least one frame in 1001 s; export in another format")
         self._container = av.open(str(path), "w", options={"fflags": "+bitexact"})
@@ -100,6 +100,11 @@ class VideoWriter:
             for packet in self._stream.encode():
                 self._container.mux(packet)
         self._container.close()
+
+
+def frame_rate(fps: float) -> Fraction:
+    """Return the frame rate of a video of some frames per second."""
+    return Fraction(fps).limit_denominator(1001)
 
 
 def check(buffers: Iterable[str]) -> None:

@@ -3,6 +3,7 @@
 
 import json
 import shutil
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -97,7 +98,7 @@ def test_cameras_of_a_scenario_are_videos(copied):
             shutil.copyfile(scenario / name, scenario / camera / name)
     for name in PACKED:
         (scenario / name).unlink()
-    content = json.loads(b"".join(joined(copied, {"val": [scenario]})[f"val/{PACKED[0]}"]))
+    content = next(json.loads(b"".join(data)) for _, data in joined(copied, {"val": [scenario]}))
     assert [(each["id"], each["video_id"], each["file_name"]) for each in content["images"]] == [
         (1 + FRAMES * row + frame, 1 + row, f"{scenario.name}/{camera}/images/{frame:06d}.png")
         for row, camera in enumerate(("Main", "Sofa"))
@@ -116,6 +117,17 @@ def test_verification_names_what_is_not_that_of_the_scenarios_and_merge_mends_it
     finish(copied)
     assert verify_data_set(copied, sample=0).is_good
     assert (copied / "val" / PACKED[0]).read_bytes() == whole
+
+
+def test_each_file_of_a_scenario_is_read_once_and_progress_is_reported(copied, monkeypatch):
+    read_bytes, read, steps = Path.read_bytes, [], []
+    monkeypatch.setattr(Path, "read_bytes", lambda path: read.append(path) or read_bytes(path))
+    before = {name: (copied / name).read_text() for name in (f"val/{PACKED[0]}", f"train/{PACKED[1]}")}
+    finish(copied, progress=lambda task, fraction: steps.append((task, fraction)))
+    files = [path for path in read if path.suffix == ".json"]
+    assert sorted(files) == sorted(path for name in PACKED for path in copied.glob(f"*/0*/{name}"))
+    assert steps[-len(files) :] == [("joining annotations", (k + 1) / len(files)) for k in range(len(files))]
+    assert {name: (copied / name).read_text() for name in before} == before
 
 
 @pytest.mark.parametrize("damage", ["{", None])

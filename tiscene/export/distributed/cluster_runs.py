@@ -119,6 +119,7 @@ def generate(
     cpus: int | None = None,
     unlike: bool = False,
     progress: Callable[[int], None] | None = None,
+    index_progress: Callable[[str, float], None] | None = None,
 ) -> DataSet:
     """Render the scenarios of a recipe on a Ray cluster: the files are those of one process.
 
@@ -131,6 +132,7 @@ def generate(
         cpus: As of `render`.
         unlike: As of `render`.
         progress: Called now and then with the number of scenarios that are there.
+        index_progress: As of `tiscene.export.generation.generator.generate`.
 
     Returns:
         The data set.
@@ -150,7 +152,7 @@ def generate(
     plan.skip([task for task in range(work.count) if done.issuperset(work.numbers(task))])
     if not plan.finished:
         _run(data_set.folder, work, plan, address, cpus, arch, unlike, None, progress)
-    data_set.write_index()
+    data_set.write_index(index_progress)
     return data_set
 
 

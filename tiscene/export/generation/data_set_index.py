@@ -10,7 +10,7 @@ import json
 import math
 import re
 from collections import Counter
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, TypeAlias
@@ -20,15 +20,17 @@ from PIL import Image, ImageDraw, ImageFont
 
 from tiscene.errors import ArgumentError, ExportError, export_errors
 from tiscene.export.array_files import json_file, png
-from tiscene.export.generation import coco_splits
+from tiscene.export.generation import coco_splits, lerobot_splits
 from tiscene.export.generation.recipe import Recipe
 from tiscene.export.generation.scenario_summary import FILE, THUMBNAIL, THUMBNAIL_WIDTH, read_summary
+from tiscene.export.generation.split_parts import counter
 from tiscene.export.parquet import card_head
 from tiscene.files import write_atomically
 
 DATA_SET, INDEX, STATISTICS, SHEET = "dataset.json", "index.jsonl", "statistics.json", "contact_sheet.png"
 CARD, MARK = "README.md", "<!-- `tiscene generate` writes this file again, unless this line is removed. -->"
 ROWS = {"parquet": "data/train-*.parquet", "webdataset": "shard-*.tar"}  # by format: what Hugging Face reads
+JOINED = {"coco": coco_splits, "lerobot": lerobot_splits}  # by format: what joins the scenarios of a split
 MAX_THUMBNAILS = 48
 GAP, TEXT = 8, 16  # px
 BACKGROUND, INK = (16, 17, 21), (200, 202, 206)
@@ -110,13 +112,20 @@ class DataSet:
         """Return the numbers of the scenarios that are not done."""
         return [number for number, summary in self.summaries() if summary is None]
 
-    def write_index(self) -> None:
+    def write_index(self, progress: Callable[[str, float], None] | None = None) -> None:
         """Write index, statistics, contact sheet, and what the format has beside its scenarios.
+
+        Args:
+            progress: Called with a task and the fraction of it that is done.
 
         Raises:
             ExportError: They cannot be written, or files of a scenario that they are made of are damaged.
         """
-        summaries = list(self.summaries())
+        step = counter("reading summaries", self.count, progress)
+        summaries = []
+        for each in self.summaries():
+            summaries.append(each)
+            step()
         done = with_frames(summaries)
         shown = (
             [done[place * len(done) // MAX_THUMBNAILS] for place in range(MAX_THUMBNAILS)]
@@ -131,23 +140,26 @@ class DataSet:
             card = self.folder / CARD
             if self.recipe.format in ROWS and done and (not card.exists() or MARK.encode() in card.read_bytes()):
                 write_atomically(card, self._card(done).encode())
-            for path, content in self.joined(done):
+            for path, content in self.joined(done, progress):
                 if content is None:
                     path.unlink(missing_ok=True)
                 else:
                     write_atomically(path, content)
 
-    def joined(self, numbers: Sequence[int]) -> Iterator[tuple[Path, Iterable[bytes] | None]]:
+    def joined(
+        self, numbers: Sequence[int], progress: Callable[[str, float], None] | None = None
+    ) -> Iterator[tuple[Path, Iterable[bytes] | None]]:
         """Yield the files that join those of the scenarios of a split, and their contents in parts; None: no file.
 
         Args:
             numbers: Of the scenarios that have frames.
+            progress: As of `write_index`.
         """
-        if self.recipe.format == "coco":
+        if self.recipe.format in JOINED:
             splits: dict[str, list[Path]] = {}
             for number in numbers:
                 splits.setdefault(self.recipe.split(number), []).append(self.scenario_folder(number))
-            for name, content in coco_splits.joined(self.folder, splits).items():
+            for name, content in JOINED[self.recipe.format].joined(self.folder, splits, progress):
                 yield self.folder / name, content
 
     def _card(self, numbers: list[int]) -> str:

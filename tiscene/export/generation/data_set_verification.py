@@ -52,6 +52,7 @@ def verify_data_set(
     search: Sequence[str | Path] = (),
     arch: str | None = None,
     progress: Callable[[int, int | None], None] | None = None,
+    index_progress: Callable[[str, float], None] | None = None,
 ) -> DataSetVerification:
     """Compare the scenarios of a data set with their manifests and summaries, and its index with the summaries.
 
@@ -64,6 +65,7 @@ def verify_data_set(
         arch: "cpu" or "cuda"; None for "cpu".
         progress: Called with the number of a scenario and the index of a frame that was rendered; None when the
             scenario is done.
+        index_progress: Called with a task and the fraction of it that is done, while the index is compared.
 
     Raises:
         ArgumentError: `sample` or `arch` is invalid.
@@ -112,8 +114,8 @@ def verify_data_set(
         problems[name] = (f"is not among the {data_set.count} scenarios of the data set",)
     index = ((data_set.folder / name, [content]) for name, content in index_files(summaries).items())
     with contextlib.suppress(ExportError):  # damage of a scenario, which is named above
-        for path, content in itertools.chain(index, data_set.joined(made)):
-            if content is not None and not _has_content(path, content):
+        for path, content in itertools.chain(index, data_set.joined(made, index_progress)):
+            if not _has_content(path, content):
                 name = path.relative_to(data_set.folder).as_posix()
                 problems[name] = (f"is not that of the scenarios; `tiscene merge {folder}` writes it again",)
     return DataSetVerification(data_set.count, failed, frames, rendered, problems)
@@ -125,10 +127,10 @@ def _show_rendered(progress: Callable[[int, int | None], None], number: int, ind
         progress(number, index)
 
 
-def _has_content(path: Path, parts: Iterable[bytes]) -> bool:
-    """Return whether a file has some content, and no more."""
-    if not path.is_file():
-        return False
+def _has_content(path: Path, parts: Iterable[bytes] | None) -> bool:
+    """Return whether a file has some content, and no more; None: whether it is not there."""
+    if parts is None or not path.is_file():
+        return parts is None and not path.exists()
     with path.open("rb") as file:
         return all(file.read(len(part)) == part for part in parts) and not file.read(1)
 

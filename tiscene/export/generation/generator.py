@@ -49,6 +49,7 @@ def generate(
     shard: tuple[int, int] = (0, 1),
     arch: str | None = None,
     progress: Callable[[int, int | None], None] | None = None,
+    index_progress: Callable[[str, float], None] | None = None,
 ) -> DataSet:
     """Render the scenarios of a recipe, in one process and in constant memory.
 
@@ -66,6 +67,7 @@ def generate(
             then written by `finish`.
         arch: "cpu" or "cuda"; None for "cpu".
         progress: Called with the number of a scenario and the index of its frame; None when the scenario is done.
+        index_progress: Called with a task and the fraction of it that is done, while the index is written.
 
     Returns:
         The data set.
@@ -85,12 +87,19 @@ def generate(
             if progress is not None:
                 progress(number, None)
     if part.count == 1:
-        data_set.write_index()
+        data_set.write_index(index_progress)
     return data_set
 
 
-def finish(folder: str | Path, *, partial: bool = False) -> DataSet:
+def finish(
+    folder: str | Path, *, partial: bool = False, progress: Callable[[str, float], None] | None = None
+) -> DataSet:
     """Write the index of a data set whose scenarios were made in shards.
+
+    Args:
+        folder: The folder of the data set.
+        partial: Whether scenarios may be missing.
+        progress: Called with a task and the fraction of it that is done.
 
     Raises:
         ExportError: The folder has no data set, or scenarios are missing and `partial` is not given.
@@ -104,7 +113,7 @@ def finish(folder: str | Path, *, partial: bool = False) -> DataSet:
             f"{len(missing)} of {data_set.count} scenarios are missing, the first is {missing[0]}: generate the shards "
             "that have them again, or index what is there with --partial"
         )
-    data_set.write_index()
+    data_set.write_index(progress)
     return data_set
 
 
