@@ -1,6 +1,7 @@
 #!/usr/bin/env bash
 # A data set by a SLURM array job: sbatch --array=0-99 examples/cluster/slurm.sh RECIPE COUNT FOLDER
 # Submit it again after failures: scenarios that are done are not rendered again. Then: tiscene merge FOLDER
+# Exit status 3 says that scenarios have errors. Other jobs wait for the array by --dependency=afterany.
 #SBATCH --job-name=tiscene
 #SBATCH --cpus-per-task=8
 #SBATCH --mem=8G

@@ -74,7 +74,8 @@ def add_merge(commands: Commands) -> None:
         "merge",
         help="make one export of the shards of render --shard",
         description="Merge shards into one export, with the files and the manifest of an export in one go. The shards "
-        "stay as they are; merging again is safe.",
+        "stay as they are; merging again is safe. In a data set, write the index. Exit status 3 if its scenarios "
+        "have errors.",
     )
     merge.add_argument("folder", metavar="DIR", type=path, help="the folder to write")
     merge.add_argument(
@@ -89,7 +90,8 @@ def add_sample(commands: Commands) -> None:
     sample = commands.add_parser(
         "sample",
         help="write random scenarios of a recipe as files",
-        description="Draw scenarios from a recipe (see docs/data-sets.md) and write them as JSON, without rendering.",
+        description="Draw scenarios from a recipe (see docs/data-sets.md) and write them as JSON, without rendering. "
+        "Exit status 3 if some of them cannot be drawn.",
     )
     _add_recipe(sample)
 
@@ -100,7 +102,8 @@ def add_generate(commands: Commands) -> None:
         "generate",
         help="render a data set of many random scenarios from a recipe",
         description="Draw scenarios from a recipe (see docs/data-sets.md) and render each into a folder of its own, "
-        "with an index, statistics and a contact sheet. The same command continues after an interruption.",
+        "with an index, statistics and a contact sheet. The same command continues after an interruption. Exit status "
+        "3 if scenarios have errors; the others are made all the same.",
     )
     _add_recipe(generate)
     add_parts(generate, "the same DIR")

@@ -4,19 +4,25 @@
 from __future__ import annotations
 
 import argparse
+from collections.abc import Iterable
 from pathlib import Path
 
-from tiscene.cli.terminal import note, progress, total_shown
+from tiscene.cli.terminal import counted, note, progress, task_shown, total_shown
 from tiscene.export import distributed
-from tiscene.export.distributed.worker_processes import run_workers, shard_commands
+from tiscene.export.distributed.worker_processes import INCOMPLETE, run_workers, shard_commands
 from tiscene.export.generation.data_set_index import DataSet
 from tiscene.export.generation.generator import claim, finish, generate
 from tiscene.export.generation.recipe import Recipe
+from tiscene.export.generation.scenario_summary import read_summary
 from tiscene.export.shards import Shard
 
 
-def run(args: argparse.Namespace) -> None:
-    """Generate, and print the folder. An interrupted run is continued by the same command."""
+def run(args: argparse.Namespace) -> int:
+    """Generate, and print the folder. An interrupted run is continued by the same command.
+
+    Returns:
+        The exit status.
+    """
     recipe = Recipe.load(args.recipe)
     for message in recipe.unknown_names():
         note(f"Scenarios will have an error: {message}")
@@ -27,24 +33,51 @@ def run(args: argparse.Namespace) -> None:
             _generate_with_workers(args, recipe)
         else:
             _generate(args, recipe)
-        _note_failures(DataSet(Path(args.output), recipe, args.count))
     except KeyboardInterrupt:
         note(f"Interrupted: the same command continues the data set in {args.output}.")
         raise
     print(args.output)
+    return status_of(DataSet(Path(args.output), recipe, args.count), _shard(args).own_frames)
+
+
+def status_of(data_set: DataSet, numbers: Iterable[int]) -> int:
+    """Return the exit status of a command that has made scenarios, and tell how many have an error, and the first one.
+
+    Args:
+        data_set: The data set.
+        numbers: The scenarios.
+    """
+    total, failed = 0, []
+    for number in numbers:
+        summary = read_summary(data_set.scenario_folder(number))
+        total += 1
+        if summary is not None and "error" in summary:
+            failed.append((number, summary["error"]))
+    if not failed:
+        return 0
+    number, error = failed[0]
+    note(f"Errors in {len(failed)} of {counted(total, 'scenario')}, the first in {number}: {error}")
+    return INCOMPLETE
+
+
+def _shard(args: argparse.Namespace) -> Shard:
+    """Return the part of the scenarios that this command makes."""
+    number, count = args.shard or (0, 1)
+    return Shard(number, count, (0, args.count, 1))
 
 
 def _generate(args: argparse.Namespace, recipe: Recipe) -> None:
     """Generate in this process."""
-    shard: tuple[int, int] = args.shard or (0, 1)
-    with progress("reading the first scene", len(Shard(*shard, (0, args.count, 1)).own_frames)) as step:
+    shard = _shard(args)
+    with progress("reading the first scene", len(shard.own_frames)) as step:
         generate(
             recipe,
             args.output,
             args.count,
-            shard=shard,
+            shard=(shard.number, shard.count),
             arch=args.arch,
             progress=lambda scenario, frame: step(int(frame is None), task=f"scenario {scenario}"),
+            index_progress=task_shown(step),
         )
 
 
@@ -55,16 +88,7 @@ def _generate_with_workers(args: argparse.Namespace, recipe: Recipe) -> None:
     with progress(f"{args.workers} workers", args.count) as step:
         show = total_shown(step)
         run_workers(shard_commands(args.command_line, args.workers), lambda: show(data_set.done()))
-        step(0, task="index")
-        finish(args.output)
-
-
-def _note_failures(data_set: DataSet) -> None:
-    """Tell how many scenarios have an error, and the first one."""
-    failed = [(number, each["error"]) for number, each in data_set.summaries() if each is not None and "error" in each]
-    if failed:
-        number, error = failed[0]
-        note(f"{len(failed)} of {data_set.count} scenarios have an error, the first is {number}: {error}")
+        finish(args.output, progress=task_shown(step))
 
 
 def _generate_on_ray(args: argparse.Namespace, recipe: Recipe) -> None:
@@ -80,4 +104,5 @@ def _generate_on_ray(args: argparse.Namespace, recipe: Recipe) -> None:
             cpus=args.worker_cpus,
             unlike=args.unlike,
             progress=lambda count: show(count, "scenarios"),
+            index_progress=task_shown(step),
         )

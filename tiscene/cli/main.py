@@ -1,8 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """Entry point of the command `tiscene`.
 
-Exit status: 0 success, 1 closed output pipe, 2 user error (explained on stderr), 130 interrupted, 143 terminated (or
-ended by SIGINT or SIGTERM, which shells show so). Commands are imported when they run: `tiscene --help` is fast.
+Exit status: 0 success, 1 closed output pipe, 2 user error (explained on stderr), 3 scenarios of a data set have errors
+(the others are made), 130 interrupted, 143 terminated (or ended by SIGINT or SIGTERM, which shells show so). Commands
+are imported when they run: `tiscene --help` is fast.
 """
 
 from __future__ import annotations
@@ -55,7 +56,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         try:
             with interruption.imports(exit_at_once=owns_process):
                 command = importlib.import_module(f"tiscene.cli.{args.command}")
-            command.run(args)
+            status: int = command.run(args) or 0
             if sys.stdout is not None:  # a program may start the command without one
                 sys.stdout.flush()
         except TisceneError as error:
@@ -73,7 +74,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
                 return 1
             print("tiscene: the output cannot be written: no space left on its device", file=sys.stderr)
             return 2
-    return 0
+    return status
 
 
 def _show_warning(shown: set[str], message: Warning | str, *_: Any, **__: Any) -> None:

@@ -6,19 +6,28 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
-from tiscene.cli.terminal import progress
+from tiscene.cli.generate import status_of
+from tiscene.cli.terminal import progress, task_shown
 from tiscene.export.distributed.worker_processes import frames_in
 from tiscene.export.generation.data_set_index import DataSet
 from tiscene.export.generation.generator import finish
 from tiscene.export.merging import merge, part_folders
 
 
-def run(args: argparse.Namespace) -> None:
-    """Merge, and print the folder."""
+def run(args: argparse.Namespace) -> int:
+    """Merge, and print the folder.
+
+    Returns:
+        The exit status.
+    """
     folder = Path(args.folder)
-    if DataSet.load(folder) is not None and not args.parts:
-        finish(folder, partial=args.partial)
+    data_set = DataSet.load(folder)
+    if data_set is not None and not args.parts:
+        with progress(f"indexing {folder}", data_set.count) as step:
+            finish(folder, partial=args.partial, progress=task_shown(step))
+        status = status_of(data_set, range(data_set.count))
     else:
+        status = 0
         parts = part_folders(folder, args.parts)
         with progress(f"merging into {folder}", frames_in(parts)) as step:
             merge(
@@ -29,3 +38,4 @@ def run(args: argparse.Namespace) -> None:
                 progress=lambda index: step(task=f"frame {index}"),
             )
     print(args.folder)
+    return status

@@ -14,6 +14,7 @@ from tests.export.folders import contents
 from tiscene import catalog
 from tiscene.cli import main as cli
 from tiscene.cli.parser import parser
+from tiscene.export.distributed.worker_processes import INCOMPLETE
 from tiscene.export.generation.recipe import Recipe
 
 FOLDER = Path(__file__).parents[3] / "examples" / "cluster"
@@ -54,6 +55,9 @@ def test_kubernetes_job_runs_each_index_as_a_shard():
     words = [*container["command"][1:], *container["args"]]
     args = parser().parse_args([word.replace("$(JOB_COMPLETION_INDEX)", str(count - 1)) for word in words])
     assert args.shard == (count - 1, count)
+    (rule,) = job["spec"]["podFailurePolicy"]["rules"]
+    assert (rule["action"], rule["onExitCodes"]["values"]) == ("FailIndex", [INCOMPLETE])
+    assert rule["onExitCodes"]["containerName"] == container["name"]
     assert job["spec"]["completionMode"] == "Indexed"
     assert job["spec"]["parallelism"] <= count
 

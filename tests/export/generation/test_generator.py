@@ -3,6 +3,7 @@
 
 import json
 import os
+import re
 import shutil
 from pathlib import Path
 
@@ -248,7 +249,7 @@ def test_scene_camera_or_template_that_is_not_there_does_not_lose_the_others(who
     if "Nope" not in error:  # a camera is known once its stage is read
         (message,) = mixed.unknown_names()
         assert error in message
-    assert cli.main(["sample", str(file), "-n", str(COUNT), "-o", str(tmp_path / "samples")]) == 0
+    assert cli.main(["sample", str(file), "-n", str(COUNT), "-o", str(tmp_path / "samples")]) == 3
     shown = capsys.readouterr()
     assert len(shown.out.split()) == COUNT - len(failed)
     assert f"{len(failed)} of {COUNT} scenarios cannot be drawn, the first is {failed[0]['number']}: " in shown.err
@@ -326,11 +327,11 @@ def test_scenario_that_cannot_be_drawn_does_not_lose_the_others(tmp_path, capsys
     impossible = {"scene": "object_view", "ranges": {"depth": [1e-4, 2e-4]}}
     recipe = Recipe.from_json(RECIPE | {"scenes": ["object_view", impossible]})
     (tmp_path / "recipe.json").write_text(json.dumps(recipe.to_json()))
-    assert cli.main(["generate", str(tmp_path / "recipe.json"), "-n", "4", "-o", str(tmp_path)]) == 0
+    assert cli.main(["generate", str(tmp_path / "recipe.json"), "-n", "4", "-o", str(tmp_path)]) == 3
     rows = [json.loads(line) for line in (tmp_path / "index.jsonl").read_text().splitlines()]
     failed = [row for row in rows if "error" in row]
     assert 0 < len(failed) < 4
-    note = f"{len(failed)} of 4 scenarios have an error, the first is {failed[0]['number']}: "
+    note = f"Errors in {len(failed)} of 4 scenarios, the first in {failed[0]['number']}: "
     assert note + failed[0]["error"] in capsys.readouterr().err
     assert json.loads((tmp_path / "statistics.json").read_text())["failed"] == len(failed)
 
@@ -357,6 +358,26 @@ def test_recipe_of_which_no_scenario_can_be_drawn_is_an_error_of_the_command(tmp
     assert cli.main(["sample", str(file), "-n", "2", "-o", str(tmp_path / "samples")]) != 0
     assert "no scene 'objct_view'. Did you mean 'object_view'?" in capsys.readouterr().err
     assert not (tmp_path / "samples").exists()
+
+
+@pytest.mark.parametrize("workers", [(), ("--workers", "2")])
+def test_data_set_whose_scenarios_have_errors_has_an_exit_status_of_its_own(tmp_path, capsys, workers):
+    file, data = tmp_path / "recipe.json", tmp_path / "data"
+    file.write_text(json.dumps(Recipe.from_json(RECIPE | {"scenes": [str(tmp_path / "later.usda")]}).to_json()))
+    assert cli.main(["generate", str(file), "-n", "2", "-o", str(data), *workers]) == 3
+    shown = capsys.readouterr()
+    assert shown.out == f"{data}\n"
+    assert re.search(r"Errors in 2 of 2 scenarios, the first in 0: .*later\.usda", shown.err)
+    assert json.loads((data / "statistics.json").read_text())["failed"] == 2
+    assert cli.main(["generate", str(file), "-n", "2", "-o", str(data), "--shard", "1/2"]) == 3
+    assert "Errors in 1 of 1 scenario, the first in 1: " in capsys.readouterr().err
+    assert cli.main(["merge", str(data)]) == 3
+    assert "Errors in 2 of 2 scenarios" in capsys.readouterr().err
+    shutil.copy(catalog.find_scene("object_view"), tmp_path / "later.usda")
+    assert cli.main(["generate", str(file), "-n", "2", "-o", str(data), "--shard", "1/2"]) == 0
+    assert cli.main(["merge", str(data)]) == 3
+    assert cli.main(["generate", str(file), "-n", "2", "-o", str(data)]) == 0
+    assert cli.main(["merge", str(data)]) == 0
 
 
 @pytest.mark.parametrize("number", ["0", "-2", "1.5"])

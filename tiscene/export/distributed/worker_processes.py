@@ -18,6 +18,7 @@ from typing import IO
 
 from tiscene.errors import DeviceError, StageWarning
 
+INCOMPLETE = 3  # exit status of a command that has made a data set, of which scenarios have an error
 MAX_DEATHS = 3  # of each worker
 POLL_INTERVAL = 0.2  # s
 WARNING = "tiscene: warning: "
@@ -116,7 +117,7 @@ def _has_succeeded(worker: _Worker, threads: int) -> bool:
         worker.deaths += 1
         worker.start(threads)
         return False
-    if status != 0:
+    if status not in (0, INCOMPLETE):
         how = f"died {worker.deaths + 1} times by signal {-status}" if status < 0 else worker.message()
         raise DeviceError(f"the worker `tiscene {' '.join(worker.arguments)}` failed: {how}")
     return True
