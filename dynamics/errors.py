@@ -41,3 +41,14 @@ def did_you_mean(name: str, known: Iterable[str]) -> str:
     """Return "; did you mean 'x'?", the end of a message, with the nearest known name; "" if none is near."""
     nearest = difflib.get_close_matches(name, list(known), n=1)
     return f"; did you mean {nearest[0]!r}?" if nearest else ""
+
+
+def counted(number: int, name: str, plural: str | None = None) -> str:
+    """Return a number with the name of what is counted, such as "1 frame", "2,000 frames" and "2 meshes are".
+
+    Args:
+        number: The number.
+        name: The name of one.
+        plural: The name of several; None: `name` with an s.
+    """
+    return f"{number:,} {name if number == 1 else plural or f'{name}s'}"

@@ -4,6 +4,7 @@
 import inspect
 import pickle
 import re
+from pathlib import Path
 
 import pytest
 
@@ -18,6 +19,7 @@ from tiscene.errors import (
     StageError,
     TisceneError,
     UnknownName,
+    counted,
 )
 
 LINE = re.compile(r"^(?P<indent>[ │]*)(?:[├└]── )?(?P<name>[A-Z]\w+)(?: \((?P<bases>\w+(?:, \w+)*)\))?(?:  +\S.*)?$")
@@ -132,3 +134,17 @@ def test_stage_error_lists_all_problems():
 def test_errors_survive_pickling(error):
     copy = pickle.loads(pickle.dumps(error))
     assert (type(copy), str(copy), copy.__dict__) == (type(error), str(error), error.__dict__)
+
+
+def test_numbers_have_the_singular_and_the_plural_of_what_is_counted():
+    assert [counted(number, "frame") for number in (0, 1, 2000)] == ["0 frames", "1 frame", "2,000 frames"]
+    assert [counted(number, "mesh is", "meshes are") for number in (1, 3)] == ["1 mesh is", "3 meshes are"]
+
+
+def test_messages_count_with_the_singular_and_the_plural():
+    """As `counted` does: f"{len(missing)} frames are missing" says "1 frames are missing"."""
+    naked = re.compile(r"\{(?:len|sum)\([^{}]*\)(?::,)?\} (?:[a-z]+ )?[a-z]+s\b")
+    root = Path(ts.__file__).parents[1]
+    files = [path for name in ("tiscene", "dynamics") for path in (root / name).rglob("*.py")]
+    found = [f"{path.relative_to(root)}: {each}" for path in files for each in naked.findall(path.read_text("utf-8"))]
+    assert found == []

@@ -33,7 +33,7 @@ import difflib
 import os
 from collections.abc import Iterable, Iterator, Sequence
 
-from dynamics.errors import ArgumentError, ArgumentTypeError, TisceneError, did_you_mean
+from dynamics.errors import ArgumentError, ArgumentTypeError, TisceneError, counted, did_you_mean
 
 __all__ = [
     "ArgumentError",
@@ -54,6 +54,7 @@ __all__ = [
     "TemplateNotFound",
     "TisceneError",
     "UnknownName",
+    "counted",
     "did_you_mean",
     "export_errors",
     "requires_extra",
@@ -142,8 +143,7 @@ class StageError(TisceneError, ValueError):
     """
 
     def __init__(self, stage: str, problems: Sequence[str], advice: str = "") -> None:
-        count = "1 problem" if len(problems) == 1 else f"{len(problems)} problems"
-        lines = [f"{stage} has {count}:", *(f"  {problem}" for problem in problems)]
+        lines = [f"{stage} has {counted(len(problems), 'problem')}:", *(f"  {problem}" for problem in problems)]
         super().__init__("\n".join([*lines, advice] if advice else lines))
         self.stage = stage
         self.problems = tuple(problems)

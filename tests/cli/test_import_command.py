@@ -61,7 +61,7 @@ def test_import_of_a_large_usd_model_asks_for_the_unit_of_the_file(tmp_path, cap
 def test_import_of_a_catalog_makes_a_template_of_each_model(furniture_catalog, tmp_path, capsys):
     assert cli.main(["import", str(furniture_catalog), "-o", str(tmp_path / "library")]) == 0
     captured = capsys.readouterr()
-    assert "2 of 3 models of test.sh3f are in" in captured.out
+    assert "2 of 3 models of test.sh3f in" in captured.out
     assert "Wall is left out" in captured.err
     assert (tmp_path / "library" / "templates" / "oak_chair_01" / "template.usda").is_file()
 

@@ -110,7 +110,7 @@ def test_interrupted_render_is_continued_by_the_same_command(tmp_path, fake, cap
     assert render("-o", tmp_path, "--frames", ":5") == 130
     captured = capsys.readouterr()
     assert captured.out == ""
-    assert f"3 of 5 frames are in {tmp_path}" in captured.err.replace("\n", "")
+    assert f"3 of 5 frames in {tmp_path}" in captured.err.replace("\n", "")
     monkeypatch.setattr(fake, "interrupt_at", None)
     assert render("-o", tmp_path, "--frames", ":5") == 0
     assert fake.made[1].rendered == [3, 4]

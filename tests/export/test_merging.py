@@ -73,8 +73,13 @@ def test_missing_shard_and_frames_are_named_until_they_are_there(tmp_path):
         merge(tmp_path)
     partial = merge(tmp_path, partial=True)
     assert list(partial.frames) == [2, 3, 4, 5, 6, 7]
-    for number in (1, 2):
-        render_shard(tmp_path, number, 3)
+    render_shard(tmp_path, 1, 3)
+    stream.interrupt_at = 12
+    with pytest.raises(KeyboardInterrupt):
+        render_shard(tmp_path, 2, 3, stream=stream)
+    with pytest.raises(ExportError, match=r"1 frame is missing, the first is 12: render the shards 2/3 "):
+        merge(tmp_path)
+    render_shard(tmp_path, 2, 3)
     assert list(merge(tmp_path).frames) == list(FRAMES)
 
 

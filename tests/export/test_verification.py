@@ -146,7 +146,7 @@ def test_damaged_files_and_other_pictures_are_reported(exported, tmp_path, capsy
     found = verify(tmp_path / "out")
     assert (found.damaged, found.different, found.is_good) == ((2,), {1: ("depth",)}, False)
     assert cli.main(["verify", str(tmp_path / "out"), "--sample", "0"]) == 2
-    assert "files of 1 frames are missing or damaged: 2" in capsys.readouterr().err
+    assert "files of 1 frame are missing or damaged: 2" in capsys.readouterr().err
     with pytest.raises(ExportError, match="is not an export"):
         verify(tmp_path)
 
@@ -183,7 +183,7 @@ def test_progress_counts_the_files_and_the_frames_that_are_rendered(exported, ca
 def test_export_of_which_pictures_alone_differ_is_not_good():
     found = Verification(frames=4, rendered=4, damaged=(), different={1: ("depth",)})
     assert not found.is_good
-    assert found.problems() == ["1 of 4 frames render otherwise (depth): 1"]
+    assert found.problems() == ["1 of 4 frames rendered otherwise (depth): 1"]
 
 
 @pytest.mark.parametrize(("format", "name"), [("sailenv", "sup/map.json"), ("parquet", "README.md")])

@@ -85,7 +85,7 @@ def test_invalid_arguments_write_nothing(frame, tmp_path):
 def test_notebook_shows_every_buffer_and_the_visible_objects(frame):
     html = frame._repr_html_()
     assert re.findall(r'alt="(\w+)"', html) == list(frame)
-    assert "1 of 1 objects are visible" in html
+    assert "Visible: 1 of 1 object" in html
     assert "<td>chair</td>" in html
     np.testing.assert_array_equal(opened(io.BytesIO(frame._repr_png_())), frame.rgb)
 

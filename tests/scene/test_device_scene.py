@@ -140,7 +140,7 @@ def test_only_requested_times_are_placed() -> None:
 def test_placing_a_mesh_that_was_not_added_is_refused(rows: list[int]) -> None:
     scene = DeviceScene()
     scene.add(described(SQUARE))
-    with pytest.raises(ArgumentError, match="1 meshes were added"):
+    with pytest.raises(ArgumentError, match="but the last mesh is 0"):
         scene.place(placed(rows))
 
 

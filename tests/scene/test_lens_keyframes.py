@@ -47,7 +47,7 @@ def test_fixed_values_do_not_vary():
         ({"times": (), "exposure": ()}, "must begin at 0 or later and increase"),
         ({"times": (-1, 1), "exposure": (0, 1)}, "must begin at 0 or later and increase"),
         ({"times": (1, 1), "exposure": (0, 1)}, "must begin at 0 or later and increase"),
-        ({"times": (0, 1), "exposure": (1,)}, "exposure: 1 values for 2 times; give one for each"),
+        ({"times": (0, 1), "exposure": (1,)}, "exposure: 1 value for 2 times; give one for each"),
         ({"times": (0, 1), "vertical_fov": (1, 4)}, r"vertical_fov\[1\]=4: must lie between 0 and pi"),
         ({"times": (0, 1), "focus_distance": (1, 0)}, r"focus_distance\[1\]=0: must be"),
         ({"times": (0, 1), "lens_radius": (0, -1)}, r"lens_radius\[1\]=-1: must"),

@@ -10,7 +10,7 @@ from dataclasses import replace
 from pathlib import Path
 
 from tiscene.cli.terminal import note, progress, total_shown
-from tiscene.errors import ArgumentError, export_errors
+from tiscene.errors import ArgumentError, counted, export_errors
 from tiscene.learning.clock import Clock
 from tiscene.learning.course import Course
 from tiscene.learning.evaluation import evaluate_all
@@ -91,8 +91,8 @@ def verify(path: str) -> None:
     saved["course"] = course.to_json()  # an older version may have written fewer default values
     if found := differences(saved, score.to_json()):
         shown = "\n".join(f"  {line}" for line in found[:20])
-        raise ArgumentError(f"{path}: {len(found)} differences between the file and this run:\n{shown}")
-    note(f"{len(score.digests)} frames, all labels and all scores are equal.")
+        raise ArgumentError(f"{path}: {counted(len(found), 'difference')} between the file and this run:\n{shown}")
+    note(f"{counted(len(score.digests), 'frame')}, all labels and all scores are equal.")
     print(path)
 
 

@@ -7,7 +7,8 @@ import argparse
 from collections.abc import Iterable
 from pathlib import Path
 
-from tiscene.cli.terminal import counted, note, progress, task_shown, total_shown
+from tiscene.cli.terminal import note, progress, task_shown, total_shown
+from tiscene.errors import counted
 from tiscene.export import distributed
 from tiscene.export.distributed.worker_processes import INCOMPLETE, run_workers, shard_commands
 from tiscene.export.generation.data_set_index import DataSet

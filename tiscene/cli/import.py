@@ -12,8 +12,8 @@ from pathlib import Path
 import numpy as np
 
 from tiscene import catalog
-from tiscene.cli.terminal import counted, progress
-from tiscene.errors import ArgumentError
+from tiscene.cli.terminal import progress
+from tiscene.errors import ArgumentError, counted
 from tiscene.usd.importers.import_template import USD_SUFFIXES, import_asset
 from tiscene.usd.importers.sweet_home_3d import FurnitureCatalog
 from tiscene.usd.read.template import read_template
@@ -75,7 +75,7 @@ def _import_catalog(file: Path, library: Path) -> None:
         for _, path in furniture.import_into(lambda entry: folder_of(_title(entry.name))):
             imported += path is not None
             step()
-    print(f"{imported} of {len(furniture.entries)} models of {file.name} are in {library / 'templates'}")
+    print(f"{imported} of {counted(len(furniture.entries), 'model')} of {file.name} in {library / 'templates'}")
 
 
 def _print_template(path: Path, source: Path) -> None:

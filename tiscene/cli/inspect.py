@@ -17,8 +17,7 @@ from typing import Any
 import numpy as np
 
 from tiscene.cli.show import stage_file, triangle_count
-from tiscene.cli.terminal import counted
-from tiscene.errors import StageError, StageWarning
+from tiscene.errors import StageError, StageWarning, counted
 from tiscene.scene.description import DistantLight, DomeLight, SceneDescription
 from tiscene.usd.read.inspection import StageFacts, stage_facts
 from tiscene.usd.read.stage_reader import read_stage
@@ -97,7 +96,7 @@ def _facts(path: Path, facts: StageFacts) -> Iterable[str]:
     for layer in facts.other_units[:_MAX_LISTED]:
         yield f"  not converted to these units by USD: {layer}"
     if len(facts.other_units) > _MAX_LISTED:
-        yield f"  ... and {len(facts.other_units) - _MAX_LISTED} more layers in other units"
+        yield f"  ... and {counted(len(facts.other_units) - _MAX_LISTED, 'more layer')} in other units"
     if facts.time_codes:
         first, last = facts.time_codes
         yield (
@@ -112,11 +111,11 @@ def _facts(path: Path, facts: StageFacts) -> Iterable[str]:
         yield f"  ... and {len(facts.variants) - _MAX_LISTED} more variant sets"
     yield f"  labels: {', '.join(facts.taxonomies) or 'none; names of prims are used instead'}"
     if facts.unauthored_schemes:
-        meshes = counted(facts.unauthored_schemes, "mesh", "es")
+        meshes = counted(facts.unauthored_schemes, "mesh", "meshes")
         yield f"  {meshes} without an authored subdivisionScheme: smooth surfaces, by USD's default catmullClark"
     joints = sum(number for name, number in facts.types.items() if re.fullmatch(r"Physics\w*Joint", name))
     if facts.still_bodies and (joints or "PhysicsScene" in facts.types):
-        bodies = "1 rigid body" if facts.still_bodies == 1 else f"{facts.still_bodies:,} rigid bodies"
+        bodies = counted(facts.still_bodies, "rigid body", "rigid bodies")
         yield f"  not simulated: {bodies}, {counted(joints, 'joint')}; bodies with TisceneObjectAPI are"
     for key, text in facts.license.items():
         line, *more = text.strip().splitlines() or [""]
@@ -127,22 +126,22 @@ def _rendered(stage: SceneDescription) -> Iterable[str]:
     low, high = stage.bounds()
     yield f"{' x '.join(f'{side:.3g}' for side in high - low)} m (x, y, z)"
     unique = sum(len(mesh.triangles) for mesh in stage.meshes)
-    meshes, instances = counted(len(stage.meshes), "mesh", "es"), counted(len(stage.instances), "time")
-    yield f"{unique:,} triangles in {meshes}, placed {instances}: {triangle_count(stage):,}"
+    meshes, instances = counted(len(stage.meshes), "mesh", "meshes"), counted(len(stage.instances), "time")
+    yield f"{counted(unique, 'triangle')} in {meshes}, placed {instances}: {triangle_count(stage):,}"
     categories = Counter(item.category or "(no category)" for item in stage.objects)
     yield f"{counted(len(stage.objects), 'object')}{_listing(dict(categories.most_common()))}"
     parts = sum(len(item.parts) or 1 for item in stage.objects)
     not_colliding = sum(not instance.collides for instance in stage.instances)
     movable = sum(item.movable for item in stage.objects)
-    bodies = f"{counted(movable, 'movable object')}; {counted(not_colliding, 'mesh', 'es')} without collision"
+    bodies = f"{counted(movable, 'movable object')}; {counted(not_colliding, 'mesh', 'meshes')} without collision"
     if stage.colliders:
         bodies += f"; {counted(len(stage.colliders), 'invisible collider')}"
     yield f"{counted(parts, 'part')}; {bodies}"
     deforming = [mesh for mesh in stage.meshes if mesh.deformation is not None]
     moving = sum(len(track.instances) for track in stage.tracks)
     if deforming or moving:
-        animated = f"{counted(moving, 'animated mesh', 'es')} within objects"
-        yield f"{counted(len(deforming), 'deforming mesh', 'es')}; {animated}"
+        animated = f"{counted(moving, 'animated mesh', 'animated meshes')} within objects"
+        yield f"{counted(len(deforming), 'deforming mesh', 'deforming meshes')}; {animated}"
     varying = len(stage.material_tracks), len(stage.light_tracks)
     if any(varying):
         materials, lights = counted(varying[0], "animated material"), counted(varying[1], "light")

@@ -12,7 +12,7 @@ from typing import Any
 
 from tiscene.cli.stream_arguments import selected_frames, stream_settings
 from tiscene.cli.terminal import note, progress, task_shown, total_shown
-from tiscene.errors import StageWarning
+from tiscene.errors import StageWarning, counted
 from tiscene.export import distributed, manifest
 from tiscene.export.distributed.worker_processes import frames_in, run_workers, shard_commands
 from tiscene.export.exporter import export, open_manifest, provenance
@@ -78,7 +78,10 @@ def _render(args: argparse.Namespace, frames: range, settings: dict[str, Any]) -
             )
     except KeyboardInterrupt:
         done = _written_frames(folder, frames)
-        note(f"Interrupted: {done} of {len(frames)} frames are in {folder}. The same command continues from there.")
+        note(
+            f"Interrupted: {done} of {counted(len(frames), 'frame')} in {folder}. "
+            "The same command continues from there."
+        )
         raise
     return folder
 

@@ -11,7 +11,7 @@ from typing import Any, ClassVar
 from numpy.typing import NDArray
 
 from tiscene.cli.terminal import note, progress
-from tiscene.errors import ArgumentError
+from tiscene.errors import ArgumentError, counted
 from tiscene.export.sailenv_recorder import SailenvRecorder
 from tiscene.sailenv.agent_camera import AgentCamera
 from tiscene.sailenv.environment import Environment
@@ -66,7 +66,7 @@ def run(args: argparse.Namespace) -> None:
         except KeyboardInterrupt:
             if recorder.count:
                 recorder.finish(focus=False)
-                note(f"Interrupted: {recorder.count} frames are in {args.output}")
+                note(f"Interrupted: {counted(recorder.count, 'frame')} in {args.output}")
             raise
     recorder.finish(focus=args.focus)
     print(args.output)

@@ -5,8 +5,8 @@ from __future__ import annotations
 
 import argparse
 
-from tiscene.cli.terminal import counted, note, progress
-from tiscene.errors import TisceneError
+from tiscene.cli.terminal import note, progress
+from tiscene.errors import TisceneError, counted
 from tiscene.export.distributed.worker_processes import INCOMPLETE
 from tiscene.export.generation.generator import OF_SCENARIO, write_scenario
 from tiscene.export.generation.recipe import Recipe

@@ -11,6 +11,7 @@ from pathlib import Path
 import numpy as np
 
 from tiscene import catalog
+from tiscene.errors import counted
 from tiscene.scenario.scenario import Scenario
 from tiscene.scene.camera import Camera
 from tiscene.scene.description import DistantLight, Light, SceneDescription
@@ -31,7 +32,7 @@ def run(args: argparse.Namespace) -> None:
     low, high = stage.bounds()
     size = " x ".join(f"{length:.2f}" for length in np.subtract(high, low))
     print(f"{stage.name}  {path}")
-    print(f"Size: {size} m (x, y, z), {stage.up_axis} up; {triangle_count(stage):,} triangles")
+    print(f"Size: {size} m (x, y, z), {stage.up_axis} up; {counted(triangle_count(stage), 'triangle')}")
     cameras = {name: path for path, name in stage.camera_names.items()} if args.paths else {}
     _section("Cameras", [_camera(camera, cameras.get(camera.name, camera.name)) for camera in stage.cameras])
     _section("Lights", [_light(light, light.prim_path if args.paths else light.name) for light in stage.lights])

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Progress bars and notes on stderr, so that stdout has nothing but a command's result; numbers in sentences."""
+"""Progress bars and notes on stderr, so that stdout has nothing but a command's result."""
 
 from __future__ import annotations
 
@@ -72,11 +72,6 @@ def total_shown(step: Callable[..., None]) -> Callable[..., None]:
         shown = max(shown, count)
 
     return show
-
-
-def counted(number: int, name: str, plural: str = "s") -> str:
-    """Return a number with the name of what is counted, such as "1 frame" and "2,000 frames"."""
-    return f"{number:,} {name}{'' if number == 1 else plural}"
 
 
 def note(text: str) -> None:

@@ -6,8 +6,8 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
-from tiscene.cli.terminal import counted, progress, task_shown
-from tiscene.errors import ExportError
+from tiscene.cli.terminal import progress, task_shown
+from tiscene.errors import ExportError, counted
 from tiscene.export.generation.data_set_index import DataSet
 from tiscene.export.generation.data_set_verification import verify_data_set
 from tiscene.export.manifest import Manifest

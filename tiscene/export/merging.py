@@ -8,7 +8,7 @@ import shutil
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
 
-from tiscene.errors import ExportError
+from tiscene.errors import ExportError, counted
 from tiscene.export.exporter import open_manifest, writing_into
 from tiscene.export.folder_writer import FolderWriter
 from tiscene.export.formats import find_format
@@ -118,8 +118,8 @@ def _check_complete(shards: Mapping[Path, Shard], owners: dict[int, Path], parti
         absent = sorted(set(range(count)) - {shard.number for shard in shards.values()})
         lacking += [f"{number}/{count}" for number in absent]
         raise ExportError(
-            f"{len(missing)} frames are missing, the first is {missing[0]}: render the shards {', '.join(lacking)} "
-            "(again), or merge what is there with --partial"
+            f"{counted(len(missing), 'frame is', 'frames are')} missing, the first is {missing[0]}: render the "
+            f"shards {', '.join(lacking)} (again), or merge what is there with --partial"
         )
 
 
@@ -137,8 +137,8 @@ def _check_files(manifests: Mapping[Path, Manifest], shards: Mapping[Path, Shard
         ]
         first = next(iter(damaged.values()))[0]
         raise ExportError(
-            f"{sum(map(len, damaged.values()))} files are missing or damaged, the first is {str(first)!r}: render the "
-            f"shards {', '.join(names)} (again)"
+            f"{counted(sum(map(len, damaged.values())), 'file is', 'files are')} missing or damaged, the first is "
+            f"{str(first)!r}: render the shards {', '.join(names)} (again)"
         )
 
 

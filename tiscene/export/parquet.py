@@ -17,6 +17,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from tiscene.errors import counted
 from tiscene.export.array_files import Contents, from_npy, npy, png
 from tiscene.export.frame_json import labels_bytes
 from tiscene.frame.buffers import BUFFERS
@@ -64,7 +65,7 @@ def summary(run: ExportRun) -> dict[str, bytes]:
     """Return the data set's card."""
     names = "\n".join(f"- `{name}`: {BUFFERS[name].doc}" for name in run.buffers)
     card = f"""{card_head({"train": PACKED[0]})}
-# {len(run.frames)} frames of {run.provenance["scenario"].get("scene", "a scene")}
+# {counted(len(run.frames), "frame")} of {run.provenance["scenario"].get("scene", "a scene")}
 
 Rendered by tiscene {run.provenance["tiscene"]}. Each row is a frame. Columns:
 

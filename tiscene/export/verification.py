@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import tiscene
-from tiscene.errors import ArgumentError, ExportError
+from tiscene.errors import ArgumentError, ExportError, counted
 from tiscene.export.exporter import provenance
 from tiscene.export.folder_writer import FolderWriter
 from tiscene.export.generation.data_set_index import DATA_SET
@@ -50,12 +50,16 @@ class Verification:
         """Return what is wrong, as sentences."""
         found = []
         if self.damaged:
-            found.append(f"files of {len(self.damaged)} frames are missing or damaged: {_listed(self.damaged)}")
+            found.append(
+                f"files of {counted(len(self.damaged), 'frame')} are missing or damaged: {_listed(self.damaged)}"
+            )
         if self.files:
             found.append(f"files about all frames are missing or damaged: {', '.join(self.files)}")
         if self.different:
             names = sorted({name for buffers in self.different.values() for name in buffers})
-            frames = f"{len(self.different)} of {self.rendered} frames render otherwise ({', '.join(names)})"
+            frames = (
+                f"{len(self.different)} of {counted(self.rendered, 'frame')} rendered otherwise ({', '.join(names)})"
+            )
             found.append(f"{frames}: {_listed(self.different)}")
         return found
 

@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 from PIL import Image
 
-from tiscene.errors import ArgumentError, export_errors
+from tiscene.errors import ArgumentError, counted, export_errors
 from tiscene.files import write_atomically
 from tiscene.frame.object_table import ObjectTable
 from tiscene.frame.visualize import Picture, id_colors, picture, sailenv_flow_picture
@@ -174,7 +174,7 @@ def _figure(name: str, shown: Picture) -> str:
 def _object_rows(objects: ObjectTable) -> Iterator[str]:
     """Yield the parts of a table of the visible objects, largest first."""
     visible = sorted((row for row in objects if row.visible_pixels), key=lambda row: -row.visible_pixels)
-    yield f"<details><summary>{len(visible)} of {len(objects)} objects are visible</summary><table>"
+    yield f"<details><summary>Visible: {len(visible)} of {counted(len(objects), 'object')}</summary><table>"
     yield "<tr><th>id</th><th>name</th><th>category</th><th>pixels</th><th>position, m</th></tr>"
     for row in visible[:LISTED_OBJECTS]:
         position = ", ".join(f"{value:.2f}" for value in row.position)

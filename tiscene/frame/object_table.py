@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynamics.rotation import matrix_from_quaternion
-from tiscene.errors import ObjectNotFound
+from tiscene.errors import ObjectNotFound, counted
 from tiscene.frame.measurements import NO_MEASUREMENTS, ObjectMeasurements, OrientedBox
 from tiscene.scene.camera import Quaternion, Vector3
 
@@ -189,7 +189,7 @@ class ObjectTable(Sequence[ObjectRow]):
 
     def __repr__(self) -> str:
         names = [row.name for row in self._rows[:SHOWN_NAMES]] + ["..."] * (len(self) > SHOWN_NAMES)
-        return f"<{len(self)} objects: {', '.join(names)}>"
+        return f"<{counted(len(self), 'object')}: {', '.join(names)}>"
 
     def by_id(self, id: int) -> ObjectRow:
         """Return the object with an instance id.

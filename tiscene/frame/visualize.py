@@ -19,6 +19,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from tiscene.errors import counted
 from tiscene.scene.color import encode_srgb
 
 Pixels = NDArray[np.uint8]
@@ -64,7 +65,7 @@ def picture(name: str, buffer: NDArray[Any], limits: Limits | None = None) -> Pi
         return Picture(flow_picture(buffer, high), f"full color at {high:.3g} px")
     if name in ("instance", "part", "semantic"):
         count = np.count_nonzero(np.unique(buffer))
-        return Picture(id_picture(buffer), f"{count} id{'' if count == 1 else 's'}")
+        return Picture(id_picture(buffer), counted(int(count), "id"))
     if name.endswith("coverage"):
         return Picture(coverage_picture(buffer), f"{100.0 * (buffer[..., 1, 1] > 0).mean():.1f} % shared")
     if buffer.dtype == np.bool_:

@@ -18,7 +18,7 @@ from types import TracebackType
 from typing import Any, overload
 
 from dynamics import argument_checks
-from tiscene.errors import ArgumentError, ArgumentTypeError
+from tiscene.errors import ArgumentError, ArgumentTypeError, counted
 from tiscene.frame.buffers import buffer_names
 from tiscene.frame.object_table import ObjectTable
 from tiscene.learning import course_file
@@ -275,7 +275,7 @@ class Course(Iterator[CourseFrame]):
 
     def __repr__(self) -> str:
         names = ", ".join(phase.name for phase in self.phases)
-        return f"<Course of {len(self)} frames at frame {self._position}: {names}>"
+        return f"<Course of {counted(len(self), 'frame')} at frame {self._position}: {names}>"
 
     def digest(self) -> str:
         """Return the SHA-256 of the course as JSON."""

@@ -21,7 +21,7 @@ from typing import Any
 import numpy as np
 
 from dynamics import argument_checks
-from tiscene.errors import ArgumentError, UnknownName
+from tiscene.errors import ArgumentError, UnknownName, counted
 from tiscene.randomization.factors import FACTORS
 from tiscene.scenario.scenario import Scenario
 
@@ -193,7 +193,10 @@ class Drift:
             )
         if isinstance(self.schedule, Step) and len(self.schedule.frames()) != len(self.values) - 1:
             steps, count = len(self.schedule.frames()), len(self.values)
-            raise ArgumentError(f"schedule={self.schedule!r}: has {steps} changes; {count} values need {count - 1}")
+            raise ArgumentError(
+                f"schedule={self.schedule!r}: has {counted(steps, 'change')}; "
+                f"{counted(count, 'value needs', 'values need')} {count - 1}"
+            )
         object.__setattr__(self, "values", tuple(self.values))
 
     def value(self, k: int) -> Any:

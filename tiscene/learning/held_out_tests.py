@@ -11,7 +11,7 @@ from typing import Any
 
 from dynamics.argument_checks import positive
 from dynamics.clocks import exact
-from tiscene.errors import ArgumentError, ArgumentTypeError, ScenarioError
+from tiscene.errors import ArgumentError, ArgumentTypeError, ScenarioError, counted
 from tiscene.learning.laps import lap_times
 from tiscene.learning.phase import Phase, check_phases
 from tiscene.scenario.scenario import Scenario
@@ -41,7 +41,7 @@ def held_out(
             continue
         test = replace(phase, frames=frames, laps=None, start=start, step=step, supervision=None, drift=())
         if not phase.drift and (count := _shown_before(phase, test, fps)):
-            text = f"held_out: test {test.name!r}: its phase has shown {count} of its {frames} frames"
+            text = f"held_out: test {test.name!r}: its phase has shown {count} of its {counted(frames, 'frame')}"
             warnings.warn(f"{text}; choose a later start=, or other paths where all motion repeats", stacklevel=2)
         tests.append(test)
     return tuple(tests)

@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 from PIL import Image
 
-from tiscene.errors import ArgumentError, export_errors
+from tiscene.errors import ArgumentError, counted, export_errors
 from tiscene.files import write_atomically
 from tiscene.frame.visualize import id_picture
 from tiscene.learning.course import Course
@@ -128,7 +128,7 @@ def _course(course: Course) -> str:
         for phase, start, end in zip(course.phases, course.starts, course.starts[1:], strict=False)
     ]
     tests = ", ".join(phase.name for phase in course.test_phases) or "none"
-    size = f"{course.width} × {course.height} px, {course.fps:g} frames per second, {len(course)} frames"
+    size = f"{course.width} × {course.height} px, {course.fps:g} frames per second, {counted(len(course), 'frame')}"
     categories = ", ".join(name for name in course.categories.values() if name)
     return _note(f"{size}. Categories: {categories}. Tests: {tests}.") + _table(
         ["Phase", "Frames", "Supervision", "Drift"], rows

@@ -18,7 +18,7 @@ from typing import Any
 import numpy as np
 
 from dynamics import argument_checks
-from tiscene.errors import ArgumentError, ArgumentTypeError
+from tiscene.errors import ArgumentError, ArgumentTypeError, counted
 from tiscene.frame.frame import Frame
 from tiscene.learning.answers import Answer, Pending, Refused
 from tiscene.learning.course import Course
@@ -78,7 +78,7 @@ class Supervision:
         return vars(self) | {"_held": None, "_held_at": (), "_moving": ((), frozenset())}
 
     def __repr__(self) -> str:
-        return f"<Supervision of {self._stream!r}: {len(self.ledger)} labels given>"
+        return f"<Supervision of {self._stream!r}: {counted(len(self.ledger), 'label')} given>"
 
     def _clear(self) -> None:
         self.ledger = LabelLedger()

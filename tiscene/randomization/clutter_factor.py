@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from dynamics.argument_checks import is_number
 from tiscene import catalog
-from tiscene.errors import ScenarioError
+from tiscene.errors import ScenarioError, counted
 from tiscene.randomization.draws import Draws
 from tiscene.randomization.factor_ranges import ClutterRanges
 from tiscene.randomization.free_space import FreeSpace
@@ -102,8 +102,8 @@ class _DistractorPlacer:
                 rotation = (0.0, yaw, 0.0) if self.up_axis == "Y" else (0.0, 0.0, yaw)
                 return Object(id, name, (x, y, z), rotation, frustum_limited=False, collide=False, scale=scale)
         raise ScenarioError(
-            f"clutter: {id!r} rests nowhere in view, in up to {PLACES} places for each of {tried} templates: "
-            "lower count or scale, widen depth, or draw from smaller templates"
+            f"clutter: {id!r} rests nowhere in view, in up to {PLACES} places for each of "
+            f"{counted(tried, 'template')}: lower count or scale, widen depth, or draw from smaller templates"
         )
 
     def _is_of_size(self, name: str, scale: float) -> bool:

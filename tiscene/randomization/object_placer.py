@@ -17,6 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynamics import CatmullWaypoints, LinearWaypoints
+from tiscene.errors import counted
 from tiscene.randomization.draws import Draws
 from tiscene.randomization.free_space import FreeSpace
 from tiscene.randomization.point_pools import HIDDEN, OUT_OF_VIEW, VISIBLE, PointPools
@@ -163,7 +164,7 @@ class ObjectPlacer:
 
 def tally(reasons: Counter[str]) -> str:
     """Return reasons for which draws were rejected with their numbers, for an error."""
-    return ", ".join(f"{reason} ({count} times)" for reason, count in reasons.most_common())
+    return ", ".join(f"{reason} ({counted(count, 'time')})" for reason, count in reasons.most_common())
 
 
 def farthest_depth(space: FreeSpace, diameter: float, min_size: float) -> float:

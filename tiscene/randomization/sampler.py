@@ -22,7 +22,7 @@ from dynamics.argument_checks import integer
 from dynamics.dynamic import Pose
 from tiscene import catalog
 from tiscene.device import runtime
-from tiscene.errors import ScenarioError
+from tiscene.errors import ScenarioError, counted
 from tiscene.randomization.draws import Draws
 from tiscene.randomization.free_space import FreeSpace
 from tiscene.randomization.object_placer import ATTEMPTS, ObjectPlacer, tally
@@ -133,7 +133,8 @@ class _ObjectSampler:
             what, draws = f"object {self._id(tried[0])!r} ({self.kind}, {radii[0]:.2f} m about its origin)", ""
         else:
             sizes = f"{min(radii):.2f} to {max(radii):.2f} m about their origins"
-            what, draws = f"object {self.number} ({self.kind})", f" of each of {len(tried)} templates ({sizes})"
+            what = f"object {self.number} ({self.kind})"
+            draws = f" of each of {counted(len(tried), 'template')} ({sizes})"
         raise ScenarioError(
             f"{what} fits nowhere in up to {ATTEMPTS} draws{draws}: {tally(reasons)}. "
             "Widen depth, region, in_view or occlusion, lower min_size, or draw from smaller templates"

@@ -11,6 +11,7 @@ import argparse
 from collections.abc import Sequence
 from pathlib import Path
 
+from tiscene.errors import counted
 from tiscene.sailenv.script_runner import ScriptAgent, agent_class, run_script
 
 
@@ -32,7 +33,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     agent = agent_class(ScriptAgent, settings=settings, limit=args.frames)
     run_script(script, args.arguments, agent, headless=args.headless)
     if args.frames is not None and agent.frame_count >= args.frames:
-        print(f"{script.name}: stopped after {args.frames} frames")
+        print(f"{script.name}: stopped after {counted(args.frames, 'frame')}")
 
 
 def _parser() -> argparse.ArgumentParser:

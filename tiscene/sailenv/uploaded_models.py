@@ -18,7 +18,7 @@ import weakref
 import zipfile
 from pathlib import Path, PurePosixPath
 
-from tiscene.errors import ArgumentError, MissingFile
+from tiscene.errors import ArgumentError, MissingFile, counted
 from tiscene.usd.importers.unity_model import import_unity_model
 
 MAX_BYTES = 128 << 20  # of an uploaded file
@@ -59,7 +59,7 @@ class UploadedModels:
             ArgumentError: The file is too large, is a zip file with unsafe members, or cannot be written.
         """
         if len(data) > MAX_BYTES:
-            raise ArgumentError(f"{name!r} has {len(data)} bytes; the limit is {MAX_BYTES}")
+            raise ArgumentError(f"{name!r} has {counted(len(data), 'byte')}; the limit is {MAX_BYTES}")
         key = hashlib.sha256(name.encode(errors="replace") + b"\0" + data).digest()
         if key not in self._paths:
             self._paths[key] = self._write(name, data)
@@ -131,7 +131,7 @@ def _read_members(name: str, data: bytes) -> dict[str, bytes]:
         with zipfile.ZipFile(io.BytesIO(data)) as archive:
             listed = archive.infolist()
             if len(listed) > MAX_MEMBERS:
-                raise ArgumentError(f"{name!r} contains {len(listed)} files; the limit is {MAX_MEMBERS}")
+                raise ArgumentError(f"{name!r} contains {counted(len(listed), 'file')}; the limit is {MAX_MEMBERS}")
             remaining = MAX_UNPACKED
             for member in listed:
                 path = _safe_path(name, member)

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from dynamics import Dynamic
 from dynamics.argument_checks import flag, numbers, set_checked, text, vectors
-from tiscene.errors import ScenarioError, scenario_errors
+from tiscene.errors import ScenarioError, counted, scenario_errors
 
 Color = tuple[float, float, float]
 
@@ -60,7 +60,9 @@ class LightMotion:
         for name in ("intensity", "color", "radiance"):
             count = len(getattr(self, name))
             if count not in (0, len(times)):
-                raise ScenarioError(f"{name}: {count} values for {len(times)} times; give one for each")
+                raise ScenarioError(
+                    f"{name}: {counted(count, 'value')} for {counted(len(times), 'time')}; give one for each"
+                )
         if min(itertools.chain(self.intensity, *self.color, *self.radiance), default=0.0) < 0.0:
             raise ScenarioError(f"light {self.light!r}: intensity, color and radiance must not be negative")
         if times and not (self.intensity or self.color or self.radiance):

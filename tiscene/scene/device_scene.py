@@ -231,7 +231,7 @@ class DeviceScene(WholeChanges):
         count = len(placement.mesh)
         if count and not 0 <= placement.mesh.min() <= placement.mesh.max() < len(self._meshes):
             rows = f"{placement.mesh.min()} to {placement.mesh.max()}"
-            raise ArgumentError(f"placement.mesh has rows from {rows}, but {len(self._meshes)} meshes were added")
+            raise ArgumentError(f"placement.mesh has rows from {rows}, but the last mesh is {len(self._meshes) - 1}")
         for row, room, blas in self._transient.write(placement, self._meshes, self._arrays, self._bvh):
             self._first_vertices[row], self._first_triangles[row] = room.first_vertex, room.first_triangle
             self._mesh_is_empty[row] = blas.empty

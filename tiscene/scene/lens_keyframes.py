@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from dynamics.argument_checks import is_series, not_negative, number, numbers, positive, set_checked
-from tiscene.errors import ArgumentError
+from tiscene.errors import ArgumentError, counted
 from tiscene.scene.animation import between
 from tiscene.scene.input_track import mixed
 
@@ -86,7 +86,9 @@ class LensKeyframes:
             raise ArgumentError("times: give values at these times, such as vertical_fov=(0.8, 0.4)")
         for name, values in self.values.items():
             if len(values) != len(times):
-                raise ArgumentError(f"{name}: {len(values)} values for {len(times)} times; give one for each")
+                raise ArgumentError(
+                    f"{name}: {counted(len(values), 'value')} for {counted(len(times), 'time')}; give one for each"
+                )
 
     @property
     def values(self) -> dict[str, Sequence[Any]]:

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tiscene.device import runtime
-from tiscene.errors import ArgumentError
+from tiscene.errors import ArgumentError, counted
 from tiscene.stream.motion_recording import record_motion
 from tiscene.stream.stream_interface import StreamInterface
 from tiscene.usd.scenario.bake import write_motion
@@ -75,7 +75,7 @@ class StreamOutput:
         """Return a table for notebooks: scene, size, length, objects and settings. Nothing is rendered."""
         settings = self.render_settings
         objects = ", ".join(f"{each.id} ({each.template})" for each in self.scenario.objects) or "those of the stage"
-        length = "endless" if self.frames is None else f"{self.frames} frames, {self.frames / self.fps:g} s"
+        length = "endless" if self.frames is None else f"{counted(self.frames, 'frame')}, {self.frames / self.fps:g} s"
         rows: dict[str, Any] = {
             "scene": self.scenario.scene,
             "objects": objects,

@@ -77,15 +77,15 @@ def test_all_damage_is_named(copied, capsys):
     (folder / "train" / "000009").mkdir()
     found = verify_data_set(folder, sample=0)
     assert found.problems == {
-        name(first): ("files of 1 frames are missing or damaged: 1",),
+        name(first): ("files of 1 frame are missing or damaged: 1",),
         name(last): ("is missing, or its summary.json is damaged; `tiscene generate` makes it",),
-        "train/000009": ("is not among the 4 scenarios of the data set",),
+        "train/000009": ("is not of the data set, which has 4 scenarios",),
         "index.jsonl": (f"is not that of the scenarios; `tiscene merge {folder}` writes it again",),
         "statistics.json": (f"is not that of the scenarios; `tiscene merge {folder}` writes it again",),
     }
     assert cli.main(["verify", str(folder), "--sample", "0"]) == 2
     told = capsys.readouterr().err
-    assert f"  {name(first)}: files of 1 frames are missing or damaged: 1\n" in told
+    assert f"  {name(first)}: files of 1 frame are missing or damaged: 1\n" in told
 
 
 def test_frames_that_render_otherwise_and_files_of_other_scenarios_are_named(copied):
@@ -97,7 +97,7 @@ def test_frames_that_render_otherwise_and_files_of_other_scenarios_are_named(cop
     summary = json.loads((scenarios[1] / "summary.json").read_text()) | {"digest": ""}
     (scenarios[1] / "summary.json").write_text(json.dumps(summary))
     found = verify_data_set(folder)
-    assert found.problems[name(scenarios[0])] == ("1 of 3 frames render otherwise (instance): 2",)
+    assert found.problems[name(scenarios[0])] == ("1 of 3 frames rendered otherwise (instance): 2",)
     assert found.problems[name(scenarios[1])] == (
         "its summary.json is not that of its frames",
         "its scenario.json is not that of its frames",

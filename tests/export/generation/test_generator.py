@@ -101,7 +101,7 @@ def test_second_process_does_not_delete_what_the_first_one_writes(recipe, whole,
 def test_shards_give_the_bytes_of_one_process(recipe, whole, tmp_path, capsys):
     for shard in (1, 0):
         generate(recipe, tmp_path, COUNT, shard=(shard, 3))
-    with pytest.raises(ExportError, match="2 of 4 scenarios are missing, the first is 2: generate the shards"):
+    with pytest.raises(ExportError, match="2 scenarios are missing of 4, the first is 2: generate the shards"):
         finish(tmp_path)
     generate(recipe, tmp_path, COUNT, shard=(2, 3))
     assert cli.main(["merge", str(tmp_path)]) == 0

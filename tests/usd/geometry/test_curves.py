@@ -200,7 +200,7 @@ def test_points_become_spheres_of_their_widths_and_colors(tmp_path):
     [
         (
             STRAIGHT.replace("[2, 3]", "[2, 4]") % ("[1]", ""),
-            "</C> curves: curveVertexCounts add up to 6, but there are 5",
+            "</C> curves: curveVertexCounts add up to 6, but it has 5 points",
         ),
         (STRAIGHT.replace("[2, 3]", "[-2, 7]") % ("[1]", COLORS), "</C> curves: curveVertexCounts holds -2"),
         (STRAIGHT % ("[1, 2, 3]", ""), "</C> curves: 3 widths fit neither 2 curves nor their points"),

@@ -226,12 +226,15 @@ def test_face_subsets_of_subdivided_mesh_get_their_materials(tmp_path):
 
 
 WRONG = [
-    ("int[] faceVertexIndices = [0, 1, 2, 7]", "mesh: 1 face refers to point 7, but there are 4 points (0-3)"),
-    ("int[] faceVertexIndices = [0, -1, 9, 7]", "mesh: 1 face refers to point -1 and 2 other missing ones, but there"),
+    ("int[] faceVertexIndices = [0, 1, 2, 7]", "mesh: 1 face refers to point 7, but the mesh has 4 points (0-3)"),
+    (
+        "int[] faceVertexIndices = [0, -1, 9, 7]",
+        "mesh: 1 face refers to point -1 and 2 other missing ones, but",
+    ),
     ("int[] faceVertexIndices = [0, 1, 2]", "mesh: faceVertexCounts add up to 4, but there are 3 faceVertexIndices"),
     ("int[] faceVertexCounts = [-4]", "mesh: faceVertexCounts holds -4"),
-    ("point3f[] points = []", "mesh: 1 faces, but no points"),
-    ("point3f[] points = [(0, 0, 0), (nan, 0, 0), (inf, 1, 0), (0, 1, 0)]", "mesh: 2 points are not finite numbers"),
+    ("point3f[] points = []", "mesh: 1 face, but no points"),
+    ("point3f[] points = [(0, 0, 0), (nan, 0, 0), (inf, 1, 0), (0, 1, 0)]", "mesh: 2 points are not finite"),
 ]
 
 
@@ -244,15 +247,15 @@ def test_contradictory_topology_is_a_problem(tmp_path, line, expected):
 
 
 UNUSED = [
-    ("normal3f[] normals = [(0, 0, 1)]", "normals: 1 values, but vertex interpolation needs 4"),
-    ("normal3f[] normals = [(0, 0, nan), (0, 0, 1), (0, 0, 1), (0, 0, 1)]", "normals: 1 values are not finite"),
+    ("normal3f[] normals = [(0, 0, 1)]", "normals: 1 value, but vertex interpolation needs 4"),
+    ("normal3f[] normals = [(0, 0, nan), (0, 0, 1), (0, 0, 1), (0, 0, 1)]", "normals: 1 value is not finite"),
     (
         'texCoord2f[] primvars:st = [(0, 0)] (interpolation = "faceVarying")',
-        "primvars:st: 1 values, but faceVarying interpolation needs 4",
+        "primvars:st: 1 value, but faceVarying interpolation needs 4",
     ),
     (
         'texCoord2f[] primvars:st = [(0, 0)] (interpolation = "faceVarying")\nint[] primvars:st:indices = [0, 0, 1, 0]',
-        "primvars:st: an index refers to value 1, but there are 1 values",
+        "primvars:st: an index refers to value 1, but it has 1 value",
     ),
     (
         'texCoord2f[] primvars:st = [(0, 0)] (interpolation = "faceVarying")\n int[] primvars:st:indices = [0, 0]',
@@ -307,7 +310,7 @@ def test_all_problems_of_a_stage_are_raised_together():
     with pytest.raises(StageError) as caught:
         read_stage(STAGES / "broken.usda")
     assert caught.value.problems == (
-        "</Room/Lamp/Shade> mesh: 3 faces refer to point 4, but there are 4 points (0-3)",
+        "</Room/Lamp/Shade> mesh: 3 faces refer to point 4, but the mesh has 4 points (0-3)",
         "</Room/Rug> transform: its transform holds numbers that are not finite",
         "</Room/Sun> light: intensity nan, exposure 0.0, color [1.0, 1.0, 1.0] is not a finite emission",
     )
@@ -357,4 +360,4 @@ def test_subset_index_out_of_range_is_a_problem(tmp_path):
         int[] indices = [1]
     }""",
     )
-    assert problems_of(tmp_path, body) == ("</M/S> subset: refers to face 1, but there are 1 faces (0-0)",)
+    assert problems_of(tmp_path, body) == ("</M/S> subset: refers to face 1, but the mesh has 1 face (0-0)",)

@@ -264,7 +264,7 @@ def test_infinite_pixels_of_dome_texture_are_clamped(tmp_path):
     with OpenEXR.File({"compression": OpenEXR.ZIP_COMPRESSION}, {"RGB": pixels}) as file:
         file.write(str(tmp_path / "sky.exr"))
     body = light("DomeLight", "asset inputs:texture:file = @./sky.exr@")
-    expected = "2 pixels of texture @.*sky.exr@ are not finite: inf becomes 65504, others 0: </L>"
+    expected = "2 pixels of texture @.*sky.exr@ not finite: inf becomes 65504, others 0: </L>"
     (texture,) = read_with_warning(tmp_path, body, expected).textures
     finite = np.ones((2, 4, 3))
     finite[0, 1], finite[1, 2, 0] = 65504.0, 0.0

@@ -213,7 +213,7 @@ def test_a_written_scenario_keeps_the_topology_of_each_time(tmp_path):
 
 def test_points_that_a_face_lacks_at_one_time_are_reported(tmp_path):
     body = (FLUID % "").replace("5: [(-2, -2, 0), ", "5: [")
-    description = read_with_warning(tmp_path, body, "Fluid> mesh: 1 face refers to point 3, but there are 3 points")
+    description = read_with_warning(tmp_path, body, "Fluid> mesh: 1 face refers to point 3, but the mesh has 3 points")
     shown = [[bool(track.at(code / 24.0)[1].any()) for track in description.tracks] for code in (4, 7, 10)]
     assert [any(each) for each in shown] == [True, False, True]
 

@@ -67,7 +67,7 @@ WRONG = [
     ("int64[] ids = [1, 2, 3]", "3 ids, but 2 protoIndices"),
     ("rel prototypes = [</Nowhere>]", "its prototype </Nowhere> does not exist"),
     ("rel prototypes = []", "it has no prototypes"),
-    ("point3f[] positions = [(0, 0, nan), (0, 0, 0)]", "1 points, the first at 0, have a transform that is not finite"),
+    ("point3f[] positions = [(0, 0, nan), (0, 0, 0)]", "1 point, the first at 0, with a transform that is not finite"),
 ]
 
 

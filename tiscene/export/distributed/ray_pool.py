@@ -15,7 +15,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from tiscene.errors import DeviceError, requires_extra
+from tiscene.errors import DeviceError, counted, requires_extra
 from tiscene.export.distributed.ray_worker import Outcome, RayWorker
 from tiscene.export.distributed.task_loop import PoolEvent, Work
 
@@ -111,8 +111,8 @@ class RayPool:
         first, self._looked_at = self._looked_at == float("-inf"), time.monotonic()
         slots = {id: self._slots(node["Resources"]) for id, node in nodes.items()}
         if first and not any(count for count, _ in slots.values()):
-            wanted = "a GPU" if self._on_gpus else f"{self._cpus or 1} processors"
-            raise DeviceError(f"none of the {len(nodes)} nodes of the Ray cluster has {wanted}")
+            wanted = "a GPU" if self._on_gpus else counted(self._cpus or 1, "processor")
+            raise DeviceError(f"no node of the Ray cluster ({len(nodes)} in all) has {wanted}")
         present = Counter(member.node for member in self._members.values())
         for id, (count, cpus) in slots.items():
             if id not in self._excluded:

@@ -18,7 +18,7 @@ from typing import Any, TypeAlias
 import numpy as np
 from PIL import Image, ImageDraw, ImageFont
 
-from tiscene.errors import ArgumentError, ExportError, export_errors
+from tiscene.errors import ArgumentError, ExportError, counted, export_errors
 from tiscene.export.array_files import json_file, png
 from tiscene.export.generation import coco_splits, lerobot_splits
 from tiscene.export.generation.recipe import Recipe
@@ -171,7 +171,7 @@ class DataSet:
         return f"""{card_head(files)}
 {MARK}
 
-# {len(numbers)} scenarios of {scenes}
+# {counted(len(numbers), "scenario")} of {scenes}
 
 Rendered by tiscene. Each row is a frame; frames 0 to {recipe.frames - 1} of a scenario and a camera follow each other.
 `index.jsonl` has a line for each scenario, `dataset.json` the recipe that they are drawn from.

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from tiscene.errors import ArgumentError, DeviceError, ExportError, TisceneError
+from tiscene.errors import ArgumentError, DeviceError, ExportError, TisceneError, counted
 from tiscene.export.generation.data_set_index import DATA_SET, DataSet, index_files, with_frames
 from tiscene.export.generation.generator import SCENARIO
 from tiscene.export.generation.scenario_summary import frames_digest
@@ -111,7 +111,7 @@ def verify_data_set(
             progress(number, None)
     for path in data_set.others():
         name = path.relative_to(data_set.folder).as_posix()
-        problems[name] = (f"is not among the {data_set.count} scenarios of the data set",)
+        problems[name] = (f"is not of the data set, which has {counted(data_set.count, 'scenario')}",)
     index = ((data_set.folder / name, [content]) for name, content in index_files(summaries).items())
     with contextlib.suppress(ExportError):  # damage of a scenario, which is named above
         for path, content in itertools.chain(index, data_set.joined(made, index_progress)):
@@ -142,7 +142,7 @@ def _contradictions(folder: Path, summary: dict[str, Any], length: int) -> Itera
         if manifest is None:
             return  # `verify` says so
         if list(manifest.frames) != list(range(length)):
-            yield f"has {len(manifest.frames)} frames in place of {length}"
+            yield f"has {counted(len(manifest.frames), 'frame')} in place of {length}"
         if summary.get("digest") != frames_digest(manifest):
             yield "its summary.json is not that of its frames"
         if Scenario.load(folder / SCENARIO).to_json() != manifest.provenance["scenario"]:

@@ -19,6 +19,7 @@ from tiscene.errors import (
     StageError,
     StageWarning,
     UnknownName,
+    counted,
     export_errors,
 )
 from tiscene.export.array_files import json_file
@@ -110,8 +111,8 @@ def finish(
     missing = data_set.missing()
     if missing and not partial:
         raise ExportError(
-            f"{len(missing)} of {data_set.count} scenarios are missing, the first is {missing[0]}: generate the shards "
-            "that have them again, or index what is there with --partial"
+            f"{counted(len(missing), 'scenario is', 'scenarios are')} missing of {data_set.count}, the first is "
+            f"{missing[0]}: generate the shards that have them again, or index what is there with --partial"
         )
     data_set.write_index(progress)
     return data_set
@@ -170,8 +171,8 @@ def claim(data_set: DataSet) -> None:
     if beyond:
         count = int(beyond[-1].name) + 1
         raise ExportError(
-            f"{str(data_set.folder)!r} has {len(beyond)} scenarios beyond the first {data_set.count}, such as "
-            f"{str(beyond[-1])!r}, which the index would lack: pass count={count} (-n {count}) or more, or choose "
+            f"{str(data_set.folder)!r} has {counted(len(beyond), 'scenario')} beyond the first {data_set.count}, such "
+            f"as {str(beyond[-1])!r}, which the index would lack: pass count={count} (-n {count}) or more, or choose "
             "another folder"
         )
     if present is None or present.count != data_set.count:

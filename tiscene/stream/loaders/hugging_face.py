@@ -9,7 +9,7 @@ from typing import Any
 import datasets
 
 from dynamics import argument_checks
-from tiscene.errors import ArgumentError, ArgumentTypeError
+from tiscene.errors import ArgumentError, ArgumentTypeError, counted
 from tiscene.frame.buffers import BUFFERS
 from tiscene.stream.loaders.frame_samples import FrameSamples, Sample, frame_range, is_endless
 from tiscene.stream.stream_interface import StreamInterface
@@ -35,7 +35,7 @@ def iterable_dataset(stream: StreamInterface, frames: range | None, samples: Fra
     indices = frame_range(frames, stream)
     shards = argument_checks.integer(shards, "shards", 1, 2**31)
     if not is_endless(indices) and shards > len(indices):
-        raise ArgumentError(f"shards={shards}: there are only {len(indices)} frames")
+        raise ArgumentError(f"shards={shards}: the stream has {counted(len(indices), 'frame')}")
     # Objects vary in number, views in name, and other samples are the user's: the library then finds the types itself.
     is_plain = samples.transform is None and not samples.objects and len(stream.scenario.cameras) == 1
     features = _features(stream) if is_plain else None

@@ -13,7 +13,7 @@ from pathlib import Path
 from pxr import Ar, Sdf, Tf, Usd, UsdUtils
 
 from tiscene import catalog
-from tiscene.errors import ArgumentError, MissingFile, StageError, UnknownName
+from tiscene.errors import ArgumentError, MissingFile, StageError, UnknownName, counted
 from tiscene.usd.core import schema
 from tiscene.usd.core.package import split_package
 from tiscene.usd.core.prims import distinct_prims
@@ -51,7 +51,7 @@ def _advice_on_file(path: str | Path, lines: list[str]) -> str:
     size = Path(path).stat().st_size
     with open(path, "rb") as file:
         start = file.read(8)
-    begins = f"It has {size:,} bytes and begins with {start!r}" if size else "It is empty"
+    begins = f"It has {counted(size, 'byte')} and begins with {start!r}" if size else "It is empty"
     return f"{begins}: copy or export it again, or give it the suffix of its format."
 
 

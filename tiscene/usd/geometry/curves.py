@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 from pxr import Usd, UsdGeom
 
+from tiscene.errors import counted
 from tiscene.usd.core.report import StageReport
 from tiscene.usd.core.value_times import value_times
 from tiscene.usd.geometry.curve_evaluation import BASES, CurveGroup, Curves
@@ -72,20 +73,22 @@ def read_curves(
     if len(widths) == 0:
         report.omission(path, "curves without widths are drawn with a width of a thousandth of their extent")
         widths = np.array([np.ptp(points, axis=0).max() / 1000.0], np.float32)
-    elements = f"{len(curves.counts)} curves nor their points"
+    elements = f"{counted(len(curves.counts), 'curve')} nor their points"
     if not curves.fit(widths):
-        report.problem(path, "curves", f"{len(widths)} widths fit neither {elements}")
+        report.problem(path, "curves", f"{counted(len(widths), 'width fits', 'widths fit')} neither {elements}")
         return None
     if len(normals) and not curves.fit(normals):
-        report.omission(path, f"{len(normals)} normals fit neither {elements}; tubes are drawn")
+        report.omission(
+            path, f"{counted(len(normals), 'normal fits', 'normals fit')} neither {elements}; tubes are drawn"
+        )
         normals = normals[:0]
     authored = []
     for name, columns, values in read_element_values(prim, names, time, report):
         if curves.fit(values):
             authored.append((columns, values))
         else:
-            text = f"primvars:{name}: {len(values)} values fit neither {elements}, so that it is not used"
-            report.omission(path, text)
+            fault = f"{counted(len(values), 'value fits', 'values fit')} neither {elements}"
+            report.omission(path, f"primvars:{name}: {fault}, so that it is not used")
     strips: list[Strip] = []
     for group in curves.groups():
         line = _line(group, points, prim, report)
@@ -114,9 +117,9 @@ def _line(group: CurveGroup, points: Floats, prim: Usd.Prim, report: StageReport
     """Return samples [c, m, 3] along curves; None, which is reported, if they are too short."""
     line, count, basis = group.along(points), group.rows.shape[1], group.curves.basis
     if line is None:
-        report.omission(prim.GetPath(), f"curves of {count} points are too short for their basis")
+        report.omission(prim.GetPath(), f"curves of {counted(count, 'point')} are too short for their basis")
     elif (unused := group.unused_points()) > 0:
-        text = f"{basis} curves of {count} points, which is not valid, are drawn without the last {unused}"
+        text = f"{basis} curves of {counted(count, 'point')}, which is not valid, are drawn without the last {unused}"
         report.omission(prim.GetPath(), text)
     return line
 
@@ -166,13 +169,13 @@ def read_points(
         report.omission(prim.GetPath(), "points without widths are drawn one unit wide")
         widths = np.ones(1, np.float32)
     if len(widths) not in (1, len(at)):
-        report.problem(prim.GetPath(), "points", f"{len(widths)} widths, but {len(at)} points")
+        report.problem(prim.GetPath(), "points", f"{counted(len(widths), 'width')}, but {counted(len(at), 'point')}")
         return None
     if not np.isfinite(at).all() or not np.isfinite(widths).all():
         report.problem(prim.GetPath(), "points", "a point or width is not a finite number")
         return None
     if len(at) > _MAX_SAMPLES:
-        report.omission(prim.GetPath(), f"{len(at):,} points are not drawn: the limit is {_MAX_SAMPLES:,}")
+        report.omission(prim.GetPath(), f"{counted(len(at), 'point')} not drawn: the limit is {_MAX_SAMPLES:,}")
         return None
     times = {time for name in ("points", "widths", "primvars:widths") for time in value_times(prim.GetAttribute(name))}
     sphere, faces = _icosphere(_sphere_level(len(at) * max(1, len(times))))
@@ -202,8 +205,8 @@ def _point_values(
     result = default_values((count,), names) if authored or names.has_more_than_uv else None
     for name, columns, values in authored:
         if result is None or len(values) not in (1, count):
-            text = f"primvars:{name}: {len(values)} values, but {count} points, so that it is not used"
-            report.omission(prim.GetPath(), text)
+            fault = f"{counted(len(values), 'value')}, but {counted(count, 'point')}"
+            report.omission(prim.GetPath(), f"primvars:{name}: {fault}, so that it is not used")
             continue
         result[:, columns] = values
     return result
@@ -215,7 +218,7 @@ def _describe_fault(curves: Curves, **values: Floats) -> str:
     if len(counts) and counts.min() < 0:
         return f"curveVertexCounts holds {counts.min()}"
     if counts.sum() != len(values["point"]):
-        return f"curveVertexCounts add up to {counts.sum()}, but there are {len(values['point'])} points"
+        return f"curveVertexCounts add up to {counts.sum()}, but it has {counted(len(values['point']), 'point')}"
     for name, numbers in values.items():
         if not np.isfinite(numbers).all():
             return f"a {name} is not a finite number"

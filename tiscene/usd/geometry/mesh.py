@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 from pxr import Usd, UsdGeom
 
+from tiscene.errors import counted
 from tiscene.scene.skinned_deformation import Skin
 from tiscene.usd.core.content import content_digest
 from tiscene.usd.core.report import StageReport
@@ -219,9 +220,10 @@ def _read_topology(
         return None
     problems = len(points) == 0
     if problems:
-        report.problem(path, "mesh", f"{len(counts)} faces, but no points")
+        report.problem(path, "mesh", f"{counted(len(counts), 'face')}, but no points")
     elif not np.isfinite(points).all():
-        report.problem(path, "mesh", f"{int((~np.isfinite(points).all(axis=1)).sum())} points are not finite numbers")
+        count = int((~np.isfinite(points).all(axis=1)).sum())
+        report.problem(path, "mesh", f"{counted(count, 'point is', 'points are')} not finite")
         problems = True
     if len(counts) and counts.min() < 0:
         report.problem(path, "mesh", f"faceVertexCounts holds {counts.min()}")
@@ -248,11 +250,11 @@ def _report_outside(topology: Topology, outside: NDArray[np.bool_], path: object
     wrong = topology.indices[outside]
     worst = int(wrong[0])
     faces = len(np.unique(topology.face_of_corner[outside]))
-    refer = "1 face refers" if faces == 1 else f"{faces} faces refer"
+    refer = counted(faces, "face refers", "faces refer")
     others = len(np.unique(wrong)) - 1
     more = f" and {others} other missing ones" if others else ""
-    last = topology.points - 1
-    report.problem(path, "mesh", f"{refer} to point {worst}{more}, but there are {topology.points} points (0-{last})")
+    points = counted(topology.points, "point")
+    report.problem(path, "mesh", f"{refer} to point {worst}{more}, but the mesh has {points} (0-{topology.points - 1})")
 
 
 def _read_values(

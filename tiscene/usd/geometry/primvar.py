@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 from pxr import Sdf, Usd, UsdGeom
 
+from tiscene.errors import counted
 from tiscene.usd.core.color_space import attribute_colors
 from tiscene.usd.core.prims import type_of
 from tiscene.usd.core.report import StageReport
@@ -331,12 +332,13 @@ def _fault(
         return f"has values of shape {values.shape[1:]}, but {width} numbers each are needed"
     count = len(values) if indices is None else len(indices)
     if count != expected and not (interpolation == "constant" and count > 0):
-        kind = "values" if indices is None else "indices"
-        return f"{count} {kind}, but {interpolation} interpolation needs {expected}"
+        given = counted(count, "value") if indices is None else counted(count, "index", "indices")
+        return f"{given}, but {interpolation} interpolation needs {expected}"
     if indices is not None and (worst := outside(indices, len(values))) is not None:
-        return f"an index refers to value {worst}, but there are {len(values)} values"
+        return f"an index refers to value {worst}, but it has {counted(len(values), 'value')}"
     if not np.isfinite(values).all():
-        return f"{int((~np.isfinite(values).all(axis=1)).sum())} values are not finite numbers"
+        invalid = int((~np.isfinite(values).all(axis=1)).sum())
+        return f"{counted(invalid, 'value is', 'values are')} not finite"
     return ""
 
 

@@ -8,6 +8,7 @@ from dataclasses import replace
 import numpy as np
 from pxr import Usd, UsdGeom
 
+from tiscene.errors import counted
 from tiscene.usd.core.report import StageReport
 from tiscene.usd.geometry.deforming import points_at
 from tiscene.usd.geometry.primvar import NO_PRIMVARS, PrimvarNames, outside, primvar_topology, read_vertex_values
@@ -33,7 +34,9 @@ def read_tet_mesh(
     topology = primvar_topology(prim, time)
     faces = topology.indices.reshape(-1, 3)
     if (worst := outside(topology.indices, len(points))) is not None:
-        report.problem(prim.GetPath(), "mesh", f"refers to point {worst}, but there are {len(points)} points")
+        report.problem(
+            prim.GetPath(), "mesh", f"refers to point {worst}, but the mesh has {counted(len(points), 'point')}"
+        )
         return None
     if not np.isfinite(points).all():
         report.problem(prim.GetPath(), "mesh", "a point is not a finite number")

@@ -19,7 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 from PIL import Image
 
-from tiscene.errors import StageError
+from tiscene.errors import StageError, counted
 from tiscene.usd.importers.gltf_lobes import lost_parts
 from tiscene.usd.materials.image import open_picture
 
@@ -120,7 +120,7 @@ class GltfDocument:
         entry = self.listed("accessors")[index]
         dtype, width, count = np.dtype(_DTYPES[entry["componentType"]]), _WIDTHS[entry["type"]], int(entry["count"])
         if not 0 <= count <= _MAX_COUNT:
-            raise ValueError(f"accessor {index} has {count} elements")
+            raise ValueError(f"accessor {index} has {counted(count, 'element')}")
         values = np.zeros((count, width), dtype)
         if entry.get("bufferView") is not None:
             values = self._elements(entry["bufferView"], entry.get("byteOffset", 0), dtype, width, count)
@@ -142,7 +142,9 @@ class GltfDocument:
         size = dtype.itemsize * width
         step = stride or size
         if count and offset + step * (count - 1) + size > len(data):
-            raise ValueError(f"buffer view {view} of {len(data)} bytes is too short for {count} elements")
+            raise ValueError(
+                f"buffer view {view} of {counted(len(data), 'byte')} is too short for {counted(count, 'element')}"
+            )
         if not count:
             return np.zeros((0, width), dtype)
         shape, strides = (count, width), (step, dtype.itemsize)

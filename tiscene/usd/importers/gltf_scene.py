@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from tiscene.errors import counted
 from tiscene.usd.importers.gltf import GltfDocument
 from tiscene.usd.importers.gltf_animation import AnimationSampler, ScenePose
 from tiscene.usd.importers.gltf_materials import material_of
@@ -194,7 +195,7 @@ def _imported(
             return None
         found = document.accessor(attributes[key])
         if len(found) != count:
-            raise ValueError(f"{key} has {len(found)} values, but there are {count} vertices")
+            raise ValueError(f"{key} has {counted(len(found), 'value')} for {counted(count, 'vertex', 'vertices')}")
         return found[:, :width].astype(np.float64)
 
     uv = [_flipped(values(f"TEXCOORD_{number}", 2)) for number in (0, 1)]

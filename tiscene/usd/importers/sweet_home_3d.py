@@ -17,7 +17,7 @@ from pathlib import Path, PurePosixPath
 
 import numpy as np
 
-from tiscene.errors import MissingFile, StageError, StageWarning
+from tiscene.errors import MissingFile, StageError, StageWarning, counted
 from tiscene.usd.importers.import_template import LICENSE_FILES, Credit, write_template
 from tiscene.usd.importers.mesh_file import load_model
 
@@ -91,7 +91,8 @@ class FurnitureCatalog:
                 width, height, depth = (float(row[key]) / 100.0 for key in ("width", "height", "depth"))
                 rotation = tuple(float(word) for word in row["modelRotation"].split()) or tuple(np.eye(3).reshape(-1))
                 if len(rotation) != 9 or min(width, height, depth) < 0.0:
-                    raise ValueError(f"modelRotation has {len(rotation)} numbers, expected 9, or a size is negative")
+                    found = counted(len(rotation), "number")
+                    raise ValueError(f"modelRotation has {found}, expected 9, or a size is negative")
             except ValueError as error:
                 text = f"{self.path} entry {number} ({row['name']}) is left out: {error}"
                 warnings.warn(StageWarning(text), stacklevel=2)

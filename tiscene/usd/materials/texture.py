@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 from pxr import Gf, Sdf, Usd, UsdShade
 
+from tiscene.errors import counted
 from tiscene.scene.color import encode_srgb
 from tiscene.scene.description import FloatArray, Texture
 from tiscene.usd.core.color_space import SRGB, to_linear_rec709
@@ -199,7 +200,7 @@ class TextureTable:
         if picture.pixels.dtype == np.uint8 or np.isfinite(picture.pixels).all():
             return picture
         count = int((~np.isfinite(picture.pixels).all(axis=2)).sum())
-        text = f"{count} pixels of texture @{path}@ are not finite: inf becomes {_HALF_MAX:g}, others 0"
+        text = f"{counted(count, 'pixel')} of texture @{path}@ not finite: inf becomes {_HALF_MAX:g}, others 0"
         self._report.omission(prim_path, text)
         pixels = np.nan_to_num(picture.pixels, nan=0.0, posinf=_HALF_MAX, neginf=0.0)
         return ImageData(np.asarray(pixels, np.float32), picture.srgb)

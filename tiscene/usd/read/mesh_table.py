@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 from pxr import Usd, UsdGeom, UsdShade
 
+from tiscene.errors import counted
 from tiscene.scene.affine_maps import with_origin
 from tiscene.scene.camera import Vector3
 from tiscene.scene.description import Matrix, Mesh
@@ -272,7 +273,7 @@ class MeshTable:
             text = "a subset refers to faces that its mesh has only at other times; at each time, the others are used"
             self._report.omission(subset.GetPath(), text)
             return indices[(indices >= 0) & (indices < faces)]
-        text = f"refers to face {worst}, but there are {faces} faces (0-{faces - 1})"
+        text = f"refers to face {worst}, but the mesh has {counted(faces, 'face')} (0-{faces - 1})"
         self._report.problem(subset.GetPath(), "subset", text)
         return None
 

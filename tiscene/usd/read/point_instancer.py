@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 from pxr import Gf, Usd, UsdGeom
 
+from tiscene.errors import counted
 from tiscene.scene.description import Matrix
 from tiscene.usd.core.report import StageReport
 from tiscene.usd.core.time_samples import NOT_ANIMATED, AnimatedAncestors
@@ -154,7 +155,7 @@ def point_instances(
     invalid = kept & ~np.isfinite(matrices).all(axis=(1, 2))
     if invalid.any():
         first = int(np.flatnonzero(invalid)[0])
-        text = f"{int(invalid.sum())} points, the first at {first}, have a transform that is not finite"
+        text = f"{counted(int(invalid.sum()), 'point')}, the first at {first}, with a transform that is not finite"
         report.problem(prim.GetPath(), "instancer", text)
         return None
     with np.errstate(invalid="ignore"):  # NaN of masked points

@@ -17,6 +17,7 @@ from typing import Any
 
 from pxr import Gf, Sdf, Usd, Vt
 
+from tiscene.errors import counted
 from tiscene.usd.core import schema
 from tiscene.usd.core.report import StageReport
 from tiscene.usd.core.units import Units
@@ -102,7 +103,9 @@ def _read(prim: Usd.Prim, units: Units, report: StageReport, above: Sequence[Sdf
             if key == "parts":
                 content[key] = parts
             elif len(parts) > 1:
-                report.refuse(path, "motion", f"lookAt has {len(parts)} parts; it takes its position from one")
+                report.refuse(
+                    path, "motion", f"lookAt has {counted(len(parts), 'part')}; it takes its position from one"
+                )
             elif parts:
                 content[key] = parts[0]
         else:
@@ -136,7 +139,7 @@ def read_waypoints(prim: Usd.Prim, units: Units, report: StageReport) -> list[di
     orientations = _authored(prim, "orientations") or ()
     for name, values in (("rotations", rotations), ("orientations", orientations)):
         if values and len(values) != len(positions):
-            text = f"{len(positions)} positions, but {len(values)} {name}; there must be as many, or none"
+            text = f"{counted(len(positions), 'position')}, but {len(values)} {name}; there must be as many, or none"
             report.refuse(prim.GetPath(), "motion", text)
             return []
     waypoints = []

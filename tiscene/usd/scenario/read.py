@@ -332,7 +332,7 @@ class _ScenarioReader:
             list(authored(root, f"tiscene:scenario:{name}") or ()) for name in ("turns", "turnIndices", "turnTimes")
         )
         if len(ids) != len(times) or (indices and len(indices) != len(ids)):
-            text = f"{len(ids)} turns, {len(indices)} turnIndices and {len(times)} turnTimes must be equally many"
+            text = f"turns ({len(ids)}), turnIndices ({len(indices)}) and turnTimes ({len(times)}) must be equally many"
             self._report.refuse(root.GetPath(), "scenario", text)
             return []
         indices = indices or [0] * len(ids)

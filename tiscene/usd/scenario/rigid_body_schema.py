@@ -17,6 +17,7 @@ from pxr import Gf, Usd, UsdGeom, UsdPhysics, UsdShade
 
 from dynamics import ArgumentError, RigidBody
 from dynamics.rotation import quaternion
+from tiscene.errors import counted
 from tiscene.usd.core.report import StageReport
 from tiscene.usd.core.units import Units
 from tiscene.usd.read.object_builder import is_rigid_body
@@ -200,7 +201,7 @@ def _report_not_simulated(prim: Usd.Prim, surface: UsdPhysics.MaterialAPI | None
         if material is not None:
             materials.add(material.GetPath())
     if len(materials) > 1:
-        report.omission(path, f"of the {len(materials)} physics materials of a rigid body only the first counts")
+        report.omission(path, f"of {counted(len(materials), 'physics material')} of a rigid body only the first counts")
     if surface and surface.GetStaticFrictionAttr().HasAuthoredValue():
         resting, sliding = surface.GetStaticFrictionAttr().Get(), surface.GetDynamicFrictionAttr().Get()
         if not math.isclose(resting, sliding, rel_tol=1e-6):
