@@ -10,7 +10,7 @@ import pytest
 pytest.importorskip("mujoco")
 
 import tiscene as ts
-from tiscene.errors import MissingExtra, ScenarioError
+from tiscene.errors import MissingExtra, ScenarioError, StageWarning
 from tiscene.scenario.edits import Spawn
 from tiscene.usd.joining.box_cut import cut_box
 from tiscene.world.physics.convex_parts import convex_parts
@@ -268,12 +268,33 @@ def Cube "Box" (prepend apiSchemas = ["TisceneObjectAPI", "PhysicsRigidBodyAPI"]
         ("float physics:gravityMagnitude = 162", (0, 0, -1.62)),
         ("vector3f physics:gravityDirection = (2, 0, 0)", (9.81, 0, 0)),
         ("float physics:gravityMagnitude = 0", (0, 0, 0)),
-        ("float physics:gravityMagnitude = inf", (0, 0, -9.81)),
+        ("float physics:gravityMagnitude = -5", (0, 0, -9.81)),
     ],
 )
 def test_rigid_body_falls_by_the_gravity_of_the_stage(tmp_path, gravity, expected):
     path = tmp_path / "moon.usda"
     path.write_text(MOON.format(gravity=gravity))
     stream = ts.Stream(path, width=8, height=6, buffers=("instance",), fps=50)
+    (box,) = stream.world.state(10).objects
+    assert box.position == pytest.approx([0.5 * each * 0.2**2 for each in expected], abs=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("gravity", "fault", "expected"),
+    [
+        ("float physics:gravityMagnitude = inf", "gravityMagnitude is inf", (0, 0, -9.81)),
+        ("float physics:gravityMagnitude = nan", "gravityMagnitude is nan", (0, 0, -9.81)),
+        (
+            "float physics:gravityMagnitude = 162\nvector3f physics:gravityDirection = (nan, 0, 0)",
+            r"gravityDirection is \(nan, 0.0, 0.0\)",
+            (0, 0, -1.62),
+        ),
+    ],
+)
+def test_gravity_that_is_not_finite_is_named(tmp_path, gravity, fault, expected):
+    path = tmp_path / "moon.usda"
+    path.write_text(MOON.format(gravity=gravity))
+    with pytest.warns(StageWarning, match=f"{fault}, which is not finite: .* used: </Physics>"):
+        stream = ts.Stream(path, width=8, height=6, buffers=("instance",), fps=50)
     (box,) = stream.world.state(10).objects
     assert box.position == pytest.approx([0.5 * each * 0.2**2 for each in expected], abs=1e-9)

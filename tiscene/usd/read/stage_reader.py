@@ -118,7 +118,7 @@ def read_stage(
         templates = (*own, *(template for template, _ in extracted))
         description = reader.description(scene_name(Path(path)), templates)
         moved = tuple(box for template, box in extracted if template.description.instances)
-        rooms, gravity = read_room_volumes(stage, time, report), read_gravity(stage)
+        rooms, gravity = read_room_volumes(stage, time, report), read_gravity(stage, report)
         description = replace(description, rooms=rooms, gravity=gravity, moved=moved)
         report.raise_problems(anything_left=bool(description.instances or templates))
         _report_distance(description, stage, report)
