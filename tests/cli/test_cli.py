@@ -348,3 +348,37 @@ def test_progress_and_notes_go_to_stderr(capsys):
     captured = capsys.readouterr()
     assert captured.out == ""
     assert captured.err == "a line [with] brackets\n"  # no progress bar outside of a terminal
+
+
+STAGE = """#usda 1.0
+( metersPerUnit = 1 )
+def Xform "Pièce"
+{
+    def Cube "Matière"
+    {
+    }
+}
+"""
+
+
+def test_stages_with_accents_are_read_without_utf_8_and_names_of_files_are_refused(tmp_path):
+    """As in containers without a locale; Python itself uses UTF-8 there, unless PYTHONUTF8=0 says otherwise."""
+    (tmp_path / "room.usda").write_text(STAGE, "utf-8")
+    (tmp_path / "pièce.usda").write_text(STAGE, "utf-8")
+    recipe = {"scenes": ["room.usda"], "splits": {"entraîné": 1}}
+    (tmp_path / "recipe.json").write_text(json.dumps(recipe), "ascii")
+    environment = {**os.environ, "PYTHONUTF8": "0", "LC_ALL": "C"}
+
+    def run(*arguments):
+        command = [sys.executable, "-m", "tiscene", *arguments]
+        done = subprocess.run(command, cwd=tmp_path, env=environment, capture_output=True, check=False)
+        return done.returncode, done.stdout.decode("ascii"), done.stderr.decode("ascii")
+
+    status, out, err = run("show", "room.usda", "--paths")
+    assert (status, "/Pi?ce/Mati?re" in out) == (0, True), err
+    status, out, err = run("inspect", "room.usda")
+    assert (status, "Verdict: rendered" in out) == (0, True), err
+    advice = "is not text in the encoding ascii: set the environment variable PYTHONUTF8=1, or LC_ALL=C.UTF-8\n"
+    for arguments in (("inspect", "pièce.usda"), ("sample", "recipe.json", "-n", "1", "-o", "out")):
+        status, _, err = run(*arguments)
+        assert (status, err.endswith(advice), len(err.splitlines())) == (2, True, 1), err

@@ -42,6 +42,10 @@ def main(arguments: Sequence[str] | None = None) -> int:
         own, script_arguments = command_line[:end], command_line[end + 1 :]
     args = top.parse_args(own)
     args.command_line, args.script_arguments = command_line, script_arguments
+    for each in own:
+        if each.encode(errors="replace").decode() != each:
+            print(_not_text(each), file=sys.stderr)
+            return 2
     if args.command is None:
         top.print_help(sys.stderr)
         return 2
@@ -62,6 +66,11 @@ def main(arguments: Sequence[str] | None = None) -> int:
         except TisceneError as error:
             print(f"tiscene: {error}", file=sys.stderr)
             return 2
+        except UnicodeEncodeError as error:  # of the name of a file, in a process that is not of UTF-8
+            if sys.getfilesystemencoding() == "utf-8":
+                raise
+            print(_not_text(error.object), file=sys.stderr)
+            return 2
         except KeyboardInterrupt as error:
             interruption.say_interrupted()
             return 143 if isinstance(error, interruption.Terminated) else 130
@@ -75,6 +84,13 @@ def main(arguments: Sequence[str] | None = None) -> int:
             print("tiscene: the output cannot be written: no space left on its device", file=sys.stderr)
             return 2
     return status
+
+
+def _not_text(name: str) -> str:
+    """Return the message about a name of a file that this process cannot read or write."""
+    encoding = sys.getfilesystemencoding()
+    advice = "rename it" if encoding == "utf-8" else "set the environment variable PYTHONUTF8=1, or LC_ALL=C.UTF-8"
+    return f"tiscene: {name!r} is not text in the encoding {encoding}: {advice}"
 
 
 def _show_warning(shown: set[str], message: Warning | str, *_: Any, **__: Any) -> None:
