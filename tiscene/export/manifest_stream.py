@@ -16,6 +16,7 @@ from tiscene import catalog
 from tiscene.errors import ArgumentError, ExportError, MissingFile, SceneNotFound, TemplateNotFound
 from tiscene.export.manifest import Manifest, file_digest
 from tiscene.render.render_settings import PRESETS, preset
+from tiscene.scenario.relative_files import with_files
 from tiscene.scenario.scenario import Scenario
 from tiscene.stream.stream import Stream
 from tiscene.usd.core.layers import scene_digests
@@ -84,26 +85,15 @@ def relocated(content: Mapping[str, Any], digests: Mapping[str, str], folders: S
     Raises:
         ExportError: A file was not found; the message names it and its digest.
     """
-    result = dict(content)
-    result["scene"] = _located(str(content["scene"]), digests.get(Path(str(content["scene"])).name), folders)
-    for part in ("objects", "edits"):
-        if content.get(part):
-            result[part] = [_with_template(each, digests, folders) for each in content[part]]
-    return result
 
+    def scene(name: str) -> str:
+        return _located(name, digests.get(Path(name).name), folders)
 
-def _with_template(content: Any, digests: Mapping[str, str], folders: Sequence[Path]) -> Any:
-    """Return an object or an edit with the template's path of this machine."""
-    if not isinstance(content, Mapping):
-        return content
-    result = dict(content)
-    for key, value in content.items():
-        if key == "template" and isinstance(value, str) and not catalog.is_prim_path(value):
-            file = catalog.template_variants(value)[0]
-            digest = digests.get(f"{value}: {Path(file).name}")
-            result[key] = value.replace(file, _located(file, digest, folders, template=True))
-        elif isinstance(value, Mapping):
-            result[key] = _with_template(value, digests, folders)
+    def template(name: str) -> str:
+        file = catalog.template_variants(name)[0]
+        return name.replace(file, _located(file, digests.get(f"{name}: {Path(file).name}"), folders, template=True))
+
+    result: dict[str, Any] = with_files(content, scene, template)
     return result
 
 

@@ -14,6 +14,7 @@ import operator
 import os
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
+from pathlib import Path
 from types import TracebackType
 from typing import Any, overload
 
@@ -28,6 +29,7 @@ from tiscene.learning.pixel_labels import LABELS, moving_instances
 from tiscene.learning.stream_pool import StreamPool, without_progress
 from tiscene.learning.supervision_rules import SILENCE, SupervisionRules
 from tiscene.scenario import serialization
+from tiscene.scenario.relative_files import from_folder
 from tiscene.scenario.scenario import Scenario
 from tiscene.stream.frame_slice import FrameSlice
 from tiscene.stream.stream import STREAM_ARGUMENTS, Stream
@@ -330,13 +332,21 @@ class Course(Iterator[CourseFrame]):
 
     @classmethod
     def load(cls, path: str | os.PathLike[str]) -> Course:
-        """Read a course from a JSON file.
+        """Read a course from a JSON file, whose relative paths are those of `Scenario.load`.
 
         Raises:
             MissingFile: there is no such file.
             ArgumentError, ScenarioError: the course is invalid; the message names the file and the place in it.
         """
-        return serialization.read(path, cls.from_json)
+        folder = Path(path).parent
+
+        def make(content: Any) -> Course:
+            if isinstance(content, Mapping) and isinstance(content.get("scenarios"), Mapping):
+                scenarios = {name: from_folder(each, folder) for name, each in content["scenarios"].items()}
+                content = {**content, "scenarios": scenarios}
+            return cls.from_json(content)
+
+        return serialization.read(path, make)
 
 
 def check_course(value: Any) -> Course:

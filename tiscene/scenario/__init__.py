@@ -12,6 +12,7 @@
     overrides         changes of the stage that hold for all frames
     scenario_fields   classes and checks of a scenario's fields
     light_motion      motion and brightness of lights over time
+    relative_files    relative paths in JSON files
     serialization     values to JSON and back
     providers         functions of higher packages, imported at first use
 """

@@ -34,6 +34,7 @@ from tiscene.scenario.light_motion import LightMotion
 from tiscene.scenario.objects import Frustum, Object, path_of
 from tiscene.scenario.overrides import Override
 from tiscene.scenario.providers import provider
+from tiscene.scenario.relative_files import from_folder
 from tiscene.scenario.scenario_fields import (
     FIELDS,
     check_cameras,
@@ -304,7 +305,8 @@ class Scenario:
 
         Args:
             source: a scenario (.json), a USD file, or a scene's name. A stage on which nothing moves is a scenario
-                without objects.
+                without objects. Relative paths in a .json file count from its folder, or from the working directory
+                if no file is there.
             variants: variant selections, added to those in the file.
             still: read no motion from a stage.
             limits: `ts.Limits` of time and memory that reading a stage may take; None: unlimited.
@@ -318,7 +320,8 @@ class Scenario:
         if not isinstance(source, str | os.PathLike):
             raise ArgumentError(f"source={brief(source)}: must be a Scenario, a scene's name or a file")
         if Path(source).suffix.lower() == ".json":
-            loaded = serialization.read(source, cls.from_json)
+            folder = Path(source).parent
+            loaded = serialization.read(source, lambda content: cls.from_json(from_folder(content, folder)))
             loaded = replace(loaded, variants={**loaded.variants, **variants}) if variants else loaded
             return loaded if camera is None else replace(loaded, camera=camera)
         if still:

@@ -25,6 +25,7 @@ from tiscene.export.formats import find_format
 from tiscene.frame.buffers import buffer_names
 from tiscene.render.view import image_size
 from tiscene.scenario.providers import provider
+from tiscene.scenario.relative_files import beside
 from tiscene.scenario.scenario import DRAWN_FACTORS, Scenario
 from tiscene.stream.stream import STREAM_ARGUMENTS
 from tiscene.usd.core.layers import cached_by_layers
@@ -40,6 +41,7 @@ RANGES = tuple(  # arguments of `Scenario.sample` that a recipe may give
 SETTINGS = tuple(  # arguments of `Stream` that a recipe may give
     name for name in STREAM_ARGUMENTS if name not in ("frames", "arch", "limits", "progress")
 )
+FILES = {"scenes", "ranges"}  # fields that name files
 OF_SCENARIOS = ("camera", "variants")  # arguments of `Stream` that change its scenario
 
 
@@ -89,7 +91,7 @@ class Recipe:
 
     @classmethod
     def load(cls, path: str | os.PathLike[str]) -> Recipe:
-        """Read a recipe.
+        """Read a recipe. Relative paths of scenes and templates are those of `Scenario.load`.
 
         Raises:
             MissingFile: There is no such file.
@@ -102,6 +104,9 @@ class Recipe:
         except (OSError, ValueError) as error:
             raise ArgumentError(f"{path}: not a JSON file: {error}") from error
         try:
+            if isinstance(content, dict):
+                folder = Path(path).parent
+                content |= {name: _from_folder(content[name], folder) for name in FILES & content.keys()}
             return cls.from_json(content)
         except ArgumentError as error:
             raise ArgumentError(f"{path}: {error}") from error
@@ -250,6 +255,15 @@ class Recipe:
             not_negative(share, f"recipe: splits: {name}")
         if sum(self.splits.values()) <= 0 or sum(choice.weight for choice in self.scenes) <= 0:
             raise ArgumentError('recipe: the shares of "splits" and the weights of "scenes" must have a sum above 0')
+
+
+def _from_folder(content: Any, folder: Path) -> Any:
+    """Return scenes and ranges of a recipe in a folder, as JSON values, with paths from the working directory."""
+    if isinstance(content, Mapping):
+        return {name: _from_folder(each, folder) for name, each in content.items()}
+    if isinstance(content, list):
+        return [_from_folder(each, folder) for each in content]
+    return beside(content, folder) if isinstance(content, str) else content
 
 
 @cached_by_layers(64)
