@@ -5,6 +5,7 @@ import hashlib
 import json
 import os
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -253,6 +254,27 @@ def test_several_cameras_have_one_folder_each(tmp_path, format):
     different = [name.removeprefix("Main/") for name in found if name.startswith("Main/") and "labels" not in name]
     assert any(found[f"Main/{name}"] != found[f"a_b_._/{name}"] for name in different)
     assert manifest.frames[0]["digest"] == frame_entry(ThreeCameraStream(buffers)[0], {})["digest"]
+
+
+def test_recordings_of_scenarios_and_cameras_have_ids_of_their_own(tmp_path, monkeypatch):
+    """Rerun joins files with the id of one recording: they would lie over each other."""
+    skip_without_extra("rerun")
+    from rerun.chunk import RrdReader
+
+    from tiscene.export import rerun_recording
+
+    monkeypatch.setattr(rerun_recording, "FRAMES_PER_FILE", 2)
+    ids: dict[tuple[int, str], set[str]] = {}
+    for number in (1, 2):
+        stream = ThreeCameraStream(("depth",))
+        stream.scenario = SimpleNamespace(to_json=lambda number=number: {"scene": "nowhere", "number": number})
+        export(stream, tmp_path / str(number), format="rerun", frames=range(3))
+        for path in (tmp_path / str(number)).rglob("*.rrd"):
+            (entry,) = RrdReader(path).recordings()
+            ids.setdefault((number, path.parent.name), set()).add(entry.recording_id)
+    assert len(ids) == 6
+    assert {len(each) for each in ids.values()} == {1}
+    assert len(set.union(*ids.values())) == 6
 
 
 def test_export_of_several_cameras_is_continued_and_replaced(tmp_path):

@@ -24,6 +24,7 @@ order: the manifest has the digest of the chunks.
 from __future__ import annotations
 
 import hashlib
+import json
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from functools import partial
 from itertools import islice
@@ -35,6 +36,7 @@ from numpy.typing import NDArray
 
 from tiscene.errors import ExportError
 from tiscene.export.array_files import Contents, from_npy, npy, png
+from tiscene.export.packing import PACKING
 from tiscene.export.png import ids16
 
 if TYPE_CHECKING:
@@ -203,7 +205,9 @@ def pack(frames: GroupFrames, run: ExportRun, folder: Path) -> dict[str, str]:
     from rerun.chunk import LazyChunkStream
 
     path = folder / f"recording-{frames.first // FRAMES_PER_FILE:06d}.rrd"
-    identity = hashlib.sha256(repr(sorted(run.provenance["settings"].items())).encode()).hexdigest()[:32]
+    camera = folder.name if folder.parent.parent.name == PACKING else ""
+    about = {name: run.provenance[name] for name in ("scenario", "settings")} | {"camera": camera}
+    identity = hashlib.sha256(json.dumps(about, sort_keys=True).encode()).hexdigest()[:32]
     digest = hashlib.sha256()
     stream = LazyChunkStream.from_iter(_digested(_chunks(frames), digest))
     try:
