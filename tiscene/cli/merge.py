@@ -23,7 +23,7 @@ def run(args: argparse.Namespace) -> int:
     folder = Path(args.folder)
     data_set = DataSet.load(folder)
     if data_set is not None and not args.parts:
-        with progress(f"indexing {folder}", data_set.count) as step:
+        with progress(f"indexing {folder}", 0) as step:
             finish(folder, partial=args.partial, progress=task_shown(step))
         status = status_of(data_set, range(data_set.count))
     else:

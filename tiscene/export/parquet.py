@@ -77,10 +77,16 @@ Rendered by tiscene {run.provenance["tiscene"]}. Each row is a frame. Columns:
     return {"README.md": card.encode()}
 
 
-def card_head(files: Mapping[str, str]) -> str:
-    """Return the head of a card of Hugging Face, from patterns of the files of each split."""
+def card_head(files: Mapping[str, str], features: str = "") -> str:
+    """Return the head of a card of Hugging Face.
+
+    Args:
+        files: Patterns of the files of each split.
+        features: The YAML of `dataset_info`; "": the files have it.
+    """
     splits = "".join(f"  - split: {split}\n    path: {pattern}\n" for split, pattern in files.items())
-    return f"---\nconfigs:\n- config_name: default\n  data_files:\n{splits}tags:\n- synthetic\n- tiscene\n---\n"
+    configs = f"configs:\n- config_name: default\n  data_files:\n{splits}"
+    return f"---\n{configs}{features}tags:\n- synthetic\n- tiscene\n---\n"
 
 
 def _schema(run: ExportRun, arrays: dict[str, NDArray[Any]]) -> Any:

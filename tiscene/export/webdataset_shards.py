@@ -8,13 +8,16 @@ usual decoders of pictures would squeeze 16-bit ids into 8 bits), and `json` wit
 from __future__ import annotations
 
 import io
+import json
 import tarfile
+from collections.abc import Iterable
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from tiscene.export.array_files import Contents, npy, png
 from tiscene.export.frame_json import labels_bytes
+from tiscene.frame.buffers import BUFFERS
 
 if TYPE_CHECKING:
     from tiscene.export.packing import ExportRun, GroupFrames
@@ -36,6 +39,25 @@ def pieces(frame: Frame, labels: dict[str, Any], stream: Stream) -> dict[str, Co
         else:
             members[f"{name}.npy"] = partial(npy, buffer)
     return members
+
+
+def card_features(buffers: Iterable[str]) -> str:
+    """Return the features of samples for a card of Hugging Face, which guesses them from the first samples otherwise.
+
+    Those may have null and empty lists in `json` where later ones have values.
+    """
+    columns: dict[str, Any] = {name: {"dtype": "string"} for name in ("__key__", "__url__")}
+    columns["json"] = {"dtype": "json"}
+    for name in buffers:
+        if name == "rgb":
+            columns["rgb.png"] = {"dtype": "image"}
+        else:
+            kind: Any = str(BUFFERS[name].dtype)
+            for _ in BUFFERS[name].shape(1, 1):
+                kind = {"list": kind}
+            columns[f"{name}.npy"] = kind
+    lines = "".join(f"  - {json.dumps({'name': name} | kind)}\n" for name, kind in columns.items())
+    return f"dataset_info:\n  features:\n{lines}"
 
 
 def pack(frames: GroupFrames, run: ExportRun, folder: Path) -> None:

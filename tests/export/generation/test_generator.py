@@ -20,7 +20,7 @@ from tiscene.errors import ArgumentError, ExportError, StageWarning
 from tiscene.export.generation.data_set_index import DataSet
 from tiscene.export.generation.generator import finish, generate, write_scenario
 from tiscene.export.generation.recipe import Recipe
-from tiscene.export.manifest import Manifest, buffer_digest
+from tiscene.export.manifest import Manifest
 from tiscene.export.verification import verify
 from tiscene.scenario.scenario import Scenario
 
@@ -293,26 +293,6 @@ def test_categories_of_several_templates_have_the_same_ids_if_selected_and_are_w
     manifests = [Manifest.load(data_set.scenario_folder(number)) for number in range(COUNT)]
     assert {tuple(manifest.categories.items()) for manifest in manifests} == {((0, ""), (1, "robot"), (2, "drone"))}
     assert not [each for each in recwarn if "the category" in str(each.message)]
-
-
-@pytest.mark.filterwarnings("ignore")  # of datasets
-def test_hugging_face_reads_a_data_set_with_its_splits_and_another_card_stays(tmp_path):
-    datasets = pytest.importorskip("datasets")
-    pytest.importorskip("pyarrow")
-    change = {"scenes": ["object_view"], "format": "parquet", "splits": {"train": 0.5, "held-out": 0.5, "never": 1e-9}}
-    data_set = generate(Recipe.from_json(RECIPE | change), tmp_path / "data", COUNT)
-    read = datasets.load_dataset(str(tmp_path / "data"), cache_dir=str(tmp_path / "cache"))
-    expected = {"train": [], "held_out": []}
-    for number in range(COUNT):
-        manifest = Manifest.load(data_set.scenario_folder(number))
-        digests = [entry["buffers"]["instance"] for entry in manifest.frames.values()]
-        expected[data_set.recipe.split(number).replace("-", "_")] += digests
-    rows = {split: [buffer_digest(np.array(row, np.int32)) for row in read[split]["instance"]] for split in read}
-    assert rows == expected
-    assert all(expected.values())
-    (tmp_path / "data" / "README.md").write_text("mine")
-    data_set.write_index()
-    assert (tmp_path / "data" / "README.md").read_text() == "mine"
 
 
 def test_split_with_the_name_of_a_file_of_the_data_set_is_refused(tmp_path):

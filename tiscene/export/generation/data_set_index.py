@@ -24,7 +24,9 @@ from tiscene.export.generation import coco_splits, lerobot_splits
 from tiscene.export.generation.recipe import Recipe
 from tiscene.export.generation.scenario_summary import FILE, THUMBNAIL, THUMBNAIL_WIDTH, read_summary
 from tiscene.export.generation.split_parts import counter
+from tiscene.export.manifest import Manifest
 from tiscene.export.parquet import card_head
+from tiscene.export.webdataset_shards import card_features
 from tiscene.files import write_atomically
 
 DATA_SET, INDEX, STATISTICS, SHEET = "dataset.json", "index.jsonl", "statistics.json", "contact_sheet.png"
@@ -168,7 +170,9 @@ class DataSet:
         splits = (name for name in recipe.splits if name in present)  # an empty one would be an error
         files = {re.sub(r"\W", "_", name): f"{name}/**/{ROWS[recipe.format]}" for name in splits}
         scenes = ", ".join(dict.fromkeys(Path(choice.scene).stem for choice in recipe.scenes))
-        return f"""{card_head(files)}
+        manifest = Manifest.load(self.scenario_folder(numbers[0])) if recipe.format == "webdataset" else None
+        features = "" if manifest is None else card_features(manifest.provenance["buffers"])
+        return f"""{card_head(files, features)}
 {MARK}
 
 # {counted(len(numbers), "scenario")} of {scenes}
