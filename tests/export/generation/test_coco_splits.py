@@ -1,6 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """COCO's JSON of a split: pictures, masks and tracks of all its scenarios, with ids and names of its own."""
 
+import errno
+import io
 import json
 import shutil
 from pathlib import Path
@@ -12,6 +14,7 @@ from pycocotools.coco import COCO
 
 from tiscene.errors import ExportError, StageWarning
 from tiscene.export.coco import PACKED
+from tiscene.export.generation import coco_splits
 from tiscene.export.generation.coco_splits import joined
 from tiscene.export.generation.data_set_index import DataSet
 from tiscene.export.generation.data_set_verification import verify_data_set
@@ -141,6 +144,16 @@ def test_damaged_part_is_named_and_keeps_what_was_there(copied, damage):
         finish(copied)
     assert (copied / "val" / PACKED[0]).read_bytes() == whole
     assert f"val/{scenario.name}" in verify_data_set(copied, sample=0).problems
+
+
+def test_full_disk_is_no_damage_of_a_scenario(copied, monkeypatch):
+    class FullDisk(io.BytesIO):
+        def write(self, data):
+            raise OSError(errno.ENOSPC, "No space left on device")
+
+    monkeypatch.setattr(coco_splits.tempfile, "TemporaryFile", lambda **_: FullDisk())
+    with pytest.raises(ExportError, match=rf"^cannot write '{copied}': .*No space left on device$"):
+        finish(copied)
 
 
 def test_ids_of_several_categories_are_not_joined(copied):

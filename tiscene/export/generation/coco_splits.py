@@ -53,7 +53,7 @@ def joined(
             for file in parts:
                 with reading(folder, file):
                     content = json.loads(file.read_bytes())
-                    targets[name].add(content, "/".join(file.relative_to(folder).parts[1:-2]))
+                    rows = targets[name].numbered_on(content, "/".join(file.relative_to(folder).parts[1:-2]))
                     conflict = _conflict(categories, content["categories"])
                 if conflict:
                     warnings.warn(StageWarning(
@@ -62,6 +62,7 @@ def joined(
                     ), stacklevel=2)  # fmt: skip
                     yield from dict.fromkeys(files).items()
                     return
+                targets[name].add(rows)
                 step()
         ordered = [categories[id] for id in sorted(categories)]
         for name in files:
@@ -92,8 +93,8 @@ class _JoinedFile:
         self._videos = 0
         self._last = {"images": 0, "annotations": 0, "tracks": 0}
 
-    def add(self, content: dict[str, Any], below: str) -> None:
-        """Add what a file of a scenario has: ids after those of the file before, and names of pictures from the split.
+    def numbered_on(self, content: dict[str, Any], below: str) -> dict[str, list[Any]]:
+        """Return the lists of a file of a scenario, with ids after those before, and names of pictures from the split.
 
         Args:
             content: The file.
@@ -102,9 +103,8 @@ class _JoinedFile:
         self._info = self._info or content["info"]
         self._videos += 1
         last = dict(self._last)
-        for key, rows in content.items():
-            if key in ("info", "categories"):
-                continue
+        lists = {key: rows for key, rows in content.items() if key not in ("info", "categories")}
+        for key, rows in lists.items():
             for row in rows:
                 if "id" in row:
                     row["id"] = self._videos if key == "videos" else row["id"] + self._last[key]
@@ -117,18 +117,20 @@ class _JoinedFile:
                         row[name] += self._last[kind]
             if key in last:
                 last[key] = max((row["id"] for row in rows if "id" in row), default=last[key])
-            self._write(key, rows)
         self._last = last
+        return lists
 
-    def _write(self, key: str, rows: Sequence[Any]) -> None:
-        """Write rows at the end of a list."""
-        if key not in self._files:
-            temporary = tempfile.TemporaryFile(dir=self._folder)  # noqa: SIM115
-            self._files[key] = self._stack.enter_context(temporary)
-        if rows:
-            file = self._files[key]
-            separator = ",\n" if file.tell() else "\n"
-            file.write((separator + ",\n".join(json.dumps(row, separators=(",", ":")) for row in rows)).encode())
+    def add(self, lists: Mapping[str, Sequence[Any]]) -> None:
+        """Add what `numbered_on` has returned."""
+        for key, rows in lists.items():
+            if key not in self._files:
+                temporary = tempfile.TemporaryFile(dir=self._folder)  # noqa: SIM115
+                self._files[key] = self._stack.enter_context(temporary)
+            if rows:
+                file = self._files[key]
+                separator = ",\n" if file.tell() else "\n"
+                file.write((separator + ",\n".join(json.dumps(row, separators=(",", ":")) for row in rows)).encode())
+                file.flush()  # closing it cannot fail then
 
     def content(self, categories: list[dict[str, Any]]) -> Iterator[bytes]:
         """Yield the content of the file in parts."""
