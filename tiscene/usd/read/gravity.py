@@ -15,27 +15,32 @@ from tiscene.usd.core.units import Units
 
 
 def read_gravity(stage: Usd.Stage, report: StageReport) -> Vector3 | None:
-    """Return the gravity of a stage's first PhysicsScene, m/s2; None: it has none, or that of the earth by default.
-
-    A negative magnitude is that of the earth, and a direction of zeros is down. So are values that are not finite,
-    which are reported.
-    """
+    """Return the gravity of a stage's first PhysicsScene, m/s2; None: it has none, or that of the earth by default."""
     scene = next((UsdPhysics.Scene(prim) for prim in stage.Traverse() if prim.IsA(UsdPhysics.Scene)), None)
-    return None if scene is None else gravity_of(scene)
+    return None if scene is None else gravity_of(scene, report)
 
 
-def gravity_of(scene: UsdPhysics.Scene) -> Vector3 | None:
-    """Return the gravity of a PhysicsScene, m/s2; None: that of the earth by default."""
+def gravity_of(scene: UsdPhysics.Scene, report: StageReport | None = None) -> Vector3 | None:
+    """Return the gravity of a PhysicsScene, m/s2; None: that of the earth by default.
+
+    A negative magnitude is that of the earth, and a direction of zeros is down. So are values that are not finite.
+
+    Args:
+        scene: the PhysicsScene.
+        report: receives values that are not finite.
+    """
     stage = scene.GetPrim().GetStage()
     strength = float(str(np.float32(scene.GetGravityMagnitudeAttr().Get())))  # 9.81 in single precision is 9.81
     if strength == math.inf or math.isnan(strength):
-        text = f"gravityMagnitude is {strength:g}, which is not finite: that of the earth, {EARTH} m/s2, is used"
-        report.omission(scene.GetPath(), text)
+        if report:
+            text = f"gravityMagnitude is {strength:g}, which is not finite: that of the earth, {EARTH} m/s2, is used"
+            report.omission(scene.GetPath(), text)
         strength = -1.0
     direction = np.array(scene.GetGravityDirectionAttr().Get(), np.float64)
     if not np.isfinite(direction).all():
-        text = f"gravityDirection is {tuple(direction.tolist())}, which is not finite: down is used"
-        report.omission(scene.GetPath(), text)
+        if report:
+            text = f"gravityDirection is {tuple(direction.tolist())}, which is not finite: down is used"
+            report.omission(scene.GetPath(), text)
         direction = np.zeros(3)
     length = float(np.linalg.norm(direction))
     if strength < 0.0 and length == 0.0:
