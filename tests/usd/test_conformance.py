@@ -212,7 +212,7 @@ ODD = [
     ("int[] holeIndices = []\n int[] creaseIndices = []\n vector3f[] velocities = []", ""),
     # Approximated, with a warning.
     ("int[] faceVertexCounts = [4, 2]\n int[] faceVertexIndices = [0, 1, 2, 3, 0, 1]", "faces of fewer than 3 vert"),
-    ("texCoord2f[] primvars:st = [(0, 0)] (interpolation = \"vertex\")", "primvars:st: 1 values, but vertex inter"),
+    ("texCoord2f[] primvars:st = [(0, 0)] (interpolation = \"vertex\")", "primvars:st: 1 value, but vertex inter"),
     ("color3f[] primvars:displayColor = [(0, 0, 0), (1, 1, 1)] (interpolation = \"vertex\")", "displayColor: 2 values"),
 ]  # fmt: skip
 

@@ -157,7 +157,7 @@ def test_a_light_in_a_thing_that_is_edited_goes_along():
 @pytest.mark.parametrize(
     ("fields", "match"),
     [
-        ({"times": (0, 1), "intensity": (1,)}, "1 values for 2 times"),
+        ({"times": (0, 1), "intensity": (1,)}, "1 value for 2 times"),
         ({"times": (1, 0), "intensity": (1, 2)}, "increase"),
         ({"times": (0,)}, "give intensity"),
         ({"times": (0,), "intensity": (-1,)}, "negative"),
