@@ -28,7 +28,10 @@ def test_every_script_is_run_by_a_test():
     assert not [path.name for path in EXAMPLES.glob("*.py") if path.name not in tests]
 
 
-@pytest.mark.parametrize("script", SCRIPTS)
+@pytest.mark.parametrize(
+    "script",
+    [pytest.param(name, marks=pytest.mark.slow) if name == "loop.py" else name for name in SCRIPTS],  # README has it
+)
 def test_script_runs(script, tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr(sys, "argv", [script, *SCRIPTS[script]])

@@ -25,10 +25,12 @@ def sphere(tmp_path_factory) -> BakedScene:
     return load(folder)[0]
 
 
+@pytest.mark.slow
 def test_labels_of_the_same_machine_are_equal(sphere):
     assert all(check.passed for check in parts.labels([sphere], 0.01))
 
 
+@pytest.mark.slow
 def test_labels_that_differ_are_found(sphere):
     wrong = sphere.labels | {"instance": sphere.labels["instance"] + 1}
     failed = [check for check in parts.labels([replace(sphere, labels=wrong)], 0.01) if not check.passed]
@@ -36,6 +38,7 @@ def test_labels_that_differ_are_found(sphere):
     assert failed[0].found.startswith("1.0e+00 of pixels differ, (0, 0) 1 for 2 at ")
 
 
+@pytest.mark.slow
 def test_missed_edges_are_found(sphere):
     assert all(check.passed for check in parts.watertight([sphere], 0.001))
     mesh = sphere.description.meshes[0]
@@ -61,6 +64,7 @@ def test_scenes_must_be_baked_first(tmp_path, capsys):
     assert "write them first: python -m tests.gpu.bake" in capsys.readouterr().out
 
 
+@pytest.mark.slow
 def test_failures_of_all_kinds_are_counted(sphere, tmp_path, monkeypatch, capsys):
     sphere.save(tmp_path)
     checks = [
@@ -127,6 +131,7 @@ def test_kit_runs_without_the_repository(sphere, tmp_path, capsys):
     assert "\n0 failed" in done.stdout
 
 
+@pytest.mark.slow
 def test_batches_of_labels_are_compared(sphere):
     checks = list(parts.batch([sphere], 0.01))
     assert checks[0].what == "sphere: 2 frames at once"
@@ -148,5 +153,6 @@ def test_batches_of_colors_are_compared(sphere):
     ]
 
 
+@pytest.mark.slow
 def test_steps_that_one_thread_must_not_do_alone_are_timed(sphere):
     assert all(check.passed in (None, True) for check in parts.serial([sphere], 0.01))

@@ -295,14 +295,15 @@ if __name__ == "__main__":
 """
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(sys.platform != "linux", reason="reads /proc")
 @pytest.mark.parametrize(
     ("when", "sent"),
     [
         ("rendering", signal.SIGINT),
-        pytest.param("rendering", signal.SIGTERM, marks=pytest.mark.slow),
-        pytest.param("rendering", signal.SIGKILL, marks=pytest.mark.slow),
-        pytest.param("starting", signal.SIGKILL, marks=pytest.mark.slow),
+        ("rendering", signal.SIGTERM),
+        ("rendering", signal.SIGKILL),
+        ("starting", signal.SIGKILL),
     ],
 )
 def test_worker_ends_with_its_owner(tmp_path, when, sent):
