@@ -11,10 +11,10 @@ import math
 from typing import Any
 
 import numpy as np
-from pxr import Usd, UsdGeom, UsdLux
+from pxr import Usd, UsdGeom
 
 from tiscene.usd.core.pose import read_pose
-from tiscene.usd.core.prims import ALSO_ABSTRACT, with_ancestors
+from tiscene.usd.core.prims import ALSO_ABSTRACT, is_light_only, with_ancestors
 from tiscene.usd.core.report import StageReport
 from tiscene.usd.core.transform import to_matrix
 from tiscene.usd.core.units import Units
@@ -74,9 +74,7 @@ def _places_objects(instancer: Usd.Prim) -> bool:
     targets = UsdGeom.PointInstancer(instancer).GetPrototypesRel().GetForwardedTargets()
     prototypes = [prim for prim in map(instancer.GetStage().GetPrimAtPath, targets) if prim]
     return bool(prototypes) and not any(
-        each.HasAPI(UsdLux.LightAPI) and not each.IsA(UsdGeom.Gprim)
-        for prim in prototypes
-        for each in Usd.PrimRange(prim, ALSO_ABSTRACT)
+        is_light_only(each) for prim in prototypes for each in Usd.PrimRange(prim, ALSO_ABSTRACT)
     )
 
 

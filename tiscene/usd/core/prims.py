@@ -5,7 +5,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
-from pxr import Sdf, Tf, Usd, UsdGeom
+from pxr import Sdf, Tf, Usd, UsdGeom, UsdLux
 
 _LOADED = Usd.PrimIsActive & Usd.PrimIsLoaded
 DEFINED = Usd.TraverseInstanceProxies(_LOADED & Usd.PrimIsDefined & ~Usd.PrimIsAbstract)
@@ -54,6 +54,16 @@ def type_of(prim: Usd.Prim) -> str:
     "" for a prim without a type. A type without a known fallback is returned as it is authored.
     """
     return str(prim.GetPrimTypeInfo().GetSchemaTypeName() or prim.GetTypeName())
+
+
+def is_light(prim: Usd.Prim) -> bool:
+    """Return whether a prim is a UsdLux light or has LightAPI applied; portals are not lights."""
+    return bool(prim.HasAPI(UsdLux.LightAPI)) and not prim.IsA(UsdLux.PortalLight)
+
+
+def is_light_only(prim: Usd.Prim) -> bool:
+    """Return whether a prim is a light and not a gprim: a mesh light is an object."""
+    return is_light(prim) and not prim.IsA(UsdGeom.Gprim)
 
 
 def identifier(text: str) -> str:

@@ -360,15 +360,5 @@ def color_of_temperature(kelvin: float) -> NDArray[np.float64]:
     return np.asarray(color / (color @ LUMINANCE))
 
 
-def is_light(prim: Usd.Prim) -> bool:
-    """Return whether a prim is a UsdLux light or has LightAPI applied; portals are not lights."""
-    return bool(prim.HasAPI(UsdLux.LightAPI)) and not prim.IsA(UsdLux.PortalLight)
-
-
-def is_light_only(prim: Usd.Prim) -> bool:
-    """Return whether a prim is a light and not a gprim: a mesh light is an object."""
-    return is_light(prim) and not prim.IsA(UsdGeom.Gprim)
-
-
 def _times(color: Color, factor: float) -> Color:
     return (color[0] * factor, color[1] * factor, color[2] * factor)

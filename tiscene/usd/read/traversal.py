@@ -16,7 +16,7 @@ from pxr import Sdf, Usd, UsdGeom, UsdLux, UsdSkel
 from tiscene.scene.camera import Camera
 from tiscene.scene.description import Matrix, SceneDescription, Template
 from tiscene.usd.core.keyframes import plays_in_parts
-from tiscene.usd.core.prims import DEFINED, DRAWN_PURPOSES, renders
+from tiscene.usd.core.prims import DEFINED, DRAWN_PURPOSES, is_light, is_light_only, renders
 from tiscene.usd.core.report import UNDRAWN, StageReport
 from tiscene.usd.core.semantics import direct_label, is_component, is_object_instance, taxonomies_of
 from tiscene.usd.core.time_samples import TransformSamples
@@ -24,7 +24,7 @@ from tiscene.usd.core.transform import is_singular, range_fault, to_matrix
 from tiscene.usd.core.value_times import JUMP, dense_times, is_time_varying
 from tiscene.usd.geometry.skinning import report_unskinned
 from tiscene.usd.lights.animated_light import mesh_emission_over_time
-from tiscene.usd.lights.light import LightReader, is_light, is_light_only
+from tiscene.usd.lights.light import LightReader
 from tiscene.usd.materials.material import Binding, MaterialTableBuilder
 from tiscene.usd.materials.texture import TextureTable
 from tiscene.usd.read.instancer_reader import PointInstancerReader, PrototypeLight

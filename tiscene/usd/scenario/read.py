@@ -19,7 +19,7 @@ from tiscene.usd.core import schema
 from tiscene.usd.core.keyframes import plays_in_parts, read_keyframes, read_lifespan
 from tiscene.usd.core.limits import Limits
 from tiscene.usd.core.pose import is_same_pose, read_pose
-from tiscene.usd.core.prims import DRAWN_PURPOSES, ancestors, renders, with_ancestors
+from tiscene.usd.core.prims import DRAWN_PURPOSES, ancestors, is_light_only, renders, with_ancestors
 from tiscene.usd.core.report import StageReport
 from tiscene.usd.core.schema import authored, targets
 from tiscene.usd.core.semantics import is_outermost_object, object_name
@@ -27,7 +27,6 @@ from tiscene.usd.core.stage import Variants, open_stage, quiet, readable, readin
 from tiscene.usd.core.transform import to_matrix
 from tiscene.usd.core.units import Units
 from tiscene.usd.geometry.skinning import baked_paths
-from tiscene.usd.lights.light import is_light_only
 from tiscene.usd.read.object_builder import may_collide
 from tiscene.usd.read.stage_camera import read_camera, unique_names
 from tiscene.usd.read.stage_render_settings import read_render_settings
