@@ -152,11 +152,16 @@ def rotation(value: Any, name: str) -> tuple[float, ...]:
     return result
 
 
+def is_unicode(value: str) -> bool:
+    """Return whether a string has no lone surrogates, so that it can be encoded."""
+    return value.encode(errors="ignore").decode() == value
+
+
 def text(value: Any, name: str) -> str:
     """Return `value`, a non-empty string that can be encoded as UTF-8."""
     if not isinstance(value, str):
         raise ArgumentTypeError(f"{name}={brief(value)}: must be a string")
-    if not value or value.encode(errors="ignore").decode() != value:
+    if not value or not is_unicode(value):
         raise ArgumentError(
             f"{name}={brief(value)}: must be a string of one character or more, without lone surrogates"
         )

@@ -17,6 +17,7 @@ from collections.abc import Sequence
 from functools import partial
 from typing import Any
 
+from dynamics.argument_checks import is_unicode
 from tiscene.cli import interruption
 from tiscene.cli.parser import parser
 from tiscene.errors import StageWarning, TisceneError
@@ -43,7 +44,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     args = top.parse_args(own)
     args.command_line, args.script_arguments = command_line, script_arguments
     for each in own:
-        if each.encode(errors="replace").decode() != each:
+        if not is_unicode(each):
             print(_not_text(each), file=sys.stderr)
             return 2
     if args.command is None:

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from dynamics.argument_checks import LARGEST, is_number, is_series
+from dynamics.argument_checks import LARGEST, is_number, is_series, is_unicode
 from dynamics.rotation import matrix_from_quaternion
 from tiscene.errors import ArgumentError
 from tiscene.scene.animation import quaternions
@@ -76,7 +76,7 @@ class Camera:
         def refuse(name: str, rule: str) -> ArgumentError:
             return ArgumentError(f"camera {self.name!r}: {name}={getattr(self, name)!r}: {rule}")
 
-        if not isinstance(self.name, str) or self.name.encode(errors="ignore").decode() != self.name:
+        if not isinstance(self.name, str) or not is_unicode(self.name):
             raise refuse("name", "must be a string without lone surrogates")
         for name, count in (("position", 3), ("rotation", 4), ("aperture_offset", 2)):
             if not _are_numbers(getattr(self, name), count):
