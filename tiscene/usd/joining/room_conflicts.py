@@ -13,7 +13,7 @@ from pxr import Usd, UsdGeom, UsdPhysics
 from tiscene.errors import StageError, StageWarning
 from tiscene.scene.description import EARTH
 from tiscene.usd.core import schema
-from tiscene.usd.core.report import outer_level
+from tiscene.usd.core.report import StageReport, outer_level
 from tiscene.usd.read.gravity import gravity_of
 from tiscene.usd.read.object_builder import collides
 
@@ -52,7 +52,8 @@ def check_conflicts(rooms: Mapping[str, Usd.Prim], file: str) -> None:
 
 def _gravity(scene: UsdPhysics.Scene) -> NDArray[np.float64]:
     up = 1 if UsdGeom.GetStageUpAxis(scene.GetPrim().GetStage()) == UsdGeom.Tokens.y else 2
-    return np.array(gravity_of(scene) or -EARTH * np.eye(3)[up])
+    unused = StageReport("")  # reading the joined stage names values that are not finite
+    return np.array(gravity_of(scene, unused) or -EARTH * np.eye(3)[up])
 
 
 def _loses_collisions(prim: Usd.Prim) -> bool:

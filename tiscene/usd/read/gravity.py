@@ -20,7 +20,7 @@ def read_gravity(stage: Usd.Stage, report: StageReport) -> Vector3 | None:
     return None if scene is None else gravity_of(scene, report)
 
 
-def gravity_of(scene: UsdPhysics.Scene, report: StageReport | None = None) -> Vector3 | None:
+def gravity_of(scene: UsdPhysics.Scene, report: StageReport) -> Vector3 | None:
     """Return the gravity of a PhysicsScene, m/s2; None: that of the earth by default.
 
     A negative magnitude is that of the earth, and a direction of zeros is down. So are values that are not finite.
@@ -32,15 +32,13 @@ def gravity_of(scene: UsdPhysics.Scene, report: StageReport | None = None) -> Ve
     stage = scene.GetPrim().GetStage()
     strength = float(str(np.float32(scene.GetGravityMagnitudeAttr().Get())))  # 9.81 in single precision is 9.81
     if strength == math.inf or math.isnan(strength):
-        if report:
-            text = f"gravityMagnitude is {strength:g}, which is not finite: that of the earth, {EARTH} m/s2, is used"
-            report.omission(scene.GetPath(), text)
+        text = f"gravityMagnitude is {strength:g}, which is not finite: that of the earth, {EARTH} m/s2, is used"
+        report.omission(scene.GetPath(), text)
         strength = -1.0
     direction = np.array(scene.GetGravityDirectionAttr().Get(), np.float64)
     if not np.isfinite(direction).all():
-        if report:
-            text = f"gravityDirection is {tuple(direction.tolist())}, which is not finite: down is used"
-            report.omission(scene.GetPath(), text)
+        text = f"gravityDirection is {tuple(direction.tolist())}, which is not finite: down is used"
+        report.omission(scene.GetPath(), text)
         direction = np.zeros(3)
     length = float(np.linalg.norm(direction))
     if strength < 0.0 and length == 0.0:

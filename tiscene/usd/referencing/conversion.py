@@ -62,6 +62,10 @@ class Conversion:
         """Return what numbers are multiplied by whose unit is of these powers of length and mass."""
         return float(self.length**length * self.mass**mass)
 
+    def distance(self, value: float) -> float:
+        """Return a distance; 0 and negative numbers, which stand for none, as they are."""
+        return value * self.length if value > 0.0 else value
+
     def point(self, value: Any) -> Any:
         """Return a point of the world; a vector of the same type."""
         return type(value)(self.world.Transform(Gf.Vec3d(value)))

@@ -122,7 +122,7 @@ def _lengths(prim: Usd.Prim, conversion: Conversion, report: StageReport) -> Val
     for name in _DISTANCES:
         attribute = prim.GetAttribute(name)
         if attribute and attribute.HasAuthoredValue():
-            yield attribute.GetPath(), ConvertedValue.of(attribute, lambda v: v * conversion.length if v > 0.0 else v)
+            yield attribute.GetPath(), ConvertedValue.of(attribute, conversion.distance)
 
 
 def _times(attribute: Usd.Attribute, factor: float, *, has_fallback: bool = False) -> Values:

@@ -68,7 +68,7 @@ def relative_parts(prims: list[Usd.Prim]) -> set[Sdf.Path]:
 def _scenario_values(prim: Usd.Prim, conversion: Conversion, report: StageReport) -> Values:
     far = prim.GetAttribute(f"{_SCENARIO}:frustumFar")
     if far and far.HasAuthoredValue():
-        yield far.GetPath(), ConvertedValue.of(far, lambda value: value * conversion.length if value > 0.0 else value)
+        yield far.GetPath(), ConvertedValue.of(far, conversion.distance)
     for name in _IN_METERS:
         if schema.authored(prim, f"{_SCENARIO}:{name}"):
             text = f"{_SCENARIO}:{name} is in meters of the world that it was written in, and is not converted"
