@@ -34,6 +34,7 @@ if TYPE_CHECKING:
 
 FRAMES_PER_FILE = None
 PACKED = ("meta/*.*", "meta/*/chunk-*/*", "data/chunk-*/*", "videos/*/chunk-*/*")
+FILES_PER_CHUNK = 1000
 VIDEO, TASK = "observation.images.rgb", "observe the scene"
 PLACE = "chunk-{chunk_index:03d}/file-{file_index:03d}"
 FIRST = PLACE.format(chunk_index=0, file_index=0)
@@ -87,7 +88,7 @@ def _write_meta(
         "total_episodes": 1,
         "total_frames": count,
         "total_tasks": 1,
-        "chunks_size": 1000,
+        "chunks_size": FILES_PER_CHUNK,
         "data_files_size_in_mb": 100,
         "video_files_size_in_mb": 500,
         "fps": int(run.fps) if run.fps == int(run.fps) else run.fps,

@@ -24,14 +24,13 @@ import numpy as np
 from tiscene.errors import StageWarning
 from tiscene.export.array_files import json_file
 from tiscene.export.generation.split_parts import counter, reading
-from tiscene.export.lerobot import PLACE, VIDEO
+from tiscene.export.lerobot import FILES_PER_CHUNK, PLACE, VIDEO
 from tiscene.export.video import frame_rate
 
 INFO, STATISTICS, TASKS = "meta/info.json", "meta/stats.json", "meta/tasks.parquet"
 DATA, EPISODES, VIDEOS = f"data/{PLACE}.parquet", f"meta/episodes/{PLACE}.parquet", f"videos/{VIDEO}/{PLACE}.mp4"
 NUMBERED = tuple(f"{name}/chunk-*/file-*" for name in ("data", "meta/episodes", f"videos/{VIDEO}"))
 ALL = (*NUMBERED, INFO, STATISTICS, TASKS)
-FILES_PER_CHUNK = 1000
 MAX_ROWS = 1 << 20  # of a file of `data`, about 100 MB
 MAX_EPISODES = 1000  # of a file of `meta/episodes`
 MAX_VIDEO_BYTES = 100 << 20  # of a file of `videos`, which is in memory until it is written
