@@ -69,7 +69,7 @@ def test_compiler_sees_no_product_in_a_difference_of_the_traversal(tmp_path: Pat
         "from tiscene.render.intersect.ray_queue import hit, hit_id, ray\n"
         "count_asymmetries()\n"
         "f, i = (lambda *shape: device_array(ti.f32, shape)), (lambda *shape: device_array(ti.i32, shape))\n"
-        "bvh2.closest(f(2, 16), f(1, 12), f(3, 1, 12), i(1, 17), 1, 0, device_array(ray, 1), i(1), 0,\n"
+        "bvh2.closest(f(2, 16), f(1, 12), f(3, 1, 12), i(1, 17), 1, 0, device_array(ray, 1), i(1), 0, i(1), 0,\n"
         "             device_array(hit, 1), device_array(hit_id, 1))\n"
     )
     environment = {**os.environ, "PYTHONPATH": str(ROOT), "TISCENE_TAICHI_PATCHES": "0"}

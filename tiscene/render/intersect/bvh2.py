@@ -212,41 +212,20 @@ def closest(
     rays: Rays,
     queue: Ints1,
     count: ti.i32,
-    hits: Hits,
-    hit_ids: HitIds,
-):
-    """Find the closest hits of rays; parameters as `trace.closest`."""
-    ti.loop_config(block_dim=256)
-    for i in range(count):
-        ray = queue[i]
-        t, b1, b2, instance, triangle = trace(
-            nodes, leaf_blocks, transforms, instances, time, root, -1, rays, ray, False
-        )
-        write_hit(hits, hit_ids, ray, t, b1, b2, instance, triangle)
-
-
-@ti.kernel
-def closest_in_frames(
-    nodes: Floats2,
-    leaf_blocks: Floats2,
-    transforms: Floats3,
-    instances: Ints2,
-    time: ti.i32,
     roots: Ints1,
     rays_per_frame: ti.i32,
-    rays: Rays,
-    queue: Ints1,
-    count: ti.i32,
     hits: Hits,
     hit_ids: HitIds,
 ):
-    """Find the closest hits of rays in several frames; parameters as `trace.closest`. roots: of each frame's TLAS."""
+    """Find the closest hits of rays; parameters as `trace.closest`. roots: of each frame, if rays_per_frame > 0."""
     ti.loop_config(block_dim=256)
     for i in range(count):
         ray = queue[i]
-        root = roots[ray // rays_per_frame]
+        start = root
+        if rays_per_frame > 0:
+            start = roots[ray // rays_per_frame]
         t, b1, b2, instance, triangle = trace(
-            nodes, leaf_blocks, transforms, instances, time, root, -1, rays, ray, False
+            nodes, leaf_blocks, transforms, instances, time, start, -1, rays, ray, False
         )
         write_hit(hits, hit_ids, ray, t, b1, b2, instance, triangle)
 

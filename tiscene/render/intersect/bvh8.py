@@ -343,10 +343,12 @@ def closest(
     rays: Rays,
     queue: Ints1,
     count: ti.i32,
+    roots: Ints1,
+    rays_per_frame: ti.i32,
     hits: Hits,
     hit_ids: HitIds,
 ):
-    """Find the closest hits of rays; parameters as `trace.closest`."""
+    """Find the closest hits of rays; parameters as `trace.closest`. roots: of each frame, if rays_per_frame > 0."""
     size = ti.math.clamp(count // MIN_TASKS, 1, TASK_RAYS)
     tasks = (count + size - 1) // size
     taken = 0
@@ -359,35 +361,10 @@ def closest(
             distances = ti.Vector([0.0] * STACK)
             for i in range(task * size, ti.min(count, (task + 1) * size)):
                 ray = queue[i]
+                start = root
+                if rays_per_frame > 0:
+                    start = roots[ray // rays_per_frame]
                 t, b1, b2, instance, triangle = trace(
-                    nodes, leaf_blocks, transforms, instances, time, root, rays, ray, references, distances
+                    nodes, leaf_blocks, transforms, instances, time, start, rays, ray, references, distances
                 )
                 write_hit(hits, hit_ids, ray, t, b1, b2, instance, triangle)
-
-
-@ti.kernel
-def closest_in_frames(
-    nodes: Float8s1,
-    leaf_blocks: Float4s1,
-    transforms: Floats3,
-    instances: Ints2,
-    time: ti.i32,
-    roots: Ints1,
-    rays_per_frame: ti.i32,
-    rays: Rays,
-    queue: Ints1,
-    count: ti.i32,
-    hits: Hits,
-    hit_ids: HitIds,
-):
-    """Find the closest hits of rays in several frames; parameters as `trace.closest`. roots: of each frame's TLAS."""
-    for task in range((count + TASK_RAYS - 1) // TASK_RAYS):
-        references = ti.Vector([0] * STACK)
-        distances = ti.Vector([0.0] * STACK)
-        for i in range(task * TASK_RAYS, ti.min(count, (task + 1) * TASK_RAYS)):
-            ray = queue[i]
-            root = roots[ray // rays_per_frame]
-            t, b1, b2, instance, triangle = trace(
-                nodes, leaf_blocks, transforms, instances, time, root, rays, ray, references, distances
-            )
-            write_hit(hits, hit_ids, ray, t, b1, b2, instance, triangle)

@@ -8,7 +8,6 @@ independent of how the hierarchy was built. The traversal is `scene.traversal`: 
 
 from __future__ import annotations
 
-from contextlib import nullcontext
 from typing import Any
 
 from tiscene.device.vector_mode import vector_mode
@@ -48,20 +47,16 @@ def closest(
     Raises:
         ArgumentError: The scene is not placed at `time`.
     """
-    if rays_per_frame:
-        frames = scene.frame_roots(time), rays_per_frame
-        shared = scene.nodes, scene.leaf_blocks, scene.instance_from_world, scene.instance_info, time
-        with vector_mode() if scene.traversal == "bvh8" else nullcontext():
-            stacked = bvh8 if scene.traversal == "bvh8" else bvh2
-            stacked.closest_in_frames(*shared, *frames, rays, queue, count, hits, hit_ids)
-        return
-    arrays = _arrays(scene, time)
-    if scene.traversal == "bvh8":
+    roots = scene.frame_roots(time) if rays_per_frame else queue
+    arrays = _arrays(scene, time, 0 if rays_per_frame else None)
+    if scene.traversal == "bvh8" and coherent and not rays_per_frame:
         with vector_mode():
-            traversal = bvh8_packets if coherent else bvh8
-            traversal.closest(*arrays, rays, queue, count, hits, hit_ids)
+            bvh8_packets.closest(*arrays, rays, queue, count, hits, hit_ids)
+    elif scene.traversal == "bvh8":
+        with vector_mode():
+            bvh8.closest(*arrays, rays, queue, count, roots, rays_per_frame, hits, hit_ids)
     else:
-        bvh2.closest(*arrays, rays, queue, count, hits, hit_ids)
+        bvh2.closest(*arrays, rays, queue, count, roots, rays_per_frame, hits, hit_ids)
 
 
 def occluded(scene: DeviceScene, time: int, rays: Any, queue: Any, count: int, result: Any, trees: Any = None) -> None:
