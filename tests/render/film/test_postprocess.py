@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Denoising of incremental images: the high-quality base where nothing changed, movers elsewhere."""
+"""Denoising of incremental images, whose base shows where nothing changed, and of images over panoramas."""
 
 from __future__ import annotations
 
@@ -12,8 +12,12 @@ import pytest
 from tiscene.device.memory import upload
 from tiscene.render.film.denoise import denoise
 from tiscene.render.film.postprocess import Postprocessor
+from tiscene.render.film.upsample import demodulate
 from tiscene.render.integrators.incremental.base_image import IncrementalBase
 from tiscene.render.integrators.incremental.incremental_pass import IncrementalImage
+from tiscene.render.integrators.panorama.light_changes import REDUCTION
+from tiscene.render.integrators.panorama.panorama_pass import PanoramaImage
+from tiscene.render.integrators.panorama.subpixels import Hidden
 
 HEIGHT, WIDTH = 48, 64
 
@@ -85,3 +89,26 @@ def test_corrections_are_cached_per_postprocessor() -> None:
     for quality in ("fast", "balanced"):
         Postprocessor(quality, 1, True).process_incremental(difference(base))
     assert len(base.derived) == 2
+
+
+def test_hidden_parts_of_pixels_beside_a_shadow_of_movers_are_as_bright_as_their_surface() -> None:
+    """Path-traced pixels beside movers are known to the panorama too: their light there is that of whole pixels."""
+    light = np.full((HEIGHT, WIDTH, 3), 0.2, np.float32)
+    albedo, normal = np.full_like(light, 0.5), np.zeros_like(light)
+    normal[..., 2] = 1.0
+    share, beside = np.ones((HEIGHT, WIDTH, 1), np.float32), np.zeros((HEIGHT, WIDTH), np.float32)
+    beside[:, 20:24] = 0.5
+    share[:, 20:24] = 0.0
+    share[:, 24] = 0.25
+    pixels = np.arange(HEIGHT, dtype=np.int32) * WIDTH + 24
+    part = Hidden(pixels, *(each.reshape(-1, 3)[pixels] for each in (0.75 * light, albedo, normal)),
+                  *(np.full(HEIGHT, value, np.float32) for value in (0.0, 10.0)))  # fmt: skip
+    before, white, reduced_normal = demodulate(light, albedo, normal, REDUCTION)
+    image = PanoramaImage(
+        static=light, albedo=albedo, normal=normal, denoised=share * light, hidden=part, before=before, change=None,
+        after=None, emitted=None, white=white, reduced_normal=reduced_normal, traced=beside > 0.0, beside=beside,
+        static_mask=share, panorama_spp=64,
+    )  # fmt: skip
+    image.denoised[:, 20:24] = light[:, 20:24]
+    shown = Postprocessor("fast", 1, True).process_panorama(image)
+    np.testing.assert_allclose(shown[8:-8, 24], shown[8:-8, 26], rtol=0.1)
