@@ -13,7 +13,7 @@ from tiscene.usd.core import schema
 from tiscene.usd.core.report import StageReport
 from tiscene.usd.referencing.conversion import Conversion
 from tiscene.usd.referencing.converted_values import ConvertedValue, Values
-from tiscene.usd.scenario.motion_schema import CLASS_BY_TYPE, KEYS_BY_CLASS, PARAMETERS, STEPPED
+from tiscene.usd.scenario.motion_schema import CLASS_BY_TYPE, KEYS_BY_CLASS, LENGTHS, PARAMETERS, STEPPED
 
 _MOTION, _SCENARIO = schema.NAMESPACES[schema.MOTION], schema.NAMESPACES[schema.SCENARIO]
 _TYPES = Sdf.ValueTypeNames
@@ -44,10 +44,11 @@ def motion_values(prim: Usd.Prim, conversion: Conversion, relative: bool, report
     for key in KEYS_BY_CLASS.get(CLASS_BY_TYPE.get(kind, ""), ()):
         if key == "waypoints":
             yield from _waypoint_values(prim, conversion, change[_TYPES.Point3d], relative, report)
-        elif key in PARAMETERS and (PARAMETERS[key].length or PARAMETERS[key].type == _TYPES.Vector3d):
-            attribute = prim.GetAttribute(f"{_MOTION}:{PARAMETERS[key].attribute}")
-            if attribute and attribute.Get() is not None:
-                yield attribute.GetPath(), ConvertedValue.of(attribute, change[PARAMETERS[key].type])
+        elif key in PARAMETERS:
+            attribute = prim.GetAttribute(f"{_MOTION}:{PARAMETERS[key]}")
+            value_type = schema.properties()[f"{_MOTION}:{PARAMETERS[key]}"]
+            if (key in LENGTHS or value_type == _TYPES.Vector3d) and attribute and attribute.Get() is not None:
+                yield attribute.GetPath(), ConvertedValue.of(attribute, change[value_type])
 
 
 def relative_parts(prims: list[Usd.Prim]) -> set[Sdf.Path]:

@@ -129,10 +129,8 @@ def _write_objects(over: OverLayer, motion: RecordedMotion) -> dict[Usd.Prim, st
 
 def _disable_schema_motion(prim: Usd.Prim) -> None:
     """Turn off the motion that the scene's author gave a prim by the schema: time samples replace it."""
-    boolean, token = Sdf.ValueTypeNames.Bool, Sdf.ValueTypeNames.Token
-    prim.CreateAttribute("tiscene:motion:type", token, False, Sdf.VariabilityUniform).Set("none")
-    for name in ("collide", "frustumLimited"):
-        prim.CreateAttribute(f"tiscene:object:{name}", boolean, False, Sdf.VariabilityUniform).Set(False)
+    for name, value in (("motion:type", "none"), ("object:collide", False), ("object:frustumLimited", False)):
+        schema.author(prim, f"tiscene:{name}", value)
 
 
 def _write_lights(over: OverLayer, motion: RecordedMotion) -> None:

@@ -43,7 +43,7 @@ def write_filtered_pairs(
         target = made[ends[1]].GetPath() if ends[1] in made else Sdf.Path(ends[1])
         UsdPhysics.FilteredPairsAPI.Apply(made[ends[0]]).CreateFilteredPairsRel().AddTarget(target)
     if later:
-        schema.author(root, LATER, Sdf.ValueTypeNames.String, json.dumps(later))
+        schema.author(root, LATER, json.dumps(later))
 
 
 def read_filtered_pairs(

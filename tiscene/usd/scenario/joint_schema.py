@@ -61,7 +61,7 @@ def write_joints(
         joint = KINDS[each["type"]].Define(over.stage, path)
         prim = joint.GetPrim()
         prim.AddAppliedSchema(schema.JOINT)
-        schema.author(prim, EXACT, Sdf.ValueTypeNames.String, json.dumps(each))
+        schema.author(prim, EXACT, json.dumps(each))
         if any(id is not None and id not in rows for id in (each["body"], each["parent"])):
             joint.CreateJointEnabledAttr(False)  # an object that is spawned later has no prim
             continue

@@ -12,10 +12,9 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
 from typing import Any
 
-from pxr import Gf, Sdf, Usd, Vt
+from pxr import Gf, Sdf, Usd
 
 from tiscene.errors import counted
 from tiscene.usd.core import schema
@@ -24,41 +23,26 @@ from tiscene.usd.core.units import Units
 
 Content = Mapping[str, Any]
 _PREFIX = schema.NAMESPACES[schema.MOTION]
-_TYPES = Sdf.ValueTypeNames
 NO_MOTION, STEPPED = "none", "stepped"
 
-
-@dataclass(frozen=True)
-class MotionAttribute:
-    """An attribute of a trajectory.
-
-    Attributes:
-        attribute: name below `tiscene:motion`.
-        type: its type in USD.
-        length: whether it is a length: meters in JSON, stage units on the stage.
-    """
-
-    attribute: str
-    type: Sdf.ValueTypeName
-    length: bool = False
-
-
+# Attributes below `tiscene:motion` by keys of the JSON objects; those in LENGTHS are in meters in JSON.
 PARAMETERS = {
-    "total_time": MotionAttribute("totalTime", _TYPES.Double),
-    "pacing": MotionAttribute("pacing", _TYPES.Token),
-    "rotation": MotionAttribute("interpolation", _TYPES.Token),
-    "times": MotionAttribute("times", _TYPES.DoubleArray),
-    "repeat": MotionAttribute("repeat", _TYPES.Bool),
-    "speed": MotionAttribute("speed", _TYPES.Double, length=True),
-    "angular_speed": MotionAttribute("angularSpeed", _TYPES.Double),
-    "start_direction": MotionAttribute("startDirection", _TYPES.Vector3d),
-    "seed": MotionAttribute("seed", _TYPES.Int64),
-    "center": MotionAttribute("center", _TYPES.Point3d, length=True),
-    "period": MotionAttribute("period", _TYPES.Double),
-    "axis": MotionAttribute("axis", _TYPES.Vector3d),
-    "target": MotionAttribute("target", _TYPES.Point3d, length=True),
-    "up": MotionAttribute("up", _TYPES.Vector3d),
+    "total_time": "totalTime",
+    "pacing": "pacing",
+    "rotation": "interpolation",
+    "times": "times",
+    "repeat": "repeat",
+    "speed": "speed",
+    "angular_speed": "angularSpeed",
+    "start_direction": "startDirection",
+    "seed": "seed",
+    "center": "center",
+    "period": "period",
+    "axis": "axis",
+    "target": "target",
+    "up": "up",
 }
+LENGTHS = ("speed", "center", "target")
 _WAYPOINT_LOOP = ("waypoints", "total_time", "pacing", "rotation")
 # Keys of the JSON object of each class. `waypoints` become three arrays; `motion` and `parts` are other prims.
 KEYS_BY_CLASS = {
@@ -109,10 +93,9 @@ def _read(prim: Usd.Prim, units: Units, report: StageReport, above: Sequence[Sdf
             elif parts:
                 content[key] = parts[0]
         else:
-            parameter = PARAMETERS[key]
-            value = _authored(prim, parameter.attribute)
+            value = _authored(prim, PARAMETERS[key])
             if value is not None:
-                content[key] = units.to_json(value, parameter.length)
+                content[key] = units.to_json(value, key in LENGTHS)
     return content
 
 
@@ -178,16 +161,16 @@ def write_dynamic(
     """
     prim.AddAppliedSchema(schema.MOTION)
     if content is None:
-        _author(prim, "type", _TYPES.Token, NO_MOTION)
+        _author(prim, "type", NO_MOTION)
         return
     name = str(content["type"])
     if name not in KEYS_BY_CLASS:
         fields = {key: value for key, value in content.items() if key != "type"}
-        _author(prim, "type", _TYPES.Token, STEPPED)
-        _author(prim, "class", _TYPES.String, name)
-        _author(prim, "fields", _TYPES.String, json.dumps(fields))
+        _author(prim, "type", STEPPED)
+        _author(prim, "class", name)
+        _author(prim, "fields", json.dumps(fields))
         return
-    _author(prim, "type", _TYPES.Token, schema.token(name))
+    _author(prim, "type", schema.token(name))
     for key in KEYS_BY_CLASS[name]:
         value = content[key]
         if key == "waypoints":
@@ -202,26 +185,21 @@ def write_dynamic(
         elif key == "seed" and not -(2**63) <= value < 2**63:
             report.refuse(prim.GetPath(), "motion", f"seed={value} is not within 64 bits")
         else:
-            parameter = PARAMETERS[key]
-            _author(prim, parameter.attribute, parameter.type, units.to_stage(value, parameter.length))
+            _author(prim, PARAMETERS[key], units.to_stage(value, key in LENGTHS))
 
 
 def _write_waypoints(prim: Usd.Prim, waypoints: Sequence[Content], units: Units) -> None:
     positions = [Gf.Vec3d(units.to_stage(each["position"])) for each in waypoints]
     eulers = [each["rotation"] if len(each["rotation"]) == 3 else (0.0, 0.0, 0.0) for each in waypoints]
     quaternions = [each["rotation"] if len(each["rotation"]) == 4 else (0.0, 0.0, 0.0, 0.0) for each in waypoints]
-    _author(prim, "positions", _TYPES.Point3dArray, Vt.Vec3dArray(positions))
-    has_rotations, has_quaternions = any(map(any, eulers)), any(map(any, quaternions))
-    rotations = [Gf.Vec3d(*each) for each in eulers] * has_rotations
-    _author(prim, "rotations", _TYPES.Double3Array, Vt.Vec3dArray(rotations))
-    orientations = [Gf.Quatd(*each) for each in quaternions] * has_quaternions
-    _author(prim, "orientations", _TYPES.QuatdArray, Vt.QuatdArray(orientations))
+    _author(prim, "positions", positions)
+    _author(prim, "rotations", [Gf.Vec3d(*each) for each in eulers] if any(map(any, eulers)) else [])
+    _author(prim, "orientations", [Gf.Quatd(*each) for each in quaternions] if any(map(any, quaternions)) else [])
 
 
 def _authored(prim: Usd.Prim, name: str) -> Any:
     return schema.authored(prim, f"{_PREFIX}:{name}")
 
 
-def _author(prim: Usd.Prim, name: str, kind: Sdf.ValueTypeName, value: Any) -> None:
-    value = kind.type.pythonClass(value) if isinstance(value, tuple) else value
-    schema.author(prim, f"{_PREFIX}:{name}", kind, value)
+def _author(prim: Usd.Prim, name: str, value: Any) -> None:
+    schema.author(prim, f"{_PREFIX}:{name}", value)

@@ -8,7 +8,7 @@ import os
 from collections.abc import Mapping
 from typing import Any
 
-from pxr import Gf, Sdf, Usd, Vt
+from pxr import Sdf, Usd
 
 from tiscene.errors import CameraNotFound
 from tiscene.scene.camera import Camera
@@ -24,8 +24,6 @@ from tiscene.usd.scenario.layer import OverLayer
 from tiscene.usd.scenario.motion_schema import write_dynamic
 from tiscene.usd.scenario.rigid_body_schema import write_rigid_body
 from tiscene.usd.scenario.stage_cameras import CAMERA_VALUES, stage_cameras
-
-_TYPES = Sdf.ValueTypeNames
 
 
 def write_scenario(content: Mapping[str, Any], path: str | os.PathLike[str]) -> None:
@@ -49,12 +47,12 @@ def write_scenario(content: Mapping[str, Any], path: str | os.PathLike[str]) -> 
         report = StageReport(os.fspath(path))
         root = over.stage.GetPrimAtPath(over.root)
         root.AddAppliedSchema(schema.SCENARIO)
-        schema.author(root, "tiscene:scenario:scene", _TYPES.String, content["scene"])
+        schema.author(root, "tiscene:scenario:scene", content["scene"])
         _write_timings(root, content["timings"])
         if content["frustum"] is not None:
             far = content["frustum"]["far"]
             far = far if far == -1.0 else over.units.to_stage(far)
-            schema.author(root, "tiscene:scenario:frustumFar", _TYPES.Double, far)
+            schema.author(root, "tiscene:scenario:frustumFar", far)
         prims = [_write_object(over, each, report) for each in content["objects"]]
         root.CreateRelationship("tiscene:scenario:objects", False).SetTargets([prim.GetPath() for prim in prims])
         write_joints(over, content.get("joints", ()), content["objects"], prims)
@@ -69,11 +67,11 @@ def write_scenario(content: Mapping[str, Any], path: str | os.PathLike[str]) -> 
             root.CreateRelationship("tiscene:scenario:camera", False).SetTargets(paths)
         for key in ("edits", "lights", "variants", "overrides"):
             if content.get(key):
-                schema.author(root, f"tiscene:scenario:{key}", _TYPES.String, json.dumps(content[key]))
+                schema.author(root, f"tiscene:scenario:{key}", json.dumps(content[key]))
         if stops := content.get("exposure_compensation"):
-            schema.author(root, "tiscene:scenario:exposureCompensation", _TYPES.Double, stops)
+            schema.author(root, "tiscene:scenario:exposureCompensation", stops)
         if content.get("physics"):
-            schema.author(root, "tiscene:scenario:physics", _TYPES.Bool, True)
+            schema.author(root, "tiscene:scenario:physics", True)
         report.raise_problems()
         over.export(path)
 
@@ -85,17 +83,16 @@ def _write_object(over: OverLayer, content: Mapping[str, Any], report: StageRepo
     )
     operations.set(content["position"], unit_rotation(rotation), over.units)
     prim.AddAppliedSchema(schema.OBJECT)
-    schema.author(prim, "tiscene:object:id", _TYPES.String, content["id"])
-    schema.author(prim, "tiscene:object:template", _TYPES.String, content["template"])
-    schema.author(prim, "tiscene:object:firstFrame", _TYPES.Int64, content["first_frame"])
+    schema.author(prim, "tiscene:object:id", content["id"])
+    schema.author(prim, "tiscene:object:template", content["template"])
+    schema.author(prim, "tiscene:object:firstFrame", content["first_frame"])
     last = content["last_frame"]
-    schema.author(prim, "tiscene:object:lastFrame", _TYPES.Int64, -1 if last is None else last)
-    schema.author(prim, "tiscene:object:frustumLimited", _TYPES.Bool, content["frustum_limited"])
-    schema.author(prim, "tiscene:object:collide", _TYPES.Bool, content["collide"])
+    schema.author(prim, "tiscene:object:lastFrame", -1 if last is None else last)
+    schema.author(prim, "tiscene:object:frustumLimited", content["frustum_limited"])
+    schema.author(prim, "tiscene:object:collide", content["collide"])
     back = over.units.to_json(over.units.to_stage(content["position"]))
     if back != list(content["position"]) or unit_rotation(rotation) != tuple(rotation):
-        exact = Vt.DoubleArray([*content["position"], *rotation])
-        schema.author(prim, "tiscene:object:exactPose", _TYPES.DoubleArray, exact)
+        schema.author(prim, "tiscene:object:exactPose", [*content["position"], *rotation])
     write_dynamic(prim, content["dynamic"], over.units, lambda: _part_path(over, prim), report)
     write_rigid_body(prim, content["dynamic"], over.units)
     return prim
@@ -107,19 +104,19 @@ def _part_path(over: OverLayer, prim: Usd.Prim) -> Sdf.Path:
 
 
 def _write_timings(root: Usd.Prim, content: Mapping[str, Any]) -> None:
-    schema.author(root, "tiscene:scenario:timing", _TYPES.Token, schema.token(content["type"]))
+    schema.author(root, "tiscene:scenario:timing", schema.token(content["type"]))
     if "wait_time" in content:
-        schema.author(root, "tiscene:scenario:waitTime", _TYPES.Double, content["wait_time"])
+        schema.author(root, "tiscene:scenario:waitTime", content["wait_time"])
     if "repeat" in content:
-        schema.author(root, "tiscene:scenario:repeat", _TYPES.Bool, content["repeat"])
+        schema.author(root, "tiscene:scenario:repeat", content["repeat"])
     if "times" in content:
         keys, times = zip(*content["times"], strict=True)
-        ids = Vt.StringArray([key if isinstance(key, str) else "" for key in keys])
-        schema.author(root, "tiscene:scenario:turns", _TYPES.StringArray, ids)
+        ids = [key if isinstance(key, str) else "" for key in keys]
+        schema.author(root, "tiscene:scenario:turns", ids)
         if not all(ids):
-            numbers = Vt.IntArray([0 if isinstance(key, str) else key for key in keys])
-            schema.author(root, "tiscene:scenario:turnIndices", _TYPES.IntArray, numbers)
-        schema.author(root, "tiscene:scenario:turnTimes", _TYPES.DoubleArray, Vt.DoubleArray(times))
+            numbers = [0 if isinstance(key, str) else key for key in keys]
+            schema.author(root, "tiscene:scenario:turnIndices", numbers)
+        schema.author(root, "tiscene:scenario:turnTimes", times)
 
 
 def _write_camera(over: OverLayer, content: Mapping[str, Any], report: StageReport) -> Usd.Prim:
@@ -127,18 +124,16 @@ def _write_camera(over: OverLayer, content: Mapping[str, Any], report: StageRepo
     prim, operations = over.define_camera(Camera(**values))
     operations.set(content["position"], content["rotation"], over.units)
     prim.AddAppliedSchema(schema.CAMERA)
-    schema.author(prim, "tiscene:camera:name", _TYPES.String, content["name"])
+    schema.author(prim, "tiscene:camera:name", content["name"])
     for key, name in CAMERA_VALUES.items():
         if content[key] is not None:
-            attribute = prim.CreateAttribute(f"tiscene:camera:{name}", _TYPES.Double, False, Sdf.VariabilityUniform)
-            attribute.Set(content[key])
-    aspect = prim.CreateAttribute("tiscene:camera:aspect", _TYPES.Double, False, Sdf.VariabilityUniform)
-    aspect.Set(content["aspect"] or 0.0)
-    schema.author(prim, "tiscene:camera:conform", _TYPES.Token, content["conform"])
+            schema.author(prim, f"tiscene:camera:{name}", content[key])
+    schema.author(prim, "tiscene:camera:aspect", content["aspect"] or 0.0)
+    schema.author(prim, "tiscene:camera:conform", content["conform"])
     if any(content["aperture_offset"]):
-        schema.author(prim, "tiscene:camera:apertureOffset", _TYPES.Double2, Gf.Vec2d(*content["aperture_offset"]))
+        schema.author(prim, "tiscene:camera:apertureOffset", tuple(content["aperture_offset"]))
     if content.get("lens"):
-        schema.author(prim, "tiscene:camera:lens", _TYPES.String, json.dumps(content["lens"]))
+        schema.author(prim, "tiscene:camera:lens", json.dumps(content["lens"]))
     if content["dynamic"] is not None:
         write_dynamic(prim, content["dynamic"], over.units, lambda: _part_path(over, prim), report)
     return prim

@@ -62,11 +62,16 @@ def authored(prim: Usd.Prim, name: str) -> Any:
     return attribute.Get() if attribute and attribute.HasAuthoredValue() else None
 
 
-def author(prim: Usd.Prim, name: str, kind: Sdf.ValueTypeName, value: Any) -> None:
-    """Author a value, unless the attribute has it already, by default or from a reference."""
-    if prim.HasAttribute(name) and prim.GetAttribute(name).Get() == value:
-        return
-    prim.CreateAttribute(name, kind, False, Sdf.VariabilityUniform).Set(value)
+def author(prim: Usd.Prim, name: str, value: Any) -> None:
+    """Author a value of the schema, unless the attribute has it already, by default or from a reference.
+
+    Lists and tuples become the vectors and arrays of the attribute's type.
+    """
+    kind = properties()[name]
+    assert kind is not None
+    value = kind.type.pythonClass(value) if isinstance(value, list | tuple) else value
+    if not prim.HasAttribute(name) or prim.GetAttribute(name).Get() != value:
+        prim.CreateAttribute(name, kind, False, Sdf.VariabilityUniform).Set(value)
 
 
 def token(class_name: str) -> str:
