@@ -5,7 +5,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
-from typing import Any, Literal
+from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,13 +14,14 @@ from pxr import Sdf
 from tiscene.scene.description import ColorInput, FloatInput, TextureLookup
 from tiscene.usd.core.report import StageReport
 from tiscene.usd.core.shader_network import ShaderConnection
+from tiscene.usd.materials.materialx_models import Named
 from tiscene.usd.materials.materialx_network import MaterialXNetwork
 from tiscene.usd.materials.materialx_signal import Signal
 
 
 @dataclass(frozen=True, eq=False)
 class SurfaceInputs:
-    """Evaluates the inputs of one surface shader. An input is given as (name, default); None: there is no such input.
+    """Evaluates the inputs of one surface shader. An input is given as (name, default), see `materialx_models.Named`.
 
     Attributes:
         path: of the shader.
@@ -42,36 +43,28 @@ class SurfaceInputs:
         """Return whether an input is authored or computed."""
         return name in self.computed or name in self.authored
 
-    def signal(self, named: tuple[str, Any] | None) -> Signal | None:
-        """Return an input's value; None: there is no such input."""
-        if named is None:
-            return None
+    def signal(self, named: Named) -> Signal:
+        """Return an input's value."""
         return self.computed.get(named[0]) or self.network.value(self.authored.get(named[0]), named[1])
 
-    def required(self, named: tuple[str, Any] | None) -> Signal:
-        """Return the value of an input that the model has."""
-        found = self.signal(named)
-        assert found is not None
-        return found
-
-    def constant(self, named: tuple[str, Any]) -> NDArray[np.float64]:
+    def constant(self, named: Named) -> NDArray[np.float64]:
         """Return an input that must be constant; a texture is reported and replaced by its mean."""
-        signal = self.required(named)
+        signal = self.signal(named)
         if signal.constant is None:
             self.report.omission(self.path, f"{named[0]} cannot come from a texture; its mean is used")
         return self.network.baker.mean(signal)
 
-    def mean(self, named: tuple[str, Any] | None, default: float) -> float:
-        """Return an input that must be a number, see `constant`; the default if the model has no such input."""
-        return default if named is None else float(self.constant(named).mean())
+    def mean(self, named: Named) -> float:
+        """Return an input that must be a number, see `constant`."""
+        return float(self.constant(named).mean())
 
-    def product(self, factor: Signal | None, signal: Signal) -> Signal:
-        """Return a signal times a factor; None: 1."""
-        return signal if factor is None else self.network.baker.product(factor, signal)
+    def product(self, *named: Named) -> Signal:
+        """Return the product of two inputs."""
+        return self.network.baker.product(*map(self.signal, named))
 
     def number(self, name: str, default: float) -> float:
         """Return an input that must be a number and may be missing."""
-        return self.mean((name, default), default) if name in self.authored else default
+        return self.mean((name, default)) if name in self.authored else default
 
     def color_input(self, signal: Signal, name: str) -> ColorInput:
         """Return a signal as a color or its texture. name: for messages."""

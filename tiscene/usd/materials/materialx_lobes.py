@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from tiscene.scene.description import Color, ExtendedLobes
 from tiscene.usd.materials.materialx_inputs import SurfaceInputs
-from tiscene.usd.materials.materialx_models import ExtendedModel, Named
+from tiscene.usd.materials.materialx_models import Named, SurfaceModel
 from tiscene.usd.materials.materialx_nodes import is_geometric
 from tiscene.usd.materials.materialx_signal import Signal, number
 from tiscene.usd.materials.materialx_units import meters_per_unit
@@ -36,7 +36,7 @@ class ExtendedSurface:
         values: its inputs.
     """
 
-    def __init__(self, model: str, names: ExtendedModel, values: SurfaceInputs) -> None:
+    def __init__(self, model: str, names: SurfaceModel, values: SurfaceInputs) -> None:
         self._model, self._names, self._values = model, names, values
         self._apply = values.network.baker.apply
 
@@ -53,7 +53,7 @@ class ExtendedSurface:
         self._add_transmission(found, base)
         self._add_sheen(found)
         self._add_coat(found, base)
-        strength = values.required(names.anisotropy)
+        strength = values.signal(names.anisotropy)
         if strength.constant is None or strength.constant[0] != 0.0:
             roughness = self._add_anisotropy(found, strength, roughness)
         lobes = ExtendedLobes(**found)
@@ -66,8 +66,9 @@ class ExtendedSurface:
             return base
         if not self._differs(names.metallic, 0.0):
             return base
-        weights = (values.required(each).of_width(1) for each in (names.metallic, names.specular))
-        return values.product(self._apply(lambda metal, weight: 1.0 + metal * (weight - 1.0), *weights), base)
+        weights = (values.signal(each).of_width(1) for each in (names.metallic, names.specular))
+        factor = self._apply(lambda metal, weight: 1.0 + metal * (weight - 1.0), *weights)
+        return values.network.baker.product(factor, base)
 
     def sheet_color(self, base: Signal) -> Signal:
         """Return the color that a translucent sheet reflects, before what passes is taken off.
@@ -77,7 +78,7 @@ class ExtendedSurface:
         names, values = self._names, self._values
         if self._model != "ND_open_pbr_surface_surfaceshader":
             return base
-        weight, below = values.required(names.subsurface), values.required(names.subsurface_color).of_width(3)
+        weight, below = values.signal(names.subsurface), values.signal(names.subsurface_color).of_width(3)
         return self._apply(
             lambda color, inner, part: (color * (1.0 - part) + 0.5 * part * inner) / (1.0 - 0.5 * part),
             *(base.of_width(3), below, weight),
@@ -86,13 +87,13 @@ class ExtendedSurface:
     def emission_above_coat(self, emission: Signal) -> Signal:
         """Return the light that a coat of standard_surface or OpenPBR lets out, as at normal incidence."""
         names, values = self._names, self._values
-        dark = emission.constant is not None and not emission.constant.any()
-        if dark or names.coat_color is None or names.coat_ior is None or not self._differs(names.coat, 0.0):
+        if emission.is_zero or not names.coat_color[0] or not self._differs(names.coat, 0.0):
             return emission
         ior = self._coat_ior()
         passing = 1.0 - ((ior - 1.0) / (ior + 1.0)) ** 2
-        color, weight = values.required(names.coat_color).of_width(3), values.required(names.coat).of_width(1)
-        return values.product(self._apply(lambda a, b: 1.0 + b * (passing * a - 1.0), color, weight), emission)
+        color, weight = values.signal(names.coat_color).of_width(3), values.signal(names.coat).of_width(1)
+        factor = self._apply(lambda a, b: 1.0 + b * (passing * a - 1.0), color, weight)
+        return values.network.baker.product(factor, emission)
 
     def ior_below_coat(self, ior: float) -> float:
         """Return the index of refraction of the base: below OpenPBR's coat, relative to the coat's, and 1 or more.
@@ -103,18 +104,18 @@ class ExtendedSurface:
         coat = self._names.coat
         if not self._differs(coat, 0.0) or self._model != "ND_open_pbr_surface_surfaceshader":
             return ior
-        weight = float(self._values.network.baker.mean(self._values.required(coat))[0])
+        weight = float(self._values.network.baker.mean(self._values.signal(coat))[0])
         ratio = ior / self._coat_ior()
         return ior + (max(ratio, 1.0 / ratio) - ior) * weight
 
     def _coat_ior(self) -> float:
-        return max(self._values.mean(self._names.coat_ior, 1.5), 1.0)
+        return max(self._values.mean(self._names.coat_ior), 1.0)
 
     def _differs(self, named: Named, neutral: Any) -> bool:
         """Return whether an input is authored and has an effect."""
         if not self._values.gives(named[0]):
             return not np.allclose(named[1], neutral)
-        signal = self._values.required(named)
+        signal = self._values.signal(named)
         return signal.constant is None or not bool(np.allclose(signal.constant, neutral))
 
     def _report_connected(self, name: str, instead: str) -> None:
@@ -130,33 +131,33 @@ class ExtendedSurface:
 
     def _add_specular(self, found: dict[str, Any]) -> None:
         names, values = self._names, self._values
-        if values.required(names.specular).constant is None:
-            found["specular"] = values.float_input(values.required(names.specular), "specular")
+        if values.signal(names.specular).constant is None:
+            found["specular"] = values.float_input(values.signal(names.specular), "specular")
         if not self._differs(names.specular_color, _WHITE):
             return
-        metal = values.required(names.metallic)
+        metal = values.signal(names.metallic)
         if self._model != "ND_gltf_pbr_surfaceshader" and (metal.constant is None or metal.constant[0] > 0.0):
             text = f"{names.specular_color[0]} is not applied to metal"
             values.report.omission(values.path, text)
         if metal.constant is None or metal.constant[0] < 1.0:
-            found["specular_tint"] = values.color_input(values.required(names.specular_color), "specular_color")
+            found["specular_tint"] = values.color_input(values.signal(names.specular_color), "specular_color")
 
     def _add_transmission(self, found: dict[str, Any], base: Signal) -> None:
         names, values = self._names, self._values
-        is_thin = names.thin is not None and bool(values.constant(names.thin)[0] > 0.5)
+        is_thin = bool(values.constant(names.thin)[0] > 0.5)
         transmits = self._differs(names.transmission, 0.0)
-        if names.thickness is not None and transmits:
+        if names.thickness[0] and transmits:
             is_thin = not self._differs(names.thickness, 0.0)
-        if is_thin and names.subsurface is not None and self._differs(names.subsurface, 0.0):
+        if is_thin and self._differs(names.subsurface, 0.0):
             self._add_translucency(found)
         if not transmits:
             return
         found["thin_walled"] = is_thin
-        tint = base if names.tint[0] == "base_color" else values.required(names.tint)
+        tint = base if names.tint[0] == "base_color" else values.signal(names.tint)
         named, depth = names.attenuation, names.distance
-        if names.depth is not None and not is_thin and values.constant(names.depth)[0] > 0.0:
+        if not is_thin and values.constant(names.depth)[0] > 0.0:
             named, depth, tint = names.tint, names.depth, number(*_WHITE)
-        if named is not None and depth is not None and not is_thin:
+        if not is_thin:
             found["absorption"] = self._absorption(self._color(named), self._meters_of(depth))
         if tint.constant is None or not np.allclose(tint.constant, 1.0):
             found["transmission_color"] = values.color_input(tint, "transmission_color")
@@ -177,11 +178,11 @@ class ExtendedSurface:
     def _add_translucency(self, found: dict[str, Any]) -> None:
         """Add the subsurface scattering of a sheet: diffuse light that passes it (half of it, in OpenPBR)."""
         names, values = self._names, self._values
-        weight = values.required(names.subsurface)
+        weight = values.signal(names.subsurface)
         if self._model == "ND_open_pbr_surface_surfaceshader":
             weight = values.network.baker.affine(weight, 0.5)
         found["translucency"] = values.float_input(weight, "subsurface")
-        found["translucent_color"] = values.color_input(values.required(names.subsurface_color), "subsurface_color")
+        found["translucent_color"] = values.color_input(values.signal(names.subsurface_color), "subsurface_color")
 
     def _add_coat(self, found: dict[str, Any], base: Signal) -> None:
         """Add the coat's color, which holds what the base loses as well, and index of refraction."""
@@ -189,13 +190,10 @@ class ExtendedSurface:
         if not self._differs(names.coat, 0.0):
             return
         self._report_connected(names.coat_normal, "the coat has the surface's normal")
-        if names.coat_color is None:
-            return
-        color = values.required(names.coat_color)
-        if names.coat_ior is not None:
-            found["coat_ior"] = self._coat_ior()
-            if names.coat_darkening is not None and self._differs(names.coat_darkening, 0.0):
-                color = self._darkened(color, base, found["coat_ior"])
+        color = values.signal(names.coat_color)
+        found["coat_ior"] = self._coat_ior()
+        if self._differs(names.coat_darkening, 0.0):
+            color = self._darkened(color, base, found["coat_ior"])
         if color.constant is None or not np.allclose(color.constant, 1.0):
             found["coat_color"] = values.color_input(color, "coat_color")
 
@@ -213,7 +211,7 @@ class ExtendedSurface:
             darker = strength * (passing / (1.0 - reflectance * (1.0 - passing)) - 1.0)
             return np.clip(color + darker * (1.0 + weight * (color - 1.0)), 0.0, 1.0)
 
-        weights = (self._values.required(each).of_width(1) for each in (names.coat, names.coat_darkening))
+        weights = (self._values.signal(each).of_width(1) for each in (names.coat, names.coat_darkening))
         return self._apply(one_factor, color.of_width(3), self._base_reflectance(base), *weights)
 
     def _base_reflectance(self, base: Signal) -> Signal:
@@ -224,21 +222,20 @@ class ExtendedSurface:
             dielectric = base + (inner - base) * below
             return np.asarray(np.clip(dielectric + (base * specular - dielectric) * metallic, 0.0, 1.0))
 
-        inner = values.required(names.subsurface_color).of_width(3)
-        weights = (values.required(each).of_width(1) for each in (names.subsurface, names.metallic, names.specular))
+        inner = values.signal(names.subsurface_color).of_width(3)
+        weights = (values.signal(each).of_width(1) for each in (names.subsurface, names.metallic, names.specular))
         return self._apply(mixed, base.of_width(3), inner, *weights)
 
     def _add_sheen(self, found: dict[str, Any]) -> None:
         names, values = self._names, self._values
-        if names.sheen is not None and not self._differs(names.sheen, 0.0):
+        if not self._differs(names.sheen, 0.0):
             return
-        factor = None if names.sheen is None else values.required(names.sheen)
-        color = values.product(factor, values.required(names.sheen_color))
-        if color.constant is not None and not color.constant.any():
+        color = values.product(names.sheen, names.sheen_color)
+        if color.is_zero:
             return
         found["sheen_color"] = values.color_input(color, "sheen_color")
-        roughness = values.required(names.sheen_roughness)
-        if names.sheen is None:  # glTF's alpha is the square
+        roughness = values.signal(names.sheen_roughness)
+        if self._model == "ND_gltf_pbr_surfaceshader":  # whose alpha is the square
             roughness = self._apply(lambda value: value * value, roughness)
         found["sheen_roughness"] = values.float_input(roughness, "sheen_roughness")
 
@@ -249,8 +246,8 @@ class ExtendedSurface:
         ratio, mean = _ALPHAS[self._model]
         operands = (strength.of_width(1), roughness.of_width(1))
         found["anisotropy"] = values.float_input(self._apply(ratio, *operands), "anisotropy")
-        if names.rotation is not None and self._differs(names.rotation, 0.0):
-            turned = values.network.baker.affine(values.required(names.rotation), names.turns)
+        if self._differs(names.rotation, 0.0):
+            turned = values.network.baker.affine(values.signal(names.rotation), names.turns)
             found["rotation"] = values.float_input(turned, "rotation")
         return roughness if mean is None else self._apply(mean, *operands)
 

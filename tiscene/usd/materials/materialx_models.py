@@ -12,13 +12,13 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from typing import Any
 
-Named = tuple[str, Any]
+Named = tuple[str, Any]  # name and default of an input; the name is "" where the model has no such input
 _WHITE, _BLACK = (1.0, 1.0, 1.0), (0.0, 0.0, 0.0)
 
 
 @dataclass(frozen=True, kw_only=True)
 class SurfaceModel:
-    """Names and defaults of a model's inputs: (name, default); None: the model has no such input.
+    """Names and defaults of a model's inputs.
 
     Attributes:
         base: factor of the base color.
@@ -27,85 +27,74 @@ class SurfaceModel:
         roughness: roughness of the specular lobe.
         ior: index of refraction.
         specular: factor of the specular lobe of dielectrics.
+        specular_color: its color.
+        anisotropy: of the specular lobe.
+        rotation: of its direction.
+        turns: rotation in turns for each unit of `rotation`.
+        tangent: direction of the anisotropy.
         coat: clearcoat.
         coat_roughness: its roughness.
+        coat_color: its color.
+        coat_ior: its index of refraction.
+        coat_darkening: how much darker the base looks for light that the coat reflects back to it.
+        coat_normal: its normal.
+        sheen: factor of the sheen's color.
+        sheen_color: its color.
+        sheen_roughness: its roughness.
         emission: factor of the emitted color.
         emissive: emitted color.
         opacity: presence, a number or a color.
         transmission: fraction of the light that is transmitted.
-        subsurface: fraction of the diffuse light that scatters below the surface.
-        subsurface_color: its color.
-        normal: normal map.
-        unsupported: inputs without a counterpart, and the values at which they have no effect.
-    """
-
-    base: tuple[str, float] | None = None
-    color: tuple[str, Any]
-    metallic: tuple[str, float]
-    roughness: tuple[str, float]
-    ior: tuple[str, float]
-    specular: tuple[str, float] | None = None
-    coat: tuple[str, float]
-    coat_roughness: tuple[str, float]
-    emission: tuple[str, float] | None = None
-    emissive: tuple[str, Any]
-    opacity: tuple[str, Any]
-    transmission: tuple[str, float] | None = None
-    subsurface: tuple[str, float] | None = None
-    subsurface_color: tuple[str, Any] | None = None
-    normal: str
-    unsupported: Mapping[str, Any] = field(default_factory=dict)
-
-
-@dataclass(frozen=True, kw_only=True)
-class ExtendedModel(SurfaceModel):
-    """A model with inputs that UsdPreviewSurface lacks.
-
-    Attributes:
-        specular_color: color of the specular lobe of dielectrics.
         tint: color of transmission, for each crossing or at a depth.
         depth: distance at which `tint` remains by absorption; 0: none.
         attenuation: color that remains by absorption at a distance, for models that have both colors.
         distance: that distance.
         thin: whether the surface is a sheet.
         thickness: of the solid; 0: the surface is a sheet.
-        sheen: factor of the sheen's color.
-        sheen_color: its color.
-        sheen_roughness: its roughness.
-        anisotropy: of the specular lobe.
-        rotation: of its direction.
-        turns: rotation in turns for each unit of `rotation`.
-        coat_color: color of the coat.
-        coat_ior: its index of refraction.
-        coat_darkening: how much darker the base looks for light that the coat reflects back to it.
-        tangent: direction of the anisotropy.
-        coat_normal: normal of the coat.
+        subsurface: fraction of the diffuse light that scatters below the surface.
+        subsurface_color: its color.
+        normal: normal map.
+        unsupported: inputs without a counterpart, and the values at which they have no effect.
     """
 
-    specular: Named
-    specular_color: Named
-    transmission: Named
-    tint: Named
-    depth: Named | None = None
-    thin: Named | None = None
-    sheen: Named | None = None
-    sheen_color: Named
-    sheen_roughness: Named
-    anisotropy: Named
-    rotation: Named | None = None
-    tangent: str
-    coat_normal: str
+    base: Named = ("", 1.0)
+    color: Named = ("", _BLACK)
+    metallic: Named = ("", 0.0)
+    roughness: Named = ("", 1.0)
+    ior: Named = ("", 1.0)
+    specular: Named = ("", 1.0)
+    specular_color: Named = ("", _WHITE)
+    anisotropy: Named = ("", 0.0)
+    rotation: Named = ("", 0.0)
     turns: float = 1.0
-    coat_color: Named | None = None
-    coat_ior: Named | None = None
-    coat_darkening: Named | None = None
-    attenuation: Named | None = None
-    distance: Named | None = None
-    thickness: Named | None = None
+    tangent: str = ""
+    coat: Named = ("", 0.0)
+    coat_roughness: Named = ("", 0.0)
+    coat_color: Named = ("", _WHITE)
+    coat_ior: Named = ("", 1.5)
+    coat_darkening: Named = ("", 0.0)
+    coat_normal: str = ""
+    sheen: Named = ("", 1.0)
+    sheen_color: Named = ("", _BLACK)
+    sheen_roughness: Named = ("", 0.0)
+    emission: Named = ("", 1.0)
+    emissive: Named
+    opacity: Named
+    transmission: Named = ("", 0.0)
+    tint: Named = ("", _WHITE)
+    depth: Named = ("", 0.0)
+    attenuation: Named = ("", _WHITE)
+    distance: Named = ("", 0.0)
+    thin: Named = ("", 0.0)
+    thickness: Named = ("", 0.0)
+    subsurface: Named = ("", 0.0)
+    subsurface_color: Named = ("", _WHITE)
+    normal: str = ""
+    unsupported: Mapping[str, Any] = field(default_factory=dict)
 
 
 MODELS: dict[str, SurfaceModel] = {
-    "ND_standard_surface_surfaceshader": ExtendedModel(
+    "ND_standard_surface_surfaceshader": SurfaceModel(
         base=("base", 1.0),
         color=("base_color", (0.8, 0.8, 0.8)),
         metallic=("metalness", 0.0),
@@ -145,7 +134,7 @@ MODELS: dict[str, SurfaceModel] = {
         coat_color=("coat_color", _WHITE),
         coat_ior=("coat_IOR", 1.5),
     ),
-    "ND_open_pbr_surface_surfaceshader": ExtendedModel(
+    "ND_open_pbr_surface_surfaceshader": SurfaceModel(
         base=("base_weight", 1.0),
         color=("base_color", (0.8, 0.8, 0.8)),
         metallic=("base_metalness", 0.0),
@@ -182,7 +171,7 @@ MODELS: dict[str, SurfaceModel] = {
         coat_ior=("coat_ior", 1.6),
         coat_darkening=("coat_darkening", 1.0),
     ),
-    "ND_gltf_pbr_surfaceshader": ExtendedModel(
+    "ND_gltf_pbr_surfaceshader": SurfaceModel(
         color=("base_color", _WHITE),
         metallic=("metallic", 1.0),
         roughness=("roughness", 1.0),
@@ -210,17 +199,10 @@ MODELS: dict[str, SurfaceModel] = {
         thickness=("thickness", 0.0),
     ),
     "ND_surface_unlit": SurfaceModel(  # emits, and reflects nothing
-        color=("", _BLACK),
-        metallic=("", 0.0),
-        roughness=("", 1.0),
-        ior=("", 1.0),
-        coat=("", 0.0),
-        coat_roughness=("", 0.0),
         emission=("emission", 1.0),
         emissive=("emission_color", _WHITE),
         opacity=("opacity", 1.0),
         transmission=("transmission", 0.0),
-        normal="",
         unsupported={"transmission_color": _WHITE},
     ),
     "UsdPreviewSurface": SurfaceModel(

@@ -17,7 +17,7 @@ from tiscene.scene.description import FloatInput, Material, TextureLookup
 from tiscene.usd.core.shader_network import ShaderConnection, connections_of
 from tiscene.usd.materials.materialx_inputs import SurfaceInputs
 from tiscene.usd.materials.materialx_lobes import ExtendedSurface
-from tiscene.usd.materials.materialx_models import MODELS, ExtendedModel
+from tiscene.usd.materials.materialx_models import MODELS
 from tiscene.usd.materials.materialx_nodes import category_of, is_geometric
 from tiscene.usd.materials.materialx_signal import Signal, number
 
@@ -42,37 +42,30 @@ class MaterialXSurface:
         self._baker = values.network.baker
         self._report = values.report
         self._uv_set = values.uv_set
-        self._extended: ExtendedSurface | None = None
-        if isinstance(self._model, ExtendedModel):
-            self._extended = ExtendedSurface(name.removesuffix("_100"), self._model, values)
+        self._extended = ExtendedSurface(name.removesuffix("_100"), self._model, values)
 
     def material(self, name: str, prim_path: str) -> Material:
         """Return the material with a name and path."""
         model = self._model
         normal = self._normal()  # first: tangents are those of the first uv set, which must be the normal map's
-        color = self._values.product(self._values.signal(model.base), self._values.required(model.color))
-        lobes, roughness = None, self._values.required(model.roughness)
-        if self._extended is not None:
-            lobes, roughness = self._extended.lobes(color, roughness)
-        if self._extended is not None and lobes is not None and lobes.translucency != 0.0:
+        color = self._values.product(model.base, model.color)
+        lobes, roughness = self._extended.lobes(color, self._values.signal(model.roughness))
+        if lobes is not None and lobes.translucency != 0.0:
             color = self._extended.sheet_color(color)
         else:
             color = self._with_subsurface(color)
-        if self._extended is not None:
-            color = self._extended.metal_color(color)
-        emissive = self._values.product(self._values.signal(model.emission), self._values.required(model.emissive))
-        if self._extended is not None:
-            emissive = self._extended.emission_above_coat(emissive)
+        color = self._extended.metal_color(color)
+        emissive = self._extended.emission_above_coat(self._values.product(model.emission, model.emissive))
         opacity, mode = self._opacity()
         self._report_unsupported()
         return Material(
             name=name,
             diffuse_color=self._values.color_input(color, "base_color"),
             emissive_color=self._values.color_input(emissive, "emission"),
-            metallic=self._values.float_input(self._values.required(model.metallic), "metallic"),
+            metallic=self._values.float_input(self._values.signal(model.metallic), "metallic"),
             roughness=self._values.float_input(roughness, "roughness"),
-            clearcoat=self._values.float_input(self._values.required(model.coat), "coat"),
-            clearcoat_roughness=self._values.float_input(self._values.required(model.coat_roughness), "coat_roughness"),
+            clearcoat=self._values.float_input(self._values.signal(model.coat), "coat"),
+            clearcoat_roughness=self._values.float_input(self._values.signal(model.coat_roughness), "coat_roughness"),
             opacity=opacity,
             opacity_mode=mode,
             opacity_threshold=self._threshold(),
@@ -84,52 +77,47 @@ class MaterialXSurface:
 
     def _with_subsurface(self, color: Signal) -> Signal:
         """Return the base color mixed with that of light scattered below the surface, which is drawn as diffuse."""
-        weight = self._values.mean(self._model.subsurface, 0.0)
-        if weight <= 0.0 or self._model.subsurface_color is None:
+        weight = self._values.mean(self._model.subsurface)
+        if weight <= 0.0:
             return color
         self._report.omission(self._path, "subsurface scattering is drawn as diffuse reflection of its color")
-        below = self._values.required(self._model.subsurface_color)
+        below = self._values.signal(self._model.subsurface_color)
         if weight >= 1.0:
             return below
         return self._baker.apply(lambda a, b: a + (b - a) * weight, color.of_width(3), below.of_width(3))
 
     def _opacity(self) -> tuple[FloatInput, Literal["transparent", "presence", "transmission"]]:
         """Return the opacity: presence of the surface, else what is not transmitted."""
-        presence = self._values.required(self._model.opacity)
+        presence = self._values.signal(self._model.opacity)
         if self._model.opacity[0] == "alpha" and (self._values.number("alpha_mode", 0.0) == 0.0 or self._is_unmasked()):
             presence = number(1.0)  # of gltf_pbr: opaque
         if presence.width > 1:  # a color; its luminance, as in MaterialX's graphs
             is_gray, color = self._baker.is_gray(presence), presence.of_width(3)
             presence = color.select([0]) if is_gray else self._baker.apply(lambda a: a @ LUMINANCE[:, None], color)
         textured = self._values.signal(self._model.transmission)
-        if textured is not None and textured.constant is None and presence.constant is not None:
+        if textured.constant is None and presence.constant is not None:
             if presence.constant[0] < 1.0:
                 self._report.omission(self._path, "the surface is transmissive, not partly absent as well")
             solid = self._baker.affine(textured.of_width(1), -1.0, 1.0)
             return self._values.float_input(solid, "transmission"), "transmission"
-        transmission = self._values.mean(self._model.transmission, 0.0)
+        transmission = self._values.mean(self._model.transmission)
         if presence.constant is not None and presence.constant[0] >= 1.0:
             return 1.0 - min(max(transmission, 0.0), 1.0), "transparent"
         if transmission > 0.0:
             self._report.omission(self._path, "transmission of a surface that is partly absent is not drawn")
-        mode: Literal["transparent", "presence"] = "presence"
-        if self._model.transmission is None:  # UsdPreviewSurface: opacity is transmission unless it says otherwise
-            mode = "presence" if self._token("opacityMode") == "presence" else "transparent"
-        return self._values.float_input(presence, "opacity"), mode
+        transmits = self._model is MODELS["UsdPreviewSurface"] and self._token("opacityMode") != "presence"
+        return self._values.float_input(presence, "opacity"), "transparent" if transmits else "presence"
 
     def _is_unmasked(self) -> bool:
         """Return whether a surface of gltf_pbr transmits light, and its mask cuts nothing out."""
-        alpha, transmission = self._values.required(self._model.opacity), self._values.signal(self._model.transmission)
-        transmits = transmission is not None and (transmission.constant is None or transmission.constant.any())
+        alpha, transmission = (self._values.signal(each) for each in (self._model.opacity, self._model.transmission))
         above = alpha.constant is not None and alpha.constant[0] >= self._values.number("alpha_cutoff", 0.5)
-        return bool(transmits and above and self._values.number("alpha_mode", 0.0) == 1.0)
+        return bool(not transmission.is_zero and above and self._values.number("alpha_mode", 0.0) == 1.0)
 
     def _threshold(self) -> float:
-        if self._model.transmission is None:
-            return self._values.number("opacityThreshold", 0.0)
-        if self._is_unmasked():
-            return 0.0
-        return self._values.number("alpha_cutoff", 0.5) if self._values.number("alpha_mode", 0.0) == 1.0 else 0.0
+        if self._values.number("alpha_mode", 0.0) == 1.0:  # of gltf_pbr
+            return 0.0 if self._is_unmasked() else self._values.number("alpha_cutoff", 0.5)
+        return self._values.number("opacityThreshold", 0.0)  # of UsdPreviewSurface
 
     def _token(self, name: str) -> str:
         connection = self._inputs.get(name)
@@ -138,16 +126,12 @@ class MaterialXSurface:
 
     def _ior(self) -> float:
         """Return the index of refraction whose reflectance at normal incidence is scaled by the specular weight."""
-        ior = self._values.mean(self._model.ior, 1.5)
+        ior = self._values.mean(self._model.ior)
         specular = self._values.signal(self._model.specular)
-        weight = 1.0 if specular is None or specular.constant is None else float(specular.constant[0])
-        transmission = self._values.signal(self._model.transmission)
-        transmits = transmission is not None and not (
-            transmission.constant is not None and not transmission.constant.any()
-        )
-        if ior <= 0.0 or transmits:
+        weight = 1.0 if specular.constant is None else float(specular.constant[0])
+        if ior <= 0.0 or not self._values.signal(self._model.transmission).is_zero:
             return ior
-        ior = ior if self._extended is None else self._extended.ior_below_coat(ior)
+        ior = self._extended.ior_below_coat(ior)
         if weight == 1.0:
             return ior
         root = min(abs((ior - 1.0) / (ior + 1.0)) * max(weight, 0.0) ** 0.5, 0.999)
@@ -201,7 +185,7 @@ class MaterialXSurface:
             if not self._values.gives(name):
                 continue
             signal = self._values.signal((name, neutral))
-            if signal is not None and not (signal.constant is not None and np.allclose(signal.constant, neutral)):
+            if signal.constant is None or not np.allclose(signal.constant, neutral):
                 found.append(name)
         if found:
             self._report.omission(self._path, f"MaterialX inputs that are not applied: {', '.join(found)}")
