@@ -13,8 +13,9 @@ from typing import Any, Literal
 
 import numpy as np
 
+from tiscene.scene.description import Color
 from tiscene.usd.importers.gltf import GltfDocument
-from tiscene.usd.importers.gltf_lobes import gltf_lobes
+from tiscene.usd.importers.gltf_lobes import Channel, gltf_lobes
 from tiscene.usd.importers.materials import ImportedMaterial, TextureMap, TextureTransform
 
 _WRAPS: dict[int, Literal["repeat", "clamp", "mirror"]] = {10497: "repeat", 33071: "clamp", 33648: "mirror"}
@@ -53,11 +54,9 @@ class _MaterialReader:
             inputs, base, factor = self._specular_glossiness(glossy)
         self._emission(inputs)
         self._alpha(inputs, base, factor[3])
-        bumps = self._entry.get("normalTexture")
-        if bumps is not None and (map_ := self._map(bumps, raw=True)) is not None:
-            strength = float(bumps.get("scale", 1.0))
-            bent = (2.0 * strength, 2.0 * strength, 2.0), (-strength, -strength, -1.0)
-            self._maps["normal"] = replace(map_, scale=bent[0], bias=bent[1])
+        bumps = self._entry.get("normalTexture") or {}
+        strength, bent = float(bumps.get("scale", 1.0)), self._map(bumps or None, raw=True)
+        self._add("normal", bent, (2.0 * strength, 2.0 * strength, 2.0), bias=(-strength, -strength, -1.0))
         self._coat(inputs)
         if "KHR_materials_ior" in self._extensions:
             inputs["ior"] = float(self._extensions["KHR_materials_ior"].get("ior", 1.5))
@@ -80,12 +79,10 @@ class _MaterialReader:
             "roughness": float(values.get("roughnessFactor", 1.0)),
         }
         base = self._map(values.get("baseColorTexture"))
-        if base is not None:
-            self._maps["diffuseColor"] = replace(base, scale=_three(factor))
+        self._add("diffuseColor", base, factor)
         data = self._map(values.get("metallicRoughnessTexture"), raw=True)
-        if data is not None:
-            self._maps["metallic"] = replace(data, channel="b", scale=(inputs["metallic"],) * 3)
-            self._maps["roughness"] = replace(data, channel="g", scale=(inputs["roughness"],) * 3)
+        self._add("metallic", data, inputs["metallic"], "b")
+        self._add("roughness", data, inputs["roughness"], "g")
         return inputs, base, factor
 
     def _specular_glossiness(
@@ -101,22 +98,19 @@ class _MaterialReader:
             "roughness": 1.0 - gloss,
         }
         base = self._map(values.get("diffuseTexture"))
-        if base is not None:
-            self._maps["diffuseColor"] = replace(base, scale=_three(factor))
+        self._add("diffuseColor", base, factor)
         shine = self._map(values.get("specularGlossinessTexture"))
-        if shine is not None:
-            self._maps["specularColor"] = replace(shine, scale=_three(specular))
-            self._maps["roughness"] = replace(shine, channel="a", scale=(-gloss,) * 3, bias=(1.0,) * 3)
+        self._add("specularColor", shine, specular)
+        self._add("roughness", shine, -gloss, "a", (1.0, 1.0, 1.0))
         return inputs, base, factor
 
     def _emission(self, inputs: dict[str, Any]) -> None:
         strength = float(self._extensions.get("KHR_materials_emissive_strength", {}).get("emissiveStrength", 1.0))
         emissive = tuple(strength * each for each in _numbers(self._entry.get("emissiveFactor", _BLACK), 3))
         map_ = self._map(self._entry.get("emissiveTexture"))
-        if map_ is not None and any(emissive):
-            self._maps["emissiveColor"] = replace(map_, scale=_three(emissive))
-        elif any(emissive):
+        if any(emissive):
             inputs["emissiveColor"] = emissive
+            self._add("emissiveColor", map_, emissive)
 
     def _alpha(self, inputs: dict[str, Any], base: TextureMap | None, factor: float) -> None:
         mode = self._entry.get("alphaMode", "OPAQUE")
@@ -125,18 +119,27 @@ class _MaterialReader:
         inputs |= {"opacity": factor, "opacityMode": "presence"}
         if mode == "MASK":
             inputs["opacityThreshold"] = float(self._entry.get("alphaCutoff", 0.5))
-        if base is not None:
-            self._maps["opacity"] = replace(base, channel="a", scale=(factor,) * 3)
+        self._add("opacity", base, factor, "a")
 
     def _coat(self, inputs: dict[str, Any]) -> None:
         coat = self._extensions.get("KHR_materials_clearcoat", {})
-        channels: tuple[tuple[str, Literal["r", "g"]], ...] = (("clearcoat", "r"), ("clearcoatRoughness", "g"))
-        for name, channel in channels:
-            if coat:
-                inputs[name] = float(coat.get(f"{name}Factor", 0.0))
-                map_ = self._map(coat.get(f"{name}Texture"), raw=True)
-                if map_ is not None:
-                    self._maps[name] = replace(map_, channel=channel, scale=(inputs[name],) * 3)
+        channels: dict[str, Channel] = {"clearcoat": "r", "clearcoatRoughness": "g"}
+        for name, channel in channels.items() if coat else ():
+            inputs[name] = float(coat.get(f"{name}Factor", 0.0))
+            self._add(name, self._map(coat.get(f"{name}Texture"), raw=True), inputs[name], channel)
+
+    def _add(
+        self,
+        name: str,
+        map_: TextureMap | None,
+        scale: float | tuple[float, ...],
+        channel: Channel = "rgb",
+        bias: Color = _BLACK,
+    ) -> None:
+        """Add the map of an input, if there is one, times a factor."""
+        if map_ is not None:
+            r, g, b = scale[:3] if isinstance(scale, tuple) else (scale,) * 3
+            self._maps[name] = replace(map_, channel=channel, scale=(r, g, b), bias=bias)
 
     def _map(self, info: Mapping[str, Any] | None, *, raw: bool = False) -> TextureMap | None:
         """Return the texture that a texture info names; None for none, or for an image that cannot be read."""
@@ -174,7 +177,3 @@ def _numbers(values: Any, count: int) -> tuple[float, ...]:
     if numbers.shape != (count,) or not np.isfinite(numbers).all():
         raise ValueError(f"{values!r} must be {count} numbers")
     return tuple(numbers.tolist())
-
-
-def _three(values: tuple[float, ...]) -> tuple[float, float, float]:
-    return (values[0], values[1], values[2])
