@@ -57,7 +57,7 @@ def read_camera(
         The camera. Its exposure is None if no exposure attribute is authored: the stream meters it. None, with a
         problem reported, for an invalid camera.
     """
-    camera = _read_at(prim, world_from_prim, time, meters_per_unit, report, settings)
+    camera = _CameraReader(prim, time, meters_per_unit, report, settings).read(world_from_prim)
     if is_time_varying(prim.GetAttribute("projection")):
         report.frozen(prim.GetPath(), "projection of a camera")
     varying = [name for name in _LENS_ATTRIBUTES if is_time_varying(prim.GetAttribute(name))]
@@ -71,7 +71,7 @@ def read_camera(
     codes = sorted({max(code, start) for code in times})
     lenses = {}
     for code in codes:
-        lens = _read_at(prim, world_from_prim, Usd.TimeCode(code), meters_per_unit, ignored, settings)
+        lens = _CameraReader(prim, Usd.TimeCode(code), meters_per_unit, ignored, settings).read(world_from_prim)
         if lens is not None and _authored(lens) == _authored(camera):
             lenses[code] = lens
     if len(lenses) < len(codes):
@@ -93,41 +93,8 @@ def _keyframes(lenses: Sequence[Camera], seconds: Sequence[float]) -> LensKeyfra
     return LensKeyframes(seconds, **varying) if varying else None
 
 
-def _read_at(
-    prim: Usd.Prim,
-    world_from_prim: Matrix,
-    time: Usd.TimeCode,
-    meters_per_unit: float,
-    report: StageReport,
-    settings: StageRenderSettings,
-) -> Camera | None:
-    """Read a camera at a time code; arguments as of `read_camera`."""
-    path = prim.GetPath()
-    upright = unmirrored(world_from_prim)
-    if upright is not world_from_prim:
-        report.omission(path, "the image of a mirrored camera is not mirrored")
-    pose = unscaled(upright)
-    if pose is None:
-        report.problem(path, "camera", "its transform is singular or not finite")
-        return None
-    lens = _Lens(prim, time, meters_per_unit, report, settings)
-    if fault := lens.fault():
-        report.problem(path, "camera", fault)
-        return None
-    try:
-        return Camera(
-            position=(float(pose[0, 3]), float(pose[1, 3]), float(pose[2, 3])),
-            rotation=quaternion_from_matrix(pose[:3, :3]),
-            name=prim.GetName(),
-            **lens.fields(),
-        )
-    except ArgumentError as error:
-        report.problem(path, "camera", str(error))
-        return None
-
-
-class _Lens:
-    """Reads the fields of a `Camera` that are not its pose. Values that cannot be used are reported and left out."""
+class _CameraReader:
+    """Reads a camera at a time code; arguments as of `read_camera`. Values that cannot be used are left out."""
 
     def __init__(
         self,
@@ -144,6 +111,22 @@ class _Lens:
         self._aperture = self._number("verticalAperture")
         self._focal_length = 1.0 if self._is_orthographic else self._number("focalLength")  # 1: unused
 
+    def read(self, world_from_prim: Matrix) -> Camera | None:
+        """Return the camera; None, with a problem reported, for an invalid one."""
+        upright = unmirrored(world_from_prim)
+        if upright is not world_from_prim:
+            self._omit("the image of a mirrored camera is not mirrored")
+        pose = unscaled(upright)
+        fault = "its transform is singular or not finite" if pose is None else self._fault()
+        if pose is not None and not fault:
+            (x, y, z), rotation = pose[:3, 3].tolist(), quaternion_from_matrix(pose[:3, :3])
+            try:
+                return Camera((x, y, z), rotation, name=self._prim.GetName(), **self._fields())
+            except ArgumentError as error:
+                fault = str(error)
+        self._report.problem(self._prim.GetPath(), "camera", fault)
+        return None
+
     def _number(self, name: str) -> float:
         value = value_at(self._prim.GetAttribute(name), self._time)
         return math.nan if value is None else float(value)
@@ -157,7 +140,7 @@ class _Lens:
             return None
         return exposure_scale(*map(self._number, _EXPOSURE_ATTRIBUTES))
 
-    def fault(self) -> str:
+    def _fault(self) -> str:
         """Return why there is no camera, "" if there is one."""
         if not (0.0 < self._aperture < math.inf and 0.0 < self._focal_length < math.inf):
             values = f"verticalAperture {self._aperture} and focalLength {self._focal_length}"
@@ -167,7 +150,7 @@ class _Lens:
             return f"its exposure attributes scale the image by {scale}"
         return ""
 
-    def fields(self) -> dict[str, Any]:
+    def _fields(self) -> dict[str, Any]:
         """Return the fields, without those that keep their defaults; report what is not applied."""
         self._report_unapplied()
         fields = self._view() | self._framing() | self._focus() | self._clipping() | self._shutter()
