@@ -8,6 +8,7 @@ is decided by UsdPhysics (`StageObjectTable`).
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from typing import NamedTuple
 
 import numpy as np
 from pxr import Usd, UsdPhysics
@@ -71,6 +72,18 @@ class StageObject:
         return len(self.parts) - len(names)
 
 
+class _Instance(NamedTuple):
+    """A drawn mesh, see `StageObjectTable.add`; `part` is the number of its first part."""
+
+    mesh: int
+    owner: StageObject
+    matrix: Matrix
+    part: int
+    collides: bool | None
+    samples: TransformSamples | None
+    color: ColorSamples | None
+
+
 class StageObjectTable:
     """Drawn meshes and colliders, by the object that they belong to.
 
@@ -80,9 +93,7 @@ class StageObjectTable:
 
     def __init__(self, stage: Usd.Stage) -> None:
         self._objects: list[StageObject] = []
-        self._instances: list[tuple[int, StageObject, Matrix, int, bool | None]] = []
-        self._samples: list[TransformSamples | None] = []  # one per instance
-        self._colors: list[ColorSamples | None] = []  # likewise
+        self._instances: list[_Instance] = []
         self._colliders: list[tuple[int, StageObject, Matrix, str]] = []
         self._stage = stage
 
@@ -115,9 +126,7 @@ class StageObjectTable:
             self._objects.append(owner)
         owner.colliders += collides is True
         part = len(owner.parts) - len(names) if continues else owner.add_parts(names)
-        self._instances.append((mesh, owner, matrix, part, collides))
-        self._samples.append(samples)
-        self._colors.append(color)
+        self._instances.append(_Instance(mesh, owner, matrix, part, collides, samples, color))
 
     def add_collider(self, owner: StageObject, mesh: int, matrix: Matrix, path: str) -> None:
         """Add a collider that is not drawn, such as one of purpose "guide".
@@ -140,11 +149,11 @@ class StageObjectTable:
 
     def tracks(self) -> tuple[InstanceTrack, ...]:
         """Return the animation of the instances."""
-        return tracks_of(self._stage, self._samples)
+        return tracks_of(self._stage, [each.samples for each in self._instances])
 
     def color_tracks(self) -> tuple[ColorTrack, ...]:
         """Return how the colors of instances vary."""
-        return color_tracks_of(self._stage, self._colors)
+        return color_tracks_of(self._stage, [each.color for each in self._instances])
 
     def object_tracks(self) -> tuple[InstanceTrack, ...]:
         """Return the transforms over time of the objects that move."""
@@ -155,14 +164,14 @@ class StageObjectTable:
         has_physics_scene = any(prim.IsA(UsdPhysics.Scene) for prim in self._stage.Traverse())
         return tuple(
             Instance(
-                mesh,
-                owner.row or 0,
-                matrix,
-                part,
-                bool(collides) if has_physics_scene or owner.colliders else collides is not False,
-                None if color is None else color.color,
+                each.mesh,
+                each.owner.row or 0,
+                each.matrix,
+                each.part,
+                bool(each.collides) if has_physics_scene or each.owner.colliders else each.collides is not False,
+                None if each.color is None else each.color.color,
             )
-            for (mesh, owner, matrix, part, collides), color in zip(self._instances, self._colors, strict=True)
+            for each in self._instances
         )
 
     def objects(self, by_name: bool) -> tuple[SceneObject, ...]:
