@@ -10,7 +10,7 @@ from collections.abc import Iterable, Iterator
 
 from pxr import Sdf, Usd, UsdGeom
 
-from tiscene.usd.core.prims import ALSO_ABSTRACT, outermost_instance
+from tiscene.usd.core.prims import ALSO_ABSTRACT, outermost_instance, prototypes_of
 from tiscene.usd.core.report import StageReport
 
 ENDLESS = "one of its prototypes contains the instancer itself"
@@ -56,7 +56,7 @@ def _broken(root: Usd.Prim, report: StageReport) -> Iterator[Usd.Prim]:
 
 
 def _is_endless(instancer: Usd.Prim) -> bool:
-    return instancer.GetPath() in _instancers(_prototypes(instancer))
+    return instancer.GetPath() in _instancers(prototypes_of(instancer))
 
 
 def _instancers(roots: Iterable[Usd.Prim]) -> dict[Sdf.Path, Usd.Prim]:
@@ -70,11 +70,5 @@ def _instancers(roots: Iterable[Usd.Prim]) -> dict[Sdf.Path, Usd.Prim]:
                 prims.PruneChildren()  # only those that are prototypes are drawn
                 if prim.GetPath() not in found:
                     found[prim.GetPath()] = prim
-                    pending += _prototypes(prim)
+                    pending += prototypes_of(prim)
     return found
-
-
-def _prototypes(instancer: Usd.Prim) -> list[Usd.Prim]:
-    """Return the prototypes of a point instancer that exist."""
-    targets = UsdGeom.PointInstancer(instancer).GetPrototypesRel().GetForwardedTargets()
-    return [prim for prim in map(instancer.GetStage().GetPrimAtPath, targets) if prim]

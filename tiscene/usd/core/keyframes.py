@@ -14,7 +14,7 @@ import numpy as np
 from pxr import Usd, UsdGeom
 
 from tiscene.usd.core.pose import read_pose
-from tiscene.usd.core.prims import ALSO_ABSTRACT, is_light_only, with_ancestors
+from tiscene.usd.core.prims import ALSO_ABSTRACT, is_light_only, prototypes_of, with_ancestors
 from tiscene.usd.core.report import StageReport
 from tiscene.usd.core.transform import to_matrix
 from tiscene.usd.core.units import Units
@@ -71,8 +71,7 @@ def plays_in_parts(prim: Usd.Prim) -> bool:
 
 def _places_objects(instancer: Usd.Prim) -> bool:
     """Return whether the points of an instancer are objects of their own, without lights, whose places do not play."""
-    targets = UsdGeom.PointInstancer(instancer).GetPrototypesRel().GetForwardedTargets()
-    prototypes = [prim for prim in map(instancer.GetStage().GetPrimAtPath, targets) if prim]
+    prototypes = prototypes_of(instancer)
     return bool(prototypes) and not any(
         is_light_only(each) for prim in prototypes for each in Usd.PrimRange(prim, ALSO_ABSTRACT)
     )

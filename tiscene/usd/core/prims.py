@@ -56,6 +56,12 @@ def type_of(prim: Usd.Prim) -> str:
     return str(prim.GetPrimTypeInfo().GetSchemaTypeName() or prim.GetTypeName())
 
 
+def prototypes_of(instancer: Usd.Prim) -> list[Usd.Prim]:
+    """Return the prototypes of a point instancer that exist."""
+    targets = UsdGeom.PointInstancer(instancer).GetPrototypesRel().GetForwardedTargets()
+    return [prim for prim in map(instancer.GetStage().GetPrimAtPath, targets) if prim]
+
+
 def is_light(prim: Usd.Prim) -> bool:
     """Return whether a prim is a UsdLux light or has LightAPI applied; portals are not lights."""
     return bool(prim.HasAPI(UsdLux.LightAPI)) and not prim.IsA(UsdLux.PortalLight)
