@@ -112,19 +112,14 @@ _ROOT_ADVICE = "root= (--root) names the folder that may be read"
 class RootFolder:
     """The folder that every layer and texture of a stage must be in. Paths are compared after resolving links.
 
-    Attributes:
-        folder: absolute path, or None: files may be anywhere.
+    Args:
+        folder: an existing folder, or None: files may be anywhere.
+
+    Raises:
+        ArgumentError: not a folder.
     """
 
     def __init__(self, folder: str | os.PathLike[str] | None) -> None:
-        """Resolve the folder.
-
-        Args:
-            folder: an existing folder, or None for no restriction.
-
-        Raises:
-            ArgumentError: not a folder.
-        """
         if not isinstance(folder, str | os.PathLike | None):
             raise ArgumentError(f"root={folder!r}: must be a folder")
         self.folder = None if folder is None else Path(folder).resolve()

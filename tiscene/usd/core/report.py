@@ -81,12 +81,14 @@ def outer_level() -> int:
 class StageReport:
     """Problems (broken parts, which are left out) and omissions (parts that are not rendered exactly as authored).
 
-    Attributes:
+    Args:
         stage: name of the file in messages.
-        reads_animation: whether time samples are read as animation, not at one time code only.
+        root: the folder that files must be in; None: no restriction.
+        budget: what reading has used of its limits; None: a new one with the default limits.
         strict: whether any problem refuses the stage.
-        root: the folder that files must be in.
-        budget: what reading has used of its limits.
+
+    Attributes:
+        reads_animation: whether time samples are read as animation, not at one time code only.
     """
 
     def __init__(
@@ -96,14 +98,6 @@ class StageReport:
         budget: ReadingBudget | None = None,
         strict: bool = False,
     ) -> None:
-        """Start an empty report.
-
-        Args:
-            stage: name of the file in messages.
-            root: the folder that files must be in; None: no restriction.
-            budget: what reading has used; None: a new one with the default limits.
-            strict: whether any problem refuses the stage.
-        """
         self.stage = stage
         self.reads_animation = True
         self.root = root or RootFolder(None)
