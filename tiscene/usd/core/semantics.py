@@ -175,11 +175,6 @@ def is_outermost_object(prim: Usd.Prim) -> bool:
     return is_component(prim) or is_object_instance(prim) or prim.IsA(UsdGeom.Gprim)
 
 
-def is_in_object(prim: Usd.Prim) -> bool:
-    """Return whether a prim is below an object."""
-    return any(is_component(above) or is_object_instance(above) for above in ancestors(prim))
-
-
 def uninstance(stage: Usd.Stage, find: Callable[[], Iterable[Usd.Prim]]) -> None:
     """Make the instances that are, or hold, some prims plain ones, so that these can be edited on their own.
 
@@ -191,7 +186,8 @@ def uninstance(stage: Usd.Stage, find: Callable[[], Iterable[Usd.Prim]]) -> None
     """
     while instances := {found.GetPath() for prim in find() if (found := outermost_instance(prim))}:
         for instance in map(stage.GetPrimAtPath, instances):
-            if is_object_instance(instance) and not is_in_object(instance):
+            in_object = any(is_component(above) or is_object_instance(above) for above in ancestors(instance))
+            if is_object_instance(instance) and not in_object:
                 Usd.ModelAPI(instance).SetKind(Kind.Tokens.component)
             instance.SetInstanceable(False)
 

@@ -38,6 +38,7 @@ RINGS = 32  # from pole to pole
 _MAX_SIZE = 1e30  # stage units; float32 ends at 3.4e38
 _VANISHING = 1e-30  # stage units; in place of an animated 0, which would have other triangles
 _AXES = {"X": (2, 0, 1), "Y": (1, 2, 0), "Z": (0, 1, 2)}  # the columns of a shape about z that become x, y, z
+_PLANE_AXES = {"X": (2, 1, 0), "Y": (0, 2, 1), "Z": (0, 1, 2)}  # width along z and length along y, along x and z
 _CORNERS = np.array([[-1.0, -1.0], [1.0, -1.0], [1.0, 1.0], [-1.0, 1.0]])  # of a quadrilateral
 _QUAD = np.array([[0, 1, 2], [0, 2, 3]])  # its triangles
 # The corner in SHAPE_TOPOLOGIES that each vertex is.
@@ -78,11 +79,7 @@ def read_gprim(
         report.omission(prim.GetPath(), "a capsule of two radii is drawn with their mean")
     surface = TYPES[kind](sizes)
     axis = token_of(prim.GetAttribute("axis"), time, report) if prim.HasAttribute("axis") else "Z"
-    order = _AXES[axis]
-    if kind == "Plane" and axis == "X":
-        order = (2, 1, 0)  # width along z, length along y
-    if kind == "Plane" and axis == "Y":
-        order = (0, 2, 1)
+    order = (_PLANE_AXES if kind == "Plane" else _AXES)[axis]
     return _with_primvars(_permute_axes(surface, order), prim, names, time, report)
 
 
@@ -115,7 +112,7 @@ def _permute_axes(surface: WeldedMesh, order: tuple[int, int, int]) -> WeldedMes
     normals = None if surface.normals is None else np.ascontiguousarray(surface.normals[:, order])
     even = order in _AXES.values()  # odd permutations mirror
     triangles = surface.triangles if even else np.ascontiguousarray(surface.triangles[:, ::-1])
-    return WeldedMesh(positions, triangles, normals, surface.uv, surface.face)
+    return replace(surface, positions=positions, triangles=triangles, normals=normals)
 
 
 def _cube(size: dict[str, float]) -> WeldedMesh:

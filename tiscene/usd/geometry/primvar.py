@@ -274,12 +274,8 @@ def read_color(
     primvar: UsdGeom.Primvar, topology: Topology, time: Usd.TimeCode, report: StageReport
 ) -> Attribute | None:
     """Read a primvar of three or four components as `read_primvar` does."""
-    return read_primvar(primvar, 4 if _component_count(primvar, time) == 4 else 3, topology, time, report)
-
-
-def _component_count(primvar: UsdGeom.Primvar, time: Usd.TimeCode) -> int:
-    values = np.asarray(primvar.Get(time))
-    return int(values.shape[1]) if values.ndim == 2 else 1
+    width = 4 if np.shape(primvar.Get(time))[1:] == (4,) else 3
+    return read_primvar(primvar, width, topology, time, report)
 
 
 def read_primvar(

@@ -57,7 +57,10 @@ def _split_batch(points: Points, indices: NDArray[np.integer], starts: Indices, 
     p = points[indices[starts[:, None] + np.arange(size)]].astype(np.float64)
     p -= p[:, :1]
     if size == 4:
-        return np.asarray((result + _split_second_diagonal(p)[:, None, None]) % 4)
+        # Along the other diagonal the two triangles of a concave one would face opposite ways.
+        first, second = cross(p[:, 1], p[:, 2]), cross(p[:, 2], p[:, 3])
+        is_concave = np.einsum("fk,fk->f", first, second) < 0.0
+        return np.asarray((result + is_concave[:, None, None]) % 4)
     following, preceding = np.arange(1, size + 1) % size, np.arange(-1, size - 1)
     after = p[:, following]
     normal = cross(p, after).sum(axis=1)  # Newell's method: twice the area vector, also of concave faces
@@ -74,15 +77,6 @@ def _split_batch(points: Points, indices: NDArray[np.integer], starts: Indices, 
         result = result.copy()
         result[concave] = ear_clip(_flatten(p[concave], normal[concave]))
     return result
-
-
-def _split_second_diagonal(p: Points) -> NDArray[np.bool_]:
-    """Return whether to split quadrilaterals [f, 4, 3] along the diagonal from the second to the fourth corner.
-
-    The first corners are at the origin. Along the other diagonal the two triangles would face opposite ways.
-    """
-    first, second = cross(p[:, 1], p[:, 2]), cross(p[:, 2], p[:, 3])
-    return np.asarray(np.einsum("fk,fk->f", first, second) < 0.0)
 
 
 def _flatten(p: Points, normal: Points) -> Points:

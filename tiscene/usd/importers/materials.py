@@ -157,7 +157,8 @@ def define_material(stage: Usd.Stage, path: Sdf.Path, imported: ImportedMaterial
         output = surface.CreateOutput("surface", Sdf.ValueTypeNames.Token)
     for name, value in imported.inputs.items():
         if name not in imported.maps and name not in imported.vertex_inputs:
-            surface.CreateInput(name, _TYPES.get(name, Sdf.ValueTypeNames.Float)).Set(_to_usd(value))
+            value = Gf.Vec3f(*value) if isinstance(value, tuple) else value
+            surface.CreateInput(name, _TYPES.get(name, Sdf.ValueTypeNames.Float)).Set(value)
     for name, primvar in imported.vertex_inputs.items():
         kind = _VERTEX_TYPES[primvar]
         reader = UsdShade.Shader.Define(stage, path.AppendChild(f"Vertex{name[0].upper()}{name[1:]}"))
@@ -254,11 +255,6 @@ _TYPES = {
     "specularColor": Sdf.ValueTypeNames.Color3f,
     "useSpecularWorkflow": Sdf.ValueTypeNames.Int,
 }
-
-
-def _to_usd(value: Any) -> Any:
-    """Return a tuple as Vec3f, other values as they are."""
-    return Gf.Vec3f(*value) if isinstance(value, tuple) else value
 
 
 def _save_image(image: Image.Image, folder: Path, name: str, *, raw: bool) -> str:

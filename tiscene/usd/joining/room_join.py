@@ -93,7 +93,8 @@ def join(
             _place(stage, f"{root.GetPath()}/{each}", room, placement)
             for each, room, placement in zip(names, stages, placements, strict=True)
         ]
-        _report(stage, target)
+        if errors := [str(each) for each in stage.GetCompositionErrors()]:
+            raise StageError(str(target), errors)
         prims = [prim for prim, _ in placed]
         for (prim, conversion), placement in zip(placed, placements, strict=True):
             report = StageReport(str(placement.file))
@@ -243,13 +244,6 @@ def _place(stage: Usd.Stage, path: str, source: Usd.Stage, placement: RoomPlacem
     for op in ops:
         world = op.GetOpTransform(Usd.TimeCode.Default()) * world
     return prim, replace(conversion, world=world)
-
-
-def _report(stage: Usd.Stage, target: Path) -> None:
-    """Raise StageError for what does not compose."""
-    errors = [str(each) for each in stage.GetCompositionErrors()]
-    if errors:
-        raise StageError(str(target), errors)
 
 
 def _prepare(room: Usd.Prim, placement: RoomPlacement) -> None:

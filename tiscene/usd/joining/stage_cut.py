@@ -48,9 +48,9 @@ class GprimCut:
     indexed: tuple[str, ...] = ()
     subsets: dict[Sdf.Path, NDArray[np.int32]] = field(default_factory=dict)
 
-    def same_as(self, other: GprimCut | None) -> bool:
+    def same_as(self, other: GprimCut) -> bool:
         """Return whether another cut has the same result."""
-        if other is None or self.values.keys() != other.values.keys():
+        if self.values.keys() != other.values.keys():
             return False
         return all(np.array_equal(value, other.values[name]) for name, value in self.values.items())
 
@@ -109,14 +109,11 @@ def cuts(stage: Usd.Stage, boxes: Sequence[Floats]) -> dict[Sdf.Path, GprimCut]:
         if not met:
             continue
         try:
-            found = _cut(prim, met)
+            if (found := _cut(prim, met)) is not None:
+                result[prim.GetPath()] = found
         except ValueError as error:
-            if not _is_drawn(prim):
-                continue
-            problems.append(f"<{prim.GetPath()}> opening: {error}")
-            continue
-        if found is not None:
-            result[prim.GetPath()] = found
+            if _is_drawn(prim):
+                problems.append(f"<{prim.GetPath()}> opening: {error}")
     if problems:
         raise StageError(stage.GetRootLayer().GetDisplayName(), problems)
     return result
@@ -146,13 +143,11 @@ def _is_drawn(prim: Usd.Prim) -> bool:
 
 def _boxes_met(prim: Usd.Prim, boxes: Sequence[Floats]) -> dict[int, Floats]:
     """Return the boxes that the bounds of a gprim meet, by their rows."""
-    return {row: box for row, box in enumerate(boxes) if _meets(prim, box)}
-
-
-def _meets(prim: Usd.Prim, box: Floats) -> bool:
-    """Return whether the bounds of a gprim meet a box."""
     extent = UsdGeom.Boundable.ComputeExtentFromPlugins(UsdGeom.Boundable(prim), _NOW)
-    return bool(extent) and _overlaps(_world_of(prim), extent[0], extent[1], box)
+    if not extent:
+        return {}
+    world = _world_of(prim)
+    return {row: box for row, box in enumerate(boxes) if _overlaps(world, extent[0], extent[1], box)}
 
 
 def _overlaps(world: Floats, low: Sequence[float], high: Sequence[float], box: Floats) -> bool:

@@ -99,12 +99,7 @@ def layer_of_document(path: str, allowed: Any) -> tuple[Sdf.Layer, tuple[str, ..
     """
     root = read_document(path, allowed)
     digest = hashlib.blake2b(ElementTree.tostring(root), digest_size=16).digest()
-    return _layers.get((path, digest), lambda: _converted(path, root))
-
-
-def _converted(path: str, root: Element) -> tuple[Sdf.Layer, tuple[str, ...]]:
-    converter = _Converter(path, root)
-    return converter.layer(), tuple(converter.faults())
+    return _layers.get((path, digest), lambda: _Converter(path, root).result())
 
 
 @dataclass(frozen=True, eq=False)
@@ -164,8 +159,8 @@ class _Converter:
         self._definitions = [each for each in root.findall("nodedef") if each.get("name") in self._graphs]
         self._done: dict[str, UsdShade.Shader] = {}
 
-    def layer(self) -> Sdf.Layer:
-        """Return the layer."""
+    def result(self) -> tuple[Sdf.Layer, tuple[str, ...]]:
+        """Return the layer, and what is wrong with the document."""
         prim = self._stage.DefinePrim("/MaterialX")
         self._stage.DefinePrim("/MaterialX/Materials", "Scope")
         self._stage.SetDefaultPrim(prim)
@@ -180,9 +175,9 @@ class _Converter:
             elif element.tag == "material":  # of version 1.36 and before
                 for shader in element.findall("shaderref")[:1]:
                     self._material(element, (shader, self._top, "out"), {})
-        return self._layer
+        return self._layer, tuple(self._faults())
 
-    def faults(self) -> list[str]:
+    def _faults(self) -> list[str]:
         """Return what is wrong with the document: materials that are left out, and inputs that keep their defaults."""
         names = list(self._malformed)
         more = f" and {len(names) - _MAX_NAMED} more" if len(names) > _MAX_NAMED else ""

@@ -260,6 +260,12 @@ def _dodge(below: Array, above: Array, mix: Array) -> Array:
     return np.asarray(np.where(above == 1.0, 0.0, below + (lit - below) * mix))
 
 
+_LOGIC = {
+    "and": _logic(np.logical_and),
+    "or": _logic(np.logical_or),
+    "xor": _logic(np.logical_xor),
+    "not": _single(lambda a: np.where(a > 0.5, 0.0, 1.0)),
+}
 _TESTS = {"ifgreater": np.greater, "ifgreatereq": np.greater_equal, "ifequal": np.equal}
 
 OPERATIONS: dict[str, Operation] = {
@@ -290,14 +296,7 @@ OPERATIONS: dict[str, Operation] = {
     "rotate3d": ((("in", 0.0), ("amount", 0.0), ("axis", (0.0, 1.0, 0.0))), rotate3d),
     "crossproduct": _pair(lambda a, b: np.cross(a[..., :3], b[..., :3]), 0.0, 0.0),
     "distance": _pair(lambda a, b: np.linalg.norm(a - b, axis=-1, keepdims=True), 0.0, 0.0),
-    "and": _logic(np.logical_and),
-    "or": _logic(np.logical_or),
-    "xor": _logic(np.logical_xor),
-    "not": _single(lambda a: np.where(a > 0.5, 0.0, 1.0)),
-    "logical_and": _logic(np.logical_and),
-    "logical_or": _logic(np.logical_or),
-    "logical_xor": _logic(np.logical_xor),
-    "logical_not": _single(lambda a: np.where(a > 0.5, 0.0, 1.0)),
+    **{f"{prefix}{name}": operation for name, operation in _LOGIC.items() for prefix in ("", "logical_")},
     "inside": ((("in", 0.0), ("mask", 1.0)), lambda a, mask: a * mask),
     "outside": ((("in", 0.0), ("mask", 0.0)), lambda a, mask: a * (1.0 - mask)),
     "premult": _single(lambda a: np.concatenate([a[..., :3] * a[..., 3:], a[..., 3:]], axis=-1)),
@@ -316,13 +315,8 @@ OPERATIONS: dict[str, Operation] = {
     "remap": ((("in", 0.0), ("inlow", 0.0), ("inhigh", 1.0), ("outlow", 0.0), ("outhigh", 1.0)), remap),
     "range": (
         (
-            ("in", 0.0),
-            ("inlow", 0.0),
-            ("inhigh", 1.0),
-            ("gamma", 1.0),
-            ("outlow", 0.0),
-            ("outhigh", 1.0),
-            ("doclamp", 0.0),
+            *(("in", 0.0), ("inlow", 0.0), ("inhigh", 1.0), ("gamma", 1.0)),
+            *(("outlow", 0.0), ("outhigh", 1.0), ("doclamp", 0.0)),
         ),
         ranged,
     ),

@@ -117,11 +117,8 @@ class TextureTable:
             The row of the texture and the affine map from uv into it; None, which is reported, if there are no tiles
             or one cannot be read.
         """
-        prim_path = attribute.GetPrim().GetPath()
-        tiles = {
-            int(number) - 1001: path
-            for path, number in UsdShade.UdimUtils.ResolveUdimTilePaths(_anchor_udim_path(attribute, asset), None)
-        }
+        prim_path, key = attribute.GetPrim().GetPath(), _anchor_udim_path(attribute, asset)
+        tiles = {int(number) - 1001: path for path, number in UsdShade.UdimUtils.ResolveUdimTilePaths(key, None)}
         if not tiles:
             self._report.omission(
                 prim_path, f"there are no tiles @{asset.path}@ ({_describe_layer(attribute)}); {_FALLBACK}"
@@ -145,7 +142,6 @@ class TextureTable:
             text = f"the tiles @{asset.path}@ are far apart, in an area of {columns}x{rows}: each is reduced to {size}"
             self._report.omission(prim_path, text)
         merged = ImageData(_merge_tiles(read, low, (columns, rows), fitting.tolist(), fallback, encoding), first.srgb)
-        key = _anchor_udim_path(attribute, asset)
         name = Path(split_package(key)[-1]).name
         if len(read) < columns * rows:  # the fallback is part of the image
             key += f" {fallback}"
