@@ -86,6 +86,15 @@ def test_inline_network_is_read(tmp_path):
     assert rounded(material) == replace(expected, prim_path="/Looks/Mat")
 
 
+def test_number_of_opacity_mode_is_read_without_other_nodes(tmp_path):
+    """It became the mode "1" unless a MaterialX node was connected to the surface."""
+    alone = INLINE.replace(
+        "inputs:diffuseColor.connect = </Looks/Mat/T.outputs:out>", "inputs:diffuseColor = (1, 0, 0)"
+    )
+    (material,) = read_stage(write(tmp_path, alone + QUAD)).materials
+    assert (material.diffuse_color, material.opacity_mode) == ((1.0, 0.0, 0.0), "presence")
+
+
 BOTH = """def Scope "Looks"
 {
     def Material "Mat"

@@ -3,9 +3,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, Literal
 
 from pxr import Sdf, Usd, UsdShade
 
@@ -91,3 +91,9 @@ def connections_of(shader: UsdShade.Shader, time: Usd.TimeCode) -> dict[str, Sha
                 found[item.GetBaseName()] = ShaderConnection(attribute, value=attribute.Get(time))
             break
     return found
+
+
+def opacity_mode(inputs: Mapping[str, ShaderConnection]) -> Literal["transparent", "presence"]:
+    """Return what the opacity of a UsdPreviewSurface is, by its inputs: a token, or a number in MaterialX."""
+    mode = inputs["opacityMode"].value if "opacityMode" in inputs else None
+    return "presence" if mode in ("presence", 1) else "transparent"

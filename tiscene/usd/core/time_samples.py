@@ -216,9 +216,9 @@ def color_tracks_of(stage: Usd.Stage, samples: Sequence[ColorSamples | None]) ->
 
 def transformed(tracks: Iterable[InstanceTrack], matrix: Matrix) -> tuple[InstanceTrack, ...]:
     """Return tracks with their transforms multiplied from the left by a 4x4 matrix."""
-    rotated = (np.einsum("ij,snjk->snik", matrix[:3, :3], track.matrices) for track in tracks)
     result = []
-    for track, matrices in zip(tracks, rotated, strict=True):
+    for track in tracks:
+        matrices = np.einsum("ij,snjk->snik", matrix[:3, :3], track.matrices)
         matrices[..., 3] += matrix[:3, 3]
         result.append(replace(track, matrices=matrices))
     return tuple(result)

@@ -60,7 +60,7 @@ class MaterialTableBuilder:
         textures: table for the materials' image files.
         time: when to evaluate attributes.
         report: collects problems and omissions.
-        instancers: those whose prototypes are being read. None: none.
+        instancers: those whose prototypes are being read.
 
     Attributes:
         materials: the rows read so far.
@@ -68,18 +68,14 @@ class MaterialTableBuilder:
     """
 
     def __init__(
-        self,
-        textures: TextureTable,
-        time: Usd.TimeCode,
-        report: StageReport,
-        instancers: EnclosingInstancers | None = None,
+        self, textures: TextureTable, time: Usd.TimeCode, report: StageReport, instancers: EnclosingInstancers
     ) -> None:
         self.materials: list[Material] = []
         self.tracks: list[InputTrack] = []
         self._textures = textures
         self._time = time
         self._report = report
-        self._instancers = instancers or EnclosingInstancers()
+        self._instancers = instancers
         self._primvars: dict[Any, tuple[tuple[str, int], ...]] = {}  # of each material's constants: name, width
         self._bindings: dict[Any, Binding | None] = {}
         self._unwrapped: dict[Any, tuple[UnwrappedTexture, ...]] = {}

@@ -14,7 +14,7 @@ from pxr import Sdf
 
 from tiscene.scene.color import LUMINANCE
 from tiscene.scene.description import FloatInput, Material, TextureLookup
-from tiscene.usd.core.shader_network import ShaderConnection, connections_of
+from tiscene.usd.core.shader_network import ShaderConnection, connections_of, opacity_mode
 from tiscene.usd.materials.materialx_inputs import SurfaceInputs
 from tiscene.usd.materials.materialx_lobes import ExtendedSurface
 from tiscene.usd.materials.materialx_models import MODELS
@@ -105,8 +105,8 @@ class MaterialXSurface:
             return 1.0 - min(max(transmission, 0.0), 1.0), "transparent"
         if transmission > 0.0:
             self._report.omission(self._path, "transmission of a surface that is partly absent is not drawn")
-        transmits = self._model is MODELS["UsdPreviewSurface"] and self._token("opacityMode") != "presence"
-        return self._values.float_input(presence, "opacity"), "transparent" if transmits else "presence"
+        is_preview = self._model is MODELS["UsdPreviewSurface"]
+        return self._values.float_input(presence, "opacity"), opacity_mode(self._inputs) if is_preview else "presence"
 
     def _is_unmasked(self) -> bool:
         """Return whether a surface of gltf_pbr transmits light, and its mask cuts nothing out."""
@@ -118,11 +118,6 @@ class MaterialXSurface:
         if self._values.number("alpha_mode", 0.0) == 1.0:  # of gltf_pbr
             return 0.0 if self._is_unmasked() else self._values.number("alpha_cutoff", 0.5)
         return self._values.number("opacityThreshold", 0.0)  # of UsdPreviewSurface
-
-    def _token(self, name: str) -> str:
-        connection = self._inputs.get(name)
-        value = None if connection is None else connection.value
-        return {"0": "transparent", "1": "presence"}.get(str(value), str(value))
 
     def _ior(self) -> float:
         """Return the index of refraction whose reflectance at normal incidence is scaled by the specular weight."""

@@ -17,7 +17,14 @@ from pxr import Sdf, Usd, UsdGeom, UsdShade
 from tiscene.scene.description import VERTEX_COLORS, ColorInput, FloatInput, Material, TextureLookup
 from tiscene.usd.core.color_space import attribute_colors
 from tiscene.usd.core.report import StageReport
-from tiscene.usd.core.shader_network import ShaderConnection, Source, broken_connections, connections_of, shader_id
+from tiscene.usd.core.shader_network import (
+    ShaderConnection,
+    Source,
+    broken_connections,
+    connections_of,
+    opacity_mode,
+    shader_id,
+)
 from tiscene.usd.geometry.display_color import constant_primvar, varies_over_surface
 from tiscene.usd.geometry.point_primvars import EnclosingInstancers
 from tiscene.usd.geometry.primvar import NO_PRIMVARS, report_missing_coordinates
@@ -43,7 +50,7 @@ class NetworkReader:
         textures: table for image files.
         time: when to evaluate attributes.
         report: collects problems and omissions.
-        instancers: those whose prototype the gprim is in. None: none.
+        instancers: those whose prototype the gprim is in.
 
     Attributes:
         constants: name and number of components of the primvars read as constants.
@@ -57,7 +64,7 @@ class NetworkReader:
         textures: TextureTable,
         time: Usd.TimeCode,
         report: StageReport,
-        instancers: EnclosingInstancers | None = None,
+        instancers: EnclosingInstancers,
     ) -> None:
         self.constants: list[tuple[str, int]] = []
         self.primvars = NO_PRIMVARS
@@ -67,7 +74,7 @@ class NetworkReader:
         self._textures = textures
         self._time = time
         self._report = report
-        self._instancers = instancers or EnclosingInstancers()
+        self._instancers = instancers
 
     def read(self, material: UsdShade.Material) -> Material | None:
         """Return the material; None, with the reason reported, if it has no surface shader that is supported."""
@@ -83,29 +90,27 @@ class NetworkReader:
         sources = [each.source.id for each in inputs.values() if each.source is not None]
         if name != "UsdPreviewSurface" or any(each.startswith("ND_") for each in sources):
             return self._read_materialx(material, surface, name, inputs)
-        default = _DEFAULT
         displacement = inputs.get("displacement")
         if displacement is not None and (displacement.source or displacement.value):
             self._report.omission(self._path, "displacement is not applied")
-        mode = self._token(inputs, "opacityMode", "transparent")
         bumps = inputs.get("normal")
         if bumps is not None and bumps.source is not None:  # tangents are of the first uv: it must be the normal map's
             st = connections_of(bumps.source.shader, self._time).get("st")
             self._uv_set(self._coordinates(st)[1])
         return Material(
             name=material.GetPrim().GetName(),
-            diffuse_color=self._color(inputs, "diffuseColor", default.diffuse_color),
-            emissive_color=self._color(inputs, "emissiveColor", default.emissive_color),
+            diffuse_color=self._color(inputs, "diffuseColor", _DEFAULT.diffuse_color),
+            emissive_color=self._color(inputs, "emissiveColor", _DEFAULT.emissive_color),
             use_specular_workflow=bool(self._number(inputs, "useSpecularWorkflow", 0)),
-            specular_color=self._color(inputs, "specularColor", default.specular_color),
-            metallic=self._float(inputs, "metallic", default.metallic),
-            roughness=self._float(inputs, "roughness", default.roughness),
-            clearcoat=self._float(inputs, "clearcoat", default.clearcoat),
-            clearcoat_roughness=self._float(inputs, "clearcoatRoughness", default.clearcoat_roughness),
-            opacity=self._float(inputs, "opacity", default.opacity),
-            opacity_mode=cast(Literal["transparent", "presence"], mode),
-            opacity_threshold=self._number(inputs, "opacityThreshold", default.opacity_threshold),
-            ior=self._ior(inputs, default.ior),
+            specular_color=self._color(inputs, "specularColor", _DEFAULT.specular_color),
+            metallic=self._float(inputs, "metallic", _DEFAULT.metallic),
+            roughness=self._float(inputs, "roughness", _DEFAULT.roughness),
+            clearcoat=self._float(inputs, "clearcoat", _DEFAULT.clearcoat),
+            clearcoat_roughness=self._float(inputs, "clearcoatRoughness", _DEFAULT.clearcoat_roughness),
+            opacity=self._float(inputs, "opacity", _DEFAULT.opacity),
+            opacity_mode=opacity_mode(inputs),
+            opacity_threshold=self._number(inputs, "opacityThreshold", _DEFAULT.opacity_threshold),
+            ior=self._ior(inputs, _DEFAULT.ior),
             normal=self._normal(inputs),
             prim_path=str(material.GetPath()),
         )
