@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -133,6 +134,14 @@ class Cage:
         inner = first[(self.edge_faces == 2) & (self.sharpness <= 0.0)]
         return order[inner], order[inner + 1]
 
+    def rules(self, edge_sharpness: Floats, point_sharpness: Floats) -> tuple[NDArray[Any], NDArray[Any], NDArray[Any]]:
+        """Return which `incident` edges are sharp, and which points are corners and on creases; others are smooth."""
+        at, _, edge = self.incident
+        sharp = edge_sharpness[edge] > 0.0
+        count = np.bincount(at[sharp], minlength=self.points)
+        corner = (count > 2) | (point_sharpness > 0.0)
+        return sharp, corner, ~corner & (count == 2)
+
     def level_weights(self) -> Floats | None:
         """Return the weight [points] of this level's rules for the old points; the rest is that of the next level's.
 
@@ -206,11 +215,9 @@ def _refined_points(
     smooth = np.where(uses == 0, values, smooth)
 
     def by_rule(edge_sharpness: Floats, point_sharpness: Floats) -> Floats:
-        sharp = edge_sharpness[edge] > 0.0
-        count = np.bincount(at[sharp], minlength=cage.points)[:, None]
+        sharp, corner, on_crease = cage.rules(edge_sharpness, point_sharpness)
         crease = (6.0 * values + sum_rows(at[sharp], values[other[sharp]], cage.points)) / 8.0
-        corner = (count > 2) | (point_sharpness > 0.0)[:, None]
-        return np.where(corner, values, np.where(count == 2, crease, smooth))
+        return np.where(corner[:, None], values, np.where(on_crease[:, None], crease, smooth))
 
     now = by_rule(cage.sharpness, cage.point_sharpness)
     weights = cage.level_weights()
@@ -222,18 +229,16 @@ def _refined_points(
 
 def limit(cage: Cage, values: Floats) -> Floats:
     """Return the limit values [points, c] of a cage of quadrilaterals; its sharp edges count as infinitely sharp."""
-    at, other, edge = cage.incident
+    at, other, _ = cage.incident
     valence = np.bincount(at, minlength=cage.points)[:, None].astype(np.float64)
     neighbors = sum_rows(at, values[other], cage.points)
     opposite = cage.indices[cage.following[cage.following]]
     diagonals = sum_rows(cage.indices, values[opposite], cage.points)
     with np.errstate(divide="ignore", invalid="ignore"):
         smooth = (valence**2 * values + 4.0 * neighbors + diagonals) / (valence * (valence + 5.0))
-    sharp = cage.sharpness[edge] > 0.0
-    count = np.bincount(at[sharp], minlength=cage.points)[:, None]
+    sharp, corner, on_crease = cage.rules(cage.sharpness, cage.point_sharpness)
     crease = (4.0 * values + sum_rows(at[sharp], values[other[sharp]], cage.points)) / 6.0
-    corner = (count > 2) | (cage.point_sharpness > 0.0)[:, None] | (valence == 0)
-    return np.where(corner, values, np.where(count == 2, crease, smooth))
+    return np.where(corner[:, None] | (valence == 0), values, np.where(on_crease[:, None], crease, smooth))
 
 
 def distinct(keys: Ints) -> tuple[Ints, Ints]:

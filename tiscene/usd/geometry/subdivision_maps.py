@@ -68,10 +68,7 @@ def refine_map(cage: Cage) -> LinearMap:
     )
 
     def by_rule(edge_sharpness: Floats, point_sharpness: Floats) -> _Terms:
-        sharp = edge_sharpness[edge] > 0.0
-        count = np.bincount(at[sharp], minlength=points)
-        corner = (count > 2) | (point_sharpness > 0.0)
-        crease = ~corner & (count == 2)
+        sharp, corner, crease = cage.rules(edge_sharpness, point_sharpness)
         neighbors = _Terms(at[sharp], other[sharp], np.ones(int(sharp.sum())))
         return _sum(
             [
@@ -91,15 +88,13 @@ def refine_map(cage: Cage) -> LinearMap:
 
 def limit_map(cage: Cage, count: int | None = None) -> LinearMap:
     """Return the matrix of `catmull_clark.limit`, or its first `count` rows."""
-    at, other, edge = cage.incident
+    at, other, _ = cage.incident
     points = cage.points
     own = np.arange(points)
     identity = _Terms(own, own, np.ones(points))
     valence = np.bincount(at, minlength=points).astype(np.float64)
-    sharp = cage.sharpness[edge] > 0.0
-    sharp_count = np.bincount(at[sharp], minlength=points)
-    corner = (sharp_count > 2) | (cage.point_sharpness > 0.0) | (valence == 0)
-    crease = ~corner & (sharp_count == 2)
+    sharp, corner, crease = cage.rules(cage.sharpness, cage.point_sharpness)
+    corner |= valence == 0
     plain = ~corner & ~crease
     total = np.where(valence > 0, valence * (valence + 5.0), 1.0)
     neighbors = _Terms(at, other, np.ones(len(at)))
