@@ -11,6 +11,7 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from dynamics.lru_cache import LRUCache
 from tiscene.errors import ExportError
 from tiscene.export import frame_json
 from tiscene.export.array_files import Contents, resolved
@@ -65,7 +66,7 @@ class FolderWriter:
         self._objects = manifest.provenance["objects"]
         self._format = find_format(manifest.provenance["format"]).writer()
         self._packs = hasattr(self._format, "pack")
-        self._digests: dict[str, str | None] = {}  # of files that were checked last
+        self._digests: LRUCache[str, str | None] = LRUCache(MAX_DIGESTS)  # of files that were checked last
         self._groups: dict[int, list[int]] = {}  # frames of each file of many frames, ascending
         self._waiting: dict[int, set[int]] = {}  # those of them that are not in the folder yet
         self._thread: PackingThread | None = None
@@ -184,8 +185,7 @@ class FolderWriter:
 
     def forget(self, files: Iterable[str]) -> None:
         """Forget the digests of files that have been written."""
-        for name in files:
-            self._digests.pop(name, None)
+        self._digests.drop(set(files).__contains__)
 
     def done(self, index: int) -> None:
         """Note that a frame is in the folder; pack its group if that was the last one that the group waited for."""
@@ -212,7 +212,7 @@ class FolderWriter:
         else:
             known = write_group(self._format, self.folder, ExportRun.of(self.manifest), self.manifest.folders, group)
         place_group(self._format, self.folder, self.manifest, group, known)
-        self._digests.clear()
+        self._digests.drop(lambda name: True)
 
     def save_now_and_then(self) -> None:
         """Save the manifest, if some time has passed."""
@@ -245,11 +245,7 @@ class FolderWriter:
 
     def _digest(self, name: str) -> str | None:
         """Return the digest of a file. A file of many frames is read once, not once a frame."""
-        if name not in self._digests:
-            while len(self._digests) >= MAX_DIGESTS:
-                del self._digests[next(iter(self._digests))]
-            self._digests[name] = content_digest(self._format, self.folder / name)
-        return self._digests[name]
+        return self._digests.get(name, lambda: content_digest(self._format, self.folder / name))
 
 
 def _write(
