@@ -110,7 +110,7 @@ def _is_still_body(prim: Usd.Prim) -> bool:
     """Return whether a prim is a rigid body that stands still, since it is not, nor is in, an object of a scenario."""
     if not is_rigid_body(prim):
         return False
-    return not any(schema.has(each, name) for each in with_ancestors(prim) for name in (schema.OBJECT, schema.MOTION))
+    return not any(schema.has(each, schema.OBJECT, schema.MOTION) for each in with_ancestors(prim))
 
 
 def _other_units(stage: Usd.Stage) -> Iterator[str]:

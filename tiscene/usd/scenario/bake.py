@@ -116,7 +116,7 @@ def _write_objects(over: OverLayer, motion: RecordedMotion) -> dict[Usd.Prim, st
     for name, each in motion.objects.items():
         prim, operations = over.define_object(name, each.template, scale=np.broadcast_to(each.scale, 3).tolist())
         prims[prim] = each.category
-        if schema.has(prim, schema.MOTION) or schema.has(prim, schema.OBJECT):
+        if schema.has(prim, schema.OBJECT, schema.MOTION):
             _disable_schema_motion(prim)
         _write_poses(operations, dict(sorted((each.poses | each.vanished).items())), over)
         _write_visibility(prim, each.poses, motion.frames)

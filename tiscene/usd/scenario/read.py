@@ -125,7 +125,7 @@ class _ScenarioReader:
             if listed or (self._is_whole and root.GetRelationship("tiscene:scenario:objects").HasAuthoredTargets()):
                 prims = [each for path in listed if (each := self._target(root, path))]
             elif self._is_whole:
-                prims = [each for each in prims if schema.has(each, schema.OBJECT) or schema.has(each, schema.MOTION)]
+                prims = [each for each in prims if schema.has(each, schema.OBJECT, schema.MOTION)]
             lights = [] if self._is_whole else lights
             with self._report.guard(root.GetPath()):
                 content = self._scenario(root)
@@ -209,7 +209,7 @@ class _ScenarioReader:
         """Yield the prims within an object of the stage that a schema makes objects of the scenario."""
         prims = iter(Usd.PrimRange(root))
         for prim in prims:
-            if prim.IsA(UsdGeom.Xformable) and (schema.has(prim, schema.OBJECT) or schema.has(prim, schema.MOTION)):
+            if prim.IsA(UsdGeom.Xformable) and schema.has(prim, schema.OBJECT, schema.MOTION):
                 if self._is_object(prim):
                     yield prim
                 prims.PruneChildren()
@@ -218,7 +218,7 @@ class _ScenarioReader:
         """Return whether a prim is an object of a scenario that does not list its objects."""
         if prim.IsA(UsdGeom.Camera) or not prim.IsA(UsdGeom.Xformable) or is_light_only(prim):
             return False
-        if schema.has(prim, schema.OBJECT) or schema.has(prim, schema.MOTION):
+        if schema.has(prim, schema.OBJECT, schema.MOTION):
             return True
         if not is_outermost_object(prim) or plays_in_parts(prim) or prim.GetPath() in self._baked:
             return False

@@ -34,12 +34,14 @@ def register() -> None:
     Plug.Registry().RegisterPlugins(str(FOLDER))
 
 
-def has(prim: Usd.Prim, schema: str) -> bool:
-    """Return whether a schema is applied to a prim, or any of its properties is authored.
+def has(prim: Usd.Prim, *schemas: str) -> bool:
+    """Return whether one of some schemas is applied to a prim, or any of its properties is authored.
 
     Properties alone count, since a program that does not know the schema cannot apply it.
     """
-    return schema in _applied(prim) or bool(prim.GetAuthoredPropertiesInNamespace(NAMESPACES[schema]))
+    if not set(schemas).isdisjoint(_applied(prim)):
+        return True
+    return any(prim.GetAuthoredPropertiesInNamespace(NAMESPACES[each]) for each in schemas)
 
 
 def _applied(prim: Usd.Prim) -> list[str]:
