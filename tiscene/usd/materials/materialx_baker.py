@@ -194,7 +194,7 @@ class Baker:
         """Return the values of a texture or image at its own texels, or some rows of them, [h, w, c]."""
         if signal.image is not None:
             return signal.image[rows]
-        if signal.row is None or signal.scale is None or signal.bias is None:
+        if signal.row is None:
             return np.full((1, 1, signal.width), 0.5, np.float32)
         values = np.ones((1, 1, len(signal.channels)), np.float32)
         if signal.row != VERTEX_COLORS:
@@ -235,7 +235,7 @@ class Baker:
         if factor is None:
             self._whitened()
         signal, factor = replace(signal, tint=()), factor or ""
-        if signal.row is not None and signal.scale is not None and signal.bias is not None:
+        if signal.row is not None:
             channels = set(signal.channels)
             same = len(set(signal.scale.tolist())) == len(set(signal.bias.tolist())) == 1
             if signal.channels == (0, 1, 2) or (len(channels) == 1 and same):

@@ -15,7 +15,7 @@ from tiscene.usd.core.report import StageReport
 from tiscene.usd.core.shader_network import ShaderConnection, Source
 from tiscene.usd.materials.materialx_baker import Baker
 from tiscene.usd.materials.materialx_nodes import COMPONENTS, SIMPLIFIED, output_width
-from tiscene.usd.materials.materialx_signal import Coordinates, Floats, Signal, placement, shift
+from tiscene.usd.materials.materialx_signal import Coordinates, Floats, Signal, lookup, placement, shift
 from tiscene.usd.materials.materialx_units import meters_per_unit
 from tiscene.usd.materials.texture import TextureTable
 
@@ -75,8 +75,8 @@ class ImageNode:
         space = space or _color_space(file, preview or "color" in self.source.id)
         if "<UDIM>" in file.value.path:
             missing = self.baker.mean(default.of_width(4)) if width == 4 else (*self.baker.mean(default), 1.0)
-            found = self.textures.add_udim(file.attribute, file.value, space, tuple(np.resize(missing, 4).tolist()))
-            row, window = found or (None, None)
+            tiles = self.textures.add_udim(file.attribute, file.value, space, tuple(np.resize(missing, 4).tolist()))
+            row, window = tiles or (None, None)
             if window is not None:
                 coordinates = coordinates.mapped(np.array([window[:3], window[3:], (0.0, 0.0, 1.0)]))
         else:
@@ -86,35 +86,28 @@ class ImageNode:
         if row is None:
             return fallback
         texture = self.textures.textures[row]
-        lookup = Signal(
-            row=row,
-            channels=channels,
-            scale=np.ones(len(channels)),
-            bias=np.zeros(len(channels)),
-            coordinates=coordinates,
-            wraps=(texture.wrap_s, texture.wrap_t),
-        )
-        return self._scaled(lookup if preview else self._bordered(lookup, fallback), width, channels)
+        found = replace(lookup(row, channels), coordinates=coordinates, wraps=(texture.wrap_s, texture.wrap_t))
+        return self._scaled(found if preview else self._bordered(found, fallback), width, channels)
 
-    def _bordered(self, lookup: Signal, fallback: Signal) -> Signal:
-        """Return a lookup that is the node's default outside of the image, where that is not repeated."""
-        if "black" not in lookup.wraps or fallback.constant is None or fallback.is_zero:
-            return lookup
-        return replace(self.baker.apply(lambda values: values, lookup), border=fallback.constant)
+    def _bordered(self, image: Signal, fallback: Signal) -> Signal:
+        """Return an image that is the node's default outside of the image, where that is not repeated."""
+        if "black" not in image.wraps or fallback.constant is None or fallback.is_zero:
+            return image
+        return replace(self.baker.apply(lambda values: values, image), border=fallback.constant)
 
-    def _scaled(self, lookup: Signal, width: int, channels: tuple[int, ...]) -> Signal:
-        """Return a lookup times the factors of its node, plus its bias."""
+    def _scaled(self, image: Signal, width: int, channels: tuple[int, ...]) -> Signal:
+        """Return an image times the factors of its node, plus its bias."""
         summand = np.zeros(1)
         if self.category == "UsdUVTexture":
             summand = self.baker.mean(self.value(self.inputs.get("bias"), 0.0).of_width(width).select(channels))
         for name in _FACTORS.get(self.category, ()):
             factor = self.value(self.inputs.get(name), 1.0).of_width(width).select(channels)
             if factor.constant is None:
-                tinted = None if summand.any() else lookup.tinted(factor)
-                lookup = tinted or self.baker.apply(lambda a, b: a * b + summand, lookup, factor)
+                tinted = None if summand.any() else image.tinted(factor)
+                image = tinted or self.baker.apply(lambda a, b: a * b + summand, image, factor)
             else:
-                lookup = self.baker.affine(lookup, factor.constant, summand)
-        return lookup
+                image = self.baker.affine(image, factor.constant, summand)
+        return image
 
     def _coordinates(self) -> Coordinates:
         at = self.value(self.inputs.get("st" if self.category == "UsdUVTexture" else "texcoord"), None)

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import cast
 
 import numpy as np
@@ -56,7 +56,7 @@ class Signal:
         third: constant third component of such a point.
         row: row of the texture table that is looked up; VERTEX_COLORS: the vertices' colors.
         channels: channels of that texture, one per component.
-        scale: float64 [c], factor of each component.
+        scale: float64 [c], factor of each component of the lookup.
         bias: float64 [c], summand of each component.
         image: float32 [h, w, c], computed values, row 0 at the top.
         coordinates: where a texture or image is looked up.
@@ -70,8 +70,8 @@ class Signal:
     third: float = 0.0
     row: int | None = None
     channels: tuple[int, ...] = ()
-    scale: Floats | None = None
-    bias: Floats | None = None
+    scale: Floats = field(default_factory=lambda: np.zeros(0))
+    bias: Floats = field(default_factory=lambda: np.zeros(0))
     image: Image | None = None
     coordinates: Coordinates = Coordinates()
     wraps: tuple[Wrap, Wrap] = ("repeat", "repeat")
@@ -108,7 +108,7 @@ class Signal:
         if self.image is not None:
             border = None if self.border is None else self.border[rows]
             return replace(self, image=self.image[..., rows], border=border, tint=tint)
-        if self.row is not None and self.scale is not None and self.bias is not None:
+        if self.row is not None:
             channels = tuple(self.channels[each] for each in rows)
             return replace(self, channels=channels, scale=self.scale[rows], bias=self.bias[rows], tint=tint)
         return self
@@ -122,7 +122,7 @@ class Signal:
         if self.width not in (2, 3) or width <= self.width:
             return self
         further = np.array([0.0, 0.0, 0.0, 1.0])[self.width : width]
-        if self.row is None or self.scale is None or self.bias is None or self.tint:
+        if self.row is None or self.tint:
             return apply(lambda values: np.concatenate([values, np.ones_like(values[..., :1]) * further], -1), self)
         channels = self.channels + self.channels[-1:] * len(further)
         scale, bias = np.append(self.scale, 0.0 * further), np.append(self.bias, further)
@@ -145,8 +145,6 @@ class Signal:
         if self.row is None or self.uv is not None:
             return None
         wide = self.of_width(width)
-        assert wide.scale is not None
-        assert wide.bias is not None
         return replace(wide, scale=wide.scale * factor, bias=wide.bias * factor + summand)
 
     @property
@@ -156,7 +154,7 @@ class Signal:
 
     def tinted(self, colors: Signal) -> Signal | None:
         """Return the product of a texture or image and the vertices' colors; None for other signals."""
-        if colors.row != VERTEX_COLORS or colors.scale is None or colors.bias is None or colors.bias.any():
+        if colors.row != VERTEX_COLORS or colors.bias.any():
             return None
         if self.reads_vertices or (self.row is None and self.image is None):
             return None
@@ -165,8 +163,6 @@ class Signal:
         tint = colors.of_width(width).channels
         if wide.image is not None:
             return replace(wide._scaled_image(factor), tint=tint)
-        assert wide.scale is not None
-        assert wide.bias is not None
         return replace(wide, scale=wide.scale * factor, bias=wide.bias * factor, tint=tint)
 
     def _scaled_image(self, factor: Floats) -> Signal:
@@ -175,10 +171,9 @@ class Signal:
         return replace(self, image=self.image * factor.astype(np.float32), border=border)
 
 
-def vertex_colors(width: int) -> Signal:
-    """Return the vertices' colors (three components) or opacity (one) as a signal."""
-    channels = (3,) if width == 1 else (0, 1, 2)
-    return Signal(row=VERTEX_COLORS, channels=channels, scale=np.ones(len(channels)), bias=np.zeros(len(channels)))
+def lookup(row: int, channels: tuple[int, ...]) -> Signal:
+    """Return channels of a texture, or of the vertices' colors (VERTEX_COLORS), as they are."""
+    return Signal(row=row, channels=channels, scale=np.ones(len(channels)), bias=np.zeros(len(channels)))
 
 
 def number(*values: float) -> Signal:

@@ -159,8 +159,7 @@ class MaterialXSurface:
             if not any(np.allclose(signal.constant, each, atol=0.01) for each in _FLAT):
                 self._report.omission(path, "a constant normal other than (0.5, 0.5, 1) is not applied")
             return None
-        is_unit = signal.bias is not None and bool((signal.bias < 0.0).any())  # already within -1..1
-        mapped = signal if is_unit else self._baker.affine(signal, 2.0, -1.0)
+        mapped = signal if (signal.bias < 0.0).any() else self._baker.affine(signal, 2.0, -1.0)  # within -1..1
         if (strength != 1.0).any():
             mapped = self._baker.affine(mapped, (*strength, 1.0))
         found = self._baker.lookup(mapped, 3, "normal", self._uv_set)

@@ -32,7 +32,7 @@ from tiscene.usd.materials.materialx_bsdf import SURFACES
 from tiscene.usd.materials.materialx_folding import FOLDED, folded_inputs
 from tiscene.usd.materials.materialx_inputs import SurfaceInputs
 from tiscene.usd.materials.materialx_network import MaterialXNetwork
-from tiscene.usd.materials.materialx_signal import Signal, number, rotation, shift, vertex_colors
+from tiscene.usd.materials.materialx_signal import Signal, lookup, number, rotation, shift
 from tiscene.usd.materials.materialx_surface import MaterialXSurface
 from tiscene.usd.materials.surface_shader import surface_shader
 from tiscene.usd.materials.texture import IDENTITY, Affine, TextureTable
@@ -133,7 +133,7 @@ class NetworkReader:
         """Return a primvar of a MaterialX network: the vertices' values where it varies, else its constant value."""
         found = self._primvar_value(name, width)
         if isinstance(found, TextureLookup):
-            return vertex_colors(width)
+            return lookup(VERTEX_COLORS, (3,) if width == 1 else (0, 1, 2))
         return None if found is None else number(*found)
 
     def _color(self, inputs: dict[str, ShaderConnection], name: str, default: ColorInput) -> ColorInput:
