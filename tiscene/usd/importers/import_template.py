@@ -12,10 +12,9 @@ import os
 import re
 import shutil
 import tempfile
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -30,7 +29,7 @@ from tiscene.usd.core.stage import open_stage, quiet, readable, reading_time
 from tiscene.usd.importers.imported_mesh import ImportedMesh
 from tiscene.usd.importers.imported_mesh_writer import author_samples, define_mesh
 from tiscene.usd.importers.materials import define_material
-from tiscene.usd.importers.mesh_file import CONVENTIONS, load_model
+from tiscene.usd.importers.mesh_file import CONVENTIONS, LazyFiles, load_model
 from tiscene.usd.read.template import root_prim
 from tiscene.usd.referencing.conversion import Conversion
 from tiscene.usd.referencing.convert import convert
@@ -115,8 +114,8 @@ def import_asset(
         raise ArgumentError(
             f"{path.name}: files of type {suffix or 'unknown'} cannot be imported; expected one of {known}"
         )
-    files = {each.relative_to(path.parent).as_posix(): each for each in _siblings(path)}
-    meshes = load_model(path.name, _LazyFiles(path.parent, files))
+    readers = {each.relative_to(path.parent).as_posix(): each.read_bytes for each in _siblings(path)}
+    meshes = load_model(path.name, LazyFiles(readers, path.parent))
     default_unit, default_up = CONVENTIONS[suffix]
     matrix = (default_unit if unit is None else unit) * (_Z_TO_Y if (up_axis or default_up) == "Z" else np.eye(3))
     return write_template(meshes, folder, name, label, matrix, credit, centered=centered)
@@ -366,25 +365,3 @@ def _listed(folder: Path) -> list[Path]:
         return sorted(folder.iterdir())
     except OSError:
         return []
-
-
-class _LazyFiles(Mapping[str, bytes]):
-    """Contents of files by name, read on access; files elsewhere, such as ../textures/oak.png, are not listed."""
-
-    def __init__(self, folder: Path, files: Mapping[str, Path]) -> None:
-        self._folder = folder
-        self._files = files
-
-    def __getitem__(self, name: str) -> bytes:
-        if name not in self:
-            raise KeyError(name)
-        return self._files.get(name, self._folder / name).read_bytes()
-
-    def __contains__(self, name: object) -> bool:
-        return name in self._files or os.path.isfile(self._folder / str(name))
-
-    def __iter__(self) -> Any:
-        return iter(self._files)
-
-    def __len__(self) -> int:
-        return len(self._files)

@@ -8,9 +8,10 @@ missing files and unsupported features.
 from __future__ import annotations
 
 import io
+import os
 import re
 import warnings
-from collections.abc import Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -79,6 +80,32 @@ def load_model(name: str, files: Mapping[str, bytes]) -> list[ImportedMesh]:
     if unsupported:
         warnings.warn(StageWarning(f"{name}: not imported: {', '.join(unsupported)}"), stacklevel=3)
     return meshes
+
+
+class LazyFiles(Mapping[str, bytes]):
+    """Contents of files by name, read on access.
+
+    Args:
+        readers: functions that return the contents of the files that are listed.
+        folder: where others, such as ../textures/oak.png, are looked for; None: there are no others.
+    """
+
+    def __init__(self, readers: Mapping[str, Callable[[], bytes]], folder: Path | None = None) -> None:
+        self._readers, self._folder = readers, folder
+
+    def __getitem__(self, name: str) -> bytes:
+        if name not in self:
+            raise KeyError(name)
+        return self._readers[name]() if name in self._readers else Path(self._folder or "", name).read_bytes()
+
+    def __contains__(self, name: object) -> bool:
+        return name in self._readers or (self._folder is not None and os.path.isfile(self._folder / str(name)))
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self._readers)
+
+    def __len__(self) -> int:
+        return len(self._readers)
 
 
 class _FileResolver:

@@ -11,15 +11,16 @@ import itertools
 import re
 import warnings
 import zipfile
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path, PurePosixPath
 
 import numpy as np
 
 from tiscene.errors import MissingFile, StageError, StageWarning, counted
 from tiscene.usd.importers.import_template import LICENSE_FILES, Credit, write_template
-from tiscene.usd.importers.mesh_file import load_model
+from tiscene.usd.importers.mesh_file import LazyFiles, load_model
 
 _PROPERTIES_FILE = "PluginFurnitureCatalog.properties"
 
@@ -127,7 +128,9 @@ class FurnitureCatalog:
     def _import(self, entry: FurnitureEntry, folder: Path) -> Path:
         """Import one entry. Raises StageError."""
         model = PurePosixPath(entry.model)
-        files = _ZipFolder(self._zip, f"{model.parent}/")
+        above = f"{model.parent}/"
+        names = [name for name in self._zip.namelist() if name.startswith(above) and name[-1] != "/"]
+        files = LazyFiles({name.removeprefix(above): partial(self._zip.read, name) for name in names})
         if model.name not in files:
             raise StageError(str(self.path), [f"it has no model {entry.model!r}"])
         meshes = load_model(model.name, files)
@@ -162,25 +165,3 @@ def parse_properties(text: str) -> dict[str, str]:
             key, _, value = stripped.partition("=")
             result[key.strip()] = re.sub(r"\\u([0-9a-fA-F]{4})", lambda m: chr(int(m[1], 16)), value.strip())
     return result
-
-
-class _ZipFolder(Mapping[str, bytes]):
-    """Contents of the files below a folder of a zip archive, read on access."""
-
-    def __init__(self, archive: zipfile.ZipFile, folder: str) -> None:
-        self._archive = archive
-        self._folder = folder
-        self._names = [
-            name[len(folder) :] for name in archive.namelist() if name.startswith(folder) and name[-1] != "/"
-        ]
-
-    def __getitem__(self, name: str) -> bytes:
-        if name not in self._names:
-            raise KeyError(name)
-        return self._archive.read(self._folder + name)
-
-    def __iter__(self) -> Iterator[str]:
-        return iter(self._names)
-
-    def __len__(self) -> int:
-        return len(self._names)
