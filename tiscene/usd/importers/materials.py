@@ -158,7 +158,7 @@ def define_material(stage: Usd.Stage, path: Sdf.Path, imported: ImportedMaterial
     for name, value in imported.inputs.items():
         if name not in imported.maps and name not in imported.vertex_inputs:
             value = Gf.Vec3f(*value) if isinstance(value, tuple) else value
-            surface.CreateInput(name, _TYPES.get(name, Sdf.ValueTypeNames.Float)).Set(value)
+            _input(surface, name).Set(value)
     for name, primvar in imported.vertex_inputs.items():
         kind = _VERTEX_TYPES[primvar]
         reader = UsdShade.Shader.Define(stage, path.AppendChild(f"Vertex{name[0].upper()}{name[1:]}"))
@@ -166,12 +166,12 @@ def define_material(stage: Usd.Stage, path: Sdf.Path, imported: ImportedMaterial
         reader.CreateInput("varname", Sdf.ValueTypeNames.String).Set(primvar)
         color = reader.CreateOutput("result", kind)
         if primvar != VERTEX_TINT:
-            surface.CreateInput(name, _TYPES.get(name, Sdf.ValueTypeNames.Float)).ConnectToSource(color)
+            _input(surface, name).ConnectToSource(color)
     for name, source in imported.maps.items():
         kind = Sdf.ValueTypeNames.Float3 if source.channel == "rgb" else Sdf.ValueTypeNames.Float
         texture = _define_texture(stage, path, name, source, folder)
         read = texture.CreateOutput(source.channel, kind)
-        surface.CreateInput(name, _TYPES.get(name, Sdf.ValueTypeNames.Float)).ConnectToSource(read)
+        _input(surface, name).ConnectToSource(read)
         if name in imported.vertex_inputs:
             tint = path.AppendChild(f"Vertex{texture.GetPath().name}").AppendProperty("outputs:result")
             texture.CreateInput("scale", Sdf.ValueTypeNames.Float4).ConnectToSource(tint)
@@ -241,20 +241,19 @@ _GLTF_NAMES = {
     "ior": "ior",
     "normal": "normal",
 }
-_TYPES = {
-    "alpha_mode": Sdf.ValueTypeNames.Int,
-    "attenuation_color": Sdf.ValueTypeNames.Color3f,
-    "base_color": Sdf.ValueTypeNames.Color3f,
-    "emissive": Sdf.ValueTypeNames.Color3f,
-    "sheen_color": Sdf.ValueTypeNames.Color3f,
-    "specular_color": Sdf.ValueTypeNames.Color3f,
-    "diffuseColor": Sdf.ValueTypeNames.Color3f,
-    "emissiveColor": Sdf.ValueTypeNames.Color3f,
+_TYPES = {  # of inputs that are no number
+    **dict.fromkeys(("diffuseColor", "emissiveColor", "specularColor"), Sdf.ValueTypeNames.Color3f),
+    **dict.fromkeys(("base_color", "emissive", "sheen_color"), Sdf.ValueTypeNames.Color3f),
+    **dict.fromkeys(("specular_color", "attenuation_color"), Sdf.ValueTypeNames.Color3f),
+    **dict.fromkeys(("alpha_mode", "useSpecularWorkflow"), Sdf.ValueTypeNames.Int),
     "normal": Sdf.ValueTypeNames.Normal3f,
     "opacityMode": Sdf.ValueTypeNames.Token,
-    "specularColor": Sdf.ValueTypeNames.Color3f,
-    "useSpecularWorkflow": Sdf.ValueTypeNames.Int,
 }
+
+
+def _input(surface: UsdShade.Shader, name: str) -> UsdShade.Input:
+    """Create an input of a surface shader, of its type."""
+    return surface.CreateInput(name, _TYPES.get(name, Sdf.ValueTypeNames.Float))
 
 
 def _save_image(image: Image.Image, folder: Path, name: str, *, raw: bool) -> str:
