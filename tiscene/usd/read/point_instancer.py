@@ -218,20 +218,12 @@ class PointSamples:
         order = np.argsort(first)
         rank = np.empty_like(order)
         rank[order] = np.arange(len(order))
-        prototype = np.full((len(instances), len(order)), -1, np.int64)
-        rows = np.full_like(prototype, -1)
-        matrices = np.zeros((len(instances), len(order), 4, 4))
-        known = np.zeros(len(order), bool)
+        prototype, rows, places = np.full((3, len(instances), len(order)), -1, np.int64)
         for row, visible in enumerate(instances):
-            if row:
-                matrices[row] = matrices[row - 1]
             columns = rank[np.searchsorted(distinct, visible.ids)]
             prototype[row, columns], rows[row, columns] = visible.prototype_of_point, visible.rows
-            matrices[row, columns] = visible.matrices
-            new = columns[~known[columns]]
-            matrices[:row, new] = matrices[row, new]
-            known[columns] = True
-        return cls(distinct[order], prototype, matrices, rows)
+            places[row, columns] = np.arange(len(columns))
+        return cls(distinct[order], prototype, _filled(places, [each.matrices for each in instances]), rows)
 
     def spread(self, values: Sequence[NDArray[np.float32]]) -> NDArray[np.float32]:
         """Return values of all points at some times, from those of the arrays at each time.
@@ -242,18 +234,25 @@ class PointSamples:
         Returns:
             float32 [times, n, k]; where a point does not exist, its last value before, else its first one after.
         """
-        result = np.full((len(values), len(self.ids), values[0].shape[1]), np.nan, np.float32)
-        known = np.zeros(len(self.ids), bool)
-        for time, each in enumerate(values):
-            if time:
-                result[time] = result[time - 1]
-            rows = self.rows[time if len(self.rows) > 1 else 0]
-            there = np.flatnonzero(rows >= 0)
-            result[time, there] = each[rows[there]]
-            new = there[~known[there]]
-            result[:time, new] = result[time, new]
-            known[there] = True
-        return result
+        return _filled(np.broadcast_to(self.rows, (len(values), len(self.ids))), values)
+
+
+def _filled(places: NDArray[np.int64], values: Sequence[NDArray[Any]]) -> NDArray[Any]:
+    """Return the values [times, n, ...] of points by their places [times, n] in those of each time.
+
+    Where a point does not exist (-1), it has its last value before, else its first one after.
+    """
+    result = np.full((*places.shape, *values[0].shape[1:]), np.nan, values[0].dtype)
+    known = np.zeros(places.shape[1], bool)
+    for time, each in enumerate(values):
+        if time:
+            result[time] = result[time - 1]
+        there = np.flatnonzero(places[time] >= 0)
+        result[time, there] = each[places[time, there]]
+        new = there[~known[there]]
+        result[:time, new] = result[time, new]
+        known[there] = True
+    return result
 
 
 def _array_fault(
