@@ -76,6 +76,13 @@ class Topology:
         """The face of each corner, int64 [corners]."""
         return np.repeat(np.arange(len(self.counts)), self.counts)
 
+    def is_consistent(self) -> bool:
+        """Return whether there are faces, and counts and indices fit each other and the points."""
+        counts, indices = self.counts, self.indices
+        if len(counts) == 0 or counts.min() < 0 or counts.sum(dtype=np.int64) != len(indices):
+            return False
+        return outside(indices, self.points) is None
+
     def element_count(self, interpolation: str) -> int | None:
         """Return how many values a primvar of this interpolation has; None for an unknown interpolation."""
         return {

@@ -21,7 +21,7 @@ from tiscene.usd.core.prims import DRAWN_PURPOSES, distinct_prims
 from tiscene.usd.core.report import StageReport
 from tiscene.usd.core.semantics import shared_path
 from tiscene.usd.core.transform import point_matrices
-from tiscene.usd.geometry.primvar import Topology, array_of, outside
+from tiscene.usd.geometry.primvar import Topology, array_of
 from tiscene.usd.geometry.subdivision import MAX_LEVELS, smooth_levels
 
 # Constant, and not by the memory of the machine: a frame must have the same bytes everywhere. Refining and placing as
@@ -192,21 +192,20 @@ def _measure(mesh: UsdGeom.Mesh, time: Usd.TimeCode, different: dict[bytes, _Cag
     points = array_of(mesh.GetPointsAttr(), time, np.float32, width=3)
     counts = array_of(mesh.GetFaceVertexCountsAttr(), time, np.int32)
     indices = array_of(mesh.GetFaceVertexIndicesAttr(), time, np.int32)
-    if not len(counts) or not len(points) or counts.min() < 3 or counts.sum(dtype=np.int64) != len(indices):
-        return None
-    if outside(indices, len(points)) is not None or not np.isfinite(points).all():
+    topology = Topology(len(points), counts, indices)
+    if not topology.is_consistent() or counts.min() < 3 or not np.isfinite(points).all():
         return None
     content = content_digest((points, counts, indices))
     if content in different:
         return different[content]
-    inner = np.flatnonzero(np.diff(np.repeat(np.arange(len(counts)), counts)) == 0)  # corners not the last of a face
+    inner = np.flatnonzero(np.diff(topology.face_of_corner) == 0)  # corners not the last of a face
     chosen = inner[:: max(1, len(inner) // _SAMPLES)]
     low, high = points.min(axis=0).astype(np.float64), points.max(axis=0).astype(np.float64)
     edges = np.linalg.norm(points[indices[chosen + 1]].astype(np.float64) - points[indices[chosen]], axis=1)
     cage = _Cage(
         len(counts),
         len(indices),
-        smooth_levels(points, Topology(len(points), counts, indices)),
+        smooth_levels(points, topology),
         float(np.median(edges)),
         Gf.Vec3d(*(0.5 * (low + high)).tolist()),
         0.5 * float(np.linalg.norm(high - low)),

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from pxr import Usd, UsdGeom, UsdShade
 
 from tiscene.usd.core.report import StageReport
-from tiscene.usd.geometry.primvar import Topology, array_of, outside, primvar_topology, read_uv
+from tiscene.usd.geometry.primvar import array_of, primvar_topology, read_uv
 
 _MARGIN = 1e-3  # coordinates may leave 0..1 by this much, a pixel of a texture of 1000
 
@@ -51,7 +51,7 @@ def report_borders(
     if not gprim.IsA(UsdGeom.Mesh):
         return  # gprims without authored coordinates have generated ones in 0..1
     topology = primvar_topology(gprim, time)
-    if not _is_valid(topology):
+    if not topology.is_consistent():
         return  # reported where the mesh is read
     attribute = read_uv(gprim, texture.uv, topology, time, report)
     if attribute is None:
@@ -65,14 +65,6 @@ def report_borders(
         if "<UDIM>" in texture.asset:
             text = f"texture coordinates leave the tiles of @{texture.asset}@; the colors of their edges are used"
         report.omission(gprim.GetPath(), text)
-
-
-def _is_valid(topology: Topology) -> bool:
-    """Return whether counts and indices of a mesh fit each other and its points."""
-    counts, indices = topology.counts, topology.indices
-    if len(counts) == 0 or counts.min() < 0 or counts.sum(dtype=np.int64) != len(indices):
-        return False
-    return outside(indices, topology.points) is None
 
 
 def _faces(prim: Usd.Prim, gprim: Usd.Prim, count: int, time: Usd.TimeCode) -> NDArray[np.bool_]:
