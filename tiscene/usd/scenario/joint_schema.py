@@ -35,10 +35,6 @@ KINDS = {
 }
 TOLERANCE = 1e-4  # relative, of lengths in stage units that are stored in single precision
 _NEVER = 3.4e38  # some programs write the largest float where there is no limit
-_NOT_SIMULATED = {
-    "physics:breakForce": "a joint that breaks",
-    "physics:breakTorque": "a joint that breaks",
-}
 
 
 def write_joints(
@@ -231,10 +227,10 @@ def _read_joint(
     if kind is None:
         report.omission(prim.GetPath(), f"a {prim.GetTypeName()} is not simulated; supported: {', '.join(KINDS)}")
         return None
-    for name, text in _NOT_SIMULATED.items():
+    for name in ("physics:breakForce", "physics:breakTorque"):
         value = schema.authored(prim, name)
         if value is not None and 0.0 <= value < _NEVER:
-            report.omission(prim.GetPath(), f"{text} is not simulated ({name})")
+            report.omission(prim.GetPath(), f"a joint that breaks is not simulated ({name})")
     if any(name.startswith("PhysicsDriveAPI") for name in prim.GetAppliedSchemas()):
         report.omission(prim.GetPath(), "the drive of a joint is not simulated (PhysicsDriveAPI)")
     (other, other_frame), (row, frame) = ends
