@@ -21,6 +21,7 @@ from tiscene.usd.core.time_samples import NOT_ANIMATED, AnimatedAncestors
 from tiscene.usd.core.transform import point_matrices, to_matrix
 from tiscene.usd.core.value_times import JUMP, dense_times, value_times
 from tiscene.usd.geometry.primvar import array_of, outside
+from tiscene.usd.geometry.vertex_weld import unique_rows
 
 _VELOCITIES = ("velocities", "accelerations", "angularVelocities")
 _ARRAYS = (
@@ -213,17 +214,14 @@ class PointSamples:
     @classmethod
     def of(cls, instances: Sequence[PointInstances]) -> PointSamples:
         """Return the samples from the visible points at each time code; points are in the order of their appearance."""
-        all_ids = np.concatenate([np.zeros(0, np.int64), *(each.ids for each in instances)])
-        distinct, first = np.unique(all_ids, return_index=True)
-        order = np.argsort(first)
-        rank = np.empty_like(order)
-        rank[order] = np.arange(len(order))
-        prototype, rows, places = np.full((3, len(instances), len(order)), -1, np.int64)
-        for row, visible in enumerate(instances):
-            columns = rank[np.searchsorted(distinct, visible.ids)]
+        all_ids = np.concatenate([each.ids for each in instances])
+        first, column_of_id = unique_rows([all_ids])
+        prototype, rows, places = np.full((3, len(instances), len(first)), -1, np.int64)
+        ends = np.cumsum([len(each.ids) for each in instances])
+        for row, (visible, columns) in enumerate(zip(instances, np.split(column_of_id, ends[:-1]), strict=True)):
             prototype[row, columns], rows[row, columns] = visible.prototype_of_point, visible.rows
             places[row, columns] = np.arange(len(columns))
-        return cls(distinct[order], prototype, _filled(places, [each.matrices for each in instances]), rows)
+        return cls(all_ids[first], prototype, _filled(places, [each.matrices for each in instances]), rows)
 
     def spread(self, values: Sequence[NDArray[np.float32]]) -> NDArray[np.float32]:
         """Return values of all points at some times, from those of the arrays at each time.
