@@ -66,11 +66,6 @@ class StageObject:
         matrix = first_shown(matrix, samples)
         return cls(object_name(prim), str(prim.GetPath()), category, is_labeled, *names, matrix, samples)
 
-    def add_parts(self, names: tuple[str, ...]) -> int:
-        """Add parts by their names and return the number of the first one."""
-        self.parts += names
-        return len(self.parts) - len(names)
-
 
 class _Instance(NamedTuple):
     """A drawn mesh, see `StageObjectTable.add`; `part` is the number of its first part."""
@@ -125,7 +120,9 @@ class StageObjectTable:
             owner.row = len(self._objects)
             self._objects.append(owner)
         owner.colliders += collides is True
-        part = len(owner.parts) - len(names) if continues else owner.add_parts(names)
+        if not continues:
+            owner.parts += names
+        part = len(owner.parts) - len(names)
         self._instances.append(_Instance(mesh, owner, matrix, part, collides, samples, color))
 
     def add_collider(self, owner: StageObject, mesh: int, matrix: Matrix, path: str) -> None:
