@@ -9,7 +9,7 @@ as one. Both are read as `Scenario.filtered_pairs`, which are written as Physics
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence, Set
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -51,7 +51,7 @@ def read_filtered_pairs(
     root: Usd.Prim | None,
     objects: Sequence[Mapping[str, Any]],
     paths: Sequence[str],
-    physics: bool,
+    rigid: Set[str],
     report: StageReport,
 ) -> dict[str, Any]:
     """Return the pairs of which one is a rigid body of the scenario, as a member `filtered_pairs`; {} for none.
@@ -61,11 +61,9 @@ def read_filtered_pairs(
         root: the prim of the scenario, if any.
         objects: JSON objects of the scenario's objects.
         paths: paths of their prims.
-        physics: whether objects without a dynamic are rigid bodies.
+        rigid: ids of the objects that are rigid bodies.
         report: receives what is filtered otherwise.
     """
-    kinds = [(each["dynamic"] or {"type": "RigidBody" if physics else None})["type"] for each in objects]
-    rigid = {each["id"] for each, kind in zip(objects, kinds, strict=True) if kind == "RigidBody"}
     later = schema.authored(root, LATER) if root else None
     if not rigid and not later:
         return {}

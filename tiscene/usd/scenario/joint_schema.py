@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping, Sequence, Set
 from typing import Any
 
 import numpy as np
@@ -101,7 +101,7 @@ def read_joints(
     stage: Usd.Stage,
     objects: Sequence[Mapping[str, Any]],
     paths: Sequence[str],
-    physics: bool,
+    rigid: Set[str],
     time: Usd.TimeCode,
     report: StageReport,
 ) -> dict[str, Any]:
@@ -111,16 +111,15 @@ def read_joints(
         stage: the stage.
         objects: JSON objects of the scenario's objects.
         paths: paths of their prims.
-        physics: whether objects without a dynamic are rigid bodies.
+        rigid: ids of the objects that are rigid bodies.
         time: time code at which transforms are read.
         report: receives what of the joints is not simulated.
     """
-    kinds = [(each["dynamic"] or {"type": "RigidBody" if physics else None})["type"] for each in objects]
-    if "RigidBody" not in kinds:
+    if not rigid:
         return {}
     units = Units.of(stage)
     owners = {Sdf.Path(path): row for row, path in enumerate(paths)}
-    is_rigid = {objects[row]["id"]: kind == "RigidBody" for row, kind in enumerate(kinds)}
+    ids = {each["id"] for each in objects}
     found: list[tuple[Sdf.Path, dict[str, Any]]] = []
     for prim in stage.Traverse():
         joint = UsdPhysics.Joint(prim)
@@ -129,19 +128,19 @@ def read_joints(
         with report.guard(prim.GetPath()):
             exact = schema.authored(prim, EXACT)
             exact = json.loads(exact) if exact else None
-            if exact is not None and not {exact["body"], exact["parent"]} <= {None, *(each["id"] for each in objects)}:
+            if exact is not None and not {exact["body"], exact["parent"]} <= {None, *ids}:
                 found.append((prim.GetPath(), exact))  # it names an object that is spawned later
                 continue
             if joint.GetJointEnabledAttr().Get() is False:
                 continue
             content = _read_joint(stage, joint, objects, owners, units, time, report)
-            if content is None or not (is_rigid[content["body"]] or is_rigid.get(content["parent"])):
+            if content is None or rigid.isdisjoint((content["body"], content["parent"])):
                 continue
             if fault := _fault(content):
                 report.omission(prim.GetPath(), f"a joint is left out: {fault}")
                 continue
             found.append((prim.GetPath(), exact if exact and _agree(exact, content, objects) else content))
-    joints = _without_limits_in_loops(found, is_rigid, report)
+    joints = _without_limits_in_loops(found, ids - rigid, report)
     held = {id for each in joints for id in (each["body"], each["parent"])}
     for path, each in zip(paths, objects, strict=True):
         if each["id"] in held and (each["dynamic"] or {}).get("starts_asleep"):
@@ -165,14 +164,10 @@ def _fault(content: Mapping[str, Any]) -> str | None:
 
 
 def _without_limits_in_loops(
-    found: Sequence[tuple[Sdf.Path, dict[str, Any]]], is_rigid: Mapping[str, bool], report: StageReport
+    found: Sequence[tuple[Sdf.Path, dict[str, Any]]], fixed: Set[str], report: StageReport
 ) -> list[dict[str, Any]]:
-    """Return joints, without what cannot be simulated of those that close loops."""
-    spawned = {id for _, each in found for id in (each["body"], each["parent"]) if id not in is_rigid}
-    ends = [
-        tuple(id if id in spawned or is_rigid.get(id) else None for id in (each["body"], each["parent"]))
-        for _, each in found
-    ]
+    """Return joints, without what cannot be simulated of those that close loops; `fixed` holds all but rigid bodies."""
+    ends = [tuple(None if id in fixed else id for id in (each["body"], each["parent"])) for _, each in found]
     closing = closing_joints(ends, [each["type"] == "DistanceJoint" for _, each in found])
     joints = []
     for row, (path, each) in enumerate(found):

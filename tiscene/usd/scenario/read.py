@@ -139,8 +139,10 @@ class _ScenarioReader:
                 objects.append(made)
                 paths.append(str(prim.GetPath()))
         self._name(objects, paths)
-        content |= read_filtered_pairs(self._stage, root, objects, paths, self._physics, self._report)
-        content |= read_joints(self._stage, objects, paths, self._physics, self._time, self._report)
+        other = {"type": "RigidBody" if self._physics else None}
+        rigid = {each["id"] for each in objects if (each["dynamic"] or other)["type"] == "RigidBody"}
+        content |= read_filtered_pairs(self._stage, root, objects, paths, rigid, self._report)
+        content |= read_joints(self._stage, objects, paths, rigid, self._time, self._report)
         cameras, camera, moving = stage_cameras(self._stage), None, {}
         with self._report.guard("/"):
             camera = self._camera(root, cameras)
