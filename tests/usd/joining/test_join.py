@@ -249,6 +249,9 @@ def test_wall_in_an_instance_within_another_one_is_cut(tmp_path: Path) -> None:
     path = join([(room, (0.0, 0.0, 0.0))], tmp_path / "flat.usda", openings=[Opening((0.0, 0.0, 0.0))])
     assert Usd.Stage.Open(str(path)).GetPrimAtPath("/Flat/room/Outer/Inner/Shape").IsA(UsdGeom.Mesh)
     assert [each.name for each in read_stage(path).objects] == ["Shape", "Inner", "Outer", "Opening1"]
+    layer = Sdf.Layer.FindOrOpen(str(path))
+    names = [each.name for each in layer.GetPrimAtPath("/Flat/room").nameChildren]
+    assert names == ["RoomVolume", "Pair", "Outer", "Wall"], "the same in every run"
 
 
 def test_room_is_a_scene_by_its_name(tmp_path: Path) -> None:

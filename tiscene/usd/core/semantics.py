@@ -184,7 +184,8 @@ def uninstance(stage: Usd.Stage, find: Callable[[], Iterable[Usd.Prim]]) -> None
         stage: the stage, whose edit target is edited.
         find: returns the prims; it is called until none of them is in an instance, since instances may hold others.
     """
-    while instances := {found.GetPath() for prim in find() if (found := outermost_instance(prim))}:
+    # In their order, not in one of a set: paths are hashed by their addresses, and the order is that of the layer.
+    while instances := dict.fromkeys(found.GetPath() for prim in find() if (found := outermost_instance(prim))):
         for instance in map(stage.GetPrimAtPath, instances):
             in_object = any(is_component(above) or is_object_instance(above) for above in ancestors(instance))
             if is_object_instance(instance) and not in_object:

@@ -135,7 +135,7 @@ class _UnitConverter:
                 with self.report.guard(prim):
                     found.update(converted_values(prim, self.conversion, self.report))
                     found.update(motion_values(prim, self.conversion, prim.GetPath() in relative, self.report))
-            holders = map(self.stage.GetPrimAtPath, {each.GetPrimPath() for each in found})
+            holders = map(self.stage.GetPrimAtPath, dict.fromkeys(each.GetPrimPath() for each in found))
             return [prim for prim in holders if prim.IsInstanceProxy()]
 
         uninstance(self.stage, held_by_instances)
