@@ -159,6 +159,7 @@ def test_refused_export_names_the_arguments_that_continue_the_earlier_one(tmp_pa
         ("settings", {"spp": 1, "denoiser": None}, {"spp": 4, "denoiser": "high"}, "pass denoise=False, spp=1 ("),
         ("settings", {"incremental": [64, 0]}, {"incremental": None}, "pass incremental=True (--incremental)."),
         ("settings", {"variants": {"/R{l}": "a"}}, {"variants": {}}, "(--variant '/R{l}=a')."),
+        ("name", "000003", None, "To continue that export, let `tiscene generate` continue its data set."),
         ("settings", {"clamp": None, "fps": 5.0}, {"clamp": 2.0, "fps": 1.0}, "(--fps 5.0, without --clamp)."),
     ],
 )

@@ -83,4 +83,4 @@ def test_recording_of_rerun_that_cannot_be_written_is_an_export_error(tmp_path):
     (tmp_path / "0.bin").write_bytes(data)
     run = ExportRun(provenance(stream, "rerun", None), {}, [0])
     with pytest.raises(ExportError, match=r"cannot write '.*recording-000000\.rrd': No such file"):
-        writer.pack(GroupFrames({0: tmp_path / "0.bin"}), run, tmp_path / "gone")
+        writer.pack(GroupFrames({0: tmp_path / "0.bin"}, ""), run, tmp_path / "gone")

@@ -38,6 +38,7 @@ def export(
     objects: str | None = None,
     overwrite: bool = False,
     pack: bool = True,
+    name: str = "",
     progress: Callable[[int, Frame | None], None] | None = None,
 ) -> Manifest:
     """Write frames of a stream into a folder.
@@ -56,6 +57,8 @@ def export(
         overwrite: Delete the frames of an earlier export with other settings instead of refusing.
         pack: Whether files of many frames, such as tar shards, are written once their frames are there. False keeps the
             pieces of each frame, for `tiscene.export.merge`.
+        name: What the export is called in a data set, such as "000012", with which keys of samples begin there; "": it
+            is in none.
         progress: Called after each frame with its index and the frame; None in place of a frame that was there already.
 
     Returns:
@@ -81,7 +84,7 @@ def export(
     form.check(stream.buffers, frames)
     folder = Path(folder)
     with writing_into(folder):
-        manifest = open_manifest(folder, provenance(stream, format, objects), overwrite)
+        manifest = open_manifest(folder, provenance(stream, format, objects, name), overwrite)
         _write_frames(stream, FolderWriter(folder, manifest), frames, progress, pack)
     return manifest
 
@@ -128,7 +131,7 @@ def writing_into(folder: Path) -> Iterator[None]:
             yield
 
 
-def provenance(stream: Stream, format: str, objects: str | None) -> dict[str, Any]:
+def provenance(stream: Stream, format: str, objects: str | None, name: str = "") -> dict[str, Any]:
     """Return everything that decides the contents of the files, as JSON values."""
     return {
         "tiscene": tiscene.__version__,
@@ -138,7 +141,7 @@ def provenance(stream: Stream, format: str, objects: str | None) -> dict[str, An
         "settings": stream.settings(),
         "scenario": stream.scenario.to_json(),
         "file_digests": stream.file_digests(),
-    }
+    } | ({"name": name} if name else {})
 
 
 def open_manifest(folder: Path, wanted: dict[str, Any], overwrite: bool) -> Manifest:

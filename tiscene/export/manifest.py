@@ -68,7 +68,7 @@ class Manifest:
 
     Attributes:
         provenance: Everything that decides the contents of the files: version, format, buffers, objects, settings,
-            scenario, file_digests (of the scene and its templates).
+            scenario, file_digests (of the scene and its templates); `name`, if it is in a data set.
         categories: The names of the ids in `semantic`.
         materials: The names of the ids in `material_coverage`; empty without that buffer.
         frames: For each frame index the `digest` of the frame, of each of its `buffers` (`buffer_digest`, the same in

@@ -75,6 +75,8 @@ def cure(found: Sequence[Difference], there: Mapping[str, Any]) -> str:
         value = there[top].get(name) if name else each.there
         if top == "tiscene":
             steps.append(f"use tiscene {value}")
+        elif top == "name":
+            steps.append("let `tiscene generate` continue its data set")
         elif top == "file_digests":
             steps.append("restore the files of the scene that have changed since")
         elif name in _SWITCHES and (each.there is None or each.now is None):

@@ -45,6 +45,11 @@ class ExportRun:
         return float(self.provenance["settings"]["fps"])
 
     @property
+    def name(self) -> str:
+        """What the export is called in a data set; "": it is in none."""
+        return str(self.provenance.get("name", ""))
+
+    @property
     def buffers(self) -> list[str]:
         """Names of the buffers."""
         return list(self.provenance["buffers"])
@@ -61,10 +66,12 @@ class FramePieces:
 
     Attributes:
         index: Of the frame.
+        folder: Of the export and the camera in a data set, which ends in "/"; "": of a single camera, in none.
         members: Contents by name, as the format's `pieces` returned them.
     """
 
     index: int
+    folder: str
     members: Mapping[str, bytes]
 
 
@@ -74,10 +81,12 @@ class GroupFrames:
 
     Attributes:
         paths: The pieces of each frame, by ascending index.
+        folder: That of the frames' `FramePieces`.
         wait: Called with the index of a frame before its pieces are read.
     """
 
     paths: Mapping[int, Path]
+    folder: str
     wait: Callable[[int], None] | None = None
 
     @property
@@ -89,7 +98,7 @@ class GroupFrames:
         for index, path in self.paths.items():
             if self.wait is not None:
                 self.wait(index)
-            yield FramePieces(index, _separated(path.read_bytes()))
+            yield FramePieces(index, self.folder, _separated(path.read_bytes()))
 
 
 def pieces_file(index: int, members: Mapping[str, Contents]) -> dict[str, Contents]:
@@ -159,7 +168,8 @@ def write_group(
     for camera in cameras:
         target = temporary / camera
         target.mkdir(parents=True, exist_ok=True)
-        digests = format.pack(GroupFrames(_pieces(folder, camera, indices), wait), run, target) or {}
+        name = f"{run.name}/{camera}" if run.name else camera
+        digests = format.pack(GroupFrames(_pieces(folder, camera, indices), name, wait), run, target) or {}
         known |= {f"{camera}{name}": digest for name, digest in digests.items()}
     return known
 

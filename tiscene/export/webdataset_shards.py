@@ -1,8 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
 """WebDataset: tar shards of 1000 frames, `shard-000000.tar`, for sequential reading at full speed.
 
-A sample's key is the frame's index, `000000012`. It has `rgb.png`, `<buffer>.npy` for every other buffer, exactly (the
-usual decoders of pictures would squeeze 16-bit ids into 8 bits), and `json` with camera, events and objects.
+A sample's key is the frame's index, `000000012`, behind the camera's name where there are several, and behind the
+scenario's number in a data set: `000003/Main/000000012`, unique over all samples. It has `rgb.png`, `<buffer>.npy` for
+every other buffer, exactly (the usual decoders of pictures would squeeze 16-bit ids into 8 bits), and `json` with
+camera, events and objects.
 """
 
 from __future__ import annotations
@@ -63,9 +65,9 @@ def card_features(buffers: Iterable[str]) -> str:
 def pack(frames: GroupFrames, run: ExportRun, folder: Path) -> None:
     """Write one shard. Headers have no owner and no time."""
     path = folder / f"shard-{frames.first // FRAMES_PER_FILE:06d}.tar"
-    with tarfile.open(path, "w", format=tarfile.USTAR_FORMAT) as target:
+    with tarfile.open(path, "w", format=tarfile.PAX_FORMAT) as target:
         for frame in frames:
             for extension, data in frame.members.items():
-                header = tarfile.TarInfo(f"{frame.index:09d}.{extension}")
+                header = tarfile.TarInfo(f"{frame.folder}{frame.index:09d}.{extension}")
                 header.size = len(data)
                 target.addfile(header, io.BytesIO(data))

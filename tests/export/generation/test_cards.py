@@ -45,6 +45,7 @@ def test_hugging_face_reads_shards_whose_first_samples_lack_values_of_later_ones
     assert [[each.template for each in recipe.scenario(number).objects] for number in (0, 1)] == [["Cube"], ["Ball 01"]]
     data_set = generate(recipe, tmp_path / "data", 2)
     rows = datasets.load_dataset(str(tmp_path / "data"), cache_dir=str(tmp_path / "cache"))["train"]
+    assert rows["__key__"] == [f"{number:06d}/{frame:09d}" for number in (0, 1) for frame in (0, 1)]
     parts = [[each["parts"] for each in row["json"]["objects"] if each["template"]] for row in rows]
     assert [bool(each) for (each,) in parts] == [False, False, True, True]
     for place, row in enumerate(rows):

@@ -259,7 +259,10 @@ class ScenarioRenderer:
                 progress(number, index)
 
         frames = range(recipe.frames)
-        manifest = export(stream, folder, format=recipe.format, frames=frames, objects=recipe.objects, progress=add)
+        name = folder.name  # of all splits no two scenarios have the same number
+        manifest = export(
+            stream, folder, format=recipe.format, frames=frames, objects=recipe.objects, name=name, progress=add
+        )
         scenario.save(folder / SCENARIO)
         cameras = [camera if isinstance(camera, str) else None for camera in scenario.cameras]
         about |= {"scene": scenario.scene, "cameras": cameras, "variants": dict(scenario.variants)}
