@@ -2,6 +2,7 @@
 """Formats that hold videos: what is decoded has the arrays of the frames."""
 
 import json
+import math
 
 import numpy as np
 import pytest
@@ -10,6 +11,7 @@ from tests.export.fake_stream import FRAMES, FakeStream, fake_stream_for, skip_w
 from tiscene.errors import ExportError
 from tiscene.export import export
 from tiscene.export.kitti_flow import kitti
+from tiscene.export.lerobot import VIDEO
 from tiscene.export.png import millimeters
 
 
@@ -96,6 +98,10 @@ def test_lerobot_layout_has_rows_video_and_statistics(exported):
     np.testing.assert_allclose(np.ravel(stats["mean"]), colors.mean(0))
     np.testing.assert_allclose(np.ravel(stats["std"]), colors.std(0))
     np.testing.assert_allclose(np.ravel(stats["min"]), colors.min(0))
+    shares = {"q01": 0.01, "q10": 0.1, "q50": 0.5, "q90": 0.9, "q99": 0.99}
+    for name, share in shares.items():
+        np.testing.assert_allclose(np.ravel(stats[name]), np.sort(colors, axis=0)[math.ceil(share * len(colors)) - 1])
+        assert episode["stats/frame_index/" + name] == [math.ceil(share * FRAMES) - 1]
     assert pq.read_table(folder / "meta" / "tasks.parquet").to_pandas().loc["observe the scene", "task_index"] == 0
 
 
@@ -120,5 +126,26 @@ def test_lerobot_reads_its_data_set(exported, size):
         image = row["observation.images.rgb"].numpy().transpose(1, 2, 0)
         assert list(image.shape) == list(data.features["observation.images.rgb"]["shape"])
         np.testing.assert_array_equal(np.round(255.0 * image), picture)
+    check_statistics(folder, frames, data)
     ahead = LeRobotDataset("tiscene/test", root=folder, delta_timestamps={"action": [0.0, 1 / 25]})
     np.testing.assert_array_equal(ahead[0]["action"].numpy(), [poses[1], poses[2]])
+
+
+def check_statistics(folder, frames, data):
+    """Compare the statistics with those that LeRobot computes of the pictures and rows, in 5000 bins."""
+    from lerobot.datasets.compute_stats import compute_episode_stats
+    from PIL import Image
+
+    files = [str(folder / f"{frame.index}.png") for frame in frames]
+    for frame, file in zip(frames, files, strict=True):
+        Image.fromarray(frame.rgb).save(file)
+    rows = data.hf_dataset.with_format("numpy")[:]
+    computed = compute_episode_stats({VIDEO: files} | {name: rows[name] for name in rows}, data.features)
+    assert set(computed) == set(data.meta.stats)
+    for feature, own in computed.items():
+        assert set(own) == set(data.meta.stats[feature])
+        spread = (own["max"] - own["min"]).max()
+        for kind, value in own.items():
+            if (feature, kind) == (VIDEO, "std"):
+                continue  # LeRobot 0.4 squares colors in 8 bits, which overflow
+            np.testing.assert_allclose(data.meta.stats[feature][kind], value, rtol=1e-5, atol=spread / 2000 + 1e-6)

@@ -3,7 +3,7 @@
 
 ================================================  ===================================================================
 `meta/info.json`                                  features, sizes, frame rate
-`meta/tasks.parquet`, `meta/stats.json`           the task; minimum, maximum, mean and deviation of each feature
+`meta/tasks.parquet`, `meta/stats.json`           the task; extrema, mean, deviation and quantiles of features
 `meta/episodes/chunk-000/file-000.parquet`        the episode: its length, and where its rows and videos are
 `data/chunk-000/file-000.parquet`                 one row per frame
 `videos/observation.images.rgb/chunk-000/...mp4`  pictures, H.264
@@ -38,6 +38,7 @@ FILES_PER_CHUNK = 1000
 VIDEO, TASK = "observation.images.rgb", "observe the scene"
 PLACE = "chunk-{chunk_index:03d}/file-{file_index:03d}"
 FIRST = PLACE.format(chunk_index=0, file_index=0)
+QUANTILES = {"q01": 0.01, "q10": 0.10, "q50": 0.50, "q90": 0.90, "q99": 0.99}
 POSE = ["x", "y", "z", "qw", "qx", "qy", "qz"]
 
 
@@ -195,6 +196,7 @@ def _statistics(column: NDArray[Any]) -> dict[str, list[Any]]:
     """Return statistics of a feature along its rows."""
     rows = column.reshape(len(column), -1).astype(np.float64)
     values = {"min": rows.min(0), "max": rows.max(0), "mean": rows.mean(0), "std": rows.std(0)}
+    values |= {name: np.quantile(rows, share, axis=0, method="inverted_cdf") for name, share in QUANTILES.items()}
     return {name: value.tolist() for name, value in values.items()} | {"count": [len(rows)]}
 
 
@@ -219,4 +221,6 @@ class _ColorStatistics:
         variance = np.maximum(self._counts @ levels**2 / self._counts.sum(1) - mean**2, 0.0)
         low, high = levels[used.argmax(1)], levels[255 - used[:, ::-1].argmax(1)]
         values = {"min": low, "max": high, "mean": mean, "std": np.sqrt(variance)}
+        below = self._counts.cumsum(1) / self._counts.sum(1, keepdims=True)  # the share at or below each level
+        values |= {name: levels[(below >= share).argmax(1)] for name, share in QUANTILES.items()}
         return {name: value.reshape(3, 1, 1).tolist() for name, value in values.items()} | {"count": [self._pictures]}

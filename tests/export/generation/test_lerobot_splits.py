@@ -79,7 +79,7 @@ def check(split, roots):
         assert (episode["length"], episode["tasks"]) == (FRAMES, ["observe the scene"])
         assert episode["stats/index/min"] == [number * FRAMES]
         assert episode["stats/index/mean"] == [(number + 0.5) * FRAMES - 0.5]
-        assert episode["stats/episode_index/max"] == [number]
+        assert episode["stats/episode_index/max"] == episode["stats/episode_index/q99"] == [number]
     check_statistics(json.loads((split / STATISTICS).read_text()), found, episodes)
 
 
@@ -97,6 +97,10 @@ def check_statistics(statistics, found, episodes):
     np.testing.assert_allclose(statistics[VIDEO]["mean"], mean)
     variance = np.mean([one["std"] ** 2 + one["mean"] ** 2 for one in each], axis=0) - mean**2
     np.testing.assert_allclose(statistics[VIDEO]["std"], np.sqrt(variance))
+    for feature in statistics:
+        for quantile in ("q01", "q10", "q50", "q90", "q99"):
+            mean = np.mean([row[f"stats/{feature}/{quantile}"] for row in episodes], axis=0)  # of equal lengths
+            np.testing.assert_allclose(statistics[feature][quantile], mean)
     np.testing.assert_array_equal(statistics[VIDEO]["min"], np.min([one["min"] for one in each], axis=0))
 
 
@@ -198,11 +202,17 @@ def test_progress_of_joining_is_reported(copied):
 def test_lerobot_reads_a_split(made):
     """LeRobot pins most of its dependencies: run this test in an environment of its own."""
     pytest.importorskip("lerobot.datasets.lerobot_dataset")
+    from lerobot.datasets.compute_stats import aggregate_stats
     from lerobot.datasets.lerobot_dataset import LeRobotDataset
 
     for split in ("train", "val"):
         scenarios = sorted((made / split).glob("0*"))
         data = LeRobotDataset("tiscene/test", root=made / split)
+        episodes = [statistics_of(row) for row in rows(made / split / "meta/episodes")]
+        for feature, kinds in aggregate_stats(episodes).items():
+            assert set(kinds) == set(data.meta.stats[feature])
+            for kind, value in kinds.items():
+                np.testing.assert_allclose(data.meta.stats[feature][kind], value, rtol=1e-6, atol=1e-9)
         assert (len(data), data.num_episodes) == (FRAMES * len(scenarios), len(scenarios))
         expected = [picture for scenario in scenarios for picture in pictures(scenario)]
         for place, (row, picture) in enumerate(zip(data, expected, strict=True)):
@@ -211,3 +221,13 @@ def test_lerobot_reads_a_split(made):
             assert divmod(place, FRAMES) == (int(row["episode_index"]), int(row["frame_index"]))
         last = LeRobotDataset("tiscene/test", root=made / split, episodes=[len(scenarios) - 1])
         np.testing.assert_array_equal(np.round(255.0 * last[0][VIDEO].numpy()).transpose(1, 2, 0), expected[-FRAMES])
+
+
+def statistics_of(row):
+    """Return the statistics in the row of an episode: by feature, and by kind."""
+    found = {}
+    for name, value in row.items():
+        if name.startswith("stats/"):
+            _, feature, kind = name.split("/")
+            found.setdefault(feature, {})[kind] = np.array(value)
+    return found

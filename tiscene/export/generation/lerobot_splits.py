@@ -3,8 +3,9 @@
 
 `LeRobotDataset("name", root="data/train")` reads `train/meta`, `train/data` and `train/videos`, which are as those of
 one export, see `tiscene.export.lerobot`. Episodes are the scenarios by ascending number; with several cameras each
-camera's is one, by name. Videos are joined without being encoded again. LeRobot keeps each file open that it has read
-from; so there are few large ones.
+camera's is one, by name. Quantiles of a split are means of those of its episodes, weighted by their lengths, as LeRobot
+computes them. Videos are joined without being encoded again. LeRobot keeps each file open that it has read from; so
+there are few large ones.
 """
 
 from __future__ import annotations
@@ -24,7 +25,7 @@ import numpy as np
 from tiscene.errors import StageWarning
 from tiscene.export.array_files import json_file
 from tiscene.export.generation.split_parts import counter, reading
-from tiscene.export.lerobot import FILES_PER_CHUNK, PLACE, VIDEO
+from tiscene.export.lerobot import FILES_PER_CHUNK, PLACE, QUANTILES, VIDEO
 from tiscene.export.video import frame_rate
 
 INFO, STATISTICS, TASKS = "meta/info.json", "meta/stats.json", "meta/tasks.parquet"
@@ -238,7 +239,7 @@ def _number_on(row: dict[str, Any], episode: _Episode, file: int, rate: Fraction
     row[f"videos/{VIDEO}/from_timestamp"] = float(episode.video_frame / rate)
     row[f"videos/{VIDEO}/to_timestamp"] = float((episode.video_frame + episode.length) / rate)
     for column, first in (("episode_index", episode.number), ("index", episode.first)):
-        for kind in ("min", "max", "mean"):
+        for kind in ("min", "max", "mean", *QUANTILES):
             (value,) = row[f"stats/{column}/{kind}"]
             row[f"stats/{column}/{kind}"] = [value + first]
 
@@ -249,6 +250,7 @@ class _FeatureStatistics:
     def __init__(self) -> None:
         self._count = 0
         self._low = self._high = self._mean = self._squares = np.zeros(1)  # the last: sum of squared deviations
+        self._quantiles = dict.fromkeys(QUANTILES, np.zeros(1))  # their sums over all frames
 
     def add(self, row: Mapping[str, Any], feature: str) -> None:
         """Add those of an episode, which are in its row."""
@@ -256,6 +258,8 @@ class _FeatureStatistics:
             np.array(row[f"stats/{feature}/{kind}"], np.float64) for kind in ("min", "max", "mean", "std")
         )
         (count,) = row[f"stats/{feature}/count"]
+        for name, total in self._quantiles.items():
+            self._quantiles[name] = total + count * np.array(row[f"stats/{feature}/{name}"], np.float64)
         if not self._count:
             self._low, self._high, self._mean, self._squares = low, high, mean, count * deviation**2
             self._count = count
@@ -270,6 +274,7 @@ class _FeatureStatistics:
         """Return the statistics by name."""
         values = {"min": self._low, "max": self._high, "mean": self._mean}
         values["std"] = np.sqrt(self._squares / self._count)
+        values |= {name: total / self._count for name, total in self._quantiles.items()}
         return {name: value.tolist() for name, value in values.items()} | {"count": [self._count]}
 
 
