@@ -3,6 +3,8 @@
 
 from __future__ import annotations
 
+import math
+import os
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -13,8 +15,8 @@ from pxr import Gf, Sdf, Usd, UsdGeom, UsdLux
 
 import tiscene as ts
 from tests.usd.joining.rooms import OPENING, edit, two_rooms, view, write_room
-from tiscene.errors import ArgumentError, MissingFile, SceneNotFound, StageError, StageWarning
-from tiscene.usd import Opening, join
+from tiscene.errors import ArgumentError, ExportError, MissingFile, SceneNotFound, StageError, StageWarning
+from tiscene.usd import Opening, RoomPlacement, join
 from tiscene.usd.read.stage_reader import read_stage
 
 
@@ -196,8 +198,68 @@ def test_contradictory_arguments_are_refused(tmp_path: Path, arguments: dict[str
 
 @pytest.mark.parametrize("field", ["width", "height", "depth", "clearance"])
 def test_openings_without_size_are_refused(field: str) -> None:
-    with pytest.raises(ArgumentError, match=f"Opening\\({field}=-1.0\\)"):
-        Opening((0.0, 0.0, 0.0), **{field: -1.0})
+    for value in (-1.0, "1", None, math.nan):
+        with pytest.raises(ArgumentError, match=f"{field}={value!r}: must "):
+            Opening((0.0, 0.0, 0.0), **{field: value})
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        ({"position": (math.nan, 0.0, 0.0)}, r"rooms\[0\]: position\[0\]=nan: must be finite"),
+        ({"position": (1e300, 0.0, 0.0)}, r"rooms\[0\]: position=\(1e\+300, 0.0, 0.0\): must be numbers of at most"),
+        ({"position": (1.0, 2.0)}, r"rooms\[0\]: position=\(1.0, 2.0\): must be 3 numbers, not 2"),
+        ({"position": None}, r"rooms\[0\]: position=None: must be 3 numbers"),
+        ({"yaw": math.inf}, r"rooms\[0\]: yaw=inf: must be finite"),
+        ({"yaw": "left"}, r"rooms\[0\]: yaw='left': must be a number"),
+        ({"name": 5}, r"rooms\[0\]: name=5: must be a string"),
+        ({"name": "\udcff"}, r"rooms\[0\]: name='\\udcff': must be a string .* without lone surrogates"),
+        ({"file": 5}, r"rooms\[0\]: file=5: must be a string"),
+    ],
+)
+def test_placement_with_an_invalid_value_is_refused(tmp_path: Path, arguments: dict[str, Any], message: str) -> None:
+    room = RoomPlacement(write_room(tmp_path, "room"))._replace(**arguments)
+    with pytest.raises(ArgumentError, match=message):
+        join([room], tmp_path / "flat.usda")
+    assert not list(tmp_path.glob("*flat*"))
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        ({"rooms": None}, "rooms=None: must be a sequence of rooms"),
+        ({"openings": OPENING}, r"openings=Opening\(.*: must be a sequence of Opening"),
+        ({"openings": [(0, 0, 0)]}, r"openings=\(\(0, 0, 0\),\): must be a sequence of Opening"),
+        ({"name": "my flat"}, "name='my flat': must be the name of a prim, such as 'my_flat'"),
+        ({"name": 5}, "name=5: must be a string"),
+        ({"path": 5}, "path=5: must be a string"),
+    ],
+)
+def test_argument_of_another_type_is_named(tmp_path: Path, arguments: dict[str, Any], message: str) -> None:
+    given = {"rooms": [("object_view", (0, 0, 0))], "path": tmp_path / "flat.usda"} | arguments
+    with pytest.raises(ArgumentError, match=message):
+        join(**given)
+
+
+@pytest.mark.parametrize("target", ["folder.usda", "room.usda/flat.usda"])
+def test_file_that_cannot_be_written_is_named(tmp_path: Path, target: str) -> None:
+    (tmp_path / "folder.usda").mkdir()
+    room = write_room(tmp_path, "room")
+    with pytest.raises(ExportError, match=f"cannot write .*{target}"):
+        join([(room, (0.0, 0.0, 0.0))], tmp_path / target)
+    assert {path.name for path in tmp_path.iterdir()} == {"folder.usda", "room.usda"}
+
+
+def test_room_whose_file_name_is_not_unicode_is_named(tmp_path: Path) -> None:
+    file = tmp_path / os.fsdecode(b"\xff.usda")
+    try:
+        write_room(tmp_path, "room").rename(file)
+    except OSError:
+        pytest.skip("the file system takes no such names")
+    with pytest.raises(ArgumentError, match=r"rooms\[0\]: file='.*: must be .* without lone surrogates"):
+        join([(file, (0.0, 0.0, 0.0))], tmp_path / "flat.usda")
+    with pytest.raises(ArgumentError, match=r"path='.*: must be .* without lone surrogates"):
+        join([("object_view", (0.0, 0.0, 0.0))], file)
 
 
 @pytest.mark.parametrize(

@@ -12,7 +12,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from tiscene.errors import ArgumentError
+from dynamics.argument_checks import flag, not_negative, number, position, positive, set_checked
 from tiscene.scene.camera import Vector3
 from tiscene.usd.core.semantics import scene_name
 
@@ -52,6 +52,9 @@ class Opening:
         yaw: direction of the passage about the up axis, degrees; 0: along z (along y where Z is up).
         clearance: how far beyond `depth` the box reaches on both sides, m, to remove handles of doors.
         lined: whether jambs, head and threshold are added to cover the cut.
+
+    Raises:
+        ArgumentError: a value is out of range, or of another type.
     """
 
     position: Vector3
@@ -63,13 +66,8 @@ class Opening:
     lined: bool = True
 
     def __post_init__(self) -> None:
-        for name in ("width", "height", "depth"):
-            if not 0.0 < getattr(self, name) < math.inf:
-                raise ArgumentError(f"Opening({name}={getattr(self, name)!r}): must be a positive number of meters")
-        if not 0.0 <= self.clearance < math.inf:
-            raise ArgumentError(f"Opening(clearance={self.clearance!r}): must be 0 or a positive number of meters")
-        if not all(map(math.isfinite, (*self.position, self.yaw))):
-            raise ArgumentError(f"Opening(position={self.position!r}, yaw={self.yaw!r}): must be finite")
+        set_checked(self, position=position, width=positive, height=positive, depth=positive)
+        set_checked(self, yaw=number, clearance=not_negative, lined=flag)
 
     def world_from_passage(self, up_axis: str) -> NDArray[np.float64]:
         """Return the 4x4 matrix from axes of the passage (x across, y up, z along it) to the stage's, in meters."""

@@ -15,9 +15,11 @@ import numpy as np
 from numpy.typing import NDArray
 from pxr import Gf, Kind, Sdf, Usd, UsdGeom, UsdLux, UsdPhysics, UsdShade
 
+from dynamics import argument_checks
+from dynamics.argument_checks import brief, is_series
 from tiscene import catalog
 from tiscene.catalog import LAYER_SUFFIXES
-from tiscene.errors import ArgumentError, StageError, StageWarning
+from tiscene.errors import ArgumentError, ArgumentTypeError, StageError, StageWarning, export_errors
 from tiscene.files import write_atomically
 from tiscene.usd.core.broken_prims import deactivate_broken
 from tiscene.usd.core.layers import has_file
@@ -71,12 +73,20 @@ def join(
         The path of the file.
 
     Raises:
-        ArgumentError: no rooms, one that is no placement, two rooms of one name, an unknown `sky`, or a `path` with
-            another suffix or that is a file of a room.
+        ArgumentError: an argument is invalid, such as no rooms, one that is no placement, two rooms of one name, an
+            unknown `sky`, or a `path` with another suffix or that is a file of a room.
         SceneNotFound, MissingFile: there is no file of a room.
         StageError: a room cannot be read, two rooms have a scenario, or an opening meets a shape that cannot be cut.
+        ExportError: the file cannot be written.
     """
-    target = Path(path)
+    target = Path(_file(path, "path"))
+    if not is_series(rooms):
+        raise ArgumentTypeError(f"rooms={brief(rooms)}: must be a sequence of rooms, each (file, position)")
+    openings = tuple(openings) if is_series(openings) else openings
+    if not isinstance(openings, tuple) or not all(isinstance(each, Opening) for each in openings):
+        raise ArgumentTypeError(f"openings={brief(openings)}: must be a sequence of Opening(position, ...)")
+    if name is not None and not Sdf.Path.IsValidIdentifier(argument_checks.text(name, "name")):
+        raise ArgumentError(f"name={name!r}: must be the name of a prim, such as {identifier(name)!r}")
     if target.suffix.lower() not in LAYER_SUFFIXES:
         raise ArgumentError(f"join(path={str(path)!r}): must end in {', '.join(LAYER_SUFFIXES)}")
     placements = [_placement(number, each) for number, each in enumerate(rooms)]
@@ -122,8 +132,19 @@ def _placement(number: int, room: object) -> RoomPlacement:
     """Return a room as a placement."""
     if not isinstance(room, tuple | list) or not 1 <= len(room) <= len(RoomPlacement._fields):
         raise ArgumentError(f"join(rooms=): room {number} is {room!r}; expected (file, position) or a RoomPlacement")
-    placement = RoomPlacement(*room)
-    return placement._replace(file=catalog.find_scene(placement.file))
+    file, place, yaw, name = RoomPlacement(*room)
+    at = f"rooms[{number}]"
+    return RoomPlacement(
+        catalog.find_scene(_file(file, f"{at}: file")),
+        argument_checks.position(place, f"{at}: position"),
+        argument_checks.number(yaw, f"{at}: yaw"),
+        argument_checks.text(name, f"{at}: name") if name != "" else "",
+    )
+
+
+def _file(value: object, name: str) -> str:
+    """Return the name of a file, which USD requires to be UTF-8."""
+    return argument_checks.text(os.fspath(value) if isinstance(value, os.PathLike) else value, name)
 
 
 def _identifiers(placements: Sequence[RoomPlacement]) -> list[str]:
@@ -352,8 +373,7 @@ def _export(stage: Usd.Stage, target: Path, rooms: Mapping[Sdf.Path, RoomPlaceme
         relative = Path(os.path.relpath(Path(placement.file).resolve(), target.resolve().parent)).as_posix()
         asset = relative if relative.startswith(".") else f"./{relative}"
         layer.GetPrimAtPath(path).referenceList.prependedItems = [Sdf.Reference(asset)]
-    target.parent.mkdir(parents=True, exist_ok=True)
-    with tempfile.TemporaryDirectory() as folder:
+    with export_errors(target), tempfile.TemporaryDirectory() as folder:
         whole = Path(folder) / target.name
         if not layer.Export(str(whole)):
             raise OSError(f"{target}: USD could not write this file")
