@@ -6,6 +6,7 @@ from __future__ import annotations
 import dataclasses
 import math
 import re
+import resource
 import shutil
 from pathlib import Path
 
@@ -200,10 +201,26 @@ def test_failed_save_leaves_the_existing_file_unchanged(room, tmp_path):
     with pytest.raises(StageError, match="not within 64 bits"):
         Scenario(str(room), [Object("a", "Ball", dynamic=seed)]).save(target)
     assert target.read_text() == "mine"
-    with pytest.raises(ExportError, match="exists and is writable"):
+    with pytest.raises(ExportError, match=r"cannot write .*run\.usda.*: there is no folder .*nowhere"):
         Scenario(str(room)).save(tmp_path / "nowhere" / "run.usda")
     with pytest.raises(ArgumentError, match=r"ends in \.json, \.usda, \.usdc, \.usd"):
         Scenario(str(room)).save(tmp_path / "run.usdz")
+
+
+@pytest.mark.parametrize("name", ["run.usda", "run.usdc"])
+def test_full_disk_leaves_the_existing_file_unchanged(room, tmp_path, name):
+    target = tmp_path / name
+    Scenario(str(room)).save(target)
+    before = target.read_bytes()
+    limit = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (256, limit[1]))
+    try:
+        with pytest.raises(ExportError, match=f"cannot write .*{name}"):
+            Scenario(str(room), frustum=Frustum(3.0)).save(target)
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, limit)
+    assert target.read_bytes() == before
+    assert not list(tmp_path.glob(".*"))
 
 
 def test_saved_layer_finds_files_that_were_named_from_another_folder(room, tmp_path, monkeypatch):

@@ -8,7 +8,7 @@
     broken_prims    prims whose bounds cannot be computed
     limits          limits of size, time, memory and location
     prims           traversal, ancestors and instances of prims
-    layers          files of a stage and their digests
+    layers          files of a stage and their digests; layers to files
     package         paths into .usdz packages
     transform       matrices
     units           stage units and meters

@@ -1,19 +1,23 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Files of a stage, their statuses and SHA-256 digests, to detect whether any of them has changed."""
+"""Files of a stage, their statuses and SHA-256 digests, to detect whether any of them has changed; writing layers."""
 
 from __future__ import annotations
 
 import functools
 import hashlib
 import os
+import tempfile
 from collections.abc import Callable, Hashable, Iterable
 from pathlib import Path
 from typing import Any, TypeVar, cast
 
-from pxr import Ar, Tf, Usd, UsdUtils
+from pxr import Ar, Sdf, Tf, Usd, UsdUtils
 
 from tiscene import catalog
+from tiscene.errors import export_errors
+from tiscene.files import write_atomically
 from tiscene.usd.core.package import split_package
+from tiscene.usd.core.report import error_lines
 from tiscene.usd.core.stage import quiet, resolver_context
 
 _Function = TypeVar("_Function", bound=Callable[..., Any])
@@ -186,3 +190,18 @@ def _digest(path: Path) -> str:
 def has_file(stage: Usd.Stage, path: Path) -> bool:
     """Return whether a stage consists of a file, among others: what is written into it would refer to itself."""
     return path.resolve() in [Path(layer.realPath) for layer in stage.GetUsedLayers() if layer.realPath]
+
+
+def write_layer(layer: Sdf.Layer, path: Path) -> None:
+    """Write a layer as a file, whole or not at all.
+
+    Raises:
+        ExportError: the file cannot be written.
+    """
+    with export_errors(path), tempfile.TemporaryDirectory() as folder:
+        whole = Path(folder) / f"layer{path.suffix}"
+        try:
+            layer.Export(str(whole))
+        except Tf.ErrorException as error:
+            raise OSError("; ".join(error_lines(error))) from None
+        write_atomically(path, whole.read_bytes())

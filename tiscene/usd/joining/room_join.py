@@ -4,7 +4,6 @@
 from __future__ import annotations
 
 import os
-import tempfile
 import warnings
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
@@ -19,10 +18,9 @@ from dynamics import argument_checks
 from dynamics.argument_checks import brief, is_series
 from tiscene import catalog
 from tiscene.catalog import LAYER_SUFFIXES
-from tiscene.errors import ArgumentError, ArgumentTypeError, StageError, StageWarning, export_errors
-from tiscene.files import write_atomically
+from tiscene.errors import ArgumentError, ArgumentTypeError, StageError, StageWarning
 from tiscene.usd.core.broken_prims import deactivate_broken
-from tiscene.usd.core.layers import has_file
+from tiscene.usd.core.layers import has_file, write_layer
 from tiscene.usd.core.prims import identifier, unused_path
 from tiscene.usd.core.report import StageReport
 from tiscene.usd.core.semantics import scene_name
@@ -373,8 +371,4 @@ def _export(stage: Usd.Stage, target: Path, rooms: Mapping[Sdf.Path, RoomPlaceme
         relative = Path(os.path.relpath(Path(placement.file).resolve(), target.resolve().parent)).as_posix()
         asset = relative if relative.startswith(".") else f"./{relative}"
         layer.GetPrimAtPath(path).referenceList.prependedItems = [Sdf.Reference(asset)]
-    with export_errors(target), tempfile.TemporaryDirectory() as folder:
-        whole = Path(folder) / target.name
-        if not layer.Export(str(whole)):
-            raise OSError(f"{target}: USD could not write this file")
-        write_atomically(target, whole.read_bytes())
+    write_layer(layer, target)

@@ -11,13 +11,13 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from pxr import Gf, Sdf, Tf, Usd, UsdGeom, UsdUtils
+from pxr import Gf, Sdf, Usd, UsdGeom, UsdUtils
 
 from tiscene import catalog
 from tiscene.errors import ArgumentError, ExportError
 from tiscene.scene.camera import Camera
 from tiscene.scene.description import Matrix
-from tiscene.usd.core.layers import catalog_path, has_file
+from tiscene.usd.core.layers import catalog_path, has_file, write_layer
 from tiscene.usd.core.pose import PoseOperations, pose_operations, read_pose
 from tiscene.usd.core.prims import identifier, unused_path
 from tiscene.usd.core.report import StageReport
@@ -275,12 +275,9 @@ class OverLayer:
         copy.TransferContent(self.layer)
         UsdUtils.ModifyAssetPaths(copy, lambda asset: _portable(asset, folder))
         copy.subLayerOffsets[0] = self.layer.subLayerOffsets[0]  # which USD drops with the path
-        try:
-            written = folder.is_dir() and copy.Export(str(path))
-        except Tf.ErrorException as error:
-            raise ExportError(f"{path} cannot be written") from error
-        if not written:
-            raise ExportError(f"{path} cannot be written: check that the folder {str(folder)!r} exists and is writable")
+        if not folder.is_dir():
+            raise ExportError(f"cannot write {str(path)!r}: there is no folder {str(folder)!r}")
+        write_layer(copy, path)
 
     def _scope(self, path: Sdf.Path) -> Sdf.Path:
         return self.stage.DefinePrim(path, "Scope").GetPath()
