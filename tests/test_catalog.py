@@ -73,14 +73,9 @@ CHAIR = """#usda 1.0
 (
     defaultPrim = "Chair"
 )
-def Xform "Chair" (
-    prepend apiSchemas = ["SemanticsLabelsAPI:class"]
-)
-{
+def Xform "Chair" (prepend apiSchemas = ["SemanticsLabelsAPI:class"]) {
     token[] semantics:labels:class = ["armchair"]
-    def Cube "Seat"
-    {
-    }
+    def Cube "Seat" {}
 }
 """
 

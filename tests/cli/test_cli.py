@@ -105,20 +105,16 @@ KITCHEN = """#usda 1.0
     metersPerUnit = 1
     upAxis = "Y"
 )
-def Xform "Kitchen"
-{
-    def Cube "Stove" (prepend apiSchemas = ["SemanticsLabelsAPI:class"])
-    {
+def Xform "Kitchen" {
+    def Cube "Stove" (prepend apiSchemas = ["SemanticsLabelsAPI:class"]) {
         double size = 2
         token[] semantics:labels:class = ["stove"]
     }
-    def Camera "Front"
-    {
+    def Camera "Front" {
         double3 xformOp:translate = (0, 0.5, 4)
         uniform token[] xformOpOrder = ["xformOp:translate"]
     }
-    def SphereLight "Bulb"
-    {
+    def SphereLight "Bulb" {
         float inputs:radius = 0.1
         double3 xformOp:translate = (0, 3, 0)
         uniform token[] xformOpOrder = ["xformOp:translate"]
@@ -126,7 +122,7 @@ def Xform "Kitchen"
 }
 """
 
-_VARIANTS = "".join(f'"{name}" {{\n    def Cube "{name}"\n    {{\n    }}\n}}\n' for name in ("near", "far"))
+_VARIANTS = "".join(f'"{name}" {{\n    def Cube "{name}" {{}}\n}}\n' for name in ("near", "far"))
 TWO_VARIANTS = (
     "#usda 1.0\n(\n    metersPerUnit = 1\n)\n"
     'def Xform "Room" (variants = {\nstring place = "near"\n}\nprepend variantSets = "place")\n'
@@ -352,11 +348,8 @@ def test_progress_and_notes_go_to_stderr(capsys):
 
 STAGE = """#usda 1.0
 ( metersPerUnit = 1 )
-def Xform "Pièce"
-{
-    def Cube "Matière"
-    {
-    }
+def Xform "Pièce" {
+    def Cube "Matière" {}
 }
 """
 

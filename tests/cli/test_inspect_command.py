@@ -15,22 +15,15 @@ TINY = """
 def Xform "Room" (
     variants = { string light = "off" }
     prepend variantSets = "light"
-)
-{
-    def Cube "Box"
-    {
+) {
+    def Cube "Box" {
         double size = 5
     }
-    def Volume "Smoke"
-    {
-    }
+    def Volume "Smoke" {}
     variantSet "light" = {
-        "off" {
-        }
+        "off" {}
         "on" {
-            def SphereLight "Bulb"
-            {
-            }
+            def SphereLight "Bulb" {}
         }
     }
 }
@@ -83,25 +76,17 @@ def test_report_on_an_empty_stage_and_on_one_far_from_the_origin(tmp_path, capsy
 
 def test_report_on_a_stage_without_a_unit(tmp_path, capsys):
     path = tmp_path / "a.usda"
-    path.write_text('#usda 1.0\ndef Cube "A"\n{\n}\n')
+    path.write_text('#usda 1.0\ndef Cube "A" {}\n')
     out = inspected(capsys, path)
     assert "0.01 m per unit (unauthored)" in out
     assert "2 cm long (metersPerUnit is 0.01, USD's default, since the file has none)" in out
 
 
 PHYSICS = """#usda 1.0
-def PhysicsScene "Physics"
-{
-}
-def Cube "Falls" (prepend apiSchemas = ["TisceneObjectAPI", "PhysicsRigidBodyAPI"])
-{
-}
-def Cube "Stands" (prepend apiSchemas = ["PhysicsRigidBodyAPI"])
-{
-}
-def PhysicsFixedJoint "Joint"
-{
-}
+def PhysicsScene "Physics" {}
+def Cube "Falls" (prepend apiSchemas = ["TisceneObjectAPI", "PhysicsRigidBodyAPI"]) {}
+def Cube "Stands" (prepend apiSchemas = ["PhysicsRigidBodyAPI"]) {}
+def PhysicsFixedJoint "Joint" {}
 """
 
 
@@ -146,16 +131,11 @@ def test_user_errors_have_status_2_and_a_message(words, expected, tmp_path, caps
 
 def test_report_counts_animated_and_deforming_meshes(tmp_path, capsys):
     body = """
-def Xform "Mill" (
-    kind = "component"
-)
-{
-    def Sphere "Head"
-    {
+def Xform "Mill" (kind = "component") {
+    def Sphere "Head" {
         double radius.timeSamples = { 0: 1, 10: 2 }
     }
-    def Cube "Wing"
-    {
+    def Cube "Wing" {
         float xformOp:rotateZ.timeSamples = { 0: 0, 10: 90 }
         uniform token[] xformOpOrder = ["xformOp:rotateZ"]
     }
@@ -164,27 +144,23 @@ def Xform "Mill" (
     assert "1 deforming mesh; 1 animated mesh within objects" in inspected(capsys, write(tmp_path, body))
 
 
-GOOD = """def Xform "Room"
-{
-    def Mesh "Floor"
-    {
+GOOD = """def Xform "Room" {
+    def Mesh "Floor" {
         int[] faceVertexCounts = [4]
         int[] faceVertexIndices = [0, 1, 2, 3]
         point3f[] points = [(-1, 0, 1), (1, 0, 1), (1, 0, -1), (-1, 0, -1)]
     }
-    def Camera "C"
-    {
+    def Camera "C" {
         double3 xformOp:translate = (0, 1, 4)
         uniform token[] xformOpOrder = ["xformOp:translate"]
     }
-    def DistantLight "L"
-    {
+    def DistantLight "L" {
         float inputs:intensity = 1
     }
 }
 """
-MISSING = 'def "A" (references = @./missing.usda@)\n{\n}\n'
-VOLUME = 'def Volume "Smoke"\n{\n}\n'
+MISSING = 'def "A" (references = @./missing.usda@) {}\n'
+VOLUME = 'def Volume "Smoke" {}\n'
 
 
 @pytest.mark.parametrize(
@@ -193,7 +169,7 @@ VOLUME = 'def Volume "Smoke"\n{\n}\n'
         (GOOD, "Verdict: rendered as authored."),
         (GOOD + MISSING, "Verdict: rendered, with 1 kind of broken part left out."),
         (GOOD + VOLUME, "Verdict: rendered, with 1 kind of content approximated or not drawn."),
-        ('def Cube "A"\n{\n}\n', "Verdict: rendered, with 2 things to check."),
+        ('def Cube "A" {}\n', "Verdict: rendered, with 2 things to check."),
         ("", "Verdict: nothing to see; the stage has no geometry that is drawn."),
     ],
 )

@@ -126,7 +126,7 @@ def test_python_blocks_run(page, tmp_path, monkeypatch):
     """Blocks run one after another in one namespace, in a folder with `run.json` and `upload.usdz`."""
     monkeypatch.chdir(tmp_path)
     Scenario("object_view", [Object("ball", "Sphere", (0, 1, -3))]).save("run.json")
-    Path("upload.usda").write_text('#usda 1.0\ndef Cube "Box"\n{\n}\ndef DomeLight "Sky"\n{\n}\n')
+    Path("upload.usda").write_text('#usda 1.0\ndef Cube "Box" {}\ndef DomeLight "Sky" {}\n')
     with zipfile.ZipFile("upload.usdz", "w") as package:
         package.write("upload.usda")
     names = {

@@ -128,15 +128,12 @@ STRETCHING = """#usda 1.0
     startTimeCode = 0
     endTimeCode = 4
 )
-def Xform "Room"
-{
-    def Camera "Main"
-    {
+def Xform "Room" {
+    def Camera "Main" {
         double3 xformOp:translate = (0, 0, 3)
         uniform token[] xformOpOrder = ["xformOp:translate"]
     }
-    def Mesh "Cloth"
-    {
+    def Mesh "Cloth" {
         int[] faceVertexCounts = [4]
         int[] faceVertexIndices = [0, 1, 2, 3]
         point3f[] points.timeSamples = {

@@ -27,15 +27,12 @@ STAGE = """#usda 1.0
     metersPerUnit = 1
     upAxis = "Y"
 )
-def Xform "Room"
-{
-    def Camera "Main"
-    {
+def Xform "Room" {
+    def Camera "Main" {
         double3 xformOp:translate = (0, 0, 6)
         uniform token[] xformOpOrder = ["xformOp:translate"]
     }
-    def Cube "Box"
-    {
+    def Cube "Box" {
         double size = 1
     }
 }
@@ -44,8 +41,7 @@ BALL = """#usda 1.0
 (
     defaultPrim = "Ball"
 )
-def Sphere "Ball"
-{
+def Sphere "Ball" {
     double radius = 0.3
 }
 """

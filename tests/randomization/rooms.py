@@ -29,10 +29,8 @@ def write_room(folder: Path, eye: Vector3, cubes: Mapping[str, tuple[Vector3, Ve
         more: further prims of the room, as text.
     """
     body = f"""
-def Xform "Room"
-{{
-    def Camera "Eye"
-    {{
+def Xform "Room" {{
+    def Camera "Eye" {{
         float2 clippingRange = (0.1, 100)
         float focalLength = 0.2
         float verticalAperture = 0.24

@@ -66,8 +66,7 @@ def test_lighting_is_that_of_the_scene_else_of_all_rooms(tmp_path):
     def Xform "{name}" (
         variants = {{ string lighting = "day" }}
         prepend variantSets = "lighting"
-    )
-    {{
+    ) {{
         variantSet "lighting" = {{ "day" {{ }} "night" {{ }} }}
     }}"""
     rooms = room.format(name="A") + room.format(name="B")

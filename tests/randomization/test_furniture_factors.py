@@ -124,8 +124,7 @@ def test_clutter_does_not_rest_where_a_prim_that_the_scenario_moves_was(tmp_path
 
 def test_factors_of_a_scenario_that_moves_a_prim_with_a_light(tmp_path):
     lamp = """
-    def Xform "Lamp" (kind = "component")
-    {
+    def Xform "Lamp" (kind = "component") {
         def Cube "Shade" { double size = 0.2
         }
         def SphereLight "Bulb" { float inputs:radius = 0.3

@@ -300,31 +300,26 @@ def test_keywords_of_sample_are_the_fields_of_the_ranges():
 
 
 WALLED = """
-def Camera "Eye"
-{
+def Camera "Eye" {
     double3 xformOp:translate = (0, 0, 5)
     uniform token[] xformOpOrder = ["xformOp:translate"]
 }
 def Xform "Room" (
     variants = { string walls = "far" }
     prepend variantSets = "walls"
-)
-{
-    def Cube "Wall"
-    {
+) {
+    def Cube "Wall" {
         double size = 10
         uniform token[] xformOpOrder = ["xformOp:translate"]
     }
     variantSet "walls" = {
         "far" {
-            over "Wall"
-            {
+            over "Wall" {
                 double3 xformOp:translate = (0, 0, -10)
             }
         }
         "near" {
-            over "Wall"
-            {
+            over "Wall" {
                 double3 xformOp:translate = (0, 0, -3)
             }
         }

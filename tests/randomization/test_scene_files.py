@@ -14,13 +14,9 @@ from tiscene.export.generation.recipe import Recipe
 from tiscene.randomization.scene_files import free_space_of, stage_of, variant_sets_of
 
 VARIANTS = """
-def Xform "Lamp" (
-    prepend variantSets = "lighting"
-)
-{
+def Xform "Lamp" (prepend variantSets = "lighting") {
     variantSet "lighting" = {
-        "day" {
-        }
+        "day" {}
     }
 }
 """

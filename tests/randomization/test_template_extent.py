@@ -42,12 +42,12 @@ def test_extent_is_that_of_the_variant_and_of_the_file_as_it_is(tmp_path):
     )
     part.write_text(
         '#usda 1.0\n(\n    defaultPrim = "Part"\n)\ndef Xform "Part" (\n    variants = { string size = "small" }\n'
-        '    prepend variantSets = "size"\n)\n{\n    def Sphere "Ball"\n    {\n    }\n'
+        '    prepend variantSets = "size"\n)\n{\n    def Sphere "Ball" {}\n'
         f'    variantSet "size" = {{\n{variants}    }}\n}}\n'
     )
     file.write_text(
         '#usda 1.0\n(\n    defaultPrim = "Ball"\n    metersPerUnit = 1\n)\n'
-        'def Xform "Ball" (\n    references = @./part.usda@\n)\n{\n}\n'
+        'def Xform "Ball" (\n    references = @./part.usda@\n) {}\n'
     )
     radii = [template_extent(f"{file}{variant}", "Y").radius for variant in ("", "{size=small}", "{size=large}")]
     assert radii == pytest.approx([1.0, 1.0, 3.0], rel=0.01)

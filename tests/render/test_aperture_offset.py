@@ -26,8 +26,7 @@ WIDTH, HEIGHT = 64, 48
 CAMERA = ts.Camera((0.0, 0.0, 5.0), vertical_fov=0.5 * math.pi, aperture_offset=(0.5, -0.25))
 ORTHOGRAPHIC = ts.Camera((0.0, 0.0, 5.0), orthographic_height=4.8, aperture_offset=(0.5, -0.25))  # 10 px a meter
 AXIS = {"perspective": (CAMERA, (19.5, 17.5)), "orthographic": (ORTHOGRAPHIC, (26.5, 21.0))}
-BODY = """def Camera "Shifted"
-{
+BODY = """def Camera "Shifted" {
     %s
     float horizontalAperture = 32
     float verticalAperture = 24
@@ -38,8 +37,7 @@ BODY = """def Camera "Shifted"
     float3 xformOp:rotateXYZ = (-10, 20, 30)
     uniform token[] xformOpOrder = ["xformOp:translate", "xformOp:rotateXYZ"]
 }
-def Sphere "S"
-{
+def Sphere "S" {
     double radius = 0.3
 }
 """

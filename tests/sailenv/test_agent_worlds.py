@@ -178,21 +178,18 @@ ROOM = """#usda 1.0
     metersPerUnit = 1
     upAxis = "Y"
 )
-def Xform "Room" (kind = "assembly")
-{{
+def Xform "Room" (kind = "assembly") {{
     def Cube "Box" (
         kind = "component"
         prepend apiSchemas = ["SemanticsLabelsAPI:class"]
-    )
-    {{
+    ) {{
         token[] semantics:labels:class = ["{thing}"]
         double size = 1
         double3 xformOp:translate = (0, 0, -1.4)
         uniform token[] xformOpOrder = ["xformOp:translate"]
     }}
     def DistantLight "Sun" {{ }}
-    def Camera "Agent"
-    {{
+    def Camera "Agent" {{
         double3 xformOp:translate = (0, 0, 1.5)
         uniform token[] xformOpOrder = ["xformOp:translate"]
     }}
@@ -204,21 +201,16 @@ HOUSE = """#usda 1.0
     metersPerUnit = 1
     upAxis = "Y"
 )
-def Xform "House" (kind = "assembly")
-{
-    def Xform "den" (prepend references = @../den/scene.usda@)
-    {
-        def Cube "Volume" (prepend apiSchemas = ["SemanticsLabelsAPI:room"])
-        {
+def Xform "House" (kind = "assembly") {
+    def Xform "den" (prepend references = @../den/scene.usda@) {
+        def Cube "Volume" (prepend apiSchemas = ["SemanticsLabelsAPI:room"]) {
             token[] semantics:labels:room = ["den"]
             token purpose = "guide"
             double size = 4
         }
     }
-    def Xform "loft" (prepend references = @../loft/scene.usda@)
-    {
-        def Cube "Volume" (prepend apiSchemas = ["SemanticsLabelsAPI:room"])
-        {
+    def Xform "loft" (prepend references = @../loft/scene.usda@) {
+        def Cube "Volume" (prepend apiSchemas = ["SemanticsLabelsAPI:room"]) {
             token[] semantics:labels:room = ["the loft"]
             token purpose = "guide"
             double size = 4
@@ -226,8 +218,7 @@ def Xform "House" (kind = "assembly")
         double3 xformOp:translate = (4, 0, 0)
         uniform token[] xformOpOrder = ["xformOp:translate"]
     }
-    def Camera "Agent"
-    {
+    def Camera "Agent" {
         double3 xformOp:translate = (2, 0, 1)
         uniform token[] xformOpOrder = ["xformOp:translate"]
     }

@@ -110,7 +110,7 @@ def test_scene_without_exposure_is_metered_from_its_start_camera(make_agent, tmp
         '    def Cube "Box"\n    {\n        double size = 4\n        double3 xformOp:translate = (0, 0, -6)\n'
         '        uniform token[] xformOpOrder = ["xformOp:translate"]\n    }\n'
         '    def SphereLight "Lamp"\n    {\n        float inputs:intensity = 40\n    }\n'
-        '    def Camera "Agent"\n    {\n    }\n}\n'
+        '    def Camera "Agent" {}\n}\n'
     )
     monkeypatch.setenv("TISCENE_PATH", str(tmp_path))
     exposures = []

@@ -23,7 +23,7 @@ def template(folder: Path, name: str, label: str) -> None:
     path.write_text(
         f'#usda 1.0\n(\n    defaultPrim = "Model"\n    metersPerUnit = 1\n)\ndef Xform "Model" (\n'
         '    kind = "component"\n    prepend apiSchemas = ["SemanticsLabelsAPI:class"]\n)\n{\n'
-        f'    token[] semantics:labels:class = ["{label}"]\n    def Cube "Box"\n    {{\n    }}\n}}\n'
+        f'    token[] semantics:labels:class = ["{label}"]\n    def Cube "Box" {{}}\n}}\n'
     )
 
 

@@ -27,8 +27,7 @@ AHEAD = "[(-0.5, 0.5, 1), (0.5, 0.5, 1), (0.5, 1.5, 1), (-0.5, 1.5, 1)]"
 
 def quad(name: str, points: str, more: str = "", color: str = "(0.6, 0.6, 0.6)") -> str:
     """Return a mesh of one face as text."""
-    return f"""def Mesh "{name}"
-{{
+    return f"""def Mesh "{name}" {{
     {PLAIN}
     int[] faceVertexCounts = [4]
     int[] faceVertexIndices = [0, 1, 2, 3]
@@ -42,8 +41,7 @@ def quad(name: str, points: str, more: str = "", color: str = "(0.6, 0.6, 0.6)")
 ROOM = (
     quad("Floor", f" = {FLOOR}")
     + quad("Wall", f" = {WALL}")
-    + """def RectLight "Lamp"
-{
+    + """def RectLight "Lamp" {
     float inputs:width = 2
     float inputs:height = 2
     float inputs:intensity = 4
@@ -51,14 +49,12 @@ ROOM = (
     float xformOp:rotateX = -90
     uniform token[] xformOpOrder = ["xformOp:translate", "xformOp:rotateX"]
 }
-def DomeLight "Sky"
-{
+def DomeLight "Sky" {
     float inputs:intensity = 0.2
 }
 """
 )
-FLUID = f"""def Mesh "Fluid"
-{{
+FLUID = f"""def Mesh "Fluid" {{
     {PLAIN}
     int[] faceVertexCounts.timeSamples = {{ 0: [4], 3: [4, 4], 4: [3], 5: [4, 4], 6: [4], 8: [3] }}
     int[] faceVertexIndices.timeSamples = {{
@@ -77,30 +73,22 @@ FLUID = f"""def Mesh "Fluid"
 }}
 """
 CLOTH = quad("Cloth", f".timeSamples = {{ 0: {QUAD}, 10: {AHEAD} }}", color="(0.7, 0.2, 0.1)")
-BENDING = """def SkelRoot "Arm"
-{
+BENDING = """def SkelRoot "Arm" {
     double3 xformOp:translate = (1.2, 0, 0)
     uniform token[] xformOpOrder = ["xformOp:translate"]
-    def Skeleton "Skeleton" (
-        prepend apiSchemas = ["SkelBindingAPI"]
-    )
-    {
+    def Skeleton "Skeleton" (prepend apiSchemas = ["SkelBindingAPI"]) {
         uniform token[] joints = ["a"]
         uniform matrix4d[] bindTransforms = [((1, 0, 0, 0), (0, 1, 0, 0), (0, 0, 1, 0), (0, 0, 0, 1))]
         uniform matrix4d[] restTransforms = [((1, 0, 0, 0), (0, 1, 0, 0), (0, 0, 1, 0), (0, 0, 0, 1))]
         rel skel:animationSource = </Arm/Skeleton/Bend>
-        def SkelAnimation "Bend"
-        {
+        def SkelAnimation "Bend" {
             uniform token[] joints = ["a"]
             float3[] translations = [(0, 0, 0)]
             quatf[] rotations.timeSamples = { 0: [(1, 0, 0, 0)], 10: [(0.8, 0, 0, 0.6)] }
             half3[] scales = [(1, 1, 1)]
         }
     }
-    def Mesh "Skin" (
-        prepend apiSchemas = ["SkelBindingAPI"]
-    )
-    {
+    def Mesh "Skin" (prepend apiSchemas = ["SkelBindingAPI"]) {
         rel skel:skeleton = </Arm/Skeleton>
         uniform token subdivisionScheme = "none"
         int[] faceVertexCounts = [4, 4]
@@ -165,8 +153,7 @@ VARYING = preview_material(
 )
 HIDDEN = 'token visibility.timeSamples = { 0: "inherited", 3: "invisible", 6: "inherited" }'
 SHOWN = 'token visibility.timeSamples = { 0: "invisible", 3: "inherited" }'
-CROWD = f"""def PointInstancer "Crowd"
-{{
+CROWD = f"""def PointInstancer "Crowd" {{
     rel prototypes = </Crowd/Card>
     int[] protoIndices.timeSamples = {{ 0: [0], 3: [0, 0], 6: [0] }}
     int64[] ids.timeSamples = {{ 0: [1], 3: [1, 2], 6: [2] }}
@@ -233,8 +220,7 @@ def test_of_surfaces_at_one_place_light_and_labels_show_the_first(
 
 def test_shadows_beside_moving_objects_are_as_dark_as_path_traced(tmp_path: Path) -> None:
     """They are as wide as a pixel or two of the reduced size at which changes of light are found."""
-    box = """def Cube "Box"
-{
+    box = """def Cube "Box" {
     double size = 0.3
     double3 xformOp:translate.timeSamples = { 0: (-0.4, 0.15, 1.2), 10: (0.0, 0.15, 1.2) }
     uniform token[] xformOpOrder = ["xformOp:translate"]

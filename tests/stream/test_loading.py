@@ -25,7 +25,7 @@ from tiscene.usd.read import subprocess_reader
 from tiscene.usd.read.stage_reader import read_stage
 from tiscene.usd.read.subprocess_reader import has_unsaved_layers
 
-BOX = 'def Cube "Box" (kind = "component")\n{\n}\ndef Volume "Smoke"\n{\n}'
+BOX = 'def Cube "Box" (kind = "component") {}\ndef Volume "Smoke" {}'
 
 COMPILED = """
 import sys

@@ -49,7 +49,7 @@ def test_restart_changes_variants(tmp_path):
     path.write_text(
         '#usda 1.0\n(\n    metersPerUnit = 1\n    defaultPrim = "Room"\n)\ndef Xform "Room" (\n'
         '    variants = { string size = "small" }\n    prepend variantSets = "size"\n)\n{\n'
-        f'    def Cube "Box"\n    {{\n    }}\n    variantSet "size" = {{\n{variants}    }}\n}}\n'
+        f'    def Cube "Box" {{}}\n    variantSet "size" = {{\n{variants}    }}\n}}\n'
     )
     camera = ts.Camera.look_at((0.0, 0.0, 9.0), (0.0, 0.0, 0.0))
     small = ts.Scenario(str(path), camera=camera)
@@ -100,7 +100,7 @@ def room_of_part(tmp_path):
     """Return a scenario whose stage refers to part.usda, beside it."""
     path = tmp_path / "room.usda"
     path.write_text(
-        '#usda 1.0\n(\n    metersPerUnit = 1\n)\ndef "Part" (\n    references = @./part.usda@\n)\n{\n}\n'
+        '#usda 1.0\n(\n    metersPerUnit = 1\n)\ndef "Part" (\n    references = @./part.usda@\n) {}\n'
         'def Cube "Far"\n{\n    double3 xformOp:translate = (0, 0, 99)\n'
         '    uniform token[] xformOpOrder = ["xformOp:translate"]\n}\n'
     )

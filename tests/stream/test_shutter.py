@@ -19,20 +19,16 @@ from tiscene.usd.read.stage_reader import read_stage
 
 # A square of 2 m that glows before a camera that sees 10 m of its plane from below to above: 5 px a meter.
 SQUARE = """
-def Camera "Camera"
-{
+def Camera "Camera" {
     float verticalAperture = 20
     float focalLength = 10
     float exposure = 0
     double3 xformOp:translate = (0, 0, 5)
     uniform token[] xformOpOrder = ["xformOp:translate"]
 }
-class "Templates"
-{
-    def Xform "Square"
-    {
-        def Mesh "Face" (prepend apiSchemas = ["MaterialBindingAPI"])
-        {
+class "Templates" {
+    def Xform "Square" {
+        def Mesh "Face" (prepend apiSchemas = ["MaterialBindingAPI"]) {
             point3f[] points = [(-1, -1, 0), (1, -1, 0), (1, 1, 0), (-1, 1, 0)]
             int[] faceVertexCounts = [4]
             int[] faceVertexIndices = [0, 1, 2, 3]

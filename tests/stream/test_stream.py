@@ -354,7 +354,7 @@ def test_stream_is_a_context_manager_and_can_be_restarted():
 
 def test_limits_bound_the_reading_of_trusted_stages(tmp_path):
     path = tmp_path / "box.usda"
-    path.write_text('#usda 1.0\n(\n    metersPerUnit = 1\n)\ndef Cube "Box"\n{\n}\n')
+    path.write_text('#usda 1.0\n(\n    metersPerUnit = 1\n)\ndef Cube "Box" {}\n')
     with pytest.raises(StageError, match=r"box\.usda.*\n.*longer than 0\.01 s"):
         ts.Stream(path, width=8, height=6, buffers=("instance",), limits=ts.Limits(seconds=0.01))
     ts.Stream(path, width=8, height=6, buffers=("instance",), limits=ts.Limits(seconds=60.0))[0]

@@ -15,8 +15,8 @@ from tiscene.usd.core import layers
 from tiscene.usd.read import template
 
 SMALL = {"width": 8, "height": 6, "buffers": ("instance",)}
-CAMERA = 'def Camera "Main"\n{\n}\n'
-BALL = 'def Sphere "Ball" (kind = "component")\n{\n}\n'
+CAMERA = 'def Camera "Main" {}\n'
+BALL = 'def Sphere "Ball" (kind = "component") {}\n'
 
 
 @pytest.fixture

@@ -34,13 +34,10 @@ TEXTURED = """#usda 1.0
 (
     metersPerUnit = 1
 )
-def DomeLight "Sky"
-{
+def DomeLight "Sky" {
     asset inputs:texture:file = @%s@
 }
-def Cube "Box"
-{
-}
+def Cube "Box" {}
 """
 
 

@@ -71,11 +71,9 @@ def preview_material(path: str, *inputs: str, shaders: str = "") -> str:
         inputs: attributes of the surface.
         shaders: further prims of the material.
     """
-    return f"""def Material "{path.rpartition("/")[2]}"
-{{
+    return f"""def Material "{path.rpartition("/")[2]}" {{
     token outputs:surface.connect = <{path}/Surface.outputs:surface>
-    def Shader "Surface"
-    {{
+    def Shader "Surface" {{
         uniform token info:id = "UsdPreviewSurface"
         {chr(10).join(inputs)}
         token outputs:surface
@@ -88,8 +86,7 @@ def preview_material(path: str, *inputs: str, shaders: str = "") -> str:
 def primvar_reader(kind: str, name: str, fallback: str = "") -> str:
     """Return the shader "Reader" as text: of a primvar of a type such as "float3"; `fallback` is an attribute."""
     return f"""
-    def Shader "Reader"
-    {{
+    def Shader "Reader" {{
         uniform token info:id = "UsdPrimvarReader_{kind}"
         string inputs:varname = "{name}"
         {fallback}

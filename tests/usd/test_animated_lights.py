@@ -14,12 +14,10 @@ from tests.usd.animated_stages import RANGE, SQUARE, stream
 from tests.usd.helpers import read, read_with_warning, write
 
 LIGHT = """
-def %s "Lamp"%s
-{
+def %s "Lamp"%s {
     %s
 }
-def Mesh "Wall"
-{
+def Mesh "Wall" {
     %s
 }
 """
@@ -60,16 +58,14 @@ def test_animated_scale_of_a_light_sets_its_size_and_radiance(tmp_path, normaliz
 
 def test_light_in_a_prototype_grows_at_each_point(tmp_path):
     lamp = LIGHT.partition("def Mesh")[0] % ("SphereLight", "", (GROWING % 0).replace("(3, 5, 1)", "(3, 3, 3)"))
-    body = f"""def PointInstancer "Lamps"
-{{
+    body = f"""def PointInstancer "Lamps" {{
     rel prototypes = </Lamps/Lamp>
     int[] protoIndices = [0]
     point3f[] positions = [(1, 2, 3)]
     float3[] scales = [(10, 10, 10)]
     {lamp}
 }}
-def Mesh "Wall"
-{{
+def Mesh "Wall" {{
     {SQUARE}
 }}"""
     description = read(tmp_path, body, more=RANGE)
@@ -96,17 +92,14 @@ def test_normalized_light_keeps_its_power_while_it_grows(tmp_path):
 
 def test_visibility_of_lights_and_their_groups_plays(tmp_path):
     body = """
-def Xform "Group"
-{
+def Xform "Group" {
     token visibility.timeSamples = { 0: "inherited", 6: "invisible" }
-    def DistantLight "Sun"
-    {
+    def DistantLight "Sun" {
         float inputs:intensity = 1
         token visibility.timeSamples = { 0: "invisible", 3: "inherited" }
     }
 }
-def Mesh "Wall"
-{
+def Mesh "Wall" {
     %s
 }
 """
@@ -117,18 +110,15 @@ def Mesh "Wall"
 
 def test_lights_in_prototypes_play_their_intensity(tmp_path):
     body = """
-def PointInstancer "P"
-{
+def PointInstancer "P" {
     rel prototypes = [</P/Lamp>]
     int[] protoIndices = [0, 0]
     point3f[] positions = [(0, 0, 2), (1, 0, 2)]
-    def SphereLight "Lamp"
-    {
+    def SphereLight "Lamp" {
         float inputs:intensity.timeSamples = { 0: 0, 10: 10 }
     }
 }
-def Mesh "Wall"
-{
+def Mesh "Wall" {
     %s
 }
 """
@@ -140,22 +130,17 @@ def Mesh "Wall"
 
 def test_lights_in_prototypes_play_their_visibility_and_that_of_the_instancer(tmp_path):
     body = """
-def PointInstancer "P"
-{
+def PointInstancer "P" {
     rel prototypes = [</P/Post>]
     int[] protoIndices = [0]
     point3f[] positions = [(0, 0, 2)]
     token visibility.timeSamples = { 0: "inherited", 6: "invisible" }
-    def Xform "Post"
-    {
+    def Xform "Post" {
         token visibility.timeSamples = { 0: "invisible", 3: "inherited" }
-        def SphereLight "Lamp"
-        {
-        }
+        def SphereLight "Lamp" {}
     }
 }
-def Mesh "Wall"
-{
+def Mesh "Wall" {
     %s
 }
 """
@@ -166,23 +151,19 @@ def Mesh "Wall"
 
 def test_animated_lights_that_are_not_drawn_are_left_alone(tmp_path):
     body = """
-def SphereLight "Hidden"
-{
+def SphereLight "Hidden" {
     token visibility = "invisible"
     float inputs:intensity.timeSamples = { 0: 0, 10: 10 }
 }
-def SphereLight "Guide"
-{
+def SphereLight "Guide" {
     uniform token purpose = "guide"
     float inputs:intensity.timeSamples = { 0: 0, 10: 10 }
 }
-def SphereLight "Flat"
-{
+def SphereLight "Flat" {
     float3 xformOp:scale.timeSamples = { 0: (0, 0, 0), 5: (1, 1, 1), 10: (2, 2, 2) }
     uniform token[] xformOpOrder = ["xformOp:scale"]
 }
-def Mesh "Wall"
-{
+def Mesh "Wall" {
     %s
 }
 """
@@ -194,10 +175,7 @@ def Mesh "Wall"
 
 def test_mesh_light_plays_its_intensity(tmp_path):
     body = f"""
-def Mesh "Panel" (
-    prepend apiSchemas = ["MeshLightAPI"]
-)
-{{
+def Mesh "Panel" (prepend apiSchemas = ["MeshLightAPI"]) {{
     {SQUARE}
     float inputs:intensity.timeSamples = {{ 0: 2, 10: 4 }}
 }}
@@ -216,13 +194,9 @@ WIDENS = f"points.timeSamples = {{ 0: {POINTS[9:]}, 10: [(-27, -9, 0), (27, -9, 
 @pytest.mark.parametrize("where", ["mesh", "parent", "points"])
 def test_normalized_mesh_light_keeps_its_power_while_it_grows(tmp_path, where):
     body = f"""
-def Xform "Group"
-{{
+def Xform "Group" {{
     {GROWS if where == "parent" else ""}
-    def Mesh "Panel" (
-        prepend apiSchemas = ["MeshLightAPI"]
-    )
-    {{
+    def Mesh "Panel" (prepend apiSchemas = ["MeshLightAPI"]) {{
         {SQUARE.replace(POINTS, WIDENS) if where == "points" else SQUARE}
         {GROWS if where == "mesh" else ""}
         float inputs:intensity = 648
@@ -241,10 +215,8 @@ def test_normalized_mesh_light_that_only_moves_has_a_constant_radiance(tmp_path)
     moves = """float xformOp:rotateX.timeSamples = { 0: 0, 10: 300 }
     uniform token[] xformOpOrder = ["xformOp:rotateX"]"""
     body = f"""
-def Xform "Group" (kind = "component")
-{{
-    def Mesh "Panel" (prepend apiSchemas = ["MeshLightAPI"])
-    {{
+def Xform "Group" (kind = "component") {{
+    def Mesh "Panel" (prepend apiSchemas = ["MeshLightAPI"]) {{
         {SQUARE}
         {moves}
         bool inputs:normalize = 1
@@ -264,15 +236,11 @@ LANTERN = """
     %s
 }
 """
-HANDLE = """def Cube "Body"
-    {
-    }
-    def Xform "Arm"
-    {
+HANDLE = """def Cube "Body" {}
+    def Xform "Arm" {
         float xformOp:rotateZ%s
         uniform token[] xformOpOrder = ["xformOp:rotateZ"]
-        def RectLight "Light"
-        {
+        def RectLight "Light" {
             double3 xformOp:translate = (0, 1, 0)
             float xformOp:rotateX = -90
             uniform token[] xformOpOrder = ["xformOp:translate", "xformOp:rotateX"]
@@ -319,14 +287,12 @@ def test_light_of_a_spawned_template_moves_within_it(tmp_path):
             np.testing.assert_allclose(light.world_from_light[:3, 3], where, atol=1e-6)
 
 
-INSTANCER = """def PointInstancer "Lamps"
-{
+INSTANCER = """def PointInstancer "Lamps" {
     rel prototypes = </Lamps/Lamp>
     int[] protoIndices = [0]
     point3f[] positions%s
     float3[] scales = [(3, 3, 3)]
-    def Xform "Lamp"
-    {
+    def Xform "Lamp" {
         %s
     }
 }"""

@@ -14,10 +14,7 @@ from tests.usd.helpers import preview_material, read, write
 from tiscene.render.view import View
 
 PAINTED = """
-def Mesh "Wall" (
-    prepend apiSchemas = ["MaterialBindingAPI"]
-)
-{
+def Mesh "Wall" (prepend apiSchemas = ["MaterialBindingAPI"]) {
     %s
     rel material:binding = </Paint>
 }
@@ -70,14 +67,12 @@ def test_rotation_of_texture_coordinates_plays_at_whole_time_codes(tmp_path):
     nodes = """color3f inputs:diffuseColor.connect = </Paint/Map.outputs:rgb>
         token outputs:surface
     }
-    def Shader "Turn"
-    {
+    def Shader "Turn" {
         uniform token info:id = "UsdTransform2d"
         float inputs:rotation.timeSamples = { 0: 0, 10: 90 }
         float2 outputs:result
     }
-    def Shader "Map"
-    {
+    def Shader "Map" {
         uniform token info:id = "UsdUVTexture"
         asset inputs:file = @white.png@
         token inputs:wrapS = "repeat"
@@ -102,8 +97,7 @@ def test_sequence_of_texture_files_plays_held(tmp_path):
         color3f inputs:diffuseColor = (0, 0, 0)
         token outputs:surface
     }
-    def Shader "Map"
-    {
+    def Shader "Map" {
         uniform token info:id = "UsdUVTexture"
         asset inputs:file.timeSamples = { 0: @a.png@, 5: @b.png@ }
         token inputs:wrapS = "repeat"
@@ -144,8 +138,7 @@ def test_primvar_that_a_material_reads_plays(tmp_path):
     nodes = """color3f inputs:diffuseColor.connect = </Paint/Tint.outputs:result>
         token outputs:surface
     }
-    def Shader "Tint"
-    {
+    def Shader "Tint" {
         uniform token info:id = "UsdPrimvarReader_float3"
         string inputs:varname = "tint"
         float3 outputs:result"""
@@ -216,8 +209,7 @@ def test_points_are_occluded_while_their_surface_is_transparent(tmp_path, card):
 
 
 FLOOR = """
-def Mesh "Floor"
-{
+def Mesh "Floor" {
     uniform token subdivisionScheme = "none"
     int[] faceVertexCounts = [4]
     int[] faceVertexIndices = [0, 1, 2, 3]

@@ -143,17 +143,12 @@ def test_udim_textures_bound_by_face_subsets(tmp_path):
     for tile, shade in ((1001, 0), (1002, 255)):
         Image.fromarray(np.full((4, 4, 3), shade, np.uint8)).save(tmp_path / f"wall.{tile}.png")
     body = """
-def Xform "asset" (
-    prepend apiSchemas = ["MaterialBindingAPI", "CollectionAPI:mat"]
-)
-{
+def Xform "asset" (prepend apiSchemas = ["MaterialBindingAPI", "CollectionAPI:mat"]) {
     uniform token collection:mat:expansionRule = "expandPrims"
     rel collection:mat:includes = </asset/geo>
     rel material:binding:collection:mat = [</asset.collection:mat>, </asset/Look>]
-    def Scope "geo"
-    {
-        def Mesh "wall"
-        {
+    def Scope "geo" {
+        def Mesh "wall" {
             uniform token subdivisionScheme = "none"
             int[] faceVertexCounts = [4, 4]
             int[] faceVertexIndices = [0, 1, 4, 3, 1, 2, 5, 4]
@@ -164,24 +159,20 @@ def Xform "asset" (
             int[] primvars:st:indices = [0, 1, 4, 5, 2, 3, 6, 7]
         }
     }
-    def Material "Look"
-    {
+    def Material "Look" {
         token outputs:surface.connect = </asset/Look/S.outputs:surface>
-        def Shader "S"
-        {
+        def Shader "S" {
             uniform token info:id = "UsdPreviewSurface"
             color3f inputs:diffuseColor.connect = </asset/Look/T.outputs:rgb>
             token outputs:surface
         }
-        def Shader "T"
-        {
+        def Shader "T" {
             uniform token info:id = "UsdUVTexture"
             asset inputs:file = @./wall.<UDIM>.png@
             float2 inputs:st.connect = </asset/Look/R.outputs:result>
             float3 outputs:rgb
         }
-        def Shader "R"
-        {
+        def Shader "R" {
             uniform token info:id = "UsdPrimvarReader_float2"
             token inputs:varname = "st"
             float2 outputs:result
@@ -232,18 +223,13 @@ def test_instanced_prototypes_with_subsets(tmp_path):
     red = preview_material("/Looks/A", "color3f inputs:diffuseColor = (1, 0, 0)")
     blue = preview_material("/Looks/B", "color3f inputs:diffuseColor = (0, 0, 1)")
     body = f'def Scope "Looks"\n{{\n{red}{blue}}}\n'
-    body += """class Xform "Proto"
-{
-    def Mesh "M"
-    {
+    body += """class Xform "Proto" {
+    def Mesh "M" {
         uniform token subdivisionScheme = "none"
         int[] faceVertexCounts = [3, 3]
         int[] faceVertexIndices = [0, 1, 2, 0, 2, 3]
         point3f[] points = [(0, 0, 0), (1, 0, 0), (1, 1, 0), (0, 1, 0)]
-        def GeomSubset "First" (
-            prepend apiSchemas = ["MaterialBindingAPI"]
-        )
-        {
+        def GeomSubset "First" (prepend apiSchemas = ["MaterialBindingAPI"]) {
             uniform token familyName = "materialBind"
             int[] indices = [0]
             rel material:binding = </Looks/A>
@@ -253,15 +239,12 @@ def test_instanced_prototypes_with_subsets(tmp_path):
 def "One" (
     instanceable = true
     inherits = </Proto>
-)
-{
-}
+) {}
 def "Two" (
     instanceable = true
     inherits = </Proto>
     prepend apiSchemas = ["MaterialBindingAPI"]
-)
-{
+) {
     rel material:binding = </Looks/B> (
         bindMaterialAs = "strongerThanDescendants"
     )

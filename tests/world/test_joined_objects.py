@@ -237,25 +237,19 @@ STAGE = """#usda 1.0
     metersPerUnit = 0.01
     upAxis = "{up}"
 )
-def Xform "World"
-{{
-    def Camera "Camera"
-    {{
+def Xform "World" {{
+    def Camera "Camera" {{
         double3 xformOp:translate = (0, 0, 500)
         uniform token[] xformOpOrder = ["xformOp:translate"]
     }}
-    def DistantLight "Sun"
-    {{
-    }}
-    def Sphere "Bob" (prepend apiSchemas = ["TisceneObjectAPI", "PhysicsRigidBodyAPI"])
-    {{
+    def DistantLight "Sun" {{}}
+    def Sphere "Bob" (prepend apiSchemas = ["TisceneObjectAPI", "PhysicsRigidBodyAPI"]) {{
         double radius = 0.5
         double3 xformOp:translate = {start}
         double3 xformOp:scale = (10, 10, 10)
         uniform token[] xformOpOrder = ["xformOp:translate", "xformOp:scale"]
     }}
-    def PhysicsRevoluteJoint "Pivot"
-    {{
+    def PhysicsRevoluteJoint "Pivot" {{
         rel physics:body1 = </World/Bob>
         point3f physics:localPos0 = (0, 0, 0)
         point3f physics:localPos1 = {pivot}
@@ -289,14 +283,9 @@ SHAPELESS = """#usda 1.0
     metersPerUnit = 1
     upAxis = "Y"
 )
-def Xform "Anchor" (prepend apiSchemas = ["TisceneObjectAPI", "PhysicsRigidBodyAPI"])
-{
-}
-def Cube "Box" (prepend apiSchemas = ["TisceneObjectAPI", "PhysicsRigidBodyAPI"])
-{
-}
-def PhysicsFixedJoint "Held"
-{
+def Xform "Anchor" (prepend apiSchemas = ["TisceneObjectAPI", "PhysicsRigidBodyAPI"]) {}
+def Cube "Box" (prepend apiSchemas = ["TisceneObjectAPI", "PhysicsRigidBodyAPI"]) {}
+def PhysicsFixedJoint "Held" {
     rel physics:body0 = </Anchor>
     rel physics:body1 = </Box>
 }

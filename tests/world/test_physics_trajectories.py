@@ -249,12 +249,10 @@ MOON = """#usda 1.0
     metersPerUnit = 0.01
     upAxis = "Z"
 )
-def PhysicsScene "Physics"
-{{
+def PhysicsScene "Physics" {{
     {gravity}
 }}
-def Cube "Box" (prepend apiSchemas = ["TisceneObjectAPI", "PhysicsRigidBodyAPI"])
-{{
+def Cube "Box" (prepend apiSchemas = ["TisceneObjectAPI", "PhysicsRigidBodyAPI"]) {{
     double size = 20
 }}
 """

@@ -33,7 +33,7 @@ def test_failing_command_is_reported_with_its_reason():
 
 def test_warnings_of_workers_are_passed_on_once(tmp_path):
     broken = tmp_path / "broken.usda"
-    broken.write_text('#usda 1.0\ndef Cube "Box" (references = @gone.usda@)\n{\n}\n')
+    broken.write_text('#usda 1.0\ndef Cube "Box" (references = @gone.usda@) {}\n')
     with pytest.warns(StageWarning) as warned:
         run_workers([["show", str(broken)]] * 2)
     texts = [str(each.message) for each in warned]

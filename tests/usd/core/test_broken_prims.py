@@ -15,8 +15,7 @@ from tiscene.usd.read.room_volumes import interior
 
 ROOM = 'prepend apiSchemas = ["SemanticsLabelsAPI:room"]'
 CARDS = 'kind = "component"\nprepend apiSchemas = ["GeomModelAPI"]'
-BAD_TRANSFORM = """def Cube "Bad"
-{
+BAD_TRANSFORM = """def Cube "Bad" {
     double3 xformOp:foo = (1, 0, 0)
     uniform token[] xformOpOrder = ["xformOp:foo"]
 }
@@ -24,8 +23,7 @@ BAD_TRANSFORM = """def Cube "Bad"
 
 
 def instancer(name: str, prototype: str, metadata: str = "", lines: str = "") -> str:
-    return f"""def PointInstancer "{name}" ({metadata})
-{{
+    return f"""def PointInstancer "{name}" ({metadata}) {{
     int[] protoIndices = [0]
     point3f[] positions = [(9, 0, 0)]
     rel prototypes = [<{prototype}>]
@@ -38,7 +36,7 @@ def root(inside: str, metadata: str = "", name: str = "Root") -> str:
     return f'def Xform "{name}" ({metadata})\n{{\n{inside}\n}}\n'
 
 
-CUBE = 'def Cube "Good"\n{\n}\n'
+CUBE = 'def Cube "Good" {}\n'
 ENDLESS = {
     "itself": instancer("A", "/Root/A"),
     "each other": instancer("A", "/Root/B") + instancer("B", "/Root/A"),
@@ -66,7 +64,7 @@ def test_endless_instancers_are_deactivated_before_bounds_are_computed(tmp_path,
 
 
 def test_instancer_of_another_one_keeps_its_bounds(tmp_path):
-    ball = 'def Sphere "Ball"\n{\n}\n'
+    ball = 'def Sphere "Ball" {}\n'
     nested = root(ball + instancer("A", "/Root/B") + instancer("B", "/Root/Ball"))
     stage = open_stage(write(tmp_path, nested))
     deactivate_broken(stage.GetPrimAtPath("/Root"), StageReport("stage"))

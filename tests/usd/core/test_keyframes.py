@@ -17,15 +17,10 @@ from tiscene.scenario.scenario import Scenario
 from tiscene.usd.read.stage_reader import read_stage
 
 THING = """
-def Xform "%s" (
-    kind = "component"
-)
-{
+def Xform "%s" (kind = "component") {
     %s
     %s
-    def Cube "Body"
-    {
-    }
+    def Cube "Body" {}
 }
 """
 MOVED = """double3 xformOp:translate.timeSamples = { %s }
@@ -57,8 +52,8 @@ def placed(path: Path, seconds: float) -> np.ndarray:
 @pytest.mark.parametrize("inside", [False, True])
 def test_mirrored_prim_rotates_as_animated(tmp_path, inside):
     """As an object, by keyframes, and as a part of an object, by a track; between samples too."""
-    wheel = f'def Xform "Wheel"\n{{\n{TURNED}\n def Cube "Rim"\n {{\n }}\n}}'
-    body = moved("Mill", "", wheel).replace('def Cube "Body"\n    {\n    }', "") if inside else moved("Mill", TURNED)
+    wheel = f'def Xform "Wheel"\n{{\n{TURNED}\n def Cube "Rim" {{}}\n}}'
+    body = moved("Mill", "", wheel).replace('def Cube "Body" {}', "") if inside else moved("Mill", TURNED)
     path = write(tmp_path, body, more="startTimeCode = 0\nendTimeCode = 20\ntimeCodesPerSecond = 10")
     for seconds in (0.0, 0.35, 1.0, 1.75, 2.0):
         np.testing.assert_allclose(placed(path, seconds)[:, :3], turned(seconds), atol=1e-6)
@@ -73,13 +68,12 @@ def test_reported_rotation_of_a_mirrored_object_follows_its_animation(tmp_path):
 
 def test_stage_without_range_starts_at_its_first_sample(tmp_path):
     lamp = """
-def SphereLight "Lamp"
-{
+def SphereLight "Lamp" {
     float inputs:intensity.timeSamples = { 8: 1, 18: 3 }
 }
 """
     early, late = MOVED % "3: (0, 0, 0), 13: (1, 0, 0)", MOVED % "8: (0, 0, 0), 13: (1, 0, 0)"
-    part = f'def Xform "Lid"\n{{\n{late}\n def Cube "Top"\n {{\n }}\n}}'
+    part = f'def Xform "Lid"\n{{\n{late}\n def Cube "Top" {{}}\n}}'
     body = moved("Early", early) + moved("Late", late) + moved("Box", "", part) + lamp
     path = write(tmp_path, body, more="timeCodesPerSecond = 10")
     scenario = Scenario.load(path)
@@ -128,5 +122,5 @@ def test_samples_far_apart_are_not_densified(tmp_path):
 
 
 def test_non_finite_sample_of_a_transform_is_a_problem(tmp_path):
-    body = moved("A", "", f'def Xform "B"\n{{\n{MOVED % "0: (0, 0, 0), 10: (nan, 0, 0)"}\n def Cube "C"\n {{\n }}\n}}')
+    body = moved("A", "", f'def Xform "B"\n{{\n{MOVED % "0: (0, 0, 0), 10: (nan, 0, 0)"}\n def Cube "C" {{}}\n}}')
     assert "not finite" in problems_of(tmp_path, body)[0]

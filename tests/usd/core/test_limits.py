@@ -30,9 +30,9 @@ posix = pytest.mark.skipif(os.name != "posix", reason="limits of processes need 
 def prim_bomb(folder, levels: int):
     """Write a stage of 2 ** levels prims in a few lines: each level references the next one twice."""
     for level in range(levels):
-        twice = "".join(f'def "{n}" (references = @l{level + 1}.usda@</A>)\n{{\n}}\n' for n in "XY")
+        twice = "".join(f'def "{n}" (references = @l{level + 1}.usda@</A>) {{}}\n' for n in "XY")
         (folder / f"l{level}.usda").write_text(f'#usda 1.0\ndef Xform "A"\n{{\n{twice}}}\n')
-    (folder / f"l{levels}.usda").write_text('#usda 1.0\ndef Cube "A"\n{\n}\n')
+    (folder / f"l{levels}.usda").write_text('#usda 1.0\ndef Cube "A" {}\n')
     return folder / "l0.usda"
 
 
@@ -55,14 +55,14 @@ def test_more_triangles_or_seconds_than_the_limit_are_refused(tmp_path):
 
 def test_layers_outside_the_root_are_refused(tmp_path):
     (tmp_path / "inside").mkdir()
-    write(tmp_path, 'def Cube "A"\n{\n}', name="outside.usda")
-    inside = write(tmp_path / "inside", 'def "B" (references = @../outside.usda@</A>)\n{\n}')
+    write(tmp_path, 'def Cube "A" {}', name="outside.usda")
+    inside = write(tmp_path / "inside", 'def "B" (references = @../outside.usda@</A>) {}')
     assert len(read_stage(inside).instances) == 1
     assert len(read_stage(inside, root=tmp_path).instances) == 1
     with pytest.raises(StageError, match=r"layer @.*outside.usda@ is outside .*inside\nroot= "):
         read_stage(inside, root=tmp_path / "inside")
     os.symlink(tmp_path / "outside.usda", tmp_path / "inside" / "link.usda")
-    linked = write(tmp_path / "inside", 'def "B" (references = @link.usda@</A>)\n{\n}', name="linked.usda")
+    linked = write(tmp_path / "inside", 'def "B" (references = @link.usda@</A>) {}', name="linked.usda")
     with pytest.raises(StageError, match="is outside"):
         read_stage(linked, root=tmp_path / "inside")
     with pytest.raises(ArgumentError, match="root='gone' is not a folder"):
@@ -113,13 +113,13 @@ def test_scenarios_and_templates_read_in_a_child_process_are_the_same(tmp_path):
 
 
 def test_errors_and_warnings_of_a_child_process_are_passed_on(tmp_path):
-    path = write(tmp_path, 'def Volume "V"\n{\n}\ndef Mesh "M"\n{\nint[] faceVertexCounts = [3]\n}')
+    path = write(tmp_path, 'def Volume "V" {}\ndef Mesh "M"\n{\nint[] faceVertexCounts = [3]\n}')
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", StageWarning)
         with pytest.raises(StageError) as caught:
             read_stage(path, untrusted=True)
     assert caught.value.problems == problems_of(tmp_path, path.read_text().split("\n)\n", 1)[1])
-    volume = write(tmp_path, 'def Volume "V"\n{\n}', name="volume.usda")
+    volume = write(tmp_path, 'def Volume "V" {}', name="volume.usda")
     with pytest.warns(StageWarning, match="prims of type Volume are not drawn: </V>") as warned:
         read_stage(volume, untrusted=True)
     assert [each.filename for each in warned] == [__file__]

@@ -9,7 +9,7 @@ from tests.usd.helpers import problems_of, read_with_warning
 from tiscene.errors import StageError, StageWarning
 from tiscene.usd.core.report import StageReport
 
-CUBE = 'def Cube "Good"\n{\n}\n'
+CUBE = 'def Cube "Good" {}\n'
 
 
 def test_prims_with_the_same_problem_share_a_line():
@@ -32,12 +32,12 @@ def test_prims_with_the_same_problem_share_a_line():
 def test_references_to_one_bad_file_share_a_line(tmp_path, content):
     if content:
         (tmp_path / "bad.usda").write_text(content)
-    body = CUBE + "".join(f'def "R{number}" (references = @./bad.usda@)\n{{\n}}\n' for number in range(7))
+    body = CUBE + "".join(f'def "R{number}" (references = @./bad.usda@) {{}}\n' for number in range(7))
     (problem,) = problems_of(tmp_path, body)
     assert problem.startswith("</R0> composition: Could not open asset")
     assert problem.endswith("; also </R1>, </R2>, </R3>, </R4> and 2 more")
 
 
 def test_what_a_line_points_to_is_named(tmp_path):
-    body = CUBE.replace("{", "{\nrel material:binding = </Looks/Gone>")
+    body = CUBE.replace("{", "{\nrel material:binding = </Looks/Gone>\n")
     read_with_warning(tmp_path, body, "a material that does not exist is not applied: </Good> to </Looks/Gone>$")

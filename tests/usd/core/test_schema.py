@@ -85,8 +85,7 @@ def test_schema_files_are_in_the_package(name):
 
 
 TYPED = """#usda 1.0
-def Cube "Box" (prepend apiSchemas = ["TisceneMotionAPI"])
-{{
+def Cube "Box" (prepend apiSchemas = ["TisceneMotionAPI"]) {{
     {line}
 }}
 """

@@ -29,30 +29,23 @@ CURVE = """.spline = {
     }"""
 RANGE = "startTimeCode = 0\n    endTimeCode = 40\n    timeCodesPerSecond = 24"
 STAGE = """
-def Cube "Body" (
-    prepend apiSchemas = ["MaterialBindingAPI"]
-)
-{
+def Cube "Body" (prepend apiSchemas = ["MaterialBindingAPI"]) {
     %s
     uniform token[] xformOpOrder = ["%s"]
     double size = 2
     rel material:binding = </Paint>
 }
-def Camera "Camera"
-{
+def Camera "Camera" {
     double3 xformOp:translate = (0, 0, 50)
     uniform token[] xformOpOrder = ["xformOp:translate"]
 }
-def SphereLight "Lamp"
-{
+def SphereLight "Lamp" {
     float inputs:intensity%s
     float inputs:radius%s
 }
-def Material "Paint"
-{
+def Material "Paint" {
     token outputs:surface.connect = </Paint/Surface.outputs:surface>
-    def Shader "Surface"
-    {
+    def Shader "Surface" {
         uniform token info:id = "UsdPreviewSurface"
         float inputs:roughness%s
         token outputs:surface
@@ -118,7 +111,7 @@ def test_animated_size_deforms_its_gprim(tmp_path, samples):
 def test_camera_with_a_blocked_sample_has_the_lens_of_the_schema(tmp_path):
     body = 'def Camera "Camera"\n{\n    float focalLength.timeSamples = {\n        0: None,\n    }\n'
     body += "    float2 clippingRange.timeSamples = {\n        0: None,\n    }\n}\n"
-    (camera,) = read_stage(write(tmp_path, body + 'def Cube "Body"\n{\n}', more=RANGE)).cameras
+    (camera,) = read_stage(write(tmp_path, body + 'def Cube "Body" {}', more=RANGE)).cameras
     assert camera.vertical_fov == pytest.approx(2.0 * math.atan(15.2908 / 100.0))
     assert (camera.near, camera.far) == pytest.approx((1.0, 1e6))
 
@@ -141,43 +134,32 @@ def test_values_between_value_times_are_linear(tmp_path):
 
 
 TURNING = """
-def Xform "Wheel" (
-    kind = "component"
-)
-{
+def Xform "Wheel" (kind = "component") {
     float xformOp:rotateZ.timeSamples = { 0: 0, %(end)g: 360 }
     uniform token[] xformOpOrder = ["xformOp:rotateZ"]
-    def Cube "Weight"
-    {
+    def Cube "Weight" {
         double3 xformOp:translate = (0, 2, 0)
         uniform token[] xformOpOrder = ["xformOp:translate"]
     }
 }
-def Xform "Machine" (
-    kind = "component"
-)
-{
-    def Cube "Body"
-    {
+def Xform "Machine" (kind = "component") {
+    def Cube "Body" {
         double3 xformOp:translate = (8, 0, 0)
         uniform token[] xformOpOrder = ["xformOp:translate"]
     }
-    def Cube "Crank"
-    {
+    def Cube "Crank" {
         float xformOp:rotateZ.timeSamples = { 0: 0, %(end)g: -720 }
         double3 xformOp:translate = (0, 5, 0)
         uniform token[] xformOpOrder = ["xformOp:rotateZ", "xformOp:translate"]
     }
 }
-def BasisCurves "Hand"
-{
+def BasisCurves "Hand" {
     uniform token type = "linear"
     int[] curveVertexCounts = [2]
     float[] widths = [2]
     point3f[] points.timeSamples = { 0: [(-8, 0, 0), (-5, 0, 0)], %(end)g: [(-8, 0, 0), (-8, 3, 0)] }
 }
-def Camera "Camera"
-{
+def Camera "Camera" {
     double3 xformOp:translate = (0, 0, 30)
     uniform token[] xformOpOrder = ["xformOp:translate"]
     float focalLength.timeSamples = { 0: 15, %(end)g: 20 }

@@ -39,23 +39,19 @@ def write_studio(folder: Path, meters: float, up: str) -> Path:
 (
     defaultPrim = "Lamp"
 )
-def Xform "Lamp"
-{{
-    def SphereLight "Bulb"
-    {{
+def Xform "Lamp" {{
+    def SphereLight "Bulb" {{
         float inputs:radius = {u(0.05)}
         bool inputs:normalize = 1
         float inputs:intensity = {u(0.2, 2)}
         {at(0, 0.3, 0)}
     }}
-    def Cylinder "Foot"
-    {{
+    def Cylinder "Foot" {{
         double height = {u(0.2)}
         double radius = {u(0.05)}
         uniform token axis = "Y"
     }}
-    def Sphere "Knob"
-    {{
+    def Sphere "Knob" {{
         double radius = {u(0.08)}
         {at(0, 0.12, 0)}
     }}
@@ -63,8 +59,7 @@ def Xform "Lamp"
 """)
     walls = "".join(
         f"""
-    def Mesh "{name}" (prepend apiSchemas = ["SemanticsLabelsAPI:class"])
-    {{
+    def Mesh "{name}" (prepend apiSchemas = ["SemanticsLabelsAPI:class"]) {{
         token[] semantics:labels:class = ["{name.lower()}"]
         int[] faceVertexCounts = [4]
         int[] faceVertexIndices = [0, 1, 2, 3]
@@ -85,38 +80,32 @@ def Xform "Room" (
     variants = {{
         string lighting = "day"
     }}
-)
-{{
+) {{
     double xformOp:rotateX = {90 if turned else 0}
     uniform token[] xformOpOrder = ["xformOp:rotateX"]
     variantSet "lighting" = {{
         "day" {{
-            over "Panel"
-            {{
+            over "Panel" {{
                 float inputs:intensity = {u(4, 2)}
             }}
         }}
         "night" {{
-            over "Panel"
-            {{
+            over "Panel" {{
                 float inputs:intensity.timeSamples = {{ 0: {u(0.5, 2)}, 10: {u(1.5, 2)} }}
             }}
         }}
     }}
-    def PhysicsScene "Physics"
-    {{
+    def PhysicsScene "Physics" {{
         float physics:gravityMagnitude = {u(3)}
     }}
     {walls}
-    def RectLight "Panel"
-    {{
+    def RectLight "Panel" {{
         float inputs:width = {u(0.6)}
         float inputs:height = {u(0.4)}
         bool inputs:normalize = 1
         {at(0, 2.4, 0, "double xformOp:rotateX = -90")}
     }}
-    def Mesh "Glow" (prepend apiSchemas = ["MeshLightAPI"])
-    {{
+    def Mesh "Glow" (prepend apiSchemas = ["MeshLightAPI"]) {{
         int[] faceVertexCounts = [4]
         int[] faceVertexIndices = [0, 1, 2, 3]
         point3f[] points = [{v(-1.9, 1, -1)}, {v(-1.9, 1, -0.6)}, {v(-1.9, 1.4, -0.6)}, {v(-1.9, 1.4, -1)}]
@@ -127,83 +116,69 @@ def Xform "Room" (
     def "LampA" (
         instanceable = true
         prepend payload = @./lamp.usda@
-    )
-    {{
+    ) {{
         {at(-1.2, 0.1, -1.2)}
     }}
     def "LampB" (
         instanceable = true
         prepend references = @./lamp.usda@
-    )
-    {{
+    ) {{
         double3 xformOp:translate.timeSamples = {{ 0: {v(1.2, 0.1, -1.2)}, 10: {v(1.2, 0.1, 0)} }}
         uniform token[] xformOpOrder = ["xformOp:translate"]
     }}
     def Xform "Würfel" (
         kind = "component"
         {OBJECT}
-    )
-    {{
+    ) {{
         vector3f physics:velocity = ({u(0.5)}, 0, 0)
         {at(0.5, 1, -0.8)}
-        def Cube "Shape" (prepend apiSchemas = ["PhysicsCollisionAPI"])
-        {{
+        def Cube "Shape" (prepend apiSchemas = ["PhysicsCollisionAPI"]) {{
             double size = {u(0.3)}
         }}
     }}
     def Xform "Pendulum" (
         kind = "component"
         {OBJECT}
-    )
-    {{
+    ) {{
         {at(-0.7, 1.4, -0.5)}
-        def Sphere "Shape" (prepend apiSchemas = ["PhysicsCollisionAPI"])
-        {{
+        def Sphere "Shape" (prepend apiSchemas = ["PhysicsCollisionAPI"]) {{
             double radius = {u(0.12)}
         }}
     }}
-    def PhysicsSphericalJoint "Hook"
-    {{
+    def PhysicsSphericalJoint "Hook" {{
         rel physics:body1 = </Room/Pendulum>
         point3f physics:localPos0 = {world(-0.4, 2.2, -0.5)}
         point3f physics:localPos1 = {v(0.3, 0.8, 0)}
         quatf physics:localRot0 = {(half_turn, half_turn, 0, 0) if turned else (1, 0, 0, 0)}
     }}
-    def Points "Dots"
-    {{
+    def Points "Dots" {{
         point3f[] points = [{v(0.9, 0.2, 0.6)}, {v(1.1, 0.3, 0.5)}]
         float[] widths = [{u(0.2)}, {u(0.3)}]
     }}
-    def BasisCurves "Wire"
-    {{
+    def BasisCurves "Wire" {{
         uniform token type = "linear"
         int[] curveVertexCounts = [3]
         point3f[] points = [{v(-1.5, 0.1, 0.8)}, {v(-1, 1, 0.6)}, {v(-0.6, 0.4, 0.9)}]
         float[] widths = [{u(0.1)}] (interpolation = "constant")
     }}
-    def PointInstancer "Stones"
-    {{
+    def PointInstancer "Stones" {{
         int[] protoIndices = [0, 0]
         point3f[] positions.timeSamples = {{ 0: [{v(0, 0.1, 1)}, {v(0.4, 0.1, 1.1)}] }}
         vector3f[] velocities.timeSamples = {{ 0: [{v(0, 0.3, 0)}, {v(0, 0.2, 0)}] }}
         rel prototypes = </Room/Stones/Stone>
-        def Sphere "Stone"
-        {{
+        def Sphere "Stone" {{
             double radius = {u(0.1)}
         }}
     }}
-    def Sphere "Glass" (prepend apiSchemas = ["MaterialBindingAPI"])
-    {{
+    def Sphere "Glass" (prepend apiSchemas = ["MaterialBindingAPI"]) {{
         double radius = {u(0.3)}
         {at(0.1, 0.9, 0.2)}
         rel material:binding = </Room/Amber>
     }}
-    def Material "Amber"
-    {{
+    def Material "Amber" {{
         token outputs:mtlx:surface.connect = </Room/Amber/Surface.outputs:out>
         float inputs:depth = {u(0.1)}
-        def Shader "Surface"
-        {{
+        def Shader "Surface" {{
             uniform token info:id = "ND_standard_surface_surfaceshader"
             float inputs:base = 0
             float inputs:transmission = 1
@@ -212,20 +187,17 @@ def Xform "Room" (
             token outputs:out
         }}
     }}
-    def Xform "Loose" (kind = "component")
-    {{
+    def Xform "Loose" (kind = "component") {{
         double3 xformOp:translate = {world(-1.4, 0.6, 0.2)}
         double xformOp:rotateX = {90 if turned else 0}
         uniform token[] xformOpOrder = ["!resetXformStack!", "xformOp:translate", "xformOp:rotateX"]
-        def Cone "Shape"
-        {{
+        def Cone "Shape" {{
             double height = {u(0.4)}
             double radius = {u(0.2)}
             uniform token axis = "Y"
         }}
     }}
-    def Camera "Main"
-    {{
+    def Camera "Main" {{
         float focalLength = {u(0.18)}
         float horizontalAperture = {u(0.24)}
         float verticalAperture = {u(0.18)}

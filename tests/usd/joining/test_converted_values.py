@@ -20,22 +20,18 @@ from tiscene.usd.read.stage_reader import read_stage
 
 def test_values_of_physics_are_in_the_units_of_the_joined_stage(tmp_path: Path) -> None:
     body = """
-def Xform "Room"
-{
-    def PhysicsScene "Scene"
-    {
+def Xform "Room" {
+    def PhysicsScene "Scene" {
         vector3f physics:gravityDirection = (1, 0, -1)
         float physics:gravityMagnitude = 300
     }
-    def Cube "Body" (prepend apiSchemas = ["PhysicsRigidBodyAPI", "PhysicsMassAPI"])
-    {
+    def Cube "Body" (prepend apiSchemas = ["PhysicsRigidBodyAPI", "PhysicsMassAPI"]) {
         float physics:mass = 2000
         float physics:density = 0.5
         float3 physics:diagonalInertia = (1e7, 2e7, 3e7)
         point3f physics:centerOfMass = (1, 2, 3)
     }
-    def PhysicsPrismaticJoint "Slide" (prepend apiSchemas = ["PhysicsDriveAPI:linear"])
-    {
+    def PhysicsPrismaticJoint "Slide" (prepend apiSchemas = ["PhysicsDriveAPI:linear"]) {
         rel physics:body1 = </Room/Body>
         float physics:lowerLimit = -100
         float physics:upperLimit = inf
@@ -47,15 +43,13 @@ def Xform "Room"
         float drive:linear:physics:maxForce = 1e5
         float drive:linear:physics:targetPosition = 50
     }
-    def PhysicsRevoluteJoint "Hinge" (prepend apiSchemas = ["PhysicsDriveAPI:angular"])
-    {
+    def PhysicsRevoluteJoint "Hinge" (prepend apiSchemas = ["PhysicsDriveAPI:angular"]) {
         rel physics:body0 = </Room/Body>
         float physics:lowerLimit = -90
         uniform token drive:angular:physics:type = "acceleration"
         float drive:angular:physics:stiffness = 7
     }
-    def PhysicsDistanceJoint "Rope"
-    {
+    def PhysicsDistanceJoint "Rope" {
         rel physics:body0 = </Room/Body>
         rel physics:body1 = </Room>
         float physics:minDistance = -1
@@ -108,26 +102,21 @@ def test_first_room_gives_the_unit_of_mass(tmp_path: Path) -> None:
 
 def test_lights_and_lenses_that_depend_on_the_unit_are_converted_and_others_left(tmp_path: Path) -> None:
     body = """
-def Xform "Room"
-{
-    def RectLight "Normalized"
-    {
+def Xform "Room" {
+    def RectLight "Normalized" {
         bool inputs:normalize = 1
         float inputs:exposure = 3
         float inputs:width = 10
     }
-    def RectLight "Plain" (prepend apiSchemas = ["ShadowAPI"])
-    {
+    def RectLight "Plain" (prepend apiSchemas = ["ShadowAPI"]) {
         float inputs:intensity = 5
         float inputs:shadow:distance = 200
     }
-    def DistantLight "Sun"
-    {
+    def DistantLight "Sun" {
         bool inputs:normalize = 1
         float inputs:intensity = 5
     }
-    def SphereLight "Flicker"
-    {
+    def SphereLight "Flicker" {
         bool inputs:normalize = 1
         float inputs:intensity.spline = {
             bezier,
@@ -135,8 +124,7 @@ def Xform "Room"
             10: 20000,
         }
     }
-    def Camera "Lens"
-    {
+    def Camera "Lens" {
         float horizontalAperture = 36
         float2 clippingRange.timeSamples = { 0: (10, 1000), 5: None, 10: (20, 2000) }
     }
@@ -164,7 +152,7 @@ def Xform "Room"
 
 
 def test_dome_keeps_the_pole_of_its_room(tmp_path: Path) -> None:
-    body = 'def Xform "Room"\n{\n    def DomeLight_1 "Sky"\n    {\n    }\n}'
+    body = 'def Xform "Room"\n{\n    def DomeLight_1 "Sky" {}\n}'
     assert stage_of(body, tmp_path).GetAttributeAtPath(f"{ROOM}/Sky.poleAxis").Get() == "Z"
 
 
@@ -178,36 +166,29 @@ def test_instances_that_hold_a_converted_value_stay_objects(tmp_path: Path) -> N
 
 def test_what_cannot_be_converted_is_named(tmp_path: Path) -> None:
     body = """
-def Xform "Room" (prepend apiSchemas = ["TisceneScenarioAPI"])
-{
+def Xform "Room" (prepend apiSchemas = ["TisceneScenarioAPI"]) {
     uniform string tiscene:scenario:edits = "[1]"
-    def Shader "Glass"
-    {
+    def Shader "Glass" {
         uniform token info:id = "ND_standard_surface_surfaceshader"
         float inputs:transmission_depth.connect = </Room/Depth.outputs:out>
     }
-    def Shader "Depth"
-    {
+    def Shader "Depth" {
         uniform token info:id = "ND_constant_float"
         float outputs:out
     }
-    def Xform "Tree" (kind = "component")
-    {
+    def Xform "Tree" (kind = "component") {
         uniform token model:drawMode = "cards"
         uniform token model:cardVisibility = "simple"
     }
-    def Xform "Own" (prepend apiSchemas = ["TisceneMotionAPI"])
-    {
+    def Xform "Own" (prepend apiSchemas = ["TisceneMotionAPI"]) {
         uniform token tiscene:motion:type = "stepped"
     }
-    def Cube "Walker" (prepend apiSchemas = ["TisceneMotionAPI"])
-    {
+    def Cube "Walker" (prepend apiSchemas = ["TisceneMotionAPI"]) {
         uniform token tiscene:motion:type = "linearWaypoints"
         uniform token tiscene:motion:interpolation = "euler"
         uniform point3d[] tiscene:motion:positions = [(1, 2, 3)]
     }
-    def SphereLight "Odd"
-    {
+    def SphereLight "Odd" {
         bool inputs:normalize.timeSamples = { 0: 1, 5: 0 }
     }
 }"""
@@ -228,10 +209,8 @@ def Xform "Room" (prepend apiSchemas = ["TisceneScenarioAPI"])
 
 def test_depth_with_a_unit_of_its_own_is_left(tmp_path: Path) -> None:
     body = """
-def Xform "Room"
-{
-    def Shader "Glass"
-    {
+def Xform "Room" {
+    def Shader "Glass" {
         uniform token info:id = "ND_standard_surface_surfaceshader"
         float inputs:transmission_depth = 5 (
             customData = {
@@ -248,10 +227,8 @@ def Xform "Room"
 
 def test_prim_that_resets_transforms_is_placed_by_each_stage_that_holds_its_room(tmp_path: Path) -> None:
     body = """
-def Xform "Room"
-{
-    def Cube "Loose"
-    {
+def Xform "Room" {
+    def Cube "Loose" {
         double3 xformOp:translate = (100, 200, 300)
         uniform token[] xformOpOrder = ["!resetXformStack!", "xformOp:translate"]
     }
@@ -269,8 +246,7 @@ def Xform "Room"
 
 def test_frustum_of_a_scenario_keeps_its_depth(tmp_path: Path) -> None:
     body = """
-def Xform "Room" (prepend apiSchemas = ["TisceneScenarioAPI"])
-{
+def Xform "Room" (prepend apiSchemas = ["TisceneScenarioAPI"]) {
     uniform double tiscene:scenario:frustumFar = 700
 }"""
     assert stage_of(body, tmp_path).GetAttributeAtPath(f"{ROOM}.tiscene:scenario:frustumFar").Get() == 7.0

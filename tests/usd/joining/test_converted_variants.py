@@ -19,65 +19,52 @@ def Xform "Room" (
         string mood = "calm"
         string size = "small"
     }
-)
-{
+) {
     variantSet "mood" = {
         "calm" {
             over "Lamp" (
                 variants = {
                     string power = "low"
                 }
-            )
-            {
-            }
+            ) {}
         }
         "wild" {
             over "Lamp" (
                 variants = {
                     string power = "high"
                 }
-            )
-            {
-            }
+            ) {}
         }
     }
     variantSet "size" = {
         "small" {
-            over "Spot"
-            {
+            over "Spot" {
                 float inputs:intensity = 50000
             }
         }
         "large" {
-            over "Spot"
-            {
+            over "Spot" {
                 float inputs:intensity = 90000
             }
         }
     }
-    def "Lamp" (
-        prepend variantSets = "power"
-    )
-    {
+    def "Lamp" (prepend variantSets = "power") {
         variantSet "power" = {
             "low" {
-                def SphereLight "Bulb"
-                {
+                def SphereLight "Bulb" {
                     bool inputs:normalize = 1
                     float inputs:intensity = 10000
                 }
             }
             "high" {
-                def SphereLight "Bulb"
-                {
+                def SphereLight "Bulb" {
                     bool inputs:normalize = 1
                     float inputs:intensity = 20000
                 }
             }
         }
     }
-    def SphereLight "Spot"
-    {
+    def SphereLight "Spot" {
         bool inputs:normalize = 1
     }
 }"""
@@ -100,8 +87,7 @@ def test_values_of_variants_are_converted_in_each(tmp_path: Path) -> None:
 
 def test_values_of_variant_sets_within_variants_are_converted(tmp_path: Path) -> None:
     light = """
-                    def SphereLight "Lamp"
-                    {{
+                    def SphereLight "Lamp" {{
                         bool inputs:normalize = 1
                         float inputs:intensity = {}
                     }}"""
@@ -111,11 +97,9 @@ def Xform "Room" (
     variants = {{
         string roof = "open"
     }}
-)
-{{
+) {{
     variantSet "roof" = {{
-        "open" {{
-        }}
+        "open" {{}}
         "closed" (
             prepend variantSets = "lamps"
             variants = {{
@@ -126,9 +110,7 @@ def Xform "Room" (
                 "weak" {{{light.format(10000)}
                 }}
                 "strong" {{{light.format(50000)}
-                    def Camera "Close"
-                    {{
-                    }}
+                    def Camera "Close" {{}}
                 }}
             }}
         }}

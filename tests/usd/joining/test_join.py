@@ -282,30 +282,22 @@ def test_wall_in_an_instance_within_another_one_is_cut(tmp_path: Path) -> None:
         metersPerUnit = 1
         upAxis = "Y"
     )
-    def Xform "Room"
-    {
-        def Xform "Wall"
-        {
-            def Cube "Shape"
-            {
+    def Xform "Room" {
+        def Xform "Wall" {
+            def Cube "Shape" {
                 float3[] extent = [(-1, -1, -1), (1, 1, 1)]
             }
         }
-        def Xform "Pair"
-        {
+        def Xform "Pair" {
             def "Inner" (
                 instanceable = true
                 references = </Room/Wall>
-            )
-            {
-            }
+            ) {}
         }
         def "Outer" (
             instanceable = true
             references = </Room/Pair>
-        )
-        {
-        }
+        ) {}
     }
     """)
     path = join([(room, (0.0, 0.0, 0.0))], tmp_path / "flat.usda", openings=[Opening((0.0, 0.0, 0.0))])

@@ -13,8 +13,7 @@ from tiscene.errors import StageError, StageWarning
 from tiscene.usd import RoomPlacement, join
 
 SCENE = """
-    def PhysicsScene "Physics"
-    {
+    def PhysicsScene "Physics" {
         float physics:gravityMagnitude = %s
     }"""
 
@@ -23,7 +22,7 @@ def rooms_of(folder: Path, *contents: str, meters: tuple[float, ...] = (1.0, 1.0
     """Write rooms a, b and so on with some contents each."""
     rooms = []
     for number, content in enumerate(contents):
-        name, body = "ab"[number], f'def Xform "Room"\n{{{content}\n    def Cube "Box"\n    {{\n    }}\n}}'
+        name, body = "ab"[number], f'def Xform "Room"\n{{{content}\n    def Cube "Box" {{}}\n}}'
         more = 'defaultPrim = "Room"'
         file = write(folder, body, name=f"{name}.usda", meters=meters[number], more=more)
         rooms.append(RoomPlacement(file, (5.0 * number, 0.0, 0.0)))
@@ -55,9 +54,7 @@ def test_room_without_a_physics_scene_beside_one_with_it_is_named(tmp_path: Path
 
 def test_two_scenarios_are_refused(tmp_path: Path) -> None:
     scenario = """
-    def Scope "Scenario" (prepend apiSchemas = ["TisceneScenarioAPI"])
-    {
-    }"""
+    def Scope "Scenario" (prepend apiSchemas = ["TisceneScenarioAPI"]) {}"""
     with pytest.raises(StageError, match=r"the rooms a, b have a scenario each \(TisceneScenarioAPI\)"):
         join(rooms_of(tmp_path, scenario, scenario), tmp_path / "home.usda")
     assert not (tmp_path / "home.usda").exists()

@@ -117,18 +117,15 @@ def test_trajectories_of_a_room_go_along_with_it(tmp_path: Path, kind: str, mete
     }
     parts = "".join(
         f"""
-    def Scope "{name}" (prepend apiSchemas = ["TisceneMotionAPI"])
-    {{
+    def Scope "{name}" (prepend apiSchemas = ["TisceneMotionAPI"]) {{
         uniform token tiscene:motion:type = "linearWaypoints"
         uniform point3d[] tiscene:motion:positions = [{one}, {two}]
     }}"""
         for name, one, two in (("First", x, y), ("Second", y, z))
     )
     body = f"""
-def Xform "Room"
-{{
-    def Cube "Mover" (prepend apiSchemas = ["TisceneMotionAPI"])
-    {{
+def Xform "Room" {{
+    def Cube "Mover" (prepend apiSchemas = ["TisceneMotionAPI"]) {{
         double3 xformOp:translate = {z}
         uniform token[] xformOpOrder = ["xformOp:translate"]
         double size = {0.1 / meters}
@@ -154,7 +151,7 @@ def test_fallback_types_of_all_rooms_are_kept_and_conflicts_named(tmp_path: Path
     text = "fallbackPrimTypes = {{\n        token[] {} = [{}]\n    }}"
     room = write(
         tmp_path,
-        'def Xform "Room"\n{\n    def Slab "A"\n    {\n    }\n    def Rod "B"\n    {\n    }\n}',
+        'def Xform "Room"\n{\n    def Slab "A" {}\n    def Rod "B" {}\n}',
         name="room.usda",
         more='defaultPrim = "Room"\n    fallbackPrimTypes = {\n        token[] Slab = ["Cube"]\n'
         '        token[] Rod = ["Cone"]\n    }',
@@ -169,7 +166,7 @@ def test_fallback_types_of_all_rooms_are_kept_and_conflicts_named(tmp_path: Path
 def test_physics_outside_of_the_default_prim_is_named(tmp_path: Path) -> None:
     room = write(
         tmp_path,
-        'def Xform "Room"\n{\n}\ndef PhysicsScene "Scene"\n{\n}',
+        'def Xform "Room" {}\ndef PhysicsScene "Scene" {}',
         name="room.usda",
         more='defaultPrim = "Room"',
     )

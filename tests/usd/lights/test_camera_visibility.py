@@ -9,8 +9,7 @@ import pytest
 import tiscene as ts
 from tests.usd.helpers import preview_material, read, write
 
-LAMP = """def RectLight "Lamp"
-{
+LAMP = """def RectLight "Lamp" {
     float inputs:intensity = 4
     float inputs:width = 2
     float inputs:height = 2
@@ -19,12 +18,9 @@ LAMP = """def RectLight "Lamp"
     float3 xformOp:rotateXYZ = (0, 180, 0)
     uniform token[] xformOpOrder = ["xformOp:translate", "xformOp:rotateXYZ"]
 }
-def Camera "C"
-{
-}
+def Camera "C" {}
 """
-WALL = """def Mesh "Wall"
-{
+WALL = """def Mesh "Wall" {
     uniform token subdivisionScheme = "none"
     int[] faceVertexCounts = [4]
     int[] faceVertexIndices = [0, 1, 2, 3]
@@ -63,8 +59,7 @@ def test_primvars_that_hide_lights_and_meshes_are_inherited(tmp_path, line):
 def centers(tmp_path_factory):
     """The radiance at the center of images with a light seen, hidden, and hidden but shown by a mirror."""
     folder = tmp_path_factory.mktemp("lamps")
-    mirror = """def Mesh "Mirror" (prepend apiSchemas = ["MaterialBindingAPI"])
-{
+    mirror = """def Mesh "Mirror" (prepend apiSchemas = ["MaterialBindingAPI"]) {
     rel material:binding = </Silver>
     uniform token subdivisionScheme = "none"
     int[] faceVertexCounts = [4]
@@ -77,9 +72,7 @@ def centers(tmp_path_factory):
     )
     hidden = LAMP % HIDDEN[0]
     back = hidden.replace('"Lamp"', '"Back"').replace("(0, 180, 0)", "(0, 0, 0)")
-    dome = (
-        'def DomeLight "Sky"\n{\nfloat inputs:intensity = 2\nbool visibleInPrimaryRay = %d\n}\ndef Camera "C"\n{\n}\n'
-    )
+    dome = 'def DomeLight "Sky"\n{\nfloat inputs:intensity = 2\nbool visibleInPrimaryRay = %d\n}\ndef Camera "C" {}\n'
     far = WALL.replace("-3)", "3)")
     stages = {"seen": LAMP % "" + WALL, "hidden": hidden + WALL, "mirrored": back + mirror}
     stages |= {"sky": dome % 1 + far, "no sky": dome % 0 + far}
@@ -106,8 +99,7 @@ def test_sky_that_the_camera_does_not_see_is_black(centers):
     np.testing.assert_array_equal(centers["no sky"], 0.0)
 
 
-SET = """def Mesh "Front" (prepend apiSchemas = ["MaterialBindingAPI"])
-{
+SET = """def Mesh "Front" (prepend apiSchemas = ["MaterialBindingAPI"]) {
     %s
     uniform token subdivisionScheme = "none"
     int[] faceVertexCounts = [4]
@@ -115,21 +107,17 @@ SET = """def Mesh "Front" (prepend apiSchemas = ["MaterialBindingAPI"])
     point3f[] points = [(-9, -9, -1), (9, -9, -1), (9, 9, -1), (-9, 9, -1)]
     color3f[] primvars:displayColor = [(1, 0, 0)]
 }
-def Sphere "Ball"
-{
+def Sphere "Ball" {
     double radius = 0.5
     color3f[] primvars:displayColor = [(0, 1, 0)]
     double3 xformOp:translate = (0.03, 0.02, -2)
     uniform token[] xformOpOrder = ["xformOp:translate"]
 }
-def DistantLight "Sun"
-{
+def DistantLight "Sun" {
     float inputs:intensity = 50000
     %s
 }
-def Camera "C"
-{
-}
+def Camera "C" {}
 """
 AWAY = 'float3 xformOp:rotateXYZ = (0, 180, 0)\nuniform token[] xformOpOrder = ["xformOp:rotateXYZ"]'
 
@@ -165,8 +153,7 @@ def test_animated_material_of_a_hidden_mesh_keeps_playing(tmp_path):
     assert row in [track.row for track in description.material_tracks]
 
 
-STREET = """def PointInstancer "Street"
-{
+STREET = """def PointInstancer "Street" {
     rel prototypes = </Street/Post>
     int[] protoIndices = [0, 0]
     int64[] ids = [7, 9]
@@ -174,13 +161,9 @@ STREET = """def PointInstancer "Street"
     quath[] orientations = [(1, 0, 0, 0), (0.70710678, 0, 0, 0.70710678)]
     double3 xformOp:translate = (0, 5, 0)
     uniform token[] xformOpOrder = ["xformOp:translate"]
-    def Xform "Post"
-    {
-        def Cube "Pole"
-        {
-        }
-        def SphereLight "Bulb"
-        {
+    def Xform "Post" {
+        def Cube "Pole" {}
+        def SphereLight "Bulb" {
             double3 xformOp:translate = (1, 0, 0)
             uniform token[] xformOpOrder = ["xformOp:translate"]
         }

@@ -324,13 +324,10 @@ def Xform "Wall" {
     double3 xformOp:translate = (0, 1, 0)
     float3 xformOp:scale = (2, 3, 1)
     uniform token[] xformOpOrder = ["xformOp:translate", "xformOp:scale"]
-    def PortalLight "Window"
-    {
+    def PortalLight "Window" {
         float inputs:width = 0.5
     }
-    def Sphere "Ball"
-    {
-    }
+    def Sphere "Ball" {}
 }
 """
 

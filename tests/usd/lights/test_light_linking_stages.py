@@ -13,28 +13,23 @@ from tests.usd.helpers import read, read_with_warning, write
 from tiscene.errors import StageWarning
 from tiscene.usd.read.stage_reader import read_stage
 
-BODY = """def Xform "Set"
-{
-    def Cube "A"
-    {
+BODY = """def Xform "Set" {
+    def Cube "A" {
         double size = 0.5
         double3 xformOp:translate = (-1, 0, 0)
         uniform token[] xformOpOrder = ["xformOp:translate"]
     }
-    def Cube "B"
-    {
+    def Cube "B" {
         double size = 0.5
         double3 xformOp:translate = (1, 0, 0)
         uniform token[] xformOpOrder = ["xformOp:translate"]
     }
 }
-def DistantLight "Sun"
-{
+def DistantLight "Sun" {
     float inputs:intensity = 50000
     %s
 }
-def Camera "C"
-{
+def Camera "C" {
     token projection = "orthographic"
     float horizontalAperture = 40
     float verticalAperture = 20
@@ -43,18 +38,13 @@ def Camera "C"
 }
 """
 # Above the picture. Its sheen selects the variant of the shading kernel that other tests of links compile.
-CLOTH = """def Cube "Cloth" (
-    prepend apiSchemas = ["MaterialBindingAPI"]
-)
-{
+CLOTH = """def Cube "Cloth" (prepend apiSchemas = ["MaterialBindingAPI"]) {
     double3 xformOp:translate = (0, 9, 0)
     uniform token[] xformOpOrder = ["xformOp:translate"]
     rel material:binding = </Cloth/Velvet>
-    def Material "Velvet"
-    {
+    def Material "Velvet" {
         token outputs:mtlx:surface.connect = </Cloth/Velvet/Surface.outputs:surface>
-        def Shader "Surface"
-        {
+        def Shader "Surface" {
             uniform token info:id = "ND_standard_surface_surfaceshader"
             float inputs:sheen = 1
             token outputs:surface
@@ -114,7 +104,7 @@ def test_stream_shows_only_the_linked_cube_lit(tmp_path):
 def test_instances_of_one_prototype_have_links_of_their_own(tmp_path):
     body = BODY.replace('def Xform "Set"', 'class Xform "Proto"')
     body += "".join(
-        f'def "{name}" (\ninstanceable = true\nreferences = </Proto>\n)\n{{\n}}\n' for name in ("First", "Other")
+        f'def "{name}" (\ninstanceable = true\nreferences = </Proto>\n) {{}}\n' for name in ("First", "Other")
     )
     description = read(tmp_path, body % ONLY_A.replace("/Set/A", "/First"))
     (light,) = description.lights
@@ -126,8 +116,7 @@ def test_instances_of_one_prototype_have_links_of_their_own(tmp_path):
 
 def test_links_of_mesh_lights_are_named(tmp_path):
     body = BODY.replace("float inputs:intensity = 50000", "") % ""
-    body += """def Cube "Lamp" (prepend apiSchemas = ["MeshLightAPI"])
-{
+    body += """def Cube "Lamp" (prepend apiSchemas = ["MeshLightAPI"]) {
     rel collection:lightLink:excludes = </Set/A>
 }
 """
@@ -135,7 +124,7 @@ def test_links_of_mesh_lights_are_named(tmp_path):
 
 
 def test_more_combinations_than_there_are_classes_are_named(tmp_path):
-    cubes = "".join(f'def Cube "C{row}"\n{{\n}}\n' for row in range(40))
+    cubes = "".join(f'def Cube "C{row}" {{}}\n' for row in range(40))
     lights = "".join(
         f'def DistantLight "L{row}"\n{{\n{ALL_BUT_A.replace("/Set/A", f"/C{row}")}\n}}\n' for row in range(40)
     )

@@ -16,8 +16,7 @@ from tiscene.usd.lights.light import color_of_temperature
 
 ALBEDO = 0.5
 FLOOR = """
-def Mesh "Floor" (prepend apiSchemas = ["MaterialBindingAPI"])
-{
+def Mesh "Floor" (prepend apiSchemas = ["MaterialBindingAPI"]) {
     uniform token subdivisionScheme = "none"
     int[] faceVertexCounts = [4]
     int[] faceVertexIndices = [0, 1, 2, 3]

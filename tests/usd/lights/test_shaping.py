@@ -96,8 +96,7 @@ def test_mistyped_inputs_of_schemas_that_are_not_applied_lose_no_light(tmp_path,
 
 
 def test_shaping_and_shadows_of_mesh_lights_are_named(tmp_path):
-    body = f"""def Mesh "Lamp" (prepend apiSchemas = ["MeshLightAPI", "ShapingAPI", "ShadowAPI"])
-{{
+    body = f"""def Mesh "Lamp" (prepend apiSchemas = ["MeshLightAPI", "ShapingAPI", "ShadowAPI"]) {{
 {QUAD}
 {CONE}
 bool inputs:shadow:enable = 0
@@ -116,12 +115,10 @@ def test_shaping_values_are_clamped_or_problems(tmp_path):
 def test_ies_profiles_become_textures(tmp_path):
     (tmp_path / "lamp.ies").write_bytes(ies([0, 90], [0], [[3, 3]]))
     body = """
-def RectLight "L" (prepend apiSchemas = ["ShapingAPI"])
-{
+def RectLight "L" (prepend apiSchemas = ["ShapingAPI"]) {
     asset inputs:shaping:ies:file = @lamp.ies@
 }
-def SphereLight "M" (prepend apiSchemas = ["ShapingAPI"])
-{
+def SphereLight "M" (prepend apiSchemas = ["ShapingAPI"]) {
     asset inputs:shaping:ies:file = @lamp.ies@
     float inputs:shaping:cone:angle = 180
     bool inputs:shaping:ies:normalize = 1
@@ -139,8 +136,7 @@ def test_unreadable_profile_is_reported(tmp_path):
     (tmp_path / "bad.ies").write_bytes(b"nothing")
     for name, expected in (("bad", "no line TILT="), ("gone", "there is no such file")):
         body = f"""
-def RectLight "L" (prepend apiSchemas = ["ShapingAPI"])
-{{
+def RectLight "L" (prepend apiSchemas = ["ShapingAPI"]) {{
     asset inputs:shaping:ies:file = @{name}.ies@
 }}
 """
@@ -179,8 +175,7 @@ def test_dark_light_with_animated_intensity_is_kept(tmp_path):
 
 
 EMISSIVE = """
-def Mesh "M" (prepend apiSchemas = ["MeshLightAPI", "MaterialBindingAPI"])
-{
+def Mesh "M" (prepend apiSchemas = ["MeshLightAPI", "MaterialBindingAPI"]) {
     %s
     float inputs:intensity = 2
     color3f inputs:color = (1, 0.5, 0)
@@ -191,8 +186,7 @@ def Mesh "M" (prepend apiSchemas = ["MeshLightAPI", "MaterialBindingAPI"])
     "/Look",
     "color3f inputs:diffuseColor = (0.1, 0.2, 0.3)",
     "color3f inputs:emissiveColor%s",
-    shaders="""def Shader "Image"
-    {
+    shaders="""def Shader "Image" {
         uniform token info:id = "UsdUVTexture"
         asset inputs:file = @emission.png@
         float4 inputs:bias = (1, 1, 1, 0)

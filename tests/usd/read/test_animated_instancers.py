@@ -13,18 +13,15 @@ from tests.usd.read.test_animation import RANGE, placed, stream
 from tiscene.usd.read.stage_reader import read_stage
 
 SCATTER = """
-def PointInstancer "P"
-{
+def PointInstancer "P" {
     rel prototypes = [</P/Ball>, </P/Box>]
     int[] protoIndices%s
     point3f[] positions%s
     %s
-    def Sphere "Ball"
-    {
+    def Sphere "Ball" {
         double radius = 0.5
     }
-    def Cube "Box"
-    {
+    def Cube "Box" {
         double size = 1
     }
 }
@@ -115,24 +112,16 @@ def test_velocities_carry_points_beyond_their_samples_within_the_range_of_the_st
 
 def test_moving_parts_of_a_prototype_move_in_each_point(tmp_path):
     body = """
-def PointInstancer "Mills"
-{
+def PointInstancer "Mills" {
     rel prototypes = [</Mills/Mill>]
     int[] protoIndices = [0, 0]
     point3f[] positions = [(-3, 0, 0), (3, 0, 0)]
-    def Xform "Mill" (
-        kind = "component"
-    )
-    {
-        def Cube "Tower"
-        {
-        }
-        def Xform "Wings"
-        {
+    def Xform "Mill" (kind = "component") {
+        def Cube "Tower" {}
+        def Xform "Wings" {
             float xformOp:rotateZ.timeSamples = { 0: 0, 10: 90 }
             uniform token[] xformOpOrder = ["xformOp:rotateZ"]
-            def Cube "Wing"
-            {
+            def Cube "Wing" {
                 double3 xformOp:translate = (0, 2, 0)
                 uniform token[] xformOpOrder = ["xformOp:translate"]
             }
@@ -154,17 +143,14 @@ def PointInstancer "Mills"
 def test_an_instancer_in_a_prototype_moves_and_vanishes_with_its_time_samples(tmp_path):
     """It moves below a group that moves, and its points have a part that moves in them."""
     body = """
-def PointInstancer "Fleet"
-{
+def PointInstancer "Fleet" {
     rel prototypes = [</Fleet/Ship>]
     int[] protoIndices = [0, 0]
     point3f[] positions = [(0, 0, 0), (0, 0, 100)]
-    def Xform "Ship"
-    {
+    def Xform "Ship" {
         double3 xformOp:translate.timeSamples = { 0: (0, 0, 0), 10: (10, 0, 0) }
         uniform token[] xformOpOrder = ["xformOp:translate"]
-        def PointInstancer "Sails"
-        {
+        def PointInstancer "Sails" {
             token visibility.timeSamples = { 0: "inherited", 8: "invisible" }
             double xformOp:translateY.timeSamples = { 0: 0, 10: 4 }
             uniform token[] xformOpOrder = ["xformOp:translateY"]
@@ -172,8 +158,7 @@ def PointInstancer "Fleet"
             int[] protoIndices = [0, 0]
             point3f[] positions = [(1, 0, 0), (2, 0, 0)]
             float3[] scales = [(1, 1, 1), (3, 3, 3)]
-            def Cube "Sail"
-            {
+            def Cube "Sail" {
                 double3 xformOp:translate.timeSamples = { 0: (0, 0, 0), 10: (0, 0, 1) }
                 uniform token[] xformOpOrder = ["xformOp:translate"]
             }
@@ -191,22 +176,16 @@ def PointInstancer "Fleet"
 def test_points_keep_a_prim_of_their_prototype_that_moves_on_the_stage_too(tmp_path):
     """On the stage it is an object of the scenario, in the prototype a part of each point."""
     body = """
-def Scope "Library"
-{
-    def Xform "Lamp"
-    {
-        def Cube "Foot"
-        {
-        }
-        def Cube "Shade"
-        {
+def Scope "Library" {
+    def Xform "Lamp" {
+        def Cube "Foot" {}
+        def Cube "Shade" {
             double3 xformOp:translate.timeSamples = { 0: (0, 2, 0), 10: (0, 3, 0) }
             uniform token[] xformOpOrder = ["xformOp:translate"]
         }
     }
 }
-def PointInstancer "Lamps"
-{
+def PointInstancer "Lamps" {
     rel prototypes = [</Library/Lamp>]
     int[] protoIndices = [0]
     point3f[] positions = [(4, 0, 0)]
@@ -219,8 +198,7 @@ def PointInstancer "Lamps"
 
 
 CAR = """
-def %s "Car" (kind = "component")
-{
+def %s "Car" (kind = "component") {
     double3 xformOp:translate.timeSamples = { 0: (0, 0, 0), 10: (1, 0, 0) }
     double xformOp:rotateY.timeSamples = { 0: 0, 10: 90 }
     uniform token[] xformOpOrder = ["xformOp:translate", "xformOp:rotateY"]
@@ -231,8 +209,7 @@ WHEELS = """
     rel prototypes = <%s/Ball>
     int[] protoIndices = [0, 0]
     point3f[] positions = [(-1, 1, 0), (1, 1, 0)]
-    def Sphere "Ball"
-    {
+    def Sphere "Ball" {
         double radius = 0.3
         %s
     }
@@ -258,7 +235,7 @@ def test_points_of_a_component_that_moves_have_ids_of_their_own(tmp_path, kind):
 
 def test_component_with_lights_at_points_moves_as_a_whole(tmp_path):
     """The place of lights at points does not play, while all of an object's lights go along with it."""
-    lamp = 'def SphereLight "Lamp"\n{\n}'
+    lamp = 'def SphereLight "Lamp" {}'
     body = f'    def PointInstancer "P"\n    {{{WHEELS % ("/Car/P", lamp)}}}'
     stage = ts.Stream(str(write(tmp_path, CAR % ("Xform", body), more=RANGE)), width=8, height=6, buffers=("instance",))
     assert [row.name for row in stage[3].objects] == ["Car"]

@@ -20,8 +20,7 @@ WIDTH, HEIGHT = 64, 48
 RANGE = "startTimeCode = 1\n    endTimeCode = 9\n    timeCodesPerSecond = 4"
 FPS = 4
 BODY = """
-def Camera "Zoom"
-{
+def Camera "Zoom" {
     %s
     float horizontalAperture = 32
     float verticalAperture.timeSamples = { 1: 24, 9: 30 }
@@ -34,24 +33,18 @@ def Camera "Zoom"
     double3 xformOp:translate%s
     uniform token[] xformOpOrder = ["xformOp:translate"]
 }
-def Cube "Still"
-{
+def Cube "Still" {
     double size = 1
     float3 xformOp:rotateXYZ = (20, 30, 10)
     double3 xformOp:translate = (-0.8, 0, -1)
     uniform token[] xformOpOrder = ["xformOp:translate", "xformOp:rotateXYZ"]
 }
-def Cube "Mover" (
-    kind = "component"
-)
-{
+def Cube "Mover" (kind = "component") {
     double size = 1
     double3 xformOp:translate.timeSamples = { 1: (0.8, 0, 0), 9: (0.6, 0.4, -0.5) }
     uniform token[] xformOpOrder = ["xformOp:translate"]
 }
-def DomeLight "Sky"
-{
-}
+def DomeLight "Sky" {}
 """
 STANDS, WALKS = " = (0, 0.2, 5)", ".timeSamples = { 1: (0, 0.2, 5), 9: (0.4, 0, 4) }"
 LABELS = ("instance", "position", "scene_flow", "forward_flow", "backward_flow", "depth")
@@ -131,18 +124,14 @@ def test_frames_do_not_depend_on_earlier_frames_nor_on_the_process_that_renders_
 def test_a_focus_pull_blurs_what_it_leaves(tmp_path):
     """A lamp's edge is sharp at the distance in focus, whatever the frames before were focused on."""
     body = """
-def Camera "Eye"
-{
+def Camera "Eye" {
     float horizontalAperture = 32
     float verticalAperture = 24
     float focalLength = 60
     float fStop = 4
     float focusDistance.timeSamples = { 0: 4, 8: 12 }
 }
-def Plane "Lamp" (
-    prepend apiSchemas = ["MeshLightAPI"]
-)
-{
+def Plane "Lamp" (prepend apiSchemas = ["MeshLightAPI"]) {
     uniform token axis = "Z"
     double width = 2
     double length = 2
@@ -161,7 +150,7 @@ def Plane "Lamp" (
 
 def test_labels_of_a_pinhole_do_not_see_a_focus_pull_and_light_is_shared(tmp_path):
     lines = "float focusDistance.timeSamples = { 1: 3, 9: 7 }\n    float exposure.timeSamples = { 1: 0, 9: 2 }"
-    path = write(tmp_path, f'def Camera "Eye"\n{{\n    {lines}\n}}\ndef DomeLight "Sky"\n{{\n}}', more=RANGE)
+    path = write(tmp_path, f'def Camera "Eye"\n{{\n    {lines}\n}}\ndef DomeLight "Sky" {{}}', more=RANGE)
     with stream_of(path, quality="standard", incremental=True) as stream:
         view = stream._renderer.view(stream.world.state(4), 0, LABELS, WIDTH, HEIGHT)
     assert view.is_still
@@ -171,8 +160,8 @@ def test_labels_of_a_pinhole_do_not_see_a_focus_pull_and_light_is_shared(tmp_pat
 def test_exposure_follows_its_samples(tmp_path):
     path = write(
         tmp_path,
-        'def Camera "Eye"\n{\n    float exposure.timeSamples = { 1: -4, 9: 0 }\n}\ndef DomeLight "Sky"\n{\n}\n'
-        'def Camera "Other"\n{\n}',
+        'def Camera "Eye"\n{\n    float exposure.timeSamples = { 1: -4, 9: 0 }\n}\ndef DomeLight "Sky" {}\n'
+        'def Camera "Other" {}',
         more=RANGE,
     )
     with stream_of(path, buffers=("rgb",), camera=["Eye", "Other"]) as stream:
@@ -185,17 +174,13 @@ def test_exposure_follows_its_samples(tmp_path):
 def test_a_shutter_sees_the_lens_at_its_own_times(tmp_path):
     """A zoom blurs away from the axis; with a shutter at one time it does not."""
     body = """
-def Camera "Eye"
-{
+def Camera "Eye" {
     float horizontalAperture = 32
     float verticalAperture = 24
     float focalLength.timeSamples = { 0: 24, 8: 48 }
     double shutter:close = %s
 }
-def Plane "Lamp" (
-    prepend apiSchemas = ["MeshLightAPI"]
-)
-{
+def Plane "Lamp" (prepend apiSchemas = ["MeshLightAPI"]) {
     uniform token axis = "Z"
     double width = 2
     double length = 2
@@ -284,8 +269,7 @@ def test_samples_before_the_range_of_the_stage_do_not_play(tmp_path):
 
 
 def test_splines_are_followed(tmp_path):
-    body = """def Camera "Eye"
-{
+    body = """def Camera "Eye" {
     float focalLength.spline = {
         bezier,
         1: 20; post curve (2, 0),

@@ -32,8 +32,7 @@ def placed(track, seconds):
 
 
 CLOTH = """
-def Mesh "Cloth"
-{
+def Mesh "Cloth" {
     uniform token subdivisionScheme = "none"
     int[] faceVertexCounts = [4]
     int[] faceVertexIndices = [0, 1, 2, 3]
@@ -118,8 +117,7 @@ def test_authored_normals_are_animated_with_the_points(tmp_path):
 def test_subdivided_mesh_deforms_with_its_cage(tmp_path):
     """Subdivision is linear in the points: halfway between two cages is halfway between their surfaces."""
     body = """
-def Mesh "Blob"
-{
+def Mesh "Blob" {
     int[] faceVertexCounts = [4, 4, 4, 4, 4, 4]
     int[] faceVertexIndices = [0, 1, 3, 2, 2, 3, 5, 4, 4, 5, 7, 6, 6, 7, 1, 0, 1, 7, 5, 3, 6, 0, 2, 4]
     point3f[] points%s
@@ -197,17 +195,18 @@ def test_instances_share_a_deforming_mesh(tmp_path):
     body = (
         f'class "Proto"\n{{\n{CLOTH % ""}\n}}\n'
         + """
-def "A" (instanceable = true
-    inherits = </Proto>)
-{
-}
-def Xform "B" (instanceable = true
-    inherits = </Proto>)
-{
+def "A" (
+    instanceable = true
+    inherits = </Proto>
+) {}
+def Xform "B" (
+    instanceable = true
+    inherits = </Proto>
+) {
     double3 xformOp:translate = (0, 3, 0)
     uniform token[] xformOpOrder = ["xformOp:translate"]
 }
-""".replace("(instanceable = true\n", "(\n    instanceable = true\n").replace("</Proto>)", "</Proto>\n)")
+"""
     )
     path = write(tmp_path, body, more=RANGE)
     description = read_stage(path)
@@ -220,19 +219,12 @@ def Xform "B" (instanceable = true
 
 
 CAR = """
-def Xform "Group"
-{
+def Xform "Group" {
     %s
-    def Xform "Car" (
-        kind = "component"
-    )
-    {
+    def Xform "Car" (kind = "component") {
         %s
-        def Cube "Body"
-        {
-        }
-        def Cube "Wheel"
-        {
+        def Cube "Body" {}
+        def Cube "Wheel" {
             %s
         }
     }

@@ -15,23 +15,20 @@ from tiscene.errors import StageError, StageWarning
 from tiscene.usd.read.stage_reader import read_stage
 from tiscene.usd.read.template import read_template
 
-CUBE = 'def Cube "Good"\n{\n}\n'
+CUBE = 'def Cube "Good" {}\n'
 TRIANGLE = "int[] faceVertexIndices = [0, 1, 2]\npoint3f[] points = [(0, 0, 0), (1, 0, 0), (0, 1, 0)]\n"
-INSTANCER = """def PointInstancer "P"
-{
+INSTANCER = """def PointInstancer "P" {
     rel prototypes = </P/A>
     int[] protoIndices = [0, 0, 0]
     point3f[] positions = [(0, 0, 0), (1, 0, 0)]
-    def Cube "A"
-    {
-    }
+    def Cube "A" {}
 }
 """
 BROKEN = {
-    "reference": ('def "A" (references = @./missing.usda@)\n{\n}\n', "</A> composition: .*missing.usda"),
-    "payload": ('def "A" (payload = @./missing.usda@)\n{\n}\n', "</A> composition: .*missing.usda"),
+    "reference": ('def "A" (references = @./missing.usda@) {}\n', "</A> composition: .*missing.usda"),
+    "payload": ('def "A" (payload = @./missing.usda@) {}\n', "</A> composition: .*missing.usda"),
     "cycle": (
-        'def "A" (references = </B>)\n{\n}\ndef "B" (references = </A>)\n{\n}\n',
+        'def "A" (references = </B>) {}\ndef "B" (references = </A>) {}\n',
         "</A> composition: .*[cC]ycle",
     ),
     "mesh": (f'def Mesh "M"\n{{\nint[] faceVertexCounts = [4]\n{TRIANGLE}}}\n', "</M> mesh: .*add up to 4"),
@@ -117,29 +114,22 @@ def test_crate_of_an_old_format_says_how_to_convert_it(tmp_path):
     advice = r"old\.usdc is of version 0\.0\.1 .* reads 0\.4\.0 and later: convert it once with an older library"
     with pytest.raises(StageError, match=advice):
         read_stage(old)
-    read_with_warning(
-        tmp_path, CUBE + 'def "A" (references = @./old.usdc@</Good>)\n{\n}', f"</A> composition: .*{advice}"
-    )
+    read_with_warning(tmp_path, CUBE + 'def "A" (references = @./old.usdc@</Good>) {}', f"</A> composition: .*{advice}")
 
 
-MOVING = """def Xform "Empty" (kind = "component")
-{
+MOVING = """def Xform "Empty" (kind = "component") {
     double3 xformOp:translate.timeSamples = { 0: (0, 0, 0), 10: (1, 0, 0) }
     uniform token[] xformOpOrder = ["xformOp:translate"]
-    def Mesh "Bad"
-    {
+    def Mesh "Bad" {
         int[] faceVertexCounts = [3]
         int[] faceVertexIndices = [0, 1, 2]
         point3f[] points = [(0, 0, 0)]
     }
 }
-def Xform "Wild" (kind = "component")
-{
+def Xform "Wild" (kind = "component") {
     double3 xformOp:translate.timeSamples = { 0: (0, 0, 0), 10: (nan, 0, 0) }
     uniform token[] xformOpOrder = ["xformOp:translate"]
-    def Cube "C"
-    {
-    }
+    def Cube "C" {}
 }
 """
 
@@ -165,7 +155,7 @@ def test_template_with_a_broken_part_keeps_the_rest(tmp_path):
 
 
 def test_refusal_says_what_is_left_and_how_to_go_on(tmp_path):
-    missing = 'def "R" (references = @gone.usd@)\n{\n}\ndef NurbsPatch "N"\n{\n}\n'
+    missing = 'def "R" (references = @gone.usd@) {}\ndef NurbsPatch "N" {}\n'
     with pytest.raises(StageError) as caught:
         read_stage(write(tmp_path, missing))
     assert caught.value.advice == str(caught.value).split("\n")[-1]
@@ -194,7 +184,7 @@ def test_files_of_other_formats_say_how_they_begin(tmp_path, name, content, text
 
 
 def test_messages_hold_no_addresses(tmp_path):
-    text = 'def "A" (references = @stage.usda@</A>)\n{\n}\n' + CUBE
+    text = 'def "A" (references = @stage.usda@</A>) {}\n' + CUBE
     read_with_warning(tmp_path, text, r"Cycle detected: @[^@]*stage\.usda@</A> references")
 
 

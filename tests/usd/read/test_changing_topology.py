@@ -21,8 +21,7 @@ PLAIN = 'uniform token subdivisionScheme = "none"'
 TRIANGLE, SHORT = "[(-2, -2, 0), (2, -2, 0), (2, 2, 0)]", "[(-2, -2, 0), (2, -2, 0), (2, 1, 0)]"
 QUAD, LEANING = "[(-2, -2, 0), (2, -2, 0), (2, 2, 1), (-2, 2, 1)]", "[(-2, -2, 0), (2, -2, 0), (2, 2, 2), (-2, 2, 2)]"
 FLUID = f"""
-def Mesh "Fluid"
-{{
+def Mesh "Fluid" {{
     {PLAIN}
     int[] faceVertexCounts.timeSamples = {{ 0: [3], 5: [4] }}
     int[] faceVertexIndices.timeSamples = {{ 0: [0, 1, 2], 5: [0, 1, 2, 3] }}
@@ -31,8 +30,7 @@ def Mesh "Fluid"
 }}
 """
 FEWER = f"""
-def Mesh "Fluid"
-{{
+def Mesh "Fluid" {{
     {PLAIN}
     int[] faceVertexCounts.timeSamples = {{ 0: %s, 5: [3], 7: [3, 3] }}
     int[] faceVertexIndices.timeSamples = {{ 0: %s, 5: [0, 1, 2], 7: [0, 1, 2, 0, 2, 3] }}
@@ -42,8 +40,7 @@ def Mesh "Fluid"
 """
 LINE = 'uniform token type = "linear"\n    float[] widths = [0.3]'
 CURVES = f"""
-def BasisCurves "Hair"
-{{
+def BasisCurves "Hair" {{
     {LINE}
     int[] curveVertexCounts.timeSamples = {{ 0: [2], 5: [2, 3] }}
     point3f[] points.timeSamples = {{
@@ -52,15 +49,13 @@ def BasisCurves "Hair"
 }}
 """
 POINTS = """
-def Points "Spray"
-{
+def Points "Spray" {
     float[] widths.timeSamples = { 0: [1], 3: [2], 5: [1, 2] }
     point3f[] points.timeSamples = { 0: [(0, 0, 0)], 3: [(1, 0, 0)], 5: [(-1, 0, 0), (1, 1, 0)] }
 }
 """
 TETS = """
-def TetMesh "Jelly"
-{
+def TetMesh "Jelly" {
     int4[] tetVertexIndices.timeSamples = { 0: [(0, 1, 2, 3)], 5: [(0, 1, 2, 3), (1, 2, 3, 4)] }
     point3f[] points = [(0, 0, 0), (2, 0, 0), (0, 2, 0), (0, 0, 1), (2, 2, 1)]
 }
@@ -135,8 +130,7 @@ def test_colors_and_materials_of_faces_follow_the_topology(tmp_path):
         interpolation = "uniform"
     )
     color3f[] primvars:displayColor.timeSamples = { 0: [(1, 0, 0)], 7: [(1, 0, 0), (0, 1, 0)] }
-    def GeomSubset "Upper"
-    {
+    def GeomSubset "Upper" {
         uniform token elementType = "face"
         int[] indices.timeSamples = { 0: [], 7: [1] }
     }
@@ -158,8 +152,7 @@ def test_one_topology_alone_collides_with_objects(tmp_path):
 
 def test_points_of_an_instancer_show_the_topology_of_their_prototype(tmp_path):
     body = f"""
-def PointInstancer "Pools"
-{{
+def PointInstancer "Pools" {{
     rel prototypes = </Pools/Fluid>
     int[] protoIndices = [0, 0]
     point3f[] positions = [(-2, 0, 0), (2, 0, -3)]
@@ -173,7 +166,7 @@ def PointInstancer "Pools"
 
 
 def test_incremental_frames_of_a_moving_camera_show_the_topology(tmp_path):
-    path = write(tmp_path, 'def DistantLight "Sun"\n{\n}\n' + FLUID % "", more=RANGE)
+    path = write(tmp_path, 'def DistantLight "Sun" {}\n' + FLUID % "", more=RANGE)
     camera = ts.Camera(position=(0.0, 0.0, 10.0))
     options = {"buffers": ("hdr", "instance"), "spp": 16, "denoise": False, "camera": camera}
     reused, whole = (stream(path, incremental=each, **options) for each in (True, False))
@@ -240,16 +233,14 @@ def test_a_fault_at_many_times_is_reported_once(tmp_path):
 
 def test_subsets_of_faces_with_time_samples_have_their_materials_at_each_time(tmp_path):
     subset = """
-    def GeomSubset "Red" (prepend apiSchemas = ["MaterialBindingAPI"])
-    {
+    def GeomSubset "Red" (prepend apiSchemas = ["MaterialBindingAPI"]) {
         uniform token elementType = "face"
         uniform token familyName = "materialBind"
         int[] indices.timeSamples = { 0: [0], 5: [1], 8: [] }
         rel material:binding = </Red>
     }"""
     mesh = f"""
-def Mesh "Floor"
-{{
+def Mesh "Floor" {{
     {PLAIN}
     int[] faceVertexCounts = [3, 3]
     int[] faceVertexIndices = [0, 1, 2, 0, 2, 3]

@@ -9,21 +9,14 @@ import pytest
 from tests.usd.helpers import read
 
 COLLIDERS = """
-def Xform "Chair" (kind = "component"%s)
-{
-    def Cube "Drawn"
-    {
-    }
-    def Cube "Proxy" (prepend apiSchemas = ["PhysicsCollisionAPI"])
-    {
+def Xform "Chair" (kind = "component"%s) {
+    def Cube "Drawn" {}
+    def Cube "Proxy" (prepend apiSchemas = ["PhysicsCollisionAPI"]) {
         %s
     }
 }
-def Cube "Wall"
-{
-}
-def Cube "Ghost" (prepend apiSchemas = ["PhysicsCollisionAPI"])
-{
+def Cube "Wall" {}
+def Cube "Ghost" (prepend apiSchemas = ["PhysicsCollisionAPI"]) {
     bool physics:collisionEnabled = 0
 }
 """
@@ -34,7 +27,7 @@ def Cube "Ghost" (prepend apiSchemas = ["PhysicsCollisionAPI"])
     [
         ("", "", [False, True, True, False]),
         ("bool physics:collisionEnabled = 0", "", [True, False, True, False]),
-        ("", 'def PhysicsScene "Physics"\n{\n}\n', [False, True, False, False]),
+        ("", 'def PhysicsScene "Physics" {}\n', [False, True, False, False]),
     ],
 )
 def test_colliders_follow_usd_physics(tmp_path, line, more, expected):
@@ -43,43 +36,31 @@ def test_colliders_follow_usd_physics(tmp_path, line, more, expected):
 
 
 HIDDEN = """
-def Xform "Chair" (kind = "component")
-{
-    def Cube "Drawn"
-    {
-    }
-    def Cube "Hull" (prepend apiSchemas = ["PhysicsCollisionAPI"])
-    {
+def Xform "Chair" (kind = "component") {
+    def Cube "Drawn" {}
+    def Cube "Hull" (prepend apiSchemas = ["PhysicsCollisionAPI"]) {
         uniform token purpose = "guide"
         double3 xformOp:scale = (2, 2, 2)
         uniform token[] xformOpOrder = ["xformOp:scale"]
     }
 }
-def Cube "Pane" (prepend apiSchemas = ["PhysicsCollisionAPI"])
-{
+def Cube "Pane" (prepend apiSchemas = ["PhysicsCollisionAPI"]) {
     token visibility = "invisible"
 }
-def Cube "Hint"
-{
+def Cube "Hint" {
     uniform token purpose = "guide"
 }
-def Cube "Off" (prepend apiSchemas = ["PhysicsCollisionAPI"])
-{
+def Cube "Off" (prepend apiSchemas = ["PhysicsCollisionAPI"]) {
     token visibility = "invisible"
     bool physics:collisionEnabled = 0
 }
-def PointInstancer "Scatter"
-{
+def PointInstancer "Scatter" {
     int[] protoIndices = [0, 0]
     point3f[] positions = [(5, 0, 0), (9, 0, 0)]
     rel prototypes = </Scatter/Bush>
-    def Xform "Bush"
-    {
-        def Sphere "Drawn"
-        {
-        }
-        def Cube "Hull" (prepend apiSchemas = ["PhysicsCollisionAPI"])
-        {
+    def Xform "Bush" {
+        def Sphere "Drawn" {}
+        def Cube "Hull" (prepend apiSchemas = ["PhysicsCollisionAPI"]) {
             uniform token purpose = "proxy"
         }
     }

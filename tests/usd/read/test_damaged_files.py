@@ -74,7 +74,7 @@ def test_damage_depends_on_neither_folder_nor_hash_seed(tmp_path, suffix):
 
 
 def test_text_that_is_not_utf8_raises_stage_error(tmp_path):
-    data = crate_bytes('#usda 1.0\n(\n    upAxis = "QQ"\n)\ndef Cube "A"\n{\n}\n', tmp_path)
+    data = crate_bytes('#usda 1.0\n(\n    upAxis = "QQ"\n)\ndef Cube "A" {}\n', tmp_path)
     assert data.count(b"QQ") == 1
     path = tmp_path / "damaged.usdc"
     path.write_bytes(data.replace(b"QQ", b"\xd9\xff"))

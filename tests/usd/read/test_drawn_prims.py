@@ -12,23 +12,15 @@ from tiscene.usd.read.stage_reader import read_stage
 
 def test_visibility_is_inherited(tmp_path):
     body = """
-    def Xform "Off"
-    {
+    def Xform "Off" {
         token visibility = "invisible"
-        def Cube "A"
-        {
+        def Cube "A" {
             token visibility = "inherited"
         }
-        def SphereLight "L"
-        {
-        }
-        def Camera "Eye"
-        {
-        }
+        def SphereLight "L" {}
+        def Camera "Eye" {}
     }
-    def Cube "B"
-    {
-    }
+    def Cube "B" {}
     """
     description = read(tmp_path, body)
     assert [each.name for each in description.objects] == ["B"]
@@ -37,69 +29,44 @@ def test_visibility_is_inherited(tmp_path):
 
 
 VISIBILITY = """
-def Xform "Hidden" (
-    prepend apiSchemas = ["VisibilityAPI"]
-)
-{
+def Xform "Hidden" (prepend apiSchemas = ["VisibilityAPI"]) {
     uniform token renderVisibility = "invisible"
-    def Cube "render"
-    {
+    def Cube "render" {
         uniform token purpose = "render"
     }
-    def Cube "default"
-    {
-    }
-    def Xform "Shown" (
-        prepend apiSchemas = ["VisibilityAPI"]
-    )
-    {
+    def Cube "default" {}
+    def Xform "Shown" (prepend apiSchemas = ["VisibilityAPI"]) {
         uniform token renderVisibility = "visible"
         uniform token purpose = "render"
-        def Cube "inner"
-        {
-        }
-        def Cube "inherits" (
-            prepend apiSchemas = ["VisibilityAPI"]
-        )
-        {
+        def Cube "inner" {}
+        def Cube "inherits" (prepend apiSchemas = ["VisibilityAPI"]) {
             uniform token guideVisibility = "visible"
         }
         def Cube "moves" (
             prepend apiSchemas = ["VisibilityAPI"]
             kind = "component"
-        )
-        {
+        ) {
             uniform token renderVisibility = "invisible"
             double3 xformOp:translate.timeSamples = { 0: (0, 0, 0), 9: (1, 0, 0) }
             uniform token[] xformOpOrder = ["xformOp:translate"]
         }
     }
-    def PointInstancer "Points"
-    {
+    def PointInstancer "Points" {
         uniform token purpose = "render"
         rel prototypes = </Hidden/Points/A>
         int[] protoIndices = [0]
         point3f[] positions = [(1, 2, 3)]
-        def Cube "A"
-        {
-        }
+        def Cube "A" {}
     }
 }
-def PointInstancer "Others" (
-    prepend apiSchemas = ["VisibilityAPI"]
-)
-{
+def PointInstancer "Others" (prepend apiSchemas = ["VisibilityAPI"]) {
     uniform token renderVisibility = "invisible"
     rel prototypes = </Others/B>
     int[] protoIndices = [0]
     point3f[] positions = [(1, 2, 3)]
-    def Xform "B"
-    {
-        def Cube "part"
-        {
-        }
-        def Cube "hidden"
-        {
+    def Xform "B" {
+        def Cube "part" {}
+        def Cube "hidden" {
             uniform token purpose = "render"
         }
     }
@@ -132,7 +99,7 @@ def test_render_visibility_without_its_schema_is_named(tmp_path):
 
 def test_only_default_and_render_purposes_are_drawn(tmp_path):
     body = "".join(
-        f'def Xform "{p}"\n{{\nuniform token purpose = "{p}"\ndef Cube "{p}_cube"\n{{\n}}\n}}\n'
+        f'def Xform "{p}"\n{{\nuniform token purpose = "{p}"\ndef Cube "{p}_cube" {{}}\n}}\n'
         for p in ("default", "render", "proxy", "guide")
     )
     description = read(tmp_path, body)
@@ -141,23 +108,13 @@ def test_only_default_and_render_purposes_are_drawn(tmp_path):
 
 def test_only_active_defined_prims_are_drawn(tmp_path):
     body = """
-    def Cube "Off" (active = false)
-    {
+    def Cube "Off" (active = false) {}
+    over "Over" {
+        def Cube "A" {}
     }
-    over "Over"
-    {
-        def Cube "A"
-        {
-        }
+    class "Class" {
+        def Cube "B" {}
     }
-    class "Class"
-    {
-        def Cube "B"
-        {
-        }
-    }
-    def Cube "On"
-    {
-    }
+    def Cube "On" {}
     """
     assert [each.name for each in read(tmp_path, body).objects] == ["On"]

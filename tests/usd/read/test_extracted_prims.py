@@ -11,37 +11,24 @@ from tiscene.errors import StageError, StageWarning, TemplateNotFound
 from tiscene.usd.read.stage_reader import read_stage
 
 HOUSE = """
-def Xform "House" (
-    prepend apiSchemas = ["SemanticsLabelsAPI:class"]
-)
-{
+def Xform "House" (prepend apiSchemas = ["SemanticsLabelsAPI:class"]) {
     token[] semantics:labels:class = ["building"]
     double3 xformOp:translate = (0, 0, 10)
     float xformOp:rotateY = 90
     uniform token[] xformOpOrder = ["xformOp:translate", "xformOp:rotateY"]
-    def Xform "Lamp" (
-        kind = "component"
-    )
-    {
+    def Xform "Lamp" (kind = "component") {
         token visibility = "invisible"
         float3 xformOp:scale = (1, 2, 1)
         double3 xformOp:translate = (1, 0, 0)
         uniform token[] xformOpOrder = ["xformOp:translate", "xformOp:scale"]
-        def Cube "Foot"
-        {
-        }
-        def Sphere "Shade"
-        {
+        def Cube "Foot" {}
+        def Sphere "Shade" {
             double3 xformOp:translate = (0, 3, 0)
             uniform token[] xformOpOrder = ["xformOp:translate"]
         }
     }
-    def Cube "Wall"
-    {
-    }
-    def Xform "Nothing"
-    {
-    }
+    def Cube "Wall" {}
+    def Xform "Nothing" {}
 }
 """
 
@@ -83,12 +70,8 @@ def test_extracting_a_prim_without_geometry_is_a_problem(tmp_path):
 
 def test_a_mesh_without_faces_that_moves_is_named_once(tmp_path):
     body = """
-def Mesh "Empty"
-{
-}
-def Cube "Box"
-{
-}"""
+def Mesh "Empty" {}
+def Cube "Box" {}"""
     with pytest.warns(StageWarning) as told:
         read_stage(write(tmp_path, body), extract=["/Empty"])
     (line,) = str(told[0].message).splitlines()[1:]

@@ -34,8 +34,7 @@ MESH = f"""
 
 
 SUBSET = """
-def GeomSubset "Top"
-{
+def GeomSubset "Top" {
     uniform token elementType = "face"
     uniform token familyName = "parts"
     int[] indices = [3]
@@ -77,23 +76,18 @@ def prims(offset):
 {cube("Turned", 1.0, [at(-1, 0.75, 0), rotate, stretch], offset, more=SUBSET)}
 {cube("Turning", 0.75, [at(1, 0.5, -1), turn], offset)}
 {cube("Growing", 0.75, [at(1.25, 0.5, 1)], offset, points=growth)}
-def Xform "Chair" (kind = "component")
-{{
+def Xform "Chair" (kind = "component") {{
     {cube("Seat", 0.5, [at(-0.5, 0.25, 1.5), turn], offset)}
     {cube("Back", (0.5, 1.0, 0.25), [at(-0.5, 0.75, 1.25)], offset)}
 }}
-def PointInstancer "Scatter"
-{{
+def PointInstancer "Scatter" {{
     rel prototypes = [</Scatter/Stone>]
     int[] protoIndices = [0, 0]
     point3f[] positions = [(0.25, 0.25, 0.5), (0.5, 0.25, 1.75)]
     {cube("Stone", 0.25, [turn], offset)}
 }}
-def DomeLight "Sky"
-{{
-}}
-def SphereLight "Lamp"
-{{
+def DomeLight "Sky" {{}}
+def SphereLight "Lamp" {{
     float inputs:radius = 0.25
     float inputs:intensity = 30
     {at(1.5, 3, 2)}

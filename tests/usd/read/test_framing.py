@@ -16,26 +16,21 @@ from tiscene.errors import ArgumentError, StageWarning
 from tiscene.scene.camera import Camera
 from tiscene.usd.read.stage_reader import read_stage
 
-WIDE = """def Camera "Wide"
-{
+WIDE = """def Camera "Wide" {
     float horizontalAperture = 40
     float verticalAperture = 20
     float focalLength = 10
     double3 xformOp:translate = (0, 0, 5)
     uniform token[] xformOpOrder = ["xformOp:translate"]
 }
-def Camera "Ortho"
-{
+def Camera "Ortho" {
     token projection = "orthographic"
     float horizontalAperture = 40
     float verticalAperture = 20
 }
-def Cube "C"
-{
-}
+def Cube "C" {}
 """
-SETTINGS = """def RenderSettings "Settings"
-{
+SETTINGS = """def RenderSettings "Settings" {
     %s
 }
 """

@@ -42,29 +42,21 @@ def test_taxonomies(tmp_path):
 def blender(name: str, object_name: str, data: str, instanceable: bool = False) -> str:
     """Return an object as Blender 5.0 exports it: a transform, and the mesh that is its data."""
     return f"""
-def Xform "{name}" (instanceable = {str(instanceable).lower()})
-{{
+def Xform "{name}" (instanceable = {str(instanceable).lower()}) {{
     custom string userProperties:blender:object_name = "{object_name}"
-    def Cube "{data}"
-    {{
-    }}
+    def Cube "{data}" {{}}
 }}"""
 
 
 def test_categories_of_a_blender_stage_without_labels_are_the_names_of_its_objects(tmp_path):
     merged = """
-def Cube "Merged"
-{
+def Cube "Merged" {
     custom string userProperties:blender:object_name = "Shelf 2"
 }
-def Xform "Parent"
-{
+def Xform "Parent" {
     custom string userProperties:blender:object_name = "Group"
-    def Xform "Child"
-    {
-        def Cube "Plain_2"
-        {
-        }
+    def Xform "Child" {
+        def Cube "Plain_2" {}
     }
 }"""
     body = (
@@ -80,8 +72,7 @@ def test_objects_have_the_names_that_they_have_in_blender_unless_they_are_copies
     copies = "".join(
         f"""
 def Xform "Cone_{row}_0" (instanceable = true
-    references = </M_0>)
-{{
+    references = </M_0>) {{
     custom string userProperties:blender:object_name = "Cone"
 }}"""
         for row in range(2)
@@ -147,18 +138,13 @@ def test_the_nearest_component_wins(tmp_path):
 def test_instance_is_one_object_whatever_its_prototype(tmp_path):
     quad = f'def Mesh "Quad"\n{{\n{QUAD}\n}}'
     body = f"""
-    class "Thing"
-    {{
+    class "Thing" {{
         {quad}
     }}
     def "A" (inherits = </Thing>
-        instanceable = true)
-    {{
-    }}
+        instanceable = true) {{}}
     def "B" (inherits = </Thing>
-        instanceable = true)
-    {{
-    }}
+        instanceable = true) {{}}
     """
     description = read(tmp_path, body)
     assert [each.prim_path for each in description.objects] == ["/A", "/B"]
@@ -167,36 +153,25 @@ def test_instance_is_one_object_whatever_its_prototype(tmp_path):
 
 def test_instance_of_an_assembly_has_several_objects(tmp_path):
     body = """
-    class "Corner" (kind = "assembly")
-    {
-        def Cube "Sofa"
-        {
-        }
-        def Sphere "Lamp"
-        {
-        }
+    class "Corner" (kind = "assembly") {
+        def Cube "Sofa" {}
+        def Sphere "Lamp" {}
     }
     def "A" (inherits = </Corner>
-        instanceable = true)
-    {
-    }
+        instanceable = true) {}
     """
     description = read(tmp_path, body)
     assert [each.prim_path for each in description.objects] == ["/A/Sofa", "/A/Lamp"]
 
 
 TWO_TAXONOMIES = """
-def Xform "A" (prepend apiSchemas = ["SemanticsLabelsAPI:wikidata", "SemanticsLabelsAPI:category"])
-{
+def Xform "A" (prepend apiSchemas = ["SemanticsLabelsAPI:wikidata", "SemanticsLabelsAPI:category"]) {
     token[] semantics:labels:wikidata = ["Q42177"]
     token[] semantics:labels:category = ["furniture"]
-    def Cube "Bed" (prepend apiSchemas = ["SemanticsLabelsAPI:class"])
-    {
+    def Cube "Bed" (prepend apiSchemas = ["SemanticsLabelsAPI:class"]) {
         token[] semantics:labels:class = ["bed", "sleep"]
     }
-    def Cube "Shelf"
-    {
-    }
+    def Cube "Shelf" {}
 }
 """
 
@@ -215,85 +190,58 @@ def test_unknown_taxonomy_raises_unknown_name(tmp_path):
     with pytest.raises(UnknownName, match=r"no taxonomy 'klass' in stage.usda\. Did you mean 'class'\?"):
         read_stage(path, taxonomy="klass")
     with pytest.raises(UnknownName, match="Nothing on the stage has a semantic label"):
-        read_stage(write(tmp_path, 'def Cube "A"\n{\n}'), taxonomy="class")
+        read_stage(write(tmp_path, 'def Cube "A" {}'), taxonomy="class")
 
 
 def test_names_give_categories_on_stages_without_labels(tmp_path):
     body = """
-def Xform "Chair_01" (kind = "component")
-{
-    def Cube "Seat"
-    {
-    }
+def Xform "Chair_01" (kind = "component") {
+    def Cube "Seat" {}
 }
 def Xform "C2" (
     kind = "component"
     assetInfo = { string name = "Table-12" }
-)
-{
-    def Cube "Top"
-    {
-    }
+) {
+    def Cube "Top" {}
 }
-def Cube "Floor"
-{
-}
-def Cube "_12"
-{
-}
+def Cube "Floor" {}
+def Cube "_12" {}
 """
     assert [each.category for each in read(tmp_path, body).objects] == ["Chair", "Table", "Floor", "_12"]
     some = body.replace('def Cube "Floor"', 'def Cube "Floor" (prepend apiSchemas = ["SemanticsLabelsAPI:class"])')
-    some = some.replace('"]\n)', '"]\n)').replace(
-        'apiSchemas = ["SemanticsLabelsAPI:class"])\n{',
-        'apiSchemas = ["SemanticsLabelsAPI:class"])\n{\n    token[] semantics:labels:class = ["floor"]',
-    )
+    some = some.replace('API:class"]) {', 'API:class"]) {\n    token[] semantics:labels:class = ["floor"]\n')
     assert [each.category for each in read(tmp_path, some).objects] == ["", "", "floor", ""]
     scattered = INSTANCER.replace('"Ball"', '"Ball_7"').replace("</P/Ball>", "</P/Ball_7>") % ""
     assert [each.category for each in read(tmp_path, scattered).objects] == ["Ball", "Ball"]
 
 
 def test_asset_name_comes_from_asset_info_or_referenced_file(tmp_path):
-    xform = 'def Xform "{}"\n{{\n    def Cube "C"\n    {{\n    }}\n}}\n'
+    xform = 'def Xform "{}"\n{{\n    def Cube "C" {{}}\n}}\n'
     write(tmp_path, xform.format("Seat"), name="oak_chair.usda", more='defaultPrim = "Seat"')
     cups = xform.format("Cup") + xform.format("Dish")
     write(tmp_path, cups, name="crockery.usda", more='defaultPrim = "Cup"')
     body = """
-def Xform "Set" (assetInfo = { string name = "Dining set" })
-{
+def Xform "Set" (assetInfo = { string name = "Dining set" }) {
     def Xform "Left" (
         kind = "component"
-        references = @./oak_chair.usda@)
-    {
-    }
+        references = @./oak_chair.usda@) {}
     def Xform "Right" (
         kind = "component"
         instanceable = true
-        payload = @./oak_chair.usda@)
-    {
-    }
+        payload = @./oak_chair.usda@) {}
     def Xform "Dish" (
         kind = "component"
-        references = @./crockery.usda@</Dish>)
-    {
-    }
+        references = @./crockery.usda@</Dish>) {}
     def Xform "Cup" (
         kind = "component"
-        references = @./crockery.usda@</Cup>)
-    {
-    }
+        references = @./crockery.usda@</Cup>) {}
     def Xform "Jug" (
         kind = "component"
         assetInfo = { string name = "Jug" }
-        references = @./crockery.usda@)
-    {
-    }
+        references = @./crockery.usda@) {}
 }
-def Xform "Alone" (kind = "component")
-{
-    def Xform "Box" (references = @./crockery.usda@)
-    {
-    }
+def Xform "Alone" (kind = "component") {
+    def Xform "Box" (references = @./crockery.usda@) {}
 }
 """
     assets = {each.prim_path: each.asset for each in read(tmp_path, body).objects}
@@ -309,33 +257,24 @@ def Xform "Alone" (kind = "component")
 
 
 PARTS = """
-def Xform "Chair" (kind = "component")
-{
-    def Cube "Seat"
-    {
-    }
-    def Xform "Frame"
-    {
-        def Mesh "Legs"
-        {
+def Xform "Chair" (kind = "component") {
+    def Cube "Seat" {}
+    def Xform "Frame" {
+        def Mesh "Legs" {
             uniform token subdivisionScheme = "none"
             int[] faceVertexCounts = [3, 3, 3]
             int[] faceVertexIndices = [0, 1, 2, 0, 2, 3, 0, 3, 1]
             point3f[] points = [(0, 0, 0), (1, 0, 0), (1, 1, 0), (0, 1, 1)]
-            def GeomSubset "Left"
-            {
+            def GeomSubset "Left" {
                 int[] indices = [2]
             }
-            def GeomSubset "Right"
-            {
+            def GeomSubset "Right" {
                 int[] indices = [0]
             }
         }
     }
 }
-def Sphere "Ball"
-{
-}
+def Sphere "Ball" {}
 """
 
 
@@ -352,10 +291,8 @@ def test_parts_are_meshes_and_their_subsets(tmp_path):
 
 
 def test_part_subsets_take_precedence_over_material_subsets(tmp_path):
-    body = PARTS.replace(
-        'def GeomSubset "Right"\n            {',
-        'def GeomSubset "Right"\n            {\n                uniform token familyName = "materialBind"',
-    )
+    right = 'def GeomSubset "Right" {'
+    body = PARTS.replace(right, f'{right}\n uniform token familyName = "materialBind"')
     assert read(tmp_path, body).objects[0].parts == ("Seat", "Frame/Legs/Left", "Frame/Legs")
 
 

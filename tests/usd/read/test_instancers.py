@@ -46,15 +46,12 @@ def test_point_instances():
 
 
 INSTANCER = """
-def PointInstancer "P"
-{
+def PointInstancer "P" {
     rel prototypes = [</P/Ball>]
     int[] protoIndices = [0, 0]
     point3f[] positions = [(0, 0, 0), (1, 0, 0)]
     %s
-    def Sphere "Ball"
-    {
-    }
+    def Sphere "Ball" {}
 }
 """
 
@@ -98,8 +95,7 @@ def test_instancer_within_its_own_prototype_is_a_problem(tmp_path):
 
 
 def test_camera_in_a_prototype_is_reported(tmp_path):
-    start = 'def Sphere "Ball"\n    {'
-    body = INSTANCER.replace(start, f'{start}\n        def Camera "Eye"\n        {{\n        }}') % ""
+    body = INSTANCER.replace('def Sphere "Ball" {', 'def Sphere "Ball" {\n        def Camera "Eye" {}\n') % ""
     found = read_with_warning(tmp_path, body, "cameras in a point instancer's prototypes are not read: </P/Ball/Eye>")
     assert (len(found.objects), found.cameras) == (2, ())
 
@@ -111,19 +107,15 @@ def test_empty_instancer_is_reported(tmp_path):
 
 def test_nested_instancer_adds_parts_to_the_outer_point(tmp_path):
     body = """
-    def PointInstancer "Outer"
-    {
+    def PointInstancer "Outer" {
         rel prototypes = [</Outer/Row>]
         int[] protoIndices = [0, 0]
         point3f[] positions = [(0, 0, 0), (0, 10, 0)]
-        def PointInstancer "Row"
-        {
+        def PointInstancer "Row" {
             rel prototypes = [</Outer/Row/Ball>]
             int[] protoIndices = [0, 0, 0]
             point3f[] positions = [(0, 0, 0), (1, 0, 0), (2, 0, 0)]
-            def Sphere "Ball"
-            {
-            }
+            def Sphere "Ball" {}
         }
     }
     """

@@ -38,7 +38,7 @@ def test_changed_template_is_read_again(tmp_path):
 
 def test_changed_file_that_a_template_refers_to_is_read_again(tmp_path):
     write(tmp_path, CHAIR, more=DEFAULT, name="chair.usda")
-    reference = 'def Xform "Other" (prepend references = @chair.usda@)\n{\n}\n'
+    reference = 'def Xform "Other" (prepend references = @chair.usda@) {}\n'
     path = write(tmp_path, reference, more='defaultPrim = "Other"', name="other.usda")
     first = kept_template(path)
     assert kept_template(path) is first
@@ -74,7 +74,7 @@ def test_removed_template_is_missing(tmp_path):
 
 
 def test_kept_template_warns_each_time_of_what_was_left_out(tmp_path):
-    broken = CHAIR.replace('def Cube "Back"\n    {\n', 'def Mesh "Back"\n    {\n        int[] faceVertexCounts = [3]\n')
+    broken = CHAIR.replace('def Cube "Back" {', 'def Mesh "Back" {\n        int[] faceVertexCounts = [3]\n')
     path = write(tmp_path, broken, more=DEFAULT)
     for _ in range(2):
         with pytest.warns(StageWarning, match="Back"):

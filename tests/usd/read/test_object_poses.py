@@ -11,16 +11,14 @@ import tiscene as ts
 from tests.usd.helpers import write
 
 RANGE = "startTimeCode = 0\n    endTimeCode = 10\n    timeCodesPerSecond = 10"
-LEG = """def Cube "Leg"
-{
+LEG = """def Cube "Leg" {
     double size = 0.1
     double3 xformOp:translate = (-0.3, 0.2, 0)
     float xformOp:rotateZ%s
     uniform token[] xformOpOrder = ["xformOp:translate", "xformOp:rotateZ"]
 }
 """
-TOP = """def Cube "Top"
-{
+TOP = """def Cube "Top" {
     double size = 0.1
     double3 xformOp:translate = (0.3, 0, 0)
     uniform token[] xformOpOrder = ["xformOp:translate"]
@@ -49,8 +47,7 @@ def prim(name: str, lines: str, kind: str = 'kind = "component"', body: str = ""
 def test_copies_of_one_asset_have_one_box_and_the_poses_of_their_prims(tmp_path, frame):
     """Those that stood still, instances and points had the pose of their first mesh."""
     shared = 'def Xform "Table"\n{\n' + table() + "}\n"
-    instancer = """def PointInstancer "Points"
-{
+    instancer = """def PointInstancer "Points" {
     int[] protoIndices = [0]
     point3f[] positions = [(1, 0, 0)]
     rel prototypes = </Library/Table>

@@ -21,26 +21,21 @@ SQUARE = """
         int[] faceVertexIndices = [0, 1, 2, 3]
         point3f[] points = [(-0.9, -0.9, 0), (0.9, -0.9, 0), (0.9, 0.9, 0), (-0.9, 0.9, 0)]"""
 POINTS = """
-def PointInstancer "P"
-{
+def PointInstancer "P" {
     rel prototypes = [</P/Tile>]
     int[] protoIndices = [0, 0, 0]
     point3f[] positions = [(-2, 0, 0), (0, 0, 0), (2, 0, 0)]
     %s
-    def Xform "Tile"
-    {
+    def Xform "Tile" {
         %s
-        def Mesh "Square"
-        {
+        def Mesh "Square" {
             %s
         }
     }
 }
 """
 LIGHT = """
-def DomeLight "Sky"
-{
-}
+def DomeLight "Sky" {}
 """
 
 
@@ -82,8 +77,7 @@ def test_picture_equals_that_of_gprims_of_these_colors(tmp_path):
     """To the bit: an instance's color is no other path of light."""
     tiles = "".join(
         f"""
-def Mesh "Tile{number}"
-{{
+def Mesh "Tile{number}" {{
     {SQUARE}
     {colors((color,), "constant")}
     double3 xformOp:translate = ({2 * number - 2}, 0, 0)
@@ -187,8 +181,7 @@ def test_one_mesh_with_two_colors_of_points_is_named(tmp_path):
     reader = primvar_reader("float3", "tint")
     tinted = preview_material("/L", "color3f inputs:diffuseColor.connect = </L/Reader.outputs:result>", shaders=reader)
     subset = """
-            def GeomSubset "Half"
-            {
+            def GeomSubset "Half" {
                 uniform token familyName = "materialBind"
                 int[] indices = [0]
                 rel material:binding = </L>
@@ -201,20 +194,17 @@ def test_one_mesh_with_two_colors_of_points_is_named(tmp_path):
 NESTED = (
     LIGHT
     + """
-def PointInstancer "Outer"
-{
+def PointInstancer "Outer" {
     rel prototypes = [</Outer/Row>]
     int[] protoIndices = [0, 0]
     point3f[] positions = [(0, -1, 0), (0, 1, 0)]
     %s
-    def PointInstancer "Row"
-    {
+    def PointInstancer "Row" {
         rel prototypes = [</Outer/Row/Square>]
         int[] protoIndices = [0, 0]
         point3f[] positions = [(-1, 0, 0), (1, 0, 0)]
         %s
-        def Mesh "Square"
-        {
+        def Mesh "Square" {
             %s
         }
     }

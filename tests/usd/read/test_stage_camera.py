@@ -40,12 +40,10 @@ def test_default_camera(tmp_path):
 )
 def test_a_stage_without_a_camera_is_framed(tmp_path, width, framed):
     body = f"""
-def Cube "Robot"
-{{
+def Cube "Robot" {{
     double size = 1
 }}
-def Plane "Ground"
-{{
+def Plane "Ground" {{
     double width = {width}
     double length = {width}
     uniform token axis = "Y"
@@ -56,7 +54,7 @@ def Plane "Ground"
 
 def test_a_name_of_a_camera_on_a_stage_without_cameras_is_refused_with_advice(tmp_path):
     with pytest.raises(CameraNotFound, match=r"no camera 'Main' in scene 'stage'. It has none: give no name, or a"):
-        read(tmp_path, 'def Cube "Box"\n{\n}').camera("Main")
+        read(tmp_path, 'def Cube "Box" {}').camera("Main")
 
 
 def test_a_stage_of_grounds_alone_is_framed_whole(tmp_path):
@@ -66,8 +64,7 @@ def test_a_stage_of_grounds_alone_is_framed_whole(tmp_path):
 
 def test_objects_that_a_scenario_moves_are_framed_as_if_they_stood(tmp_path):
     body = """
-def Cube "Car"
-{
+def Cube "Car" {
     double3 xformOp:translate.timeSamples = {1: (9, 0, 1), 24: (12, 0, 1)}
     uniform token[] xformOpOrder = ["xformOp:translate"]
 }"""
@@ -155,7 +152,7 @@ def test_orthographic_height_is_the_aperture(tmp_path):
 
 
 def test_orthographic_camera_survives_a_file(tmp_path):
-    write(tmp_path, 'def Cube "C"\n{\n}', meters=0.01, name="scene.usda")
+    write(tmp_path, 'def Cube "C" {}', meters=0.01, name="scene.usda")
     eye = ts.Camera((1, 2, 3), orthographic_height=1.7, name="Plan")
     for name in ("run.usda", "run.json"):
         ts.Scenario(str(tmp_path / "scene.usda"), camera=eye).save(tmp_path / name)
@@ -201,29 +198,22 @@ def test_invalid_cameras_are_problems(tmp_path, lines, expected):
 
 
 CAMERAS = """
-def Xform "A"
-{
-    def Camera "Main"
-    {
+def Xform "A" {
+    def Camera "Main" {
         double3 xformOp:translate = (0, 0, 5)
         uniform token[] xformOpOrder = ["xformOp:translate"]
     }
 }
-def Xform "B"
-{
-    def Camera "Main"
-    {
+def Xform "B" {
+    def Camera "Main" {
         double3 xformOp:translate = (0, 0, 6)
         uniform token[] xformOpOrder = ["xformOp:translate"]
     }
-    def Camera "Walks"
-    {
+    def Camera "Walks" {
         double3 xformOp:translate.timeSamples = { 0: (0, 0, 7), 24: (0, 0, 9) }
         uniform token[] xformOpOrder = ["xformOp:translate"]
     }
-    def Cube "Box"
-    {
-    }
+    def Cube "Box" {}
 }
 """
 PLACES = {"/A/Main": 5, "Main": 5, "/B/Main": 6, "B/Main": 6, "/B/Walks": 8, "Walks": 8}

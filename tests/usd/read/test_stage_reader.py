@@ -53,11 +53,11 @@ def test_bytes_that_are_not_utf8_raise_stage_error(tmp_path):
 
 
 COMPOSITION = [
-    'def "A" (references = @./missing.usda@)\n{\n}',
-    'def "A" (payload = @./missing.usda@)\n{\n}',
-    'def "A" (references = </Nowhere>)\n{\n}',
-    'def "A" (references = </B>)\n{\n}\ndef "B" (references = </A>)\n{\n}',
-    'def "A" (inherits = </A/B>)\n{\n    def "B"\n    {\n    }\n}',
+    'def "A" (references = @./missing.usda@) {}',
+    'def "A" (payload = @./missing.usda@) {}',
+    'def "A" (references = </Nowhere>) {}',
+    'def "A" (references = </B>) {}\ndef "B" (references = </A>) {}',
+    'def "A" (inherits = </A/B>)\n{\n    def "B" {}\n}',
 ]
 
 
@@ -77,7 +77,7 @@ def test_missing_sublayer_raises_stage_error(tmp_path):
 def test_usd_diagnostics_stay_off_the_terminal(tmp_path):
     write(
         tmp_path,
-        'def "A" (references = @./missing.usda@)\n{\n}\ndef Mesh "M"\n{\n    int bogus = 3\n}',
+        'def "A" (references = @./missing.usda@) {}\ndef Mesh "M"\n{\n    int bogus = 3\n}',
         name="bad.usda",
     )
     write(tmp_path, f'def Mesh "M"\n{{\n{QUAD}\n}}', name="good.usda")
@@ -91,19 +91,19 @@ def test_usd_diagnostics_stay_off_the_terminal(tmp_path):
 
 
 def test_changed_file_is_read_again(tmp_path):
-    assert len(read(tmp_path, 'def Cube "A"\n{\n}').objects) == 1
-    first = read(tmp_path, 'def Cube "A"\n{\n}')
-    assert len(read(tmp_path, 'def Cube "A"\n{\n}\ndef Cube "B"\n{\n}').objects) == 2
+    assert len(read(tmp_path, 'def Cube "A" {}').objects) == 1
+    first = read(tmp_path, 'def Cube "A" {}')
+    assert len(read(tmp_path, 'def Cube "A" {}\ndef Cube "B" {}').objects) == 2
     assert first.name == "stage"
 
 
 def test_changed_file_that_needs_fewer_layers_is_read_while_a_stage_holds_it(tmp_path):
     names = "ABCDEFGH"
     for name in names:
-        write(tmp_path, f'def Cube "{name}"\n{{\n}}', name=f"{name}.usda")
+        write(tmp_path, f'def Cube "{name}" {{}}', name=f"{name}.usda")
     path = write(tmp_path, "", more=f"subLayers = [{', '.join(f'@./{name}.usda@' for name in names)}]")
     held = Usd.Stage.Open(str(path))
-    assert [each.name for each in read(tmp_path, 'def Cube "Alone"\n{\n}').objects] == ["Alone"]
+    assert [each.name for each in read(tmp_path, 'def Cube "Alone" {}').objects] == ["Alone"]
     assert held.GetPrimAtPath("/Alone")
 
 
@@ -111,36 +111,30 @@ VARIANTS = """
 def Xform "Room" (
     variants = { string lighting = "day" }
     prepend variantSets = ["lighting", "style"]
-)
-{
+) {
     variantSet "lighting" = {
         "day" {
-            def Cube "Sun"
-            {
-            }
+            def Cube "Sun" {}
         }
         "night" {
-            def Cube "Moon"
-            {
-            }
+            def Cube "Moon" {}
         }
     }
     variantSet "style" = {
-        "plain" {
-        }
+        "plain" {}
     }
 }
 """
 
 
 def test_missing_file_is_reported_before_its_missing_variant(tmp_path):
-    path = write(tmp_path, 'def "A" (references = @./missing.usda@)\n{\n}')
+    path = write(tmp_path, 'def "A" (references = @./missing.usda@) {}')
     with pytest.raises(StageError, match=r"</A> composition: .*missing\.usda"):
         read_stage(path, variants={"/A{color}": "red"})
 
 
 def test_unknown_variant_is_named_beside_broken_parts_of_other_prims(tmp_path):
-    path = write(tmp_path, VARIANTS + 'def "Miss" (references = @nope.usda@)\n{\n}\n')
+    path = write(tmp_path, VARIANTS + 'def "Miss" (references = @nope.usda@) {}\n')
     with pytest.raises(UnknownName, match=r"no variant 'x' in </Room>\{lighting\}\. There are: day, night\."):
         read_stage(path, variants={"/Room{lighting}": "x"})
     with pytest.raises(StageError, match=r"nope\.usda"):
@@ -183,8 +177,7 @@ def test_invalid_variants_raise_errors(tmp_path, variants, error, text):
 
 
 ANIMATED = """
-def Cube "C"
-{
+def Cube "C" {
     double3 xformOp:translate.timeSamples = { 10: (1, 0, 0), 20: (3, 0, 0) }
     uniform token[] xformOpOrder = ["xformOp:translate"]
     token visibility.timeSamples = { 10: "inherited", 30: "invisible" }
@@ -217,30 +210,14 @@ def test_start_of_the_range_is_the_default_time_code(tmp_path):
 
 def test_omissions_are_listed_once_in_one_warning(tmp_path):
     body = """
-    def NurbsCurves "Hair"
-    {
-    }
-    def NurbsCurves "Fur"
-    {
-    }
-    def HermiteCurves "Dust"
-    {
-    }
-    def NurbsPatch "Patch"
-    {
-    }
-    def Volume "Smoke"
-    {
-    }
-    def MyFancyGprim "Fancy"
-    {
-    }
-    def Scope "Fine"
-    {
-    }
-    def "Typeless"
-    {
-    }
+    def NurbsCurves "Hair" {}
+    def NurbsCurves "Fur" {}
+    def HermiteCurves "Dust" {}
+    def NurbsPatch "Patch" {}
+    def Volume "Smoke" {}
+    def MyFancyGprim "Fancy" {}
+    def Scope "Fine" {}
+    def "Typeless" {}
     """
     path = write(tmp_path, body)
     with pytest.warns(StageWarning) as caught:
@@ -262,11 +239,11 @@ def test_omissions_are_listed_once_in_one_warning(tmp_path):
 def test_prims_in_which_other_programs_keep_their_data_are_not_named(tmp_path, kind):
     with warnings.catch_warnings():
         warnings.simplefilter("error")
-        read(tmp_path, f'def Cube "C"\n{{\n}}\ndef {kind} "Data"\n{{\n}}')
+        read(tmp_path, f'def Cube "C" {{}}\ndef {kind} "Data" {{}}')
 
 
 def test_long_lists_of_problems_are_truncated(tmp_path):
-    body = "".join(f'def Volume "P{i}"\n{{\n}}\n' for i in range(9))
+    body = "".join(f'def Volume "P{i}" {{}}\n' for i in range(9))
     read_with_warning(tmp_path, body, r"<\/P4> and 4 more$")
 
 
@@ -308,9 +285,9 @@ def test_empty_stage_is_valid(tmp_path):
 
 
 def test_payloads_references_and_sublayers_compose(tmp_path):
-    write(tmp_path, 'def Xform "Box"\n{\ndef Cube "C"\n{\n}\n}', name="box.usda", more='defaultPrim = "Box"')
-    write(tmp_path, 'def Sphere "Ball"\n{\n}', name="under.usda")
-    body = 'def "A" (references = @./box.usda@)\n{\n}\ndef "B" (payload = @./box.usda@)\n{\n}'
+    write(tmp_path, 'def Xform "Box"\n{\ndef Cube "C" {}\n}', name="box.usda", more='defaultPrim = "Box"')
+    write(tmp_path, 'def Sphere "Ball" {}', name="under.usda")
+    body = 'def "A" (references = @./box.usda@) {}\ndef "B" (payload = @./box.usda@) {}'
     description = read(tmp_path, body, more="subLayers = [@./under.usda@]")
     assert [each.prim_path for each in description.objects] == ["/Ball", "/A/C", "/B/C"]
     assert description.instances[1].mesh == description.instances[2].mesh
@@ -325,12 +302,10 @@ def test_description_is_named_by_file_or_folder(tmp_path):
 
 def test_prims_of_unknown_types_are_read_as_the_fallback_that_the_stage_names(tmp_path):
     body = """
-    def FancyBall "Ball"
-    {
+    def FancyBall "Ball" {
         double radius = 2
     }
-    def FancyLight "Lamp"
-    {
+    def FancyLight "Lamp" {
         float inputs:width = 3
     }
     """

@@ -14,20 +14,16 @@ CHAIR = """
 def Xform "Chair" (
     kind = "component"
     prepend apiSchemas = ["SemanticsLabelsAPI:class"]
-)
-{
+) {
     token[] semantics:labels:class = ["chair"]
     double3 xformOp:translate = (5, 6, 7)
     float3 xformOp:scale = (2, 2, 2)
     uniform token[] xformOpOrder = ["xformOp:translate", "xformOp:scale"]
-    def Cube "Seat"
-    {
+    def Cube "Seat" {
         double3 xformOp:translate = (0, 1, 0)
         uniform token[] xformOpOrder = ["xformOp:translate"]
     }
-    def Cube "Back"
-    {
-    }
+    def Cube "Back" {}
 }
 """
 DEFAULT = 'defaultPrim = "Chair"'
@@ -55,11 +51,11 @@ def test_template_name_is_display_name_or_from_the_file(tmp_path):
 def test_only_root_prim_is_read_without_a_default_prim(tmp_path):
     assert read_template(write(tmp_path, CHAIR)).category == "chair"
     with pytest.raises(StageError, match="no default prim"):
-        read_template(write(tmp_path, CHAIR + 'def Cube "Another"\n{\n}'))
+        read_template(write(tmp_path, CHAIR + 'def Cube "Another" {}'))
 
 
 def test_only_the_default_prim_is_read(tmp_path):
-    template = read_template(write(tmp_path, CHAIR + 'def Cube "Floor"\n{\n}', more=DEFAULT))
+    template = read_template(write(tmp_path, CHAIR + 'def Cube "Floor" {}', more=DEFAULT))
     assert len(template.description.instances) == 2
 
 
@@ -81,12 +77,12 @@ def test_first_labeled_part_gives_the_template_category(tmp_path):
         "token[] semantics:labels:class", "token[] bogus"
     )
     body = body.replace(
-        'def Cube "Back"\n    {',
-        'def Cube "Back" (prepend apiSchemas = ["SemanticsLabelsAPI:class"])\n    {\n'
-        '        token[] semantics:labels:class = ["backrest"]',
+        'def Cube "Back" {',
+        'def Cube "Back" (prepend apiSchemas = ["SemanticsLabelsAPI:class"]) {\n'
+        '        token[] semantics:labels:class = ["backrest"]\n',
     )
     assert read_template(write(tmp_path, body, more=DEFAULT)).category == "backrest"
-    by_name = read_template(write(tmp_path, 'def Cube "Box_01"\n{\n}', name="box.usda"))
+    by_name = read_template(write(tmp_path, 'def Cube "Box_01" {}', name="box.usda"))
     assert by_name.category == "Box"  # nothing in the file has a label
 
 
@@ -97,18 +93,15 @@ def Xform "Lamp" (
         string size = "small"
     }
     prepend variantSets = "size"
-)
-{
+) {
     variantSet "size" = {
         "small" {
-            def Cube "Shade"
-            {
+            def Cube "Shade" {
                 double size = 0.1
             }
         }
         "large" {
-            def Cube "Shade"
-            {
+            def Cube "Shade" {
                 double size = 0.4
             }
         }
@@ -136,28 +129,20 @@ def test_files_without_a_template_raise_errors(tmp_path):
     with pytest.raises(MissingFile):
         read_template(tmp_path / "gone.usda")
     with pytest.raises(StageError, match="</Empty> template: it holds no geometry"):
-        read_template(write(tmp_path, 'def Xform "Empty"\n{\n}'))
+        read_template(write(tmp_path, 'def Xform "Empty" {}'))
 
 
 def test_children_of_the_templates_class_are_templates(tmp_path):
     body = """
-    def Cube "Floor"
-    {
-    }
-    class "Templates"
-    {
-        def Xform "Chair_01" (prepend apiSchemas = ["SemanticsLabelsAPI:class"])
-        {
+    def Cube "Floor" {}
+    class "Templates" {
+        def Xform "Chair_01" (prepend apiSchemas = ["SemanticsLabelsAPI:class"]) {
             token[] semantics:labels:class = ["chair"]
             double3 xformOp:translate = (1, 0, 0)
             uniform token[] xformOpOrder = ["xformOp:translate"]
-            def Sphere "Seat"
-            {
-            }
+            def Sphere "Seat" {}
         }
-        def Cube "Box" (displayName = "Toy Box")
-        {
-        }
+        def Cube "Box" (displayName = "Toy Box") {}
     }
     """
     description = read(tmp_path, body)
@@ -170,6 +155,6 @@ def test_children_of_the_templates_class_are_templates(tmp_path):
 
 
 def test_ordinary_prim_named_templates_is_not_a_template_folder(tmp_path):
-    description = read(tmp_path, 'def "Templates"\n{\ndef Cube "C"\n{\n}\n}')
+    description = read(tmp_path, 'def "Templates"\n{\ndef Cube "C" {}\n}')
     assert not description.templates
     assert [each.name for each in description.objects] == ["C"]

@@ -19,13 +19,11 @@ def places(description) -> dict[str, np.ndarray]:
 @pytest.mark.parametrize("meters", [1000.0, 1.0, 0.01])
 def test_lengths_become_meters(tmp_path, meters):
     body = """
-    def Xform "X"
-    {
+    def Xform "X" {
         double3 xformOp:translate = (1, 2, 3)
         float3 xformOp:scale = (2, 2, 2)
         uniform token[] xformOpOrder = ["xformOp:translate", "xformOp:scale"]
-        def Cube "C"
-        {
+        def Cube "C" {
             double size = 4
         }
     }
@@ -39,12 +37,12 @@ def test_lengths_become_meters(tmp_path, meters):
 
 def test_meters_per_unit_is_a_centimeter_unless_authored(tmp_path):
     path = tmp_path / "bare.usda"
-    path.write_text('#usda 1.0\ndef Cube "C"\n{\n}\n')
+    path.write_text('#usda 1.0\ndef Cube "C" {}\n')
     np.testing.assert_allclose(read_stage(path).meshes[0].positions.max(), 0.01)
 
 
 def test_invalid_unit_is_replaced_by_the_default(tmp_path):
-    path = write(tmp_path, 'def Cube "C"\n{\n}', meters=-1.0)
+    path = write(tmp_path, 'def Cube "C" {}', meters=-1.0)
     with pytest.warns(StageWarning, match="metersPerUnit is -1; USD's default of 0.01 m is used"):
         assert read_stage(path).bounds()[1].tolist() == pytest.approx([0.01, 0.01, 0.01])
     with pytest.raises(StageError, match="metersPerUnit is -1"):
@@ -52,32 +50,28 @@ def test_invalid_unit_is_replaced_by_the_default(tmp_path):
 
 
 def test_description_keeps_the_stage_axes(tmp_path):
-    assert read(tmp_path, 'def Cube "C"\n{\n}', up="Y").up_axis == "Y"
-    description = read(tmp_path, 'def Cube "C"\n{\n}', up="Z", name="z.usda")
+    assert read(tmp_path, 'def Cube "C" {}', up="Y").up_axis == "Y"
+    description = read(tmp_path, 'def Cube "C" {}', up="Z", name="z.usda")
     assert description.up_axis == "Z"
     np.testing.assert_array_equal(description.instances[0].world_from_object, np.eye(4))
 
 
 def test_transforms_nest_and_reset(tmp_path):
     body = """
-    def Xform "A"
-    {
+    def Xform "A" {
         double3 xformOp:translate = (10, 0, 0)
         uniform token[] xformOpOrder = ["xformOp:translate"]
-        def Xform "B"
-        {
+        def Xform "B" {
             float xformOp:rotateZ = 90
             uniform token[] xformOpOrder = ["xformOp:rotateZ"]
-            def Cube "Nested"
-            {
+            def Cube "Nested" {
                 double3 xformOp:translate = (1, 0, 0)
                 double3 xformOp:translate:p = (0, 0, 5)
                 uniform token[] xformOpOrder = [
                     "xformOp:translate", "xformOp:translate:p", "!invert!xformOp:translate:p"
                 ]
             }
-            def Cube "Reset"
-            {
+            def Cube "Reset" {
                 double3 xformOp:translate = (1, 0, 0)
                 uniform token[] xformOpOrder = ["!resetXformStack!", "xformOp:translate"]
             }

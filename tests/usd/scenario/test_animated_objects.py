@@ -17,10 +17,9 @@ from tiscene.usd.core.stage import open_stage
 RANGE = 'startTimeCode = 0\n    endTimeCode = 10\n    timeCodesPerSecond = 10\n    defaultPrim = "Cart"'
 MOVED = """double3 xformOp:translate.timeSamples = { 0: (-1, 0, 0), 10: (1, 0, 0) }
     uniform token[] xformOpOrder = ["xformOp:translate"]"""
-COMPONENT = 'def Xform "%s" (\n kind = "component"\n)\n{\n %s\n def Cube "Body"\n {\n }\n}\n'
+COMPONENT = 'def Xform "%s" (\n kind = "component"\n)\n{\n %s\n def Cube "Body" {}\n}\n'
 FLOOR = """
-def Cube "Floor"
-{
+def Cube "Floor" {
     double3 xformOp:translate = (0, -9, 0)
     uniform token[] xformOpOrder = ["xformOp:translate"]
 }
@@ -136,13 +135,11 @@ def test_object_appears_and_vanishes_at_its_time_at_any_frame_rate(tmp_path, mot
 
 def test_prototype_of_points_moves_with_all_its_points(tmp_path):
     points = """
-def PointInstancer "Points"
-{
+def PointInstancer "Points" {
     point3f[] positions = [(0, 0, 0), (0, 3, 0)]
     int[] protoIndices = [0, 0]
     rel prototypes = </Points/Thing>
-    def Cube "Thing"
-    {
+    def Cube "Thing" {
         %s
     }
 }
@@ -163,8 +160,7 @@ def carts(tmp_path):
 def "%s" (
     instanceable = true
     prepend references = @./cart.usda@
-)
-{
+) {
     double3 xformOp:translate:own = (0, %g, 0)
     uniform token[] xformOpOrder = ["xformOp:translate:own"]
 }
@@ -229,25 +225,17 @@ def test_object_moves_along_an_arc_about_a_turning_group(tmp_path):
 
 
 CAMERAS = """
-def Camera "Still"
-{
+def Camera "Still" {
     double3 xformOp:translate = (0, 0, 10)
     uniform token[] xformOpOrder = ["xformOp:translate"]
 }
-def Camera "Moving"
-{
+def Camera "Moving" {
     %s
 }
-def Xform "Cart" (
-    kind = "component"
-)
-{
+def Xform "Cart" (kind = "component") {
     %s
-    def Cube "Body"
-    {
-    }
-    def Camera "OnCart"
-    {
+    def Cube "Body" {}
+    def Camera "OnCart" {
         double3 xformOp:translate = (0, 2, 0)
         uniform token[] xformOpOrder = ["xformOp:translate"]
     }
@@ -285,14 +273,11 @@ def test_camera_below_a_prim_that_moves_by_the_schema_is_named(tmp_path):
 def test_objects_that_move_have_the_names_that_they_have_in_blender(tmp_path):
     body = "".join(
         f"""
-def Xform "M_{row}"
-{{
+def Xform "M_{row}" {{
     custom string userProperties:blender:object_name = "M.{row}"
     double3 xformOp:translate.timeSamples = {{0: (0, {row}, 0), 24: (1, {row}, 0)}}
     uniform token[] xformOpOrder = ["xformOp:translate"]
-    def Cube "Suzanne"
-    {{
-    }}
+    def Cube "Suzanne" {{}}
 }}"""
         for row in range(2)
     )

@@ -17,22 +17,16 @@ from tiscene.usd.core.stage import open_stage
 from tiscene.usd.read.stage_reader import read_stage
 
 SCENE = """
-def Xform "Room"
-{
-    def Camera "Door"
-    {
+def Xform "Room" {
+    def Camera "Door" {
         double3 xformOp:translate = (0, 1, 5)
         uniform token[] xformOpOrder = ["xformOp:translate"]
     }
-    def Cube "Floor"
-    {
+    def Cube "Floor" {
         double3 xformOp:translate = (0, -100, 0)
         uniform token[] xformOpOrder = ["xformOp:translate"]
     }
-    def Cube "Mover" (
-        kind = "component"
-    )
-    {
+    def Cube "Mover" (kind = "component") {
         double3 xformOp:translate = (50, 0, 0)
         float3 xformOp:scale = (1, 20, 1)
         uniform token[] xformOpOrder = ["xformOp:translate", "xformOp:scale"]
@@ -40,14 +34,10 @@ def Xform "Room"
 }
 """
 BLOCK = """
-def Xform "Block" (
-    kind = "component"
-)
-{
+def Xform "Block" (kind = "component") {
     float3 xformOp:rotateXYZ = (0, 0, 45)
     uniform token[] xformOpOrder = ["xformOp:rotateXYZ"]
-    def Cube "Cube"
-    {
+    def Cube "Cube" {
         float3 xformOp:scale = (0.1, 0.2, 0.3)
         uniform token[] xformOpOrder = ["xformOp:scale"]
     }
@@ -119,8 +109,7 @@ def test_baked_layer_streams_like_the_original(stream, tmp_path):
 
 
 PLAYING = """
-def Cube "Block" (kind = "component")
-{
+def Cube "Block" (kind = "component") {
     double size.timeSamples = {START: 0.5, END: 2.5}
     double3 xformOp:translate = (0, 0, -9)
     uniform token[] xformOpOrder = ["xformOp:translate"]
@@ -146,28 +135,19 @@ def test_baked_layer_plays_the_shapes_of_a_stage_that_does_not_start_at_0(tmp_pa
 
 
 SETTINGS = """
-def Camera "First"
-{
-}
-def Camera "Main"
-{
+def Camera "First" {}
+def Camera "Main" {
     double3 xformOp:translate = (0, 0, 9)
     uniform token[] xformOpOrder = ["xformOp:translate"]
 }
-def Scope "Render"
-{
-    def RenderSettings "Settings"
-    {
+def Scope "Render" {
+    def RenderSettings "Settings" {
         rel camera = </Main>
         uniform int2 resolution = (16, 8)
     }
 }
-def FancyCube "Fancy" (kind = "component")
-{
-}
-def "Named" (references = @`"./${NAME}.usda"`@)
-{
-}
+def FancyCube "Fancy" (kind = "component") {}
+def "Named" (references = @`"./${NAME}.usda"`@) {}
 """
 ROOT_METADATA = """renderSettingsPrimPath = "/Render/Settings"
     fallbackPrimTypes = {
@@ -195,20 +175,14 @@ def test_layers_over_a_scene_have_the_metadata_that_usd_reads_from_root_layers(t
 
 
 POINTS = """
-def PointInstancer "Wood"
-{
+def PointInstancer "Wood" {
     point3f[] positions = [(-2, 0, -6), (2, 0, -6)]
     int[] protoIndices = [0, 1]
     rel prototypes = [<Fir01>, <Oak_2>]
-    def Cube "Fir01"
-    {
-    }
-    def Sphere "Oak_2"
-    {
-    }
+    def Cube "Fir01" {}
+    def Sphere "Oak_2" {}
 }
-def Cube "Stone7" (kind = "component")
-{
+def Cube "Stone7" (kind = "component") {
     double3 xformOp:translate = (0, 0, -9)
     uniform token[] xformOpOrder = ["xformOp:translate"]
 }
@@ -327,15 +301,11 @@ def test_variants_of_the_scene_are_selected_in_the_layer(tmp_path):
 def "Room" (
     variants = { string light = "day" }
     prepend variantSets = "light"
-)
-{
+) {
     variantSet "light" = {
-        "day" {
-        }
+        "day" {}
         "night" {
-            def Sphere "Lamp"
-            {
-            }
+            def Sphere "Lamp" {}
         }
     }
 }

@@ -91,28 +91,23 @@ FOREIGN = """#usda 1.0
     metersPerUnit = 0.01
     upAxis = "Y"
 )
-def Xform "World"
-{
+def Xform "World" {
     double3 xformOp:translate = (0, 100, 0)
     uniform token[] xformOpOrder = ["xformOp:translate"]
-    def Cube "Frame"
-    {
+    def Cube "Frame" {
         double3 xformOp:translate = (0, 50, 0)
         uniform token[] xformOpOrder = ["xformOp:translate"]
     }
-    def Cube "Door" (prepend apiSchemas = ["TisceneObjectAPI", "PhysicsRigidBodyAPI"])
-    {
+    def Cube "Door" (prepend apiSchemas = ["TisceneObjectAPI", "PhysicsRigidBodyAPI"]) {
         double3 xformOp:translate = (50, 0, 0)
         double3 xformOp:scale = (40, 80, 2)
         uniform token[] xformOpOrder = ["xformOp:translate", "xformOp:scale"]
     }
-    def Cube "Knob" (prepend apiSchemas = ["TisceneObjectAPI", "PhysicsRigidBodyAPI"])
-    {
+    def Cube "Knob" (prepend apiSchemas = ["TisceneObjectAPI", "PhysicsRigidBodyAPI"]) {
         double3 xformOp:translate = (80, 0, 5)
         uniform token[] xformOpOrder = ["xformOp:translate"]
     }
-    def PhysicsRevoluteJoint "Hinge" (prepend apiSchemas = ["PhysicsDriveAPI:angular"])
-    {
+    def PhysicsRevoluteJoint "Hinge" (prepend apiSchemas = ["PhysicsDriveAPI:angular"]) {
         rel physics:body0 = </World/Door>
         rel physics:body1 = </World/Frame>
         point3f physics:localPos0 = (-1, 0, 0)
@@ -123,18 +118,15 @@ def Xform "World"
         float physics:breakForce = 5
         float physics:breakTorque = 3.4028235e38
     }
-    def PhysicsDistanceJoint "Rope"
-    {
+    def PhysicsDistanceJoint "Rope" {
         rel physics:body0 = </World/Door>
         rel physics:body1 = </World/Knob>
         float physics:maxDistance = 30
     }
-    def PhysicsJoint "Free"
-    {
+    def PhysicsJoint "Free" {
         rel physics:body1 = </World/Knob>
     }
-    def PhysicsFixedJoint "Elsewhere"
-    {
+    def PhysicsFixedJoint "Elsewhere" {
         rel physics:body1 = </World/Frame>
     }
 }
@@ -163,26 +155,23 @@ def test_joints_of_another_program_are_read_in_meters_and_their_omissions_are_na
 
 def test_limits_in_loops_and_joints_that_contradict_themselves_are_left_out_and_named(tmp_path):
     """A door on two hinges with limits; a joint whose limits exclude each other."""
-    second = """    def PhysicsRevoluteJoint "Second"
-    {
+    second = """    def PhysicsRevoluteJoint "Second" {
         rel physics:body1 = </World/Door>
         uniform token physics:axis = "Y"
         float physics:lowerLimit = -20
     }
-    def PhysicsPrismaticJoint "Third"
-    {
+    def PhysicsPrismaticJoint "Third" {
         rel physics:body0 = </World/Knob>
         float physics:lowerLimit = 3
         float physics:upperLimit = 2
     }
-    def PhysicsPrismaticJoint "Fourth"
-    {
+    def PhysicsPrismaticJoint "Fourth" {
         rel physics:body1 = </World/Door>
     }
-    def PhysicsFixedJoint "Elsewhere"
+    def PhysicsFixedJoint "Elsewhere" {
 """
     path = tmp_path / "foreign.usda"
-    path.write_text(FOREIGN.replace('    def PhysicsFixedJoint "Elsewhere"\n', second))
+    path.write_text(FOREIGN.replace('    def PhysicsFixedJoint "Elsewhere" {\n', second))
     with pytest.warns(StageWarning) as warned:
         joints = ts.Scenario.load(path).joints
     text = str(warned[0].message)
@@ -200,17 +189,13 @@ def test_limits_in_loops_and_joints_that_contradict_themselves_are_left_out_and_
 
 
 UNLIMITED = """#usda 1.0
-def Cube "Box" (prepend apiSchemas = ["TisceneObjectAPI", "PhysicsRigidBodyAPI"])
-{{
-}}
-def PhysicsRevoluteJoint "Hinge"
-{{
+def Cube "Box" (prepend apiSchemas = ["TisceneObjectAPI", "PhysicsRigidBodyAPI"]) {{}}
+def PhysicsRevoluteJoint "Hinge" {{
     rel physics:body1 = </Box>
     float physics:lowerLimit = -{most}
     float physics:upperLimit = {most}
 }}
-def PhysicsDistanceJoint "Rope"
-{{
+def PhysicsDistanceJoint "Rope" {{
     rel physics:body1 = </Box>
     float physics:maxDistance = {most}
 }}
@@ -228,11 +213,8 @@ def test_infinite_and_largest_limits_are_none(tmp_path, most):
 
 
 SOCKET = """#usda 1.0
-def Cube "Arm" (prepend apiSchemas = ["TisceneObjectAPI", "PhysicsRigidBodyAPI"])
-{{
-}}
-def PhysicsSphericalJoint "Socket"
-{{
+def Cube "Arm" (prepend apiSchemas = ["TisceneObjectAPI", "PhysicsRigidBodyAPI"]) {{}}
+def PhysicsSphericalJoint "Socket" {{
     rel physics:body1 = </Arm>
     uniform token physics:axis = "Z"
     float physics:coneAngle0Limit = {0:g}
@@ -277,20 +259,15 @@ def test_wrong_cone_is_an_error(cone_angle):
 def test_sleep_of_a_body_that_a_joint_holds_is_named(tmp_path):
     path = tmp_path / "socket.usda"
     path.write_text(
-        SOCKET.format(-1, -1).replace(
-            'PhysicsRigidBodyAPI"])\n{', 'PhysicsRigidBodyAPI"])\n{\n    bool physics:startsAsleep = 1'
-        )
+        SOCKET.format(-1, -1).replace('BodyAPI"]) {', 'BodyAPI"]) {\n    bool physics:startsAsleep = 1\n', 1)
     )
     with pytest.warns(StageWarning, match="a joint holds is awake from the start .*: </Arm>"):
         read_scenario(path)
 
 
 BROKEN = """#usda 1.0
-def Cube "Arm" (prepend apiSchemas = ["TisceneObjectAPI", "PhysicsRigidBodyAPI"])
-{{
-}}
-def PhysicsFixedJoint "Weld"
-{{
+def Cube "Arm" (prepend apiSchemas = ["TisceneObjectAPI", "PhysicsRigidBodyAPI"]) {{}}
+def PhysicsFixedJoint "Weld" {{
     rel physics:body1 = </Arm>
     {line}
 }}

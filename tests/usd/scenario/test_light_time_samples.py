@@ -21,51 +21,41 @@ STAGE = """#usda 1.0
     endTimeCode = 40
     timeCodesPerSecond = 10
 )
-def Xform "Room"
-{
-    def Mesh "Floor"
-    {
+def Xform "Room" {
+    def Mesh "Floor" {
         int[] faceVertexCounts = [4]
         int[] faceVertexIndices = [0, 1, 2, 3]
         point3f[] points = [(-2, 0, 2), (2, 0, 2), (2, 0, -2), (-2, 0, -2)]
     }
-    def Xform "Box" ( kind = "component" )
-    {
+    def Xform "Box" ( kind = "component" ) {
         double3 xformOp:translate = (1, 0, 0)
         uniform token[] xformOpOrder = ["xformOp:translate"]
-        def Cube "Body"
-        {
+        def Cube "Body" {
             double size = 0.5
         }
-        def SphereLight "Bulb"
-        {
+        def SphereLight "Bulb" {
             float inputs:radius = 0.1
             float inputs:intensity.timeSamples = { 10: 0, 20: 4 }
             color3f inputs:color = (1, 0.5, 0.25)
         }
     }
-    def Xform "Arm"
-    {
+    def Xform "Arm" {
         double3 xformOp:translate.timeSamples = { 10: (0, 3, 0), 30: (2, 3, 0) }
         uniform token[] xformOpOrder = ["xformOp:translate"]
-        def RectLight "Panel"
-        {
+        def RectLight "Panel" {
             float inputs:intensity = 3
             double3 xformOp:scale = (2, 1, 1)
             uniform token[] xformOpOrder = ["xformOp:scale"]
         }
     }
-    def DistantLight "Sun"
-    {
+    def DistantLight "Sun" {
         float inputs:intensity = 2
     }
-    def Camera "Main"
-    {
+    def Camera "Main" {
         double3 xformOp:translate = (0, 1, 6)
         uniform token[] xformOpOrder = ["xformOp:translate"]
     }
-    def Camera "Side"
-    {
+    def Camera "Side" {
         double3 xformOp:translate = (1, 1, 6)
         uniform token[] xformOpOrder = ["xformOp:translate"]
     }
@@ -180,13 +170,11 @@ def test_several_cameras_give_one_view_each(file):
 
 def test_baking_an_edited_instancer_point_raises_argument_error(file, tmp_path):
     points = """
-    def PointInstancer "Row"
-    {
+    def PointInstancer "Row" {
         rel prototypes = </Room/Row/Ball>
         int[] protoIndices = [0, 0]
         point3f[] positions = [(0, 1, 0), (1, 1, 0)]
-        def Sphere "Ball"
-        {
+        def Sphere "Ball" {
             double radius = 0.1
         }
     }

@@ -22,33 +22,25 @@ from tiscene.scenario.objects import Frustum, Object
 from tiscene.scenario.scenario import Scenario
 
 MOVING = """
-def Xform "World" (
-    prepend apiSchemas = ["TisceneScenarioAPI"]
-)
-{
+def Xform "World" (prepend apiSchemas = ["TisceneScenarioAPI"]) {
     uniform double tiscene:scenario:waitTime = 0.75
     uniform double tiscene:scenario:frustumFar = -1
     double3 xformOp:translate = (0, 1, 0)
     uniform token[] xformOpOrder = ["xformOp:translate"]
-    def Camera "Eye" (
-        prepend apiSchemas = ["TisceneMotionAPI"]
-    )
-    {
+    def Camera "Eye" (prepend apiSchemas = ["TisceneMotionAPI"]) {
         uniform token tiscene:motion:type = "orbit"
         uniform double tiscene:motion:period = 4
         double3 xformOp:translate = (0, 0, 5)
         uniform token[] xformOpOrder = ["xformOp:translate"]
     }
-    def Cube "Floor"
-    {
+    def Cube "Floor" {
         double3 xformOp:translate = (0, -3, 0)
         uniform token[] xformOpOrder = ["xformOp:translate"]
     }
     def Xform "Chair" (
         prepend apiSchemas = ["TisceneMotionAPI", "TisceneObjectAPI", "SemanticsLabelsAPI:class"]
         kind = "component"
-    )
-    {
+    ) {
         token[] semantics:labels:class = ["chair"]
         uniform token tiscene:motion:type = "catmullWaypoints"
         uniform point3d[] tiscene:motion:positions = [(0, 0, 0), (1, 0, 0), (0, 1, 0)]
@@ -60,27 +52,16 @@ def Xform "World" (
         float3 xformOp:rotateXYZ = (0, 90, 0)
         float3 xformOp:scale = (0.1, 0.2, 0.3)
         uniform token[] xformOpOrder = ["xformOp:translate", "xformOp:rotateXYZ", "xformOp:scale"]
-        def Cube "Seat"
-        {
-        }
+        def Cube "Seat" {}
     }
-    def Scope "Spin" (
-        prepend apiSchemas = ["TisceneMotionAPI"]
-    )
-    {
+    def Scope "Spin" (prepend apiSchemas = ["TisceneMotionAPI"]) {
         uniform token tiscene:motion:type = "orbit"
     }
-    def Scope "Swing" (
-        prepend apiSchemas = ["TisceneMotionAPI"]
-    )
-    {
+    def Scope "Swing" (prepend apiSchemas = ["TisceneMotionAPI"]) {
         uniform token tiscene:motion:type = "orbit"
         uniform double tiscene:motion:period = 2
     }
-    def Sphere "Ball" (
-        prepend apiSchemas = ["TisceneMotionAPI"]
-    )
-    {
+    def Sphere "Ball" (prepend apiSchemas = ["TisceneMotionAPI"]) {
         uniform token tiscene:motion:type = "composite"
         rel tiscene:motion:parts = [</World/Swing>, </World/Spin>]
     }
@@ -190,8 +171,8 @@ MOTION = 'def Cube "A" (prepend apiSchemas = ["TisceneMotionAPI"])\n{{\n{}\n}}'
             "</S> scenario: .*'never'",
         ),
         (
-            'def Scope "S" (prepend apiSchemas = ["TisceneScenarioAPI"])\n{\n}\n'
-            'def Scope "T" (prepend apiSchemas = ["TisceneScenarioAPI"])\n{\n}',
+            'def Scope "S" (prepend apiSchemas = ["TisceneScenarioAPI"]) {}\n'
+            'def Scope "T" (prepend apiSchemas = ["TisceneScenarioAPI"]) {}',
             StageError,
             "</T> scenario: </S> is the scenario already",
         ),
@@ -209,24 +190,20 @@ def test_invalid_schema_values_raise_errors_with_the_prim(tmp_path, body, error,
 
 
 ANIMATED = """
-def Xform "World"
-{
+def Xform "World" {
     double3 xformOp:translate.timeSamples = { 10: (0, 0, 0), 20: (0, 0, 10) }
     uniform token[] xformOpOrder = ["xformOp:translate"]
-    def Cube "Box" (kind = "component")
-    {
+    def Cube "Box" (kind = "component") {
         double3 xformOp:translate.timeSamples = { 10: (0, 0, 0), 15: (5, 0, 0) }
         float xformOp:rotateY.timeSamples = { 12: 0, 14: 270 }
         uniform token[] xformOpOrder = ["xformOp:translate", "xformOp:rotateY"]
     }
 }
-def Camera "Eye"
-{
+def Camera "Eye" {
     double3 xformOp:translate.timeSamples = { 10: (0, 0, 9), 30: (2, 0, 9) }
     uniform token[] xformOpOrder = ["xformOp:translate"]
 }
-def Cube "Floor"
-{
+def Cube "Floor" {
     float3 xformOp:scale.timeSamples = { 10: (1, 1, 1), 20: (2, 1, 1) }
     double3 xformOp:translate.timeSamples = { 10: (0, -5, 0), 20: (0, -6, 0) }
     uniform token[] xformOpOrder = ["xformOp:translate", "xformOp:scale"]
@@ -269,7 +246,7 @@ def test_stage_of_the_documentation_plays(tmp_path):
     page = Path(__file__).parents[3] / "docs" / "usd_scenarios.md"
     (text,) = re.findall(r"```usda\n(.*?)```", page.read_text(encoding="utf-8"), re.DOTALL)
     (tmp_path / "scene.usda").write_text(text)
-    write(tmp_path, 'def Xform "Chair"\n{\ndef Cube "Seat"\n{\n}\n}', name="chair.usda", more='defaultPrim = "Chair"')
+    write(tmp_path, 'def Xform "Chair"\n{\ndef Cube "Seat" {}\n}', name="chair.usda", more='defaultPrim = "Chair"')
     scenario = Scenario.load(tmp_path / "scene.usda")
     (chair,) = scenario.objects
     assert (chair.id, chair.last_frame, scenario.timings) == ("Chair", 199, ts.AllTogether(0.25))
@@ -296,26 +273,18 @@ ROBOT = """#usda 1.0
 (
     metersPerUnit = 1
 )
-def Xform "Robot" (
-    kind = "component"
-)
-{
-    def Cube "Base"
-    {
-    }
-    def Xform "Arm" (prepend apiSchemas = ["TisceneObjectAPI"])
-    {
+def Xform "Robot" (kind = "component") {
+    def Cube "Base" {}
+    def Xform "Arm" (prepend apiSchemas = ["TisceneObjectAPI"]) {
         double3 xformOp:translate = (0, 2, 0)
         double3 xformOp:translate.timeSamples = { 0: (0, 2, 0), 10: (0, 3, 0) }
         uniform token[] xformOpOrder = ["xformOp:translate"]
-        def Cube "Hand"
-        {
+        def Cube "Hand" {
             double3 xformOp:translate.timeSamples = { 0: (0, 0, 0), 10: (0, 3, 0) }
             uniform token[] xformOpOrder = ["xformOp:translate"]
         }
     }
-    def Cube "Head"
-    {
+    def Cube "Head" {
         double3 xformOp:translate.timeSamples = { 0: (0, 9, 0), 10: (0, 8, 0) }
         uniform token[] xformOpOrder = ["xformOp:translate"]
     }

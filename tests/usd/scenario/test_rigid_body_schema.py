@@ -53,16 +53,13 @@ FOREIGN = """#usda 1.0
     kilogramsPerUnit = 2
     upAxis = "Y"
 )
-def Cube "Box" (prepend apiSchemas = ["TisceneObjectAPI", "PhysicsRigidBodyAPI", "PhysicsMassAPI"])
-{{
+def Cube "Box" (prepend apiSchemas = ["TisceneObjectAPI", "PhysicsRigidBodyAPI", "PhysicsMassAPI"]) {{
     {kinematic}
     vector3f physics:velocity = (100, 0, -50)
     vector3f physics:angularVelocity = (0, 180, 0)
     float physics:density = 0.00025
 }}
-def Cube "Untouched" (prepend apiSchemas = ["PhysicsRigidBodyAPI"])
-{{
-}}
+def Cube "Untouched" (prepend apiSchemas = ["PhysicsRigidBodyAPI"]) {{}}
 """
 
 
@@ -94,15 +91,12 @@ MATERIAL = """#usda 1.0
 (
     metersPerUnit = 1
 )
-def Xform "Body" (prepend apiSchemas = ["TisceneObjectAPI", "PhysicsRigidBodyAPI"])
-{
-    def Cube "Part" (prepend apiSchemas = ["PhysicsCollisionAPI", "MaterialBindingAPI"])
-    {
+def Xform "Body" (prepend apiSchemas = ["TisceneObjectAPI", "PhysicsRigidBodyAPI"]) {
+    def Cube "Part" (prepend apiSchemas = ["PhysicsCollisionAPI", "MaterialBindingAPI"]) {
         rel material:binding:physics = </Ice>
     }
 }
-def Material "Ice" (prepend apiSchemas = ["PhysicsMaterialAPI"])
-{
+def Material "Ice" (prepend apiSchemas = ["PhysicsMaterialAPI"]) {
     float physics:dynamicFriction = 0.02
     float physics:density = 900
 }
@@ -120,13 +114,11 @@ TURNED = """#usda 1.0
 (
     metersPerUnit = 1
 )
-def Xform "Group"
-{
+def Xform "Group" {
     double3 xformOp:rotateXYZ = (0, 90, 0)
     double3 xformOp:scale = (2, 2, 2)
     uniform token[] xformOpOrder = ["xformOp:rotateXYZ", "xformOp:scale"]
-    def Cube "Box" (prepend apiSchemas = ["TisceneObjectAPI", "PhysicsRigidBodyAPI"])
-    {
+    def Cube "Box" (prepend apiSchemas = ["TisceneObjectAPI", "PhysicsRigidBodyAPI"]) {
         vector3f physics:velocity = (0, 3, 1)
         vector3f physics:angularVelocity = (0, 90, 180)
         double3 xformOp:rotateXYZ = (90, 0, 0)
@@ -156,38 +148,30 @@ def test_velocities_of_a_turned_object_are_saved_in_its_axes(tmp_path):
 
 
 UNREAD = """#usda 1.0
-def Cube "Plain" (prepend apiSchemas = ["TisceneObjectAPI", "PhysicsRigidBodyAPI", "PhysicsMassAPI"])
-{
+def Cube "Plain" (prepend apiSchemas = ["TisceneObjectAPI", "PhysicsRigidBodyAPI", "PhysicsMassAPI"]) {
     float physics:density = 200
 }
 def Cube "Heavy" (
     prepend apiSchemas = ["TisceneObjectAPI", "PhysicsRigidBodyAPI", "PhysicsMassAPI", "MaterialBindingAPI"]
-)
-{
+) {
     float physics:mass = 3
     rel material:binding:physics = </Ice>
     bool physics:startsAsleep = 1
-    def Sphere "Inner" (prepend apiSchemas = ["PhysicsRigidBodyAPI", "MaterialBindingAPI"])
-    {
+    def Sphere "Inner" (prepend apiSchemas = ["PhysicsRigidBodyAPI", "MaterialBindingAPI"]) {
         rel material:binding:physics = </Stone>
     }
 }
-def Cube "Light" (prepend apiSchemas = ["TisceneObjectAPI", "PhysicsRigidBodyAPI", "PhysicsMassAPI"])
-{
+def Cube "Light" (prepend apiSchemas = ["TisceneObjectAPI", "PhysicsRigidBodyAPI", "PhysicsMassAPI"]) {
     float3 physics:diagonalInertia = (1, 1, 3)
-    def Sphere "Part" (prepend apiSchemas = ["PhysicsCollisionAPI", "PhysicsMassAPI"])
-    {
+    def Sphere "Part" (prepend apiSchemas = ["PhysicsCollisionAPI", "PhysicsMassAPI"]) {
         float physics:mass = 2
     }
 }
-def Material "Ice" (prepend apiSchemas = ["PhysicsMaterialAPI"])
-{
+def Material "Ice" (prepend apiSchemas = ["PhysicsMaterialAPI"]) {
     float physics:dynamicFriction = 0.1
     float physics:staticFriction = 0.3
 }
-def Material "Stone" (prepend apiSchemas = ["PhysicsMaterialAPI"])
-{
-}
+def Material "Stone" (prepend apiSchemas = ["PhysicsMaterialAPI"]) {}
 """
 
 
@@ -215,8 +199,7 @@ MASS = """#usda 1.0
     metersPerUnit = 0.01
     kilogramsPerUnit = 2
 )
-def Cube "Box" (prepend apiSchemas = ["TisceneObjectAPI", "PhysicsRigidBodyAPI", "PhysicsMassAPI"])
-{
+def Cube "Box" (prepend apiSchemas = ["TisceneObjectAPI", "PhysicsRigidBodyAPI", "PhysicsMassAPI"]) {
     double3 xformOp:scale = (1, 2, 1)
     uniform token[] xformOpOrder = ["xformOp:scale"]
     float physics:mass = 3
@@ -225,9 +208,7 @@ def Cube "Box" (prepend apiSchemas = ["TisceneObjectAPI", "PhysicsRigidBodyAPI",
     float3 physics:diagonalInertia = (10000, 20000, 15000)
     quatf physics:principalAxes = (0.5, 0.5, 0.5, 0.5)
 }
-def Cube "Plain" (prepend apiSchemas = ["TisceneObjectAPI", "PhysicsRigidBodyAPI", "PhysicsMassAPI"])
-{
-}
+def Cube "Plain" (prepend apiSchemas = ["TisceneObjectAPI", "PhysicsRigidBodyAPI", "PhysicsMassAPI"]) {}
 """
 
 
@@ -277,13 +258,11 @@ def Cube "Box" (
     prepend apiSchemas = [
         "TisceneObjectAPI", "PhysicsRigidBodyAPI", "PhysicsMassAPI", "PhysicsCollisionAPI", "MaterialBindingAPI"
     ]
-)
-{{
+) {{
     rel material:binding:physics = </Surface>
     {box}
 }}
-def Material "Surface" (prepend apiSchemas = ["PhysicsMaterialAPI"])
-{{
+def Material "Surface" (prepend apiSchemas = ["PhysicsMaterialAPI"]) {{
     {surface}
 }}
 """

@@ -118,14 +118,11 @@ def test_decimals_survive_a_stage_in_centimeters(tmp_path):
 
 
 def test_lights_of_a_template_in_another_unit_are_as_bright_in_the_layer(room, tmp_path):
-    lamp = """def Xform "Lamp"
-{
-    def Cube "Base"
-    {
+    lamp = """def Xform "Lamp" {
+    def Cube "Base" {
         double size = 10
     }
-    def SphereLight "Bulb"
-    {
+    def SphereLight "Bulb" {
         bool inputs:normalize = 1
         float inputs:intensity = 30000
         float inputs:radius = 4
@@ -246,18 +243,15 @@ def test_saved_layer_finds_files_that_were_named_from_another_folder(room, tmp_p
 
 
 MOVING = """
-def Cube "Block" (kind = "component")
-{
+def Cube "Block" (kind = "component") {
     double3 xformOp:translate.timeSamples = {0: (0, 2, -3), 24: (2, 2, -3)}
     uniform token[] xformOpOrder = ["xformOp:translate"]
 }
-def Camera "Main"
-{
+def Camera "Main" {
     double3 xformOp:translate.timeSamples = {0: (0, 0, 3), 24: (2, 0, 3)}
     uniform token[] xformOpOrder = ["xformOp:translate"]
 }
-def SphereLight "Lamp"
-{
+def SphereLight "Lamp" {
     float inputs:intensity.timeSamples = {0: 1, 24: 10}
 }
 """
@@ -274,16 +268,14 @@ def test_saved_scenario_without_the_motion_of_its_scene_keeps_it_still(tmp_path,
 
 def test_scenario_by_hand_that_names_its_scene_has_the_objects_of_the_schema(tmp_path):
     body = """
-    def Scope "Scenario" (prepend apiSchemas = ["TisceneScenarioAPI"])
-    {
+    def Scope "Scenario" (prepend apiSchemas = ["TisceneScenarioAPI"]) {
         uniform string tiscene:scenario:scene = "scene.usda"
     }
-    over "Block" (prepend apiSchemas = ["TisceneMotionAPI"])
-    {
+    over "Block" (prepend apiSchemas = ["TisceneMotionAPI"]) {
         uniform token tiscene:motion:type = "orbit"
     }
     """
-    scene = write(tmp_path, MOVING.replace("Block", "Other") + 'def Cube "Block"\n{\n}\n', name="scene.usda")
+    scene = write(tmp_path, MOVING.replace("Block", "Other") + 'def Cube "Block" {}\n', name="scene.usda")
     layer = write(tmp_path, body, name="run.usda", more="subLayers = [@scene.usda@]")
     loaded = Scenario.load(layer)
     assert [(each.template, type(each.dynamic)) for each in loaded.objects] == [("/Block", ts.Orbit)]
@@ -294,18 +286,13 @@ VARIANTS = """
 def Xform "Room" (
     variants = { string lighting = "day" }
     prepend variantSets = "lighting"
-)
-{
+) {
     variantSet "lighting" = {
         "day" {
-            def Cube "Window"
-            {
-            }
+            def Cube "Window" {}
         }
         "night" {
-            def Sphere "Lamp" (kind = "component")
-            {
-            }
+            def Sphere "Lamp" (kind = "component") {}
         }
     }
 }
@@ -350,7 +337,7 @@ def test_saved_layer_finds_the_catalog_of_another_environment(tmp_path, monkeypa
 def test_files_of_the_scene_are_not_overwritten(tmp_path, monkeypatch, method, scene):
     """The layer refers to them: it would refer to itself, and the scene would be lost."""
     monkeypatch.chdir(tmp_path)
-    Path("room.usda").write_text('#usda 1.0\n(\n    defaultPrim = "Box"\n)\ndef Cube "Box"\n{\n}\n')
+    Path("room.usda").write_text('#usda 1.0\n(\n    defaultPrim = "Box"\n)\ndef Cube "Box" {}\n')
     Path("over.usda").write_text("#usda 1.0\n(\n    subLayers = [@room.usda@]\n)\n")
     before = Path("room.usda").read_bytes()
     scenario = ts.Scenario(scene, [ts.Object("ball", "Sphere", (0, 1, -3))])
@@ -371,8 +358,7 @@ def test_saved_scenario_can_be_saved_into_its_own_file(tmp_path):
 def test_object_whose_prim_has_operations_in_single_precision_keeps_its_pose(tmp_path):
     """The layer's own operations are in double precision: a quaternion of another type is refused by USD."""
     body = """
-def Cube "Block"
-{
+def Cube "Block" {
     float3 xformOp:translate = (0.5, 0, 0)
     quatf xformOp:orient = (0.8, 0.6, 0, 0)
     uniform token[] xformOpOrder = ["xformOp:translate", "xformOp:orient"]

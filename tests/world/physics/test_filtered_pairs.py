@@ -101,19 +101,14 @@ STAGE = """#usda 1.0
     upAxis = "Y"
     metersPerUnit = 1
 )
-def PhysicsScene "Scene"
-{
-}
-def Xform "Room"
-{
-    def Cube "Floor" (prepend apiSchemas = ["PhysicsCollisionAPI"])
-    {
+def PhysicsScene "Scene" {}
+def Xform "Room" {
+    def Cube "Floor" (prepend apiSchemas = ["PhysicsCollisionAPI"]) {
         double3 xformOp:translate = (0, -11, 0)
         double3 xformOp:scale = (10, 10, 10)
         uniform token[] xformOpOrder = ["xformOp:translate", "xformOp:scale"]
     }
-    def Cube "Shelf" (prepend apiSchemas = ["PhysicsCollisionAPI"])
-    {
+    def Cube "Shelf" (prepend apiSchemas = ["PhysicsCollisionAPI"]) {
         double3 xformOp:scale = (2, 0.1, 2)
         uniform token[] xformOpOrder = ["xformOp:scale"]
     }
@@ -122,16 +117,14 @@ def Xform "Room"
 %s
 """
 BODY = """
-def Sphere "%s" (prepend apiSchemas = ["TisceneObjectAPI", "PhysicsRigidBodyAPI", "PhysicsCollisionAPI"%s])
-{
+def Sphere "%s" (prepend apiSchemas = ["TisceneObjectAPI", "PhysicsRigidBodyAPI", "PhysicsCollisionAPI"%s]) {
     double radius = 0.2
     double3 xformOp:translate = (%g, 0.5, 0)
     uniform token[] xformOpOrder = ["xformOp:translate"]
     %s
 }"""
 GROUP = """
-def PhysicsCollisionGroup "%s" (prepend apiSchemas = ["CollectionAPI:colliders"])
-{
+def PhysicsCollisionGroup "%s" (prepend apiSchemas = ["CollectionAPI:colliders"]) {
     rel collection:colliders:includes = [%s]
     rel physics:filteredGroups = [%s]
     %s
@@ -189,7 +182,7 @@ def test_groups_of_one_merge_group_count_as_one(tmp_path):
 
 
 def test_filter_of_a_part_of_a_body_counts_for_the_body_and_is_named(tmp_path):
-    part = 'def Cube "Arm" (prepend apiSchemas = ["PhysicsCollisionAPI"])\n    {\n    }'
+    part = 'def Cube "Arm" (prepend apiSchemas = ["PhysicsCollisionAPI"]) {}'
     body = BODY % ("A", "", -1, part)
     groups = GROUP % ("Arms", "</A/Arm>", "</Others>", "") + GROUP % ("Others", "</B>", "", "")
     with pytest.warns(StageWarning, match="a collision filter of a part of a rigid body counts .*: </A>"):

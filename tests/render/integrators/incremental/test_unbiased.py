@@ -65,12 +65,8 @@ GLASS_BALL = """#usda 1.0
     metersPerUnit = 1
     upAxis = "Y"
 )
-def Xform "Ball"
-{
-    def Sphere "Shape" (
-        prepend apiSchemas = ["MaterialBindingAPI"]
-    )
-    {
+def Xform "Ball" {
+    def Sphere "Shape" (prepend apiSchemas = ["MaterialBindingAPI"]) {
         double radius = 0.3
         rel material:binding = </Ball/Glass>
     }
