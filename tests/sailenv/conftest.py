@@ -4,19 +4,29 @@
 import contextlib
 import io
 import zipfile
+from dataclasses import replace
 
 import pytest
 
 from tests.sailenv.client import Client
 from tests.sailenv.served import served
+from tiscene.render.render_settings import PRESETS
 from tiscene.sailenv import Agent, CatmullWaypoints, LinearWaypoints, Object, Waypoint
 
 SCENE = "object_view/scene"
 HOME = (0.0, 1.0, 0.0)  # agents look along +z
 SETTINGS = {"scene": SCENE, "spp": 1}
 VIEWS = ("main", "category", "object", "flow", "depth")
-SERVED = ("--spp", "1", "--no-incremental")  # agents beside clients have these settings too
+SERVED = ("--spp", "1", "--no-incremental", "--query-budget", "3")  # agents beside clients have these settings too
 WAIT = 2.0  # s: for how long the server's clock waits for a slow client
+
+
+@pytest.fixture(scope="package", autouse=True)
+def few_samples():
+    """Give base images and panoramas few samples per pixel; their noise matters to no test here."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setitem(PRESETS, "preview", replace(PRESETS["preview"], base_spp=8, panorama_spp=8))
+        yield
 
 
 @pytest.fixture

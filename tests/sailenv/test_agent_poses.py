@@ -10,7 +10,7 @@ from tiscene.sailenv import Scenario, Vector3
 
 
 def test_turning_right_moves_the_image_left_and_pitching_down_moves_it_up(make_agent):
-    agent = make_agent()
+    agent = make_agent(main_frame_active=False)
     agent.spawn_object("Sphere", (0, 1, 3), scale=(0.5, 0.5, 0.5))
     x, y = center(agent.get_frame()["object"].any(axis=-1))
     agent.set_rotation(Vector3(0, 10, 0))

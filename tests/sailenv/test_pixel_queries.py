@@ -3,9 +3,8 @@
 
 import pytest
 
-from tests.sailenv.client import OBJECT, Client
+from tests.sailenv.client import OBJECT
 from tests.sailenv.conftest import SCENE
-from tests.sailenv.served import served
 from tiscene.errors import ArgumentError
 from tiscene.sailenv import AllTogetherTimings, LinearWaypoints, Object, Scenario, Waypoint
 
@@ -61,19 +60,15 @@ def test_invalid_budget_is_an_error(make_agent, budget):
         make_agent(query_budget=budget)
 
 
-def test_answers_over_the_network_are_those_in_process(make_agent, tmp_path):
-    agent = make_agent(at=None, width=32, height=24)
-    with (
-        served(tmp_path, "object_view", "--spp", "1", "--query-budget", "3") as server,
-        Client(server.address, 32, 24) as c,
-    ):
-        assert "get_frame" in c.ask_pixel(0, 0)
-        assert c.spawn("Cube") == agent.spawn_object("Cube")
-        c.frame(OBJECT), agent.get_frame()
-        for left, (y, x) in ((2, (12, 16)), (1, (0, 0))):
-            mine = agent.ask_pixel(y, x)
-            assert c.ask_pixel(y, x) == (mine.frame, mine.category, mine.object, left, mine.name)
-        assert "must" in c.ask_pixel(24, 0)
-        assert c.ask_pixel(23, 31)[3] == 0
-        assert "budget" in c.ask_pixel(0, 0)
-        assert c.position()  # the connection goes on
+def test_answers_over_the_network_are_those_in_process(server, connect, make_agent):
+    agent, c = make_agent(at=None, width=32, height=24), connect()
+    assert "get_frame" in c.ask_pixel(0, 0)
+    assert c.spawn("Cube") == agent.spawn_object("Cube")
+    c.frame(OBJECT), agent.get_frame()
+    for left, (y, x) in ((2, (12, 16)), (1, (0, 0))):
+        mine = agent.ask_pixel(y, x)
+        assert c.ask_pixel(y, x) == (mine.frame, mine.category, mine.object, left, mine.name)
+    assert "must" in c.ask_pixel(24, 0)
+    assert c.ask_pixel(23, 31)[3] == 0
+    assert "budget" in c.ask_pixel(0, 0)
+    assert c.position()  # the connection goes on

@@ -50,29 +50,23 @@ finally:
     print("frames", frames)
     agent.delete()
 """
-PIPES = {"capture_output": True, "text": True, "stdin": subprocess.DEVNULL}
 
 
 @pytest.fixture
 def run(tmp_path, capsys):
     """Return a function that runs a script in this process and returns what it prints."""
 
-    def run(script, *options):
+    def run(script, *options, arguments=()):
         path = tmp_path / "script.py"
         path.write_text(script)
-        main(["--spp", "1", *options, str(path)])
+        main(["--spp", "1", *options, str(path), *arguments])
         return capsys.readouterr().out
 
     return run
 
 
-def test_script_runs_unchanged_until_the_frame_limit(tmp_path):
-    path = tmp_path / "script.py"
-    path.write_text(SCRIPT)
-    command = [sys.executable, "-m", "tiscene.sailenv", "--spp", "1", "--no-incremental", "--headless"]
-    done = subprocess.run([*command, "--frames", "3", str(path), "an", "--argument"], **PIPES)
-    assert done.returncode == 0, done.stderr
-    lines = done.stdout.splitlines()
+def test_script_runs_unchanged_until_the_frame_limit(run):
+    lines = run(SCRIPT, "--no-incremental", "--headless", "--frames", "3", arguments=("an", "--argument")).splitlines()
     assert lines[0].startswith("id 0 [")
     assert "'an', '--argument'" in lines[0]
     assert lines[-2:] == ["frames 3", "script.py: stopped after 3 frames"]
