@@ -3,12 +3,10 @@
 
 from __future__ import annotations
 
-import math
-
 import numpy as np
 import pytest
 
-from dynamics.argument_checks import distinct_names, integer, number, positive
+from dynamics.argument_checks import distinct_names, positive
 from tiscene.errors import ArgumentError, BufferNotFound
 from tiscene.frame.buffers import buffer_names
 from tiscene.render.render_settings import preset
@@ -16,7 +14,6 @@ from tiscene.stream.shutter import shutter_times
 
 
 def test_numpy_numbers_become_plain_ones():
-    assert [type(each) for each in (integer(np.int64(3), "n", 0, 9), number(np.float32(3), "x"))] == [int, float]
     parts = preset("preview", spp=np.int64(3), max_depth=np.uint8(2), relative_error=np.float32(0.5), denoise=np.False_)
     assert [type(each) for each in (parts.spp, parts.max_depth, parts.relative_error)] == [int, int, float]
     assert parts.denoise is False
@@ -25,11 +22,6 @@ def test_numpy_numbers_become_plain_ones():
 @pytest.mark.parametrize(
     ("check", "message"),
     [
-        (lambda: integer(1.0, "n", 0, 9), "n=1.0: must be a whole number"),
-        (lambda: integer(10, "n", 0, 9), "n=10: must be from 0 to 9"),
-        (lambda: number("3", "x"), "x='3': must be a number"),
-        (lambda: number(math.nan, "x"), "x=nan: must be finite"),
-        (lambda: number(10**400, "x"), "x=1.*: must be finite"),
         (lambda: positive(0, "fps"), "fps=0: must be greater than 0"),
         (lambda: shutter_times((0.5, 0.0)), r"shutter=\(0.5, 0.0\): must be -1 <= open <= close <= 1"),
         (lambda: shutter_times(0.5), "shutter=0.5: must be two numbers"),
@@ -39,13 +31,10 @@ def test_numpy_numbers_become_plain_ones():
         (lambda: distinct_names(("chair", ""), "categories"), "categories=.*none of them empty"),
         (lambda: distinct_names(("chair", 3), "categories"), "categories=.*must be one or more names"),
         (lambda: distinct_names(["a", "b", "a"], "categories"), "categories: 'a' is named twice; name each once"),
-        (lambda: preset("preview", spp=0), "spp=0: must be at least 1"),
         (lambda: preset("preview", max_depth=1.5), "max_depth=1.5: must be a whole number"),
         (lambda: preset("preview", base_spp="many"), "base_spp='many': must be a whole number"),
         (lambda: preset("preview", relative_error="low"), "relative_error='low': must be a number"),
-        (lambda: preset("preview", clamp=-1.0), "clamp=-1.0: must be greater than 0"),
         (lambda: buffer_names(3), "buffers=3: must be a sequence of names"),
-        (lambda: buffer_names("rgb"), "buffers='rgb': must be a sequence of names"),
         (lambda: buffer_names(()), "buffers=.*name at least one"),
     ],
 )

@@ -112,7 +112,7 @@ def test_values_follow_their_samples(tmp_path):
 
 def test_frames_do_not_depend_on_earlier_frames_nor_on_the_process_that_renders_them(tmp_path):
     path = stage_with(tmp_path, "float fStop = 2", WALKS)
-    options = {"quality": "fast", "buffers": ("hdr", "rgb", *LABELS)}
+    options = {"quality": "fast", "base_spp": 4, "buffers": ("hdr", "rgb", *LABELS)}
     with stream_of(path, **options) as stream:
         frames = [stream[index] for index in (0, 3, 9)]
     with stream_of(path, **options) as fresh:
@@ -140,7 +140,7 @@ def Plane "Lamp" (prepend apiSchemas = ["MeshLightAPI"]) {
 }
 """
     path = write(tmp_path, body, more="timeCodesPerSecond = 4")
-    with stream_of(path, buffers=("hdr",), spp=64, quality="fast") as stream:
+    with stream_of(path, buffers=("hdr",), spp=16, base_spp=16, quality="fast") as stream:
         blurred = [
             ((stream[index].hdr[HEIGHT // 2, :, 0] > 0.02) & (stream[index].hdr[HEIGHT // 2, :, 0] < 0.98)).sum()
             for index in (0, 4, 8)

@@ -31,6 +31,8 @@ BROKEN = {
         'def "A" (references = </B>) {}\ndef "B" (references = </A>) {}\n',
         "</A> composition: .*[cC]ycle",
     ),
+    "internal": ('def "A" (references = </Nowhere>) {}\n', "</A> composition: .*Nowhere"),
+    "inherits": ('def "A" (inherits = </A/B>) {\n    def "B" {}\n}\n', "</A> composition: .*A/B"),
     "mesh": (f'def Mesh "M"\n{{\nint[] faceVertexCounts = [4]\n{TRIANGLE}}}\n', "</M> mesh: .*add up to 4"),
     "type": (
         'def Mesh "M"\n{\nint[] faceVertexCounts = [3]\nint[] faceVertexIndices = [0, 1, 2]\n'
@@ -71,9 +73,11 @@ def test_stage_of_which_nothing_is_left_is_refused(tmp_path, kind):
 
 
 def test_missing_sublayer_is_named_and_the_rest_is_drawn(tmp_path):
-    path = write(tmp_path, CUBE, more="subLayers = [@./missing.usda@]")
+    missing = {"more": "subLayers = [@./missing.usda@]"}
     with pytest.warns(StageWarning, match=r"</> composition: .*missing\.usda.*; left out"):
-        assert len(read_stage(path).instances) == 1
+        assert len(read(tmp_path, CUBE, **missing).instances) == 1
+    with pytest.raises(StageError, match=r"missing\.usda"):
+        read(tmp_path, "", **missing)
 
 
 @pytest.mark.parametrize("shape", ["Cylinder", "Cone", "Capsule"])

@@ -51,12 +51,6 @@ def test_single_gprim_can_be_extracted(tmp_path):
     assert [each.name for each in stage.templates] == ["/House/Wall"]
 
 
-def test_extracting_nothing_changes_nothing(tmp_path):
-    path = write(tmp_path, HOUSE)
-    assert [each.name for each in read_stage(path).objects] == ["Wall"]
-    assert read_stage(path).templates == ()
-
-
 @pytest.mark.parametrize("name", ["/House/Lmap", "/", "no path", "/House/Lamp.visibility"])
 def test_extracting_an_unknown_path_raises_template_not_found(tmp_path, name):
     with pytest.raises(TemplateNotFound, match="on the stage"):

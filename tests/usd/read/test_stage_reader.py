@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from pxr import Usd
 
-from tests.usd.helpers import QUAD, problems_of, read, read_with_warning, write
+from tests.usd.helpers import QUAD, read, read_with_warning, write
 from tiscene.errors import ArgumentError, MissingFile, StageError, StageWarning, UnknownName
 from tiscene.usd.read.stage_reader import read_stage
 
@@ -39,38 +39,12 @@ def test_file_that_is_not_usd_raises_stage_error(tmp_path):
     path.write_bytes(b"\x89PNG")
     with pytest.raises(StageError, match="cannot be read"):
         read_stage(path)
-    path = tmp_path / "empty.usdz"
-    path.write_bytes(b"PK\x05\x06")
-    with pytest.raises(StageError):
-        read_stage(path)
 
 
 def test_bytes_that_are_not_utf8_raise_stage_error(tmp_path):
     path = tmp_path / "latin.usda"
     path.write_bytes(b'#usda 1.0\ndef Mesh "M\xe9\xff" { int x = \xfe }')
     with pytest.raises(StageError):
-        read_stage(path)
-
-
-COMPOSITION = [
-    'def "A" (references = @./missing.usda@) {}',
-    'def "A" (payload = @./missing.usda@) {}',
-    'def "A" (references = </Nowhere>) {}',
-    'def "A" (references = </B>) {}\ndef "B" (references = </A>) {}',
-    'def "A" (inherits = </A/B>)\n{\n    def "B" {}\n}',
-]
-
-
-@pytest.mark.parametrize("body", COMPOSITION)
-def test_composition_errors_raise_stage_error(tmp_path, body):
-    problems = problems_of(tmp_path, body)
-    assert problems
-    assert all("> composition: " in problem for problem in problems)
-
-
-def test_missing_sublayer_raises_stage_error(tmp_path):
-    path = write(tmp_path, "", more="subLayers = [@./missing.usda@]")
-    with pytest.raises(StageError, match=r"missing\.usda"):
         read_stage(path)
 
 
@@ -185,7 +159,7 @@ def Cube "C" {
 """
 
 
-@pytest.mark.parametrize(("time_code", "x"), [(10, 1.0), (15, 2.0), (20, 3.0), (25.5, 3.0), (None, 1.0)])
+@pytest.mark.parametrize(("time_code", "x"), [(10, 1.0), (np.float32(15), 2.0), (25.5, 3.0), (None, 1.0)])
 def test_attributes_are_read_at_the_time_code(tmp_path, time_code, x):
     path = write(tmp_path, ANIMATED)
     (instance,) = read_stage(path, time_code=time_code).instances
@@ -196,10 +170,6 @@ def test_attributes_are_read_at_the_time_code(tmp_path, time_code, x):
 def test_invalid_time_code_raises_argument_error(tmp_path, time_code):
     with pytest.raises(ArgumentError, match=r"time_code=.*: must be a finite number"):
         read_stage(write(tmp_path, ANIMATED), time_code=time_code)
-
-
-def test_numpy_number_is_a_valid_time_code(tmp_path):
-    assert read_stage(write(tmp_path, ANIMATED), time_code=np.float32(15)).instances[0].world_from_object[0, 3] == 2.0
 
 
 def test_start_of_the_range_is_the_default_time_code(tmp_path):
@@ -248,26 +218,17 @@ def test_long_lists_of_problems_are_truncated(tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("skeleton", "reason"),
+    ("root", "skeleton", "reason"),
     [
-        ("", "neither it nor a prim above it has a skel:skeleton"),
-        ("rel skel:skeleton = </R/Gone>", "there is no Skeleton at its skel:skeleton </R/Gone>"),
+        ("SkelRoot", "", "neither it nor a prim above it has a skel:skeleton"),
+        ("SkelRoot", "rel skel:skeleton = </R/Gone>", "there is no Skeleton at its skel:skeleton </R/Gone>"),
+        ("Xform", "", "it is not below a SkelRoot"),
     ],
 )
-def test_skinned_mesh_without_its_skeleton_is_reported(tmp_path, skeleton, reason):
-    lines = 'int[] primvars:skel:jointIndices = [0, 0, 0, 0] (interpolation = "vertex")'
-    body = f'def Mesh "M" (prepend apiSchemas = ["SkelBindingAPI"])\n{{\n{QUAD}\n{lines}\n{skeleton}\n}}'
-    root = f'def SkelRoot "R"\n{{\n{body}\n}}'
-    assert len(read_with_warning(tmp_path, root, f"without its skinning, since {reason}: </R/M>").instances) == 1
-
-
-def test_unbound_skinned_mesh_is_reported(tmp_path):
-    lines = 'int[] primvars:skel:jointIndices = [0, 0, 0, 0] (interpolation = "vertex")'
-    body = f'def Mesh "M" (prepend apiSchemas = ["SkelBindingAPI"])\n{{\n{QUAD}\n{lines}\n}}'
-    assert (
-        len(read_with_warning(tmp_path, body, "without its skinning, since it is not below a SkelRoot: </M>").instances)
-        == 1
-    )
+def test_skinned_mesh_without_its_skeleton_is_reported(tmp_path, root, skeleton, reason):
+    lines = f'int[] primvars:skel:jointIndices = [0, 0, 0, 0] (interpolation = "vertex")\n{skeleton}'
+    body = f'def {root} "R" {{\ndef Mesh "M" (prepend apiSchemas = ["SkelBindingAPI"]) {{{QUAD}{lines}\n}}\n}}'
+    assert len(read_with_warning(tmp_path, body, f"without its skinning, since {reason}: </R/M>").instances) == 1
 
 
 def test_mesh_whose_blend_shapes_have_no_skeleton_is_reported(tmp_path):
