@@ -141,44 +141,6 @@ def test_importance_sampling_agrees_with_uniform_integration(name: str) -> None:
     assert estimate == pytest.approx(integral, rel=0.01)
 
 
-@pytest.mark.parametrize(
-    "name", ["matte", "plastic", "chalk", "metal", "rough metal", "half metal", "specular workflow"]
-)
-def test_reflection_is_reciprocal(name: str) -> None:
-    """Over random pairs of directions. (Clearcoat and the compensation of rough glass are not reciprocal.)"""
-    bsdf = Bsdf(MATERIALS[name])
-    generator = np.random.default_rng(8)
-    a, b = (np.abs(generator.normal(size=(2000, 3))) * (1, 1, 1) + (0, 0, 0.05) for _ in range(2))
-    a[:, :2] *= generator.choice([-1, 1], (2000, 2))
-    a, b = (x / np.linalg.norm(x, axis=1, keepdims=True) for x in (a, b))
-    there = bsdf.evaluate(a, b)[:, :3] / b[:, 2:]
-    back = bsdf.evaluate(b, a)[:, :3] / a[:, 2:]
-    assert there == pytest.approx(back, rel=2e-3, abs=1e-5)
-
-
-def test_no_material_creates_energy() -> None:
-    """Random inputs, random directions; the albedo of every channel is at most 1."""
-    generator = np.random.default_rng(9)
-    for _ in range(25):
-        r = generator.random(9)
-        material = Material(
-            "m",
-            diffuse_color=tuple(generator.random(3)),
-            use_specular_workflow=bool(r[0] > 0.7),
-            specular_color=tuple(generator.random(3)),
-            metallic=r[1] * (r[2] > 0.5),
-            roughness=r[3],
-            clearcoat=r[4] * (r[5] > 0.5),
-            clearcoat_roughness=r[6],
-            ior=1.0 + 1.5 * r[7],
-        )
-        _, values = Bsdf(material).sample(outgoing(max(r[8], 0.02), 20_000), numbers(20_000))
-        assert np.isfinite(values).all()
-        assert (values >= 0.0).all()
-        weight = np.divide(values[:, :3].T, values[:, 3], out=np.zeros((3, 20_000)), where=values[:, 3] > 0.0)
-        assert weight.mean(axis=1).max() < 1.015, material
-
-
 def test_refraction_follows_snell() -> None:
     bsdf = Bsdf(Material("m", opacity=0.0, roughness=0.0, ior=1.5))
     directions, _ = bsdf.sample(outgoing(0.6, 5000), numbers(5000))
