@@ -7,8 +7,6 @@ import signal
 import subprocess
 import sys
 
-from tests.stress.process_resources import resident_memory
-
 
 class Served:
     """A running server.
@@ -32,11 +30,6 @@ class Served:
     def log(self):
         """The text of its log so far."""
         return self._log.read_text()
-
-    @property
-    def resident(self):
-        """Resident memory, bytes."""
-        return resident_memory(self.process.pid)
 
     def stop(self, number=signal.SIGTERM):
         """Send a signal; return the exit status."""
