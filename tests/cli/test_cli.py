@@ -11,6 +11,7 @@ import warnings
 import pytest
 from PIL import Image
 
+from tests.usd.helpers import write
 from tiscene import catalog
 from tiscene.cli import main as cli
 from tiscene.errors import StageWarning
@@ -99,12 +100,7 @@ def test_list_json_has_scenes_templates_categories_and_buffers(capsys, tmp_path,
     }
 
 
-KITCHEN = """#usda 1.0
-(
-    defaultPrim = "Kitchen"
-    metersPerUnit = 1
-    upAxis = "Y"
-)
+KITCHEN = """
 def Xform "Kitchen" {
     def Cube "Stove" (prepend apiSchemas = ["SemanticsLabelsAPI:class"]) {
         double size = 2
@@ -124,18 +120,20 @@ def Xform "Kitchen" {
 
 _VARIANTS = "".join(f'"{name}" {{\n    def Cube "{name}" {{}}\n}}\n' for name in ("near", "far"))
 TWO_VARIANTS = (
-    "#usda 1.0\n(\n    metersPerUnit = 1\n)\n"
     'def Xform "Room" (variants = {\nstring place = "near"\n}\nprepend variantSets = "place")\n'
     f'{{\nvariantSet "place" = {{\n{_VARIANTS}}}\n}}\n'
 )
 
 
-def test_show_prints_the_contents_of_a_scene(tmp_path, capsys):
-    path = tmp_path / "kitchen.usda"
-    path.write_text(KITCHEN)
-    assert cli.main(["show", str(path)]) == 0
+@pytest.fixture
+def kitchen(tmp_path):
+    return str(write(tmp_path, KITCHEN, name="kitchen.usda"))
+
+
+def test_show_prints_the_contents_of_a_scene(kitchen, capsys):
+    assert cli.main(["show", kitchen]) == 0
     lines = capsys.readouterr().out.splitlines()
-    assert lines[0].endswith(str(path))
+    assert lines[0].endswith(kitchen)
     assert lines[1] == "Size: 2.00 x 2.00 x 2.00 m (x, y, z), Y up; 12 triangles"
     assert lines[2:8] == [
         "Cameras (1):",
@@ -151,58 +149,41 @@ def test_show_prints_the_contents_of_a_scene(tmp_path, capsys):
     assert max(map(len, lines[9:])) <= 102
 
 
-def test_show_selects_variants(tmp_path, capsys):
-    path = tmp_path / "room.usda"
-    path.write_text(TWO_VARIANTS)
-    assert cli.main(["show", str(path), "--variant", "/Room{place}=far"]) == 0
+@pytest.mark.parametrize("saved", [False, True])
+def test_show_selects_variants_given_or_of_a_scenario(tmp_path, capsys, saved):
+    path = str(write(tmp_path, TWO_VARIANTS))
+    Scenario(path, variants={"/Room{place}": "far"}).save(tmp_path / "run.json")
+    assert (
+        cli.main(["show", *([str(tmp_path / "run.json")] if saved else [path, "--variant", "/Room{place}=far"])]) == 0
+    )
     out = capsys.readouterr().out
     assert "far" in out
     assert "near" not in out
 
 
-def test_show_and_inspect_of_a_scenario_are_of_its_scene(tmp_path, capsys):
-    (tmp_path / "kitchen.usda").write_text(KITCHEN)
-    Scenario(str(tmp_path / "kitchen.usda")).save(tmp_path / "run.json")
+def test_show_and_inspect_of_a_scenario_are_of_its_scene(tmp_path, kitchen, capsys):
+    Scenario(kitchen).save(tmp_path / "run.json")
     for command in ("show", "inspect"):
         assert cli.main([command, str(tmp_path / "run.json")]) == 0
-        assert f"{tmp_path / 'kitchen.usda'}\n" in capsys.readouterr().out
+        assert f"{kitchen}\n" in capsys.readouterr().out
 
 
-def test_show_reports_a_template_of_a_scenario_that_there_is_not(tmp_path, capsys):
-    (tmp_path / "kitchen.usda").write_text(KITCHEN)
-    scenario = Scenario(str(tmp_path / "kitchen.usda"), [Object("a", "Char 01")])
-    scenario.save(tmp_path / "run.json")
+@pytest.mark.parametrize(
+    ("template", "message"), [("Char 01", "no template 'Char 01'"), ("/Kitchen/Stve", "/Kitchen/Stve")]
+)
+def test_show_reports_what_a_scenario_places_and_there_is_not(tmp_path, kitchen, capsys, template, message):
+    Scenario(kitchen, [Object("a", template)]).save(tmp_path / "run.json")
     assert cli.main(["show", str(tmp_path / "run.json")]) != 0
-    assert "no template 'Char 01'" in capsys.readouterr().err
+    assert message in capsys.readouterr().err
 
 
-def test_show_reports_a_prim_of_a_scenario_that_there_is_not(tmp_path, capsys):
-    (tmp_path / "kitchen.usda").write_text(KITCHEN)
-    scenario = Scenario(str(tmp_path / "kitchen.usda"), [Object("a", "/Kitchen/Stve")])
-    scenario.save(tmp_path / "run.json")
-    assert cli.main(["show", str(tmp_path / "run.json")]) != 0
-    assert "/Kitchen/Stve" in capsys.readouterr().err
-
-
-def test_show_names_everything_by_its_prim_path(tmp_path, capsys):
-    path = tmp_path / "kitchen.usda"
-    path.write_text(KITCHEN)
-    assert cli.main(["show", str(path), "--paths"]) == 0
-    stage = read_stage(path)
+def test_show_names_everything_by_its_prim_path(kitchen, capsys):
+    assert cli.main(["show", kitchen, "--paths"]) == 0
+    stage = read_stage(kitchen)
     lines = capsys.readouterr().out.splitlines()
     assert lines[3].startswith(f"  {next(iter(stage.camera_names))}: at")
     assert lines[5].startswith(f"  {stage.lights[0].prim_path}: sphere, ")
     assert lines[7] == f"  {stage.objects[0].prim_path}: Stove, stove"
-
-
-def test_show_of_a_scenario_has_its_variants(tmp_path, capsys):
-    path = tmp_path / "room.usda"
-    path.write_text(TWO_VARIANTS)
-    Scenario(str(path), variants={"/Room{place}": "far"}).save(tmp_path / "run.json")
-    assert cli.main(["show", str(tmp_path / "run.json")]) == 0
-    out = capsys.readouterr().out
-    assert "far" in out
-    assert "near" not in out
 
 
 def test_show_shortens_long_lists():

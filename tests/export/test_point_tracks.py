@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 import tiscene as ts
+from tests.usd.helpers import write
 from tiscene.export import export
 from tiscene.export.point_tracks import POINTS, chosen_pixels
 from tiscene.render.view import View
@@ -119,15 +120,7 @@ def test_points_are_occluded_by_objects_that_did_not_exist_when_they_were_chosen
     assert not tracks["occluded"][rows, 1].any()
 
 
-STRETCHING = """#usda 1.0
-(
-    defaultPrim = "Room"
-    metersPerUnit = 1
-    upAxis = "Y"
-    timeCodesPerSecond = 25
-    startTimeCode = 0
-    endTimeCode = 4
-)
+STRETCHING = """
 def Xform "Room" {
     def Camera "Main" {
         double3 xformOp:translate = (0, 0, 3)
@@ -146,9 +139,9 @@ def Xform "Room" {
 
 
 def test_points_follow_a_surface_that_deforms(tmp_path):
-    (tmp_path / "room.usda").write_text(STRETCHING)
-    stream = ts.Stream(tmp_path / "room.usda", width=48, height=36, buffers=("instance", "forward_flow"))
-    exported = ts.Stream(tmp_path / "room.usda", width=48, height=36, buffers=("instance",))
+    room = write(tmp_path, STRETCHING, more="timeCodesPerSecond = 25\n    startTimeCode = 0\n    endTimeCode = 4")
+    stream = ts.Stream(room, width=48, height=36, buffers=("instance", "forward_flow"))
+    exported = ts.Stream(room, width=48, height=36, buffers=("instance",))
     export(exported, tmp_path / "out", format="tracks", frames=range(FRAMES))
     with np.load(tmp_path / "out" / "tracks" / "000000.npz") as clip:
         tracks = dict(clip)

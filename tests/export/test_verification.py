@@ -11,6 +11,7 @@ import pytest
 import tiscene as ts
 from tests.export.fake_stream import FakeStream, fake_stream_for, skip_without_extra
 from tests.export.folders import contents
+from tests.usd.helpers import write
 from tiscene.cli import main as cli
 from tiscene.cli import terminal
 from tiscene.errors import ExportError
@@ -21,12 +22,7 @@ from tiscene.export.verification import Verification, verify
 from tiscene.files import lock_folder
 from tiscene.render.render_settings import PRESETS
 
-STAGE = """#usda 1.0
-(
-    defaultPrim = "Room"
-    metersPerUnit = 1
-    upAxis = "Y"
-)
+STAGE = """
 def Xform "Room" {
     def Camera "Main" {
         double3 xformOp:translate = (0, 0, 6)
@@ -37,10 +33,7 @@ def Xform "Room" {
     }
 }
 """
-BALL = """#usda 1.0
-(
-    defaultPrim = "Ball"
-)
+BALL = """
 def Sphere "Ball" {
     double radius = 0.3
 }
@@ -52,8 +45,8 @@ BUFFERS = ("instance", "depth", "forward_flow")
 def exported(tmp_path_factory):
     """A stage of one's own, with a template beside it, and an export of four frames."""
     folder = tmp_path_factory.mktemp("home")
-    (folder / "room.usda").write_text(STAGE)
-    (folder / "ball.usda").write_text(BALL)
+    write(folder, STAGE, name="room.usda")
+    write(folder, BALL, name="ball.usda")
     path = [ts.Waypoint((-1.0, 0.0, 1.5)), ts.Waypoint((1.0, 0.0, 1.5))]
     ball = ts.Object("ball", str(folder / "ball.usda"), dynamic=ts.LinearWaypoints(path, total_time=1.0))
     scenario = ts.Scenario(str(folder / "room.usda"), [ball])
@@ -95,7 +88,7 @@ def test_saved_layer_travels_with_its_export(tmp_path, monkeypatch, capsys):
     """Another home, another folder of templates, another working directory: nothing of the old paths is left."""
     shelf = tmp_path / "old/shelf/templates/bouncing_ball"
     shelf.mkdir(parents=True)
-    (shelf / "template.usda").write_text(BALL)
+    write(shelf, BALL, name="template.usda")
     (tmp_path / "old/project").mkdir()
     monkeypatch.setenv("HOME", str(tmp_path / "old"))
     monkeypatch.setenv("TISCENE_PATH", str(tmp_path / "old/shelf"))
@@ -128,7 +121,7 @@ def test_changed_scene_is_refused(exported, tmp_path):
     shutil.copytree(exported, tmp_path / "home")
     text = (tmp_path / "home/out/tiscene.json").read_text().replace(str(exported), str(tmp_path / "home"))
     (tmp_path / "home/out/tiscene.json").write_text(text)
-    (tmp_path / "home/room.usda").write_text(STAGE.replace("size = 1", "size = 2"))
+    write(tmp_path / "home", STAGE.replace("size = 1", "size = 2"), name="room.usda")
     with pytest.raises(ExportError, match="has another content"):
         verify(tmp_path / "home/out")
 

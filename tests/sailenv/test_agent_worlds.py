@@ -8,6 +8,7 @@ import pytest
 from taichi.lang._ndarray import Ndarray
 
 from tests.sailenv.conftest import SCENE
+from tests.usd.helpers import write
 from tiscene.errors import ArgumentError, SceneNotFound
 from tiscene.sailenv import Object, Scenario, agent_worlds
 from tiscene.stream import stage_cache
@@ -172,12 +173,7 @@ def test_too_many_scenes_at_once_are_an_error_that_changes_nothing(make_agent, m
     assert scene_of(first) == "solid_benchmark"
 
 
-ROOM = """#usda 1.0
-(
-    defaultPrim = "Room"
-    metersPerUnit = 1
-    upAxis = "Y"
-)
+ROOM = """
 def Xform "Room" (kind = "assembly") {{
     def Cube "Box" (
         kind = "component"
@@ -195,12 +191,7 @@ def Xform "Room" (kind = "assembly") {{
     }}
 }}
 """
-HOUSE = """#usda 1.0
-(
-    defaultPrim = "House"
-    metersPerUnit = 1
-    upAxis = "Y"
-)
+HOUSE = """
 def Xform "House" (kind = "assembly") {
     def Xform "den" (prepend references = @../den/scene.usda@) {
         def Cube "Volume" (prepend apiSchemas = ["SemanticsLabelsAPI:room"]) {
@@ -229,13 +220,10 @@ def Xform "House" (kind = "assembly") {
 @pytest.fixture
 def house(tmp_path, monkeypatch):
     """Add a house to the scenes: a den, and a loft 4 m to its right."""
-    for name, text in (
-        ("den", ROOM.format(thing="ball")),
-        ("loft", ROOM.format(thing="chair")),
-        ("house", HOUSE),
-    ):
+    rooms = {"den": ("Room", ROOM.format(thing="ball")), "loft": ("Room", ROOM.format(thing="chair"))}
+    for name, (prim, text) in (rooms | {"house": ("House", HOUSE)}).items():
         (tmp_path / name).mkdir()
-        (tmp_path / name / "scene.usda").write_text(text)
+        write(tmp_path / name, text, name="scene.usda", more=f'defaultPrim = "{prim}"')
     monkeypatch.setenv("TISCENE_PATH", str(tmp_path))
 
 

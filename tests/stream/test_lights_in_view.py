@@ -7,16 +7,11 @@ import numpy as np
 import pytest
 
 import tiscene as ts
+from tests.usd.helpers import write
 from tests.usd.lights.test_light_linking_stages import CLOTH
 
-STAGE = """#usda 1.0
-(
-    metersPerUnit = 1
-    upAxis = "Y"
-    startTimeCode = 0
-    endTimeCode = 100
-    timeCodesPerSecond = 25
-)
+RANGE = "startTimeCode = 0\n    endTimeCode = 100\n    timeCodesPerSecond = 25"
+FLOOR = """
 def Cube "Floor" {
     double size = 6
     double3 xformOp:translate = (0, -3, 0)
@@ -72,9 +67,7 @@ HIDDEN = CLOTH.replace("(0, 9, 0)", "(0, -9, 0)")
 @pytest.fixture
 def frame_of(tmp_path):
     def render(parts, index, **settings):
-        scene = tmp_path / "stage.usda"
-        scene.write_text(STAGE + parts)
-        with ts.Stream(str(scene), **settings) as stream:
+        with ts.Stream(write(tmp_path, FLOOR + parts, more=RANGE), **settings) as stream:
             return stream[index]
 
     return render

@@ -11,6 +11,7 @@ pytest.importorskip("mujoco")
 from scipy.special import ellipk
 
 import tiscene as ts
+from tests.usd.helpers import write
 from tiscene.errors import StageWarning
 from tiscene.scenario.edits import Move, Spawn
 
@@ -232,11 +233,7 @@ def test_rigid_body_that_does_not_collide_falls_through_the_floor():
     assert row.position[1] == pytest.approx(1.0 - 0.5 * 9.81, abs=1e-9)
 
 
-STAGE = """#usda 1.0
-(
-    metersPerUnit = 0.01
-    upAxis = "{up}"
-)
+STAGE = """
 def Xform "World" {{
     def Camera "Camera" {{
         double3 xformOp:translate = (0, 0, 500)
@@ -265,8 +262,7 @@ def Xform "World" {{
 )
 def test_pendulum_that_another_program_has_authored_on_a_stage_swings(tmp_path, up, start, pivot, down):
     """It starts at the height of its pivot; the pivot is given before the scale of the sphere, in centimeters."""
-    path = tmp_path / "pendulum.usda"
-    path.write_text(STAGE.format(up=up, start=start, pivot=pivot))
+    path = write(tmp_path, STAGE.format(start=start, pivot=pivot), meters=0.01, up=up)
     stream = ts.Stream(path, width=8, height=6, buffers=("depth",), fps=100)
     quarter = math.sqrt((0.8 + 0.4 * 0.05**2 / 0.8) / 9.81) * ellipk(0.5) * 100
     low, high = (
@@ -278,11 +274,7 @@ def test_pendulum_that_another_program_has_authored_on_a_stage_swings(tmp_path, 
     assert np.linalg.norm(high - low) > 0.03
 
 
-SHAPELESS = """#usda 1.0
-(
-    metersPerUnit = 1
-    upAxis = "Y"
-)
+SHAPELESS = """
 def Xform "Anchor" (prepend apiSchemas = ["TisceneObjectAPI", "PhysicsRigidBodyAPI"]) {}
 def Cube "Box" (prepend apiSchemas = ["TisceneObjectAPI", "PhysicsRigidBodyAPI"]) {}
 def PhysicsFixedJoint "Held" {
@@ -293,8 +285,7 @@ def PhysicsFixedJoint "Held" {
 
 
 def test_joint_of_a_rigid_body_without_a_shape_is_left_out_and_named(tmp_path):
-    path = tmp_path / "shapeless.usda"
-    path.write_text(SHAPELESS)
+    path = write(tmp_path, SHAPELESS)
     with pytest.warns(StageWarning) as caught:
         stream = ts.Stream(path, width=8, height=6, buffers=("instance",), fps=50)
     assert "joints are left out, of objects that have no shape: Anchor" in str(caught[-1].message)

@@ -10,6 +10,7 @@ import pytest
 pytest.importorskip("mujoco")
 
 import tiscene as ts
+from tests.usd.helpers import write
 from tiscene.errors import MissingExtra, ScenarioError, StageWarning
 from tiscene.scenario.edits import Spawn
 from tiscene.usd.joining.box_cut import cut_box
@@ -244,11 +245,7 @@ def test_edit_of_the_next_frame_is_not_anticipated_by_the_shutter():
     assert world.between(7, Fraction(1))[0].world_from_object.tobytes() == before
 
 
-MOON = """#usda 1.0
-(
-    metersPerUnit = 0.01
-    upAxis = "Z"
-)
+MOON = """
 def PhysicsScene "Physics" {{
     {gravity}
 }}
@@ -270,8 +267,7 @@ def Cube "Box" (prepend apiSchemas = ["TisceneObjectAPI", "PhysicsRigidBodyAPI"]
     ],
 )
 def test_rigid_body_falls_by_the_gravity_of_the_stage(tmp_path, gravity, expected):
-    path = tmp_path / "moon.usda"
-    path.write_text(MOON.format(gravity=gravity))
+    path = write(tmp_path, MOON.format(gravity=gravity), meters=0.01, up="Z")
     stream = ts.Stream(path, width=8, height=6, buffers=("instance",), fps=50)
     (box,) = stream.world.state(10).objects
     assert box.position == pytest.approx([0.5 * each * 0.2**2 for each in expected], abs=1e-9)
@@ -290,8 +286,7 @@ def test_rigid_body_falls_by_the_gravity_of_the_stage(tmp_path, gravity, expecte
     ],
 )
 def test_gravity_that_is_not_finite_is_named(tmp_path, gravity, fault, expected):
-    path = tmp_path / "moon.usda"
-    path.write_text(MOON.format(gravity=gravity))
+    path = write(tmp_path, MOON.format(gravity=gravity), meters=0.01, up="Z")
     with pytest.warns(StageWarning, match=f"{fault}, which is not finite: .* used: </Physics>"):
         stream = ts.Stream(path, width=8, height=6, buffers=("instance",), fps=50)
     (box,) = stream.world.state(10).objects

@@ -8,6 +8,7 @@ import pytest
 from PIL import Image
 
 import tiscene as ts
+from tests.usd.helpers import write
 
 LAMP = """
     def Xform "Lamp" (kind = "component") {
@@ -22,12 +23,7 @@ LAMP = """
         }
     }
 """
-STAGE = """#usda 1.0
-(
-    defaultPrim = "Room"
-    metersPerUnit = 1
-    upAxis = "Y"
-)
+STAGE = """
 def Xform "Room" {{
     {floor} "Floor" {{
         double size = 2
@@ -54,8 +50,7 @@ GLOW = """
 
 
 def stage(path, lamp="", texture="", floor="def Cube"):
-    path.write_text(STAGE.format(lamp=lamp, texture=texture, floor=floor))
-    return str(path)
+    return str(write(path.parent, STAGE.format(lamp=lamp, texture=texture, floor=floor), name=path.name))
 
 
 @pytest.mark.parametrize("batch", [1, 4])
@@ -72,8 +67,7 @@ def test_a_frame_before_a_lamp_is_moved_is_the_same_after_later_frames(tmp_path,
 
 def test_a_frame_before_a_lamp_is_spawned_is_the_same_in_a_replay(tmp_path):
     scene = stage(tmp_path / "room.usda")
-    lamp = tmp_path / "lamp.usda"
-    lamp.write_text(f'#usda 1.0\n(defaultPrim = "Lamp"\nmetersPerUnit = 1\nupAxis = "Y")\n{LAMP}')
+    lamp = write(tmp_path, LAMP, name="lamp.usda", more='defaultPrim = "Lamp"')
     settings = {"width": 16, "height": 12, "spp": 2, "buffers": ("hdr",), "denoise": False}
     with ts.Stream(scene, **settings) as stream:
         before = stream[2].hdr.tobytes()

@@ -8,6 +8,7 @@ import pytest
 from pxr import Gf, UsdGeom, UsdPhysics
 
 import tiscene as ts
+from tests.usd.helpers import write
 from tiscene.errors import ScenarioError, StageWarning
 from tiscene.scenario.edits import Spawn
 from tiscene.usd.core.stage import open_stage
@@ -86,11 +87,7 @@ def test_joint_that_another_program_changes_is_read_as_changed(tmp_path):
     assert read.parent_position[1] == pytest.approx(1.0 + 0.6 * math.cos(math.radians(20)), abs=1e-6)
 
 
-FOREIGN = """#usda 1.0
-(
-    metersPerUnit = 0.01
-    upAxis = "Y"
-)
+FOREIGN = """
 def Xform "World" {
     double3 xformOp:translate = (0, 100, 0)
     uniform token[] xformOpOrder = ["xformOp:translate"]
@@ -134,8 +131,7 @@ def Xform "World" {
 
 
 def test_joints_of_another_program_are_read_in_meters_and_their_omissions_are_named(tmp_path):
-    path = tmp_path / "foreign.usda"
-    path.write_text(FOREIGN)
+    path = write(tmp_path, FOREIGN, meters=0.01)
     with pytest.warns(StageWarning) as warned:
         content = read_scenario(path).content
     text = str(warned[0].message)
@@ -170,8 +166,7 @@ def test_limits_in_loops_and_joints_that_contradict_themselves_are_left_out_and_
     }
     def PhysicsFixedJoint "Elsewhere" {
 """
-    path = tmp_path / "foreign.usda"
-    path.write_text(FOREIGN.replace('    def PhysicsFixedJoint "Elsewhere" {\n', second))
+    path = write(tmp_path, FOREIGN.replace('    def PhysicsFixedJoint "Elsewhere" {\n', second), meters=0.01)
     with pytest.warns(StageWarning) as warned:
         joints = ts.Scenario.load(path).joints
     text = str(warned[0].message)

@@ -7,20 +7,14 @@ import numpy as np
 import pytest
 
 import tiscene as ts
+from tests.usd.helpers import write
 from tiscene.errors import ArgumentError
 from tiscene.scenario.edits import Despawn, Move, SetFrustumWalls
 from tiscene.usd.read.stage_reader import read_stage
 from tiscene.world.world import World
 
-STAGE = """#usda 1.0
-(
-    defaultPrim = "Room"
-    metersPerUnit = 1
-    upAxis = "Y"
-    startTimeCode = 10
-    endTimeCode = 40
-    timeCodesPerSecond = 10
-)
+RANGE = "startTimeCode = 10\n    endTimeCode = 40\n    timeCodesPerSecond = 10"
+STAGE = """
 def Xform "Room" {
     def Mesh "Floor" {
         int[] faceVertexCounts = [4]
@@ -65,9 +59,7 @@ def Xform "Room" {
 
 @pytest.fixture
 def file(tmp_path):
-    path = tmp_path / "scene.usda"
-    path.write_text(STAGE)
-    return path
+    return write(tmp_path, STAGE, more=RANGE, name="scene.usda")
 
 
 def world(scenario, fps=10.0):
@@ -179,7 +171,8 @@ def test_baking_an_edited_instancer_point_raises_argument_error(file, tmp_path):
         }
     }
     """
-    file.write_text(STAGE.replace('    def DistantLight "Sun"', points + '    def DistantLight "Sun"'))
+    body = STAGE.replace('    def DistantLight "Sun"', points + '    def DistantLight "Sun"')
+    write(tmp_path, body, more=RANGE, name=file.name)
     scenario = ts.Scenario(str(file), edits=[Move(1, "/Room/Row[1]", (0, 2, 0))])
     stream = ts.Stream(scenario, width=16, height=12, buffers=("instance",))
     assert next(row for row in stream.world.state(2).objects if row.name == "Row[1]").position == (0, 2, 0)

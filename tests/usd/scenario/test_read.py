@@ -269,10 +269,7 @@ def test_randomly_damaged_scenarios_are_read_or_refused(tmp_path, count, stopped
     assert outcomes.count(STOPPED) <= stopped  # a damaged count can keep USD itself busy
 
 
-ROBOT = """#usda 1.0
-(
-    metersPerUnit = 1
-)
+ROBOT = """
 def Xform "Robot" (kind = "component") {
     def Cube "Base" {}
     def Xform "Arm" (prepend apiSchemas = ["TisceneObjectAPI"]) {
@@ -294,7 +291,5 @@ def Xform "Robot" (kind = "component") {
 
 def test_object_of_a_schema_within_a_component_is_an_object_of_its_own(tmp_path):
     """Converters of robots make one component of all bodies. Only what a schema names leaves it."""
-    path = tmp_path / "robot.usda"
-    path.write_text(ROBOT)
-    (arm,) = Scenario.load(path).objects
+    (arm,) = Scenario.load(write(tmp_path, ROBOT)).objects
     assert (arm.template, arm.position) == ("/Robot/Arm", (0.0, 2.0, 0.0))

@@ -7,6 +7,7 @@ import pytest
 from pxr import Usd, UsdPhysics, UsdShade
 
 import tiscene as ts
+from tests.usd.helpers import write
 from tiscene.errors import StageWarning
 from tiscene.usd.scenario.read import read_scenario
 
@@ -47,12 +48,8 @@ def test_other_programs_find_velocities_mass_and_material(tmp_path):
     assert not stage.GetPrimAtPath("/Scenario/Objects/fixed").HasAPI(UsdPhysics.RigidBodyAPI)
 
 
-FOREIGN = """#usda 1.0
-(
-    metersPerUnit = 0.01
-    kilogramsPerUnit = 2
-    upAxis = "Y"
-)
+CENTIMETERS = {"meters": 0.01, "more": "kilogramsPerUnit = 2"}
+FOREIGN = """
 def Cube "Box" (prepend apiSchemas = ["TisceneObjectAPI", "PhysicsRigidBodyAPI", "PhysicsMassAPI"]) {{
     {kinematic}
     vector3f physics:velocity = (100, 0, -50)
@@ -65,8 +62,9 @@ def Cube "Untouched" (prepend apiSchemas = ["PhysicsRigidBodyAPI"]) {{}}
 
 @pytest.mark.parametrize("kinematic", [False, True])
 def test_object_that_another_program_made_a_rigid_body_is_one_in_meters_and_radians(tmp_path, kinematic):
-    path = tmp_path / "foreign.usda"
-    path.write_text(FOREIGN.format(kinematic="bool physics:kinematicEnabled = 1" if kinematic else ""))
+    path = write(
+        tmp_path, FOREIGN.format(kinematic="bool physics:kinematicEnabled = 1" if kinematic else ""), **CENTIMETERS
+    )
     (box,) = read_scenario(path).content["objects"]
     if kinematic:
         assert box["dynamic"] is None
@@ -80,17 +78,13 @@ def test_object_that_another_program_made_a_rigid_body_is_one_in_meters_and_radi
 
 
 def test_kinematic_body_of_a_stage_whose_objects_are_rigid_bodies_stands_still(tmp_path):
-    path = tmp_path / "foreign.usda"
     scenario = 'def Scope "Run" {\n    bool tiscene:scenario:physics = 1\n}\n'
-    path.write_text(FOREIGN.format(kinematic="bool physics:kinematicEnabled = 1") + scenario)
+    path = write(tmp_path, FOREIGN.format(kinematic="bool physics:kinematicEnabled = 1") + scenario, **CENTIMETERS)
     (box,) = ts.Scenario.load(path).objects
     assert box.dynamic == ts.Still()
 
 
-MATERIAL = """#usda 1.0
-(
-    metersPerUnit = 1
-)
+MATERIAL = """
 def Xform "Body" (prepend apiSchemas = ["TisceneObjectAPI", "PhysicsRigidBodyAPI"]) {
     def Cube "Part" (prepend apiSchemas = ["PhysicsCollisionAPI", "MaterialBindingAPI"]) {
         rel material:binding:physics = </Ice>
@@ -104,16 +98,12 @@ def Material "Ice" (prepend apiSchemas = ["PhysicsMaterialAPI"]) {
 
 
 def test_material_of_a_collider_is_that_of_its_body(tmp_path):
-    path = tmp_path / "ice.usda"
-    path.write_text(MATERIAL)
+    path = write(tmp_path, MATERIAL)
     (body,) = ts.Scenario.load(path).objects
     assert (body.dynamic.friction, body.dynamic.density) == pytest.approx((0.02, 900.0))
 
 
-TURNED = """#usda 1.0
-(
-    metersPerUnit = 1
-)
+TURNED = """
 def Xform "Group" {
     double3 xformOp:rotateXYZ = (0, 90, 0)
     double3 xformOp:scale = (2, 2, 2)
@@ -130,8 +120,7 @@ def Xform "Group" {
 
 def test_velocities_are_in_the_axes_of_the_prim_and_of_world_size(tmp_path):
     """As UsdPhysics says ("local space") and Newton reads them."""
-    path = tmp_path / "turned.usda"
-    path.write_text(TURNED)
+    path = write(tmp_path, TURNED)
     (box,) = ts.Scenario.load(path).objects  # x is -z of the world, y is x, z is -y
     assert box.dynamic.velocity == pytest.approx((3, -1, 0), abs=1e-6)
     assert box.dynamic.angular_velocity == pytest.approx((math.pi / 2, -math.pi, 0), abs=1e-6)
@@ -194,11 +183,7 @@ def test_what_is_not_simulated_of_a_rigid_body_is_named(tmp_path):
         assert any(path == each and word in text for each, text in found), (path, word, found)
 
 
-MASS = """#usda 1.0
-(
-    metersPerUnit = 0.01
-    kilogramsPerUnit = 2
-)
+MASS = """
 def Cube "Box" (prepend apiSchemas = ["TisceneObjectAPI", "PhysicsRigidBodyAPI", "PhysicsMassAPI"]) {
     double3 xformOp:scale = (1, 2, 1)
     uniform token[] xformOpOrder = ["xformOp:scale"]
@@ -213,8 +198,7 @@ def Cube "Plain" (prepend apiSchemas = ["TisceneObjectAPI", "PhysicsRigidBodyAPI
 
 
 def test_mass_of_another_program_is_read_in_kilograms_and_meters(tmp_path):
-    path = tmp_path / "mass.usda"
-    path.write_text(MASS)
+    path = write(tmp_path, MASS, **CENTIMETERS)
     box, plain = ts.Scenario.load(path).objects
     assert box.dynamic.mass == pytest.approx(6.0)
     assert box.dynamic.density == pytest.approx(500.0)
@@ -250,10 +234,7 @@ def test_sleep_is_read_and_survives_a_round_trip(tmp_path):
     assert ts.Scenario.load(tmp_path / "run.usda") == scenario
 
 
-INVALID = """#usda 1.0
-(
-    metersPerUnit = 1
-)
+INVALID = """
 def Cube "Box" (
     prepend apiSchemas = [
         "TisceneObjectAPI", "PhysicsRigidBodyAPI", "PhysicsMassAPI", "PhysicsCollisionAPI", "MaterialBindingAPI"
@@ -281,8 +262,7 @@ def Material "Surface" (prepend apiSchemas = ["PhysicsMaterialAPI"]) {{
     ],
 )
 def test_values_that_a_rigid_body_cannot_have_are_named(tmp_path, box, surface, message, expected):
-    path = tmp_path / "foreign.usda"
-    path.write_text(INVALID.format(box=box, surface=surface))
+    path = write(tmp_path, INVALID.format(box=box, surface=surface))
     with pytest.warns(StageWarning, match=message):
         (read,) = ts.Scenario.load(path).objects
     assert read.dynamic == ts.RigidBody(**expected)
@@ -290,6 +270,5 @@ def test_values_that_a_rigid_body_cannot_have_are_named(tmp_path, box, surface, 
 
 @pytest.mark.parametrize("enabled", [True, False])
 def test_body_whose_colliders_are_disabled_touches_nothing(tmp_path, enabled):
-    path = tmp_path / "foreign.usda"
-    path.write_text(INVALID.format(box=f"bool physics:collisionEnabled = {int(enabled)}", surface=""))
+    path = write(tmp_path, INVALID.format(box=f"bool physics:collisionEnabled = {int(enabled)}", surface=""))
     assert ts.Scenario.load(path).objects[0].collide is enabled

@@ -8,6 +8,7 @@ import pytest
 
 import tiscene as ts
 from dynamics import RigidBody
+from tests.usd.helpers import write
 from tests.world.physics.fake_physics_world import FakePhysicsWorld, ball, box, pose
 from tiscene.errors import ScenarioError, StageWarning
 from tiscene.scenario.edits import Spawn
@@ -96,11 +97,7 @@ def test_spawned_object_passes_too_and_replay_is_the_same():
     assert again == end
 
 
-STAGE = """#usda 1.0
-(
-    upAxis = "Y"
-    metersPerUnit = 1
-)
+STAGE = """
 def PhysicsScene "Scene" {}
 def Xform "Room" {
     def Cube "Floor" (prepend apiSchemas = ["PhysicsCollisionAPI"]) {
@@ -133,8 +130,7 @@ A, B, C = (BODY % (name, "", x, "") for name, x in (("A", -1), ("B", 0), ("C", 1
 
 
 def pairs_of(folder, bodies, groups=""):
-    path = folder / "stage.usda"
-    path.write_text(STAGE % (bodies, groups))
+    path = write(folder, STAGE % (bodies, groups))
     return [tuple(each) for each in read_scenario(path).content.get("filtered_pairs", [])]
 
 
@@ -213,8 +209,7 @@ def test_path_without_anything_that_collides_is_named():
 def test_pairs_of_bodies_without_a_shape_are_left_out(tmp_path):
     empty = BODY.replace("def Sphere", "def Xform").replace("double radius = 0.2", "") % ("Empty", "", 2, "")
     rel = "rel physics:filteredPairs = [</B>, </Empty>]"
-    path = tmp_path / "stage.usda"
-    path.write_text(STAGE % (BODY % ("A", ', "PhysicsFilteredPairsAPI"', -1, rel) + B + empty, ""))
+    path = write(tmp_path, STAGE % (BODY % ("A", ', "PhysicsFilteredPairsAPI"', -1, rel) + B + empty, ""))
     with pytest.warns(StageWarning, match="no geometry"):
         stream = ts.Stream(path, width=8, height=8, buffers=("instance",))
     with stream:

@@ -15,7 +15,7 @@ import pytest
 from numpy.typing import NDArray
 
 import tiscene as ts
-from tests.usd.helpers import preview_material
+from tests.usd.helpers import preview_material, write
 from tiscene.cli import demo
 
 pytestmark = pytest.mark.slow
@@ -59,12 +59,7 @@ def near_the_lamp() -> ts.Scenario:
     return living_room(0, before, window)
 
 
-GLASS_BALL = """#usda 1.0
-(
-    defaultPrim = "Ball"
-    metersPerUnit = 1
-    upAxis = "Y"
-)
+GLASS_BALL = """
 def Xform "Ball" {
     def Sphere "Shape" (prepend apiSchemas = ["MaterialBindingAPI"]) {
         double radius = 0.3
@@ -80,8 +75,7 @@ GLASS = preview_material(
 
 def glass_ball(folder: Path) -> ts.Scenario:
     """Return a clear glass ball before the window, through which the demo's chair is sometimes visible."""
-    file = folder / "glass_ball.usda"
-    file.write_text(GLASS_BALL % GLASS)
+    file = write(folder, GLASS_BALL % GLASS, name="glass_ball.usda", more='defaultPrim = "Ball"')
     orbit = ts.Orbit((-0.6, 1.1, -2.2), 3.0)
     return living_room(1, ts.Object("glass", str(file), (-0.3, 1.1, -2.2), dynamic=orbit, collide=False))
 
