@@ -75,10 +75,14 @@ def bound_material(prim: Usd.Prim) -> UsdShade.Material:
     return UsdShade.MaterialBindingAPI(prim).ComputeBoundMaterial()[0]
 
 
-def stages() -> list[Path]:
-    return [PACKAGE / name / "scene.usda" for name in SCENES] + [
-        PACKAGE / "templates" / name / "template.usda" for name in TEMPLATES
-    ]
+STAGES = [PACKAGE / name / "scene.usda" for name in SCENES]
+STAGES += [PACKAGE / "templates" / name / "template.usda" for name in TEMPLATES]
+
+
+@pytest.fixture(scope="module", params=STAGES, ids=lambda path: path.parent.name)
+def stage(request: pytest.FixtureRequest) -> Usd.Stage:
+    """Each scene and template, not to be changed."""
+    return open_stage(request.param)
 
 
 def test_required_templates_and_scenes_exist() -> None:
@@ -91,19 +95,16 @@ def test_package_stays_small() -> None:
     assert sum(path.stat().st_size for path in files) < 60e6
 
 
-@pytest.mark.parametrize("path", stages(), ids=lambda path: path.parent.name)
-def test_stage_is_in_meters_with_y_up(path: Path) -> None:
-    stage = open_stage(path)
+def test_stage_is_in_meters_with_y_up(stage: Usd.Stage) -> None:
     assert UsdGeom.GetStageMetersPerUnit(stage) == 1.0
     assert UsdGeom.GetStageUpAxis(stage) == UsdGeom.Tokens.y
     assert stage.GetDefaultPrim()
 
 
-@pytest.mark.parametrize("path", stages(), ids=lambda path: path.parent.name)
-def test_stage_passes_openusd_validators(path: Path) -> None:
+def test_stage_passes_openusd_validators(stage: Usd.Stage) -> None:
     registry = UsdValidation.ValidationRegistry()
     context = UsdValidation.ValidationContext(registry.GetOrLoadAllValidators())
-    errors = context.Validate(open_stage(path))
+    errors = context.Validate(stage)
     assert [f"{error.GetName()}: {error.GetMessage()}" for error in errors] == []
 
 
@@ -164,9 +165,7 @@ def test_untextured_appearances_have_same_parts_in_plain_colors(name: str, appea
     np.testing.assert_allclose(world_bounds(stage), bounds, atol=0.12 * size.max())
 
 
-@pytest.mark.parametrize("path", stages(), ids=lambda path: path.parent.name)
-def test_every_mesh_is_valid_and_has_a_material(path: Path) -> None:
-    stage = open_stage(path)
+def test_every_mesh_is_valid_and_has_a_material(stage: Usd.Stage) -> None:
     for mesh in meshes(stage):
         points = np.asarray(mesh.GetPointsAttr().Get())
         normals = np.asarray(mesh.GetNormalsAttr().Get())
@@ -183,9 +182,7 @@ def test_every_mesh_is_valid_and_has_a_material(path: Path) -> None:
         assert material, mesh.GetPath()
 
 
-@pytest.mark.parametrize("path", stages(), ids=lambda path: path.parent.name)
-def test_faces_point_along_their_normals(path: Path) -> None:
-    stage = open_stage(path)
+def test_faces_point_along_their_normals(stage: Usd.Stage) -> None:
     for mesh in meshes(stage):
         points = np.asarray(mesh.GetPointsAttr().Get(), dtype=np.float64)
         normals = np.asarray(mesh.GetNormalsAttr().Get(), dtype=np.float64)

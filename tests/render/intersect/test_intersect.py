@@ -345,11 +345,11 @@ def test_packets_hit_what_single_rays_hit() -> None:
 @both_layouts
 def test_occluded_by_instance_ignores_other_instances(traversal: str) -> None:
     scene, rays, (meshes, placement) = clutter(traversal)
-    rays = rays[:600]
-    targets = np.arange(600, dtype=np.int32) % 12 * 5
-    result = device_array(ti.i32, 600)
-    queue = upload(np.arange(600, dtype=np.int32))
-    trace.occluded_by_instance(scene, upload_vectors(rays), queue, upload(targets), 600, result)
+    rays = rays[:240]
+    targets = np.arange(240, dtype=np.int32) % 12 * 5
+    result = device_array(ti.i32, 240)
+    queue = upload(np.arange(240, dtype=np.int32))
+    trace.occluded_by_instance(scene, upload_vectors(rays), queue, upload(targets), 240, result)
     for target in range(0, 60, 5):
         chosen = targets == target
         alone = placed([placement.mesh[target]], placement.world_from_object[CURRENT, target : target + 1])

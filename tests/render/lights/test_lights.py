@@ -87,6 +87,14 @@ def numbers(seed: int = 1) -> np.ndarray:
     return np.random.default_rng(seed).random((COUNT, 2), np.float32)
 
 
+def frame_about(axis: np.ndarray) -> np.ndarray:
+    """Return axes as rows, the last of them along `axis`."""
+    z = axis / np.linalg.norm(axis)
+    x = np.cross(z, (0.6, 0.0, 0.8))
+    x /= np.linalg.norm(x)
+    return np.stack([x, np.cross(z, x), z])
+
+
 FAR = ("far rect", "far textured rect", "small sphere", "far cylinder")
 
 
@@ -96,11 +104,7 @@ def test_directions_follow_density(name: str) -> None:
     directions, _, results = light.sample(numbers())
     assert (results[:, 0] > 0.0).mean() > 0.999
     # In a frame about the light's center, so that the light is in few bins of cosine.
-    axis = directions.astype(np.float64).mean(axis=0)
-    z = axis / np.linalg.norm(axis)
-    x = np.cross(z, (0.6, 0.0, 0.8))
-    x /= np.linalg.norm(x)
-    frame = np.stack([x, np.cross(z, x), z])
+    frame = frame_about(directions.astype(np.float64).mean(axis=0))
     local = directions.astype(np.float64) @ frame.T
 
     def density(coordinates: np.ndarray) -> np.ndarray:
@@ -116,11 +120,7 @@ def test_directions_to_small_lights_follow_density(name: str) -> None:
     light = seen(name)
     directions, _, results = light.sample(numbers(8))
     assert (results[:, 0] > 0.0).mean() > 0.999
-    z = np.asarray(LIGHTS[name].world_from_light[:3, 3]) - ORIGIN
-    z /= np.linalg.norm(z)
-    x = np.cross(z, (0.6, 0.0, 0.8))
-    x /= np.linalg.norm(x)
-    frame = np.stack([x, np.cross(z, x), z])
+    frame = frame_about(np.asarray(LIGHTS[name].world_from_light[:3, 3]) - ORIGIN)
     local = directions.astype(np.float64) @ frame.T
     points = local[:, :2] / local[:, 2:]
 

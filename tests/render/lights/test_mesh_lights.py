@@ -27,13 +27,15 @@ from tiscene.device.kernel_types import Float8s1, Floats1, Floats2, Ints1
 from tiscene.render.bsdfs.material_inputs import Materials
 from tiscene.render.integrators.path.path_pass import PathPass
 from tiscene.render.intersect.surface_interaction import Geometry
-from tiscene.render.lights import dispatch, emissive_mesh
+from tiscene.render.lights import emissive_mesh
+from tiscene.render.lights.importance import EntryWeights, weigh_entries
 from tiscene.render.lights.light_sample import lights_of
+from tiscene.render.lights.light_sampler import choose_light
 from tiscene.render.texture_lookup import Textures
 from tiscene.scene.camera import Camera
 from tiscene.scene.description import Instance, Material, Mesh, SceneDescription, Texture, TextureLookup
 from tiscene.scene.device_scene import DeviceScene
-from tiscene.scene.lights.light_tree import BACK, ROUND, STRENGTH, child_rows, light_slots
+from tiscene.scene.lights.light_tree import BACK, MAX_ENTRIES, ROUND, STRENGTH, child_rows, light_slots
 from tiscene.scene.lights.mesh_lights import build_mesh_light, mean_emission
 
 EMISSION = (12.0, 9.0, 6.0)
@@ -203,11 +205,14 @@ def from_origin(
             direction = ti.math.vec3(rays[i, 0], rays[i, 1], rays[i, 2])
             rays[i, 4] = emissive_mesh.pdf(lights, 0, triangles[i], origin, direction, rays[i, 3])
         else:
-            u = ti.math.vec2(numbers[i, 0], numbers[i, 1])
-            found = dispatch.sample(lights, textures, origin, ti.math.vec3(0.0), u)
+            weights = ti.Vector.zero(ti.f32, MAX_ENTRIES)
+            count, scale, _ = weigh_entries(lights, origin, ti.math.vec3(0.0), weights, weights, False)
+            entries = ti.static(EntryWeights(weights, weights, count, scale, scale))
+            row, slot, chance, rest = choose_light(lights, entries, origin, ti.math.vec3(0.0), numbers[i, 0])
+            found = emissive_mesh.sample(lights, textures, row, slot, origin, ti.math.vec2(rest, numbers[i, 1]))
             for c in ti.static(range(3)):
                 rays[i, c] = found.direction[c]
-            rays[i, 3], rays[i, 4] = found.distance, found.pdf
+            rays[i, 3], rays[i, 4] = found.distance, found.pdf * chance.x
 
 
 @pytest.mark.parametrize("matrix", [np.eye(3), np.diag([-0.6, 1.0, 1.5])], ids=["round", "squashed"])

@@ -35,7 +35,7 @@ def luminance(seed: int, spp: int) -> NDArray[np.float64]:
 
 @cache
 def exact() -> NDArray[np.float64]:
-    return luminance(SEEDS, 4096)
+    return luminance(SEEDS, 2048)
 
 
 def errors(spp: int) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
