@@ -15,6 +15,7 @@ from taichi.lang._ndarray import Ndarray
 import usd_scenes
 from tests.sailenv.conftest import SCENE, zipped
 from tests.stress.process_resources import resident_memory
+from tests.usd.helpers import write
 from tiscene.errors import SceneNotFound, TisceneError
 from tiscene.sailenv import Object, Scenario
 from tiscene.sailenv.agent_worlds import AgentWorlds
@@ -105,13 +106,10 @@ def test_scene_without_exposure_is_metered_from_its_start_camera(make_agent, tmp
     """In the first scenario as in later ones, and whatever the pose of the agent."""
     folder = tmp_path / "unmetered"
     folder.mkdir()
-    (folder / "scene.usda").write_text(
-        '#usda 1.0\n(\n    metersPerUnit = 1\n    defaultPrim = "Room"\n)\ndef Xform "Room"\n{\n'
-        '    def Cube "Box"\n    {\n        double size = 4\n        double3 xformOp:translate = (0, 0, -6)\n'
-        '        uniform token[] xformOpOrder = ["xformOp:translate"]\n    }\n'
-        '    def SphereLight "Lamp"\n    {\n        float inputs:intensity = 40\n    }\n'
-        '    def Camera "Agent" {}\n}\n'
-    )
+    box = "double size = 4\ndouble3 xformOp:translate = (0, 0, -6)\n"
+    box += 'uniform token[] xformOpOrder = ["xformOp:translate"]\n'
+    lamp = 'def SphereLight "Lamp" {\n    float inputs:intensity = 40\n}\n'
+    write(folder, f'def Cube "Box" {{\n{box}}}\n{lamp}def Camera "Agent" {{}}\n', name="scene.usda")
     monkeypatch.setenv("TISCENE_PATH", str(tmp_path))
     exposures = []
     for position in ((0, 0, 1), (0, 0, -40)):

@@ -21,34 +21,30 @@ SIZE = {"width": 32, "height": 24}
 SURFACES = tuple(name for name in LABELS if "coverage" not in name)
 
 
-@pytest.fixture
-def rendered(monkeypatch: pytest.MonkeyPatch) -> list[int]:
-    """Receives the number of frames of each call that renders several at once; 0 where it cannot."""
+def frames_of_calls(monkeypatch: pytest.MonkeyPatch, kind: type) -> list[int]:
+    """Return a list that receives the number of frames of each `render_frames` of a class; 0 where it cannot."""
     found: list[int] = []
-    render = LabelPass.render_frames
-
-    def counted(self, views, placements, buffers):
-        result = render(self, views, placements, buffers)
-        found.append(len(result or ()))
-        return result
-
-    monkeypatch.setattr(LabelPass, "render_frames", counted)
-    return found
-
-
-@pytest.fixture
-def traced(monkeypatch: pytest.MonkeyPatch) -> list[int]:
-    """Receives the number of frames of each call that traces the light of several at once; 0 where it cannot."""
-    found: list[int] = []
-    render = PathFrames.render_frames
+    render = kind.render_frames
 
     def counted(self, *args, **options):
         result = render(self, *args, **options)
         found.append(len(result or ()))
         return result
 
-    monkeypatch.setattr(PathFrames, "render_frames", counted)
+    monkeypatch.setattr(kind, "render_frames", counted)
     return found
+
+
+@pytest.fixture
+def rendered(monkeypatch: pytest.MonkeyPatch) -> list[int]:
+    """Receives the number of frames of each call that renders labels of several."""
+    return frames_of_calls(monkeypatch, LabelPass)
+
+
+@pytest.fixture
+def traced(monkeypatch: pytest.MonkeyPatch) -> list[int]:
+    """Receives the number of frames of each call that traces the light of several."""
+    return frames_of_calls(monkeypatch, PathFrames)
 
 
 def orbiting() -> ts.Scenario:

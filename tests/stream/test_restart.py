@@ -10,6 +10,7 @@ from taichi.lang._ndarray import Ndarray
 
 import tiscene as ts
 from tests.stream.test_stream import same
+from tests.usd.helpers import write
 from tiscene.errors import ArgumentError, SceneNotFound, StageWarning
 from tiscene.stream import stage_cache
 
@@ -40,17 +41,12 @@ def test_restart_with_a_missing_scene_or_an_impossible_size_changes_nothing():
 
 
 def test_restart_changes_variants(tmp_path):
-    path = tmp_path / "variants.usda"
     variants = "".join(
-        f'        "{name}" {{\n            over "Box"\n            {{\n'
-        f"                double size = {size}\n            }}\n        }}\n"
+        f'"{name}" {{\n    over "Box" {{\n        double size = {size}\n    }}\n}}\n'
         for name, size in (("small", 1), ("large", 3))
     )
-    path.write_text(
-        '#usda 1.0\n(\n    metersPerUnit = 1\n    defaultPrim = "Room"\n)\ndef Xform "Room" (\n'
-        '    variants = { string size = "small" }\n    prepend variantSets = "size"\n)\n{\n'
-        f'    def Cube "Box" {{}}\n    variantSet "size" = {{\n{variants}    }}\n}}\n'
-    )
+    room = 'def Xform "Room" (\n    variants = { string size = "small" }\n    prepend variantSets = "size"\n) {\n'
+    path = write(tmp_path, f'{room}def Cube "Box" {{}}\nvariantSet "size" = {{\n{variants}}}\n}}\n')
     camera = ts.Camera.look_at((0.0, 0.0, 9.0), (0.0, 0.0, 0.0))
     small = ts.Scenario(str(path), camera=camera)
     large = replace(small, variants={"/Room{size}": "large"})
@@ -81,10 +77,8 @@ def test_restarts_free_device_memory():
 
 
 def write_part(path, size):
-    path.write_text(
-        f'#usda 1.0\n(\n    defaultPrim = "Part"\n)\ndef Xform "Part"\n{{\n    def Cube "Box"\n    {{\n'
-        f"        double size = {size}\n    }}\n}}\n"
-    )
+    body = f'def Xform "Part" {{\n    def Cube "Box" {{\n        double size = {size}\n    }}\n}}\n'
+    write(path.parent, body, name=path.name, more='defaultPrim = "Part"')
 
 
 @pytest.fixture
@@ -98,12 +92,8 @@ def reads(monkeypatch):
 @pytest.fixture
 def room_of_part(tmp_path):
     """Return a scenario whose stage refers to part.usda, beside it."""
-    path = tmp_path / "room.usda"
-    path.write_text(
-        '#usda 1.0\n(\n    metersPerUnit = 1\n)\ndef "Part" (\n    references = @./part.usda@\n) {}\n'
-        'def Cube "Far"\n{\n    double3 xformOp:translate = (0, 0, 99)\n'
-        '    uniform token[] xformOpOrder = ["xformOp:translate"]\n}\n'
-    )
+    far = 'double3 xformOp:translate = (0, 0, 99)\nuniform token[] xformOpOrder = ["xformOp:translate"]\n'
+    path = write(tmp_path, f'def "Part" (references = @./part.usda@) {{}}\ndef Cube "Far" {{\n{far}}}\n')
     write_part(tmp_path / "part.usda", 1)
     return ts.Scenario(str(path), camera=ts.Camera.look_at((0.0, 0.0, 9.0), (0.0, 0.0, 0.0)))
 

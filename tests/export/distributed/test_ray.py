@@ -105,23 +105,17 @@ def on_cluster(kind, folder, nodes, faults):
 
 
 @pytest.mark.slow
-def test_killed_worker_and_removed_node_do_not_change_an_export(tmp_path):
-    report = on_cluster("render", tmp_path / "ray", 3, "kill")
+@pytest.mark.parametrize(("kind", "last"), [("render", FRAMES), ("generate", COUNT)])
+def test_killed_worker_and_removed_node_do_not_change_an_export_or_a_data_set(tmp_path, kind, last):
+    report = on_cluster(kind, tmp_path / "ray", 3, "kill")
     assert len(report["faults"]) == 2
-    assert report["last"] == FRAMES
+    assert report["last"] == last
     assert report["peak"] < MAX_MEMORY
-    with Stream("solid_benchmark", **SETTINGS) as stream:
-        export(stream, tmp_path / "one", format="webdataset", frames=range(FRAMES))
-    assert contents(tmp_path / "ray") == contents(tmp_path / "one")
-
-
-@pytest.mark.slow
-def test_killed_worker_and_removed_node_do_not_change_a_data_set(tmp_path):
-    report = on_cluster("generate", tmp_path / "ray", 3, "kill")
-    assert len(report["faults"]) == 2
-    assert report["last"] == COUNT
-    assert report["peak"] < MAX_MEMORY
-    generate(recipe(), tmp_path / "one", COUNT)
+    if kind == "generate":
+        generate(recipe(), tmp_path / "one", COUNT)
+    else:
+        with Stream("solid_benchmark", **SETTINGS) as stream:
+            export(stream, tmp_path / "one", format="webdataset", frames=range(FRAMES))
     assert contents(tmp_path / "ray") == contents(tmp_path / "one")
 
 

@@ -46,6 +46,20 @@ def Cube "Mover" (kind = "component") {
 }
 def DomeLight "Sky" {}
 """
+EYE = """
+def Camera "Eye" {
+    float horizontalAperture = 32
+    float verticalAperture = 24
+    %s
+}
+def Plane "Lamp" (prepend apiSchemas = ["MeshLightAPI"]) {
+    uniform token axis = "Z"
+    double width = 2
+    double length = 2
+    double3 xformOp:translate = %s
+    uniform token[] xformOpOrder = ["xformOp:translate"]
+}
+"""
 STANDS, WALKS = " = (0, 0.2, 5)", ".timeSamples = { 1: (0, 0.2, 5), 9: (0.4, 0, 4) }"
 LABELS = ("instance", "position", "scene_flow", "forward_flow", "backward_flow", "depth")
 
@@ -123,23 +137,8 @@ def test_frames_do_not_depend_on_earlier_frames_nor_on_the_process_that_renders_
 
 def test_a_focus_pull_blurs_what_it_leaves(tmp_path):
     """A lamp's edge is sharp at the distance in focus, whatever the frames before were focused on."""
-    body = """
-def Camera "Eye" {
-    float horizontalAperture = 32
-    float verticalAperture = 24
-    float focalLength = 60
-    float fStop = 4
-    float focusDistance.timeSamples = { 0: 4, 8: 12 }
-}
-def Plane "Lamp" (prepend apiSchemas = ["MeshLightAPI"]) {
-    uniform token axis = "Z"
-    double width = 2
-    double length = 2
-    double3 xformOp:translate = (-1, 0, -4)
-    uniform token[] xformOpOrder = ["xformOp:translate"]
-}
-"""
-    path = write(tmp_path, body, more="timeCodesPerSecond = 4")
+    lens = "float focalLength = 60\nfloat fStop = 4\nfloat focusDistance.timeSamples = { 0: 4, 8: 12 }"
+    path = write(tmp_path, EYE % (lens, "(-1, 0, -4)"), more="timeCodesPerSecond = 4")
     with stream_of(path, buffers=("hdr",), spp=16, base_spp=16, quality="fast") as stream:
         blurred = [
             ((stream[index].hdr[HEIGHT // 2, :, 0] > 0.02) & (stream[index].hdr[HEIGHT // 2, :, 0] < 0.98)).sum()
@@ -173,24 +172,10 @@ def test_exposure_follows_its_samples(tmp_path):
 
 def test_a_shutter_sees_the_lens_at_its_own_times(tmp_path):
     """A zoom blurs away from the axis; with a shutter at one time it does not."""
-    body = """
-def Camera "Eye" {
-    float horizontalAperture = 32
-    float verticalAperture = 24
-    float focalLength.timeSamples = { 0: 24, 8: 48 }
-    double shutter:close = %s
-}
-def Plane "Lamp" (prepend apiSchemas = ["MeshLightAPI"]) {
-    uniform token axis = "Z"
-    double width = 2
-    double length = 2
-    double3 xformOp:translate = (0, 0, -5)
-    uniform token[] xformOpOrder = ["xformOp:translate"]
-}
-"""
     partial = []
     for close in (0, 1):
-        path = write(tmp_path, body % close, more="timeCodesPerSecond = 4")
+        lens = f"float focalLength.timeSamples = {{ 0: 24, 8: 48 }}\ndouble shutter:close = {close}"
+        path = write(tmp_path, EYE % (lens, "(0, 0, -5)"), more="timeCodesPerSecond = 4")
         with stream_of(path, buffers=("hdr",), spp=64) as stream:
             row = stream[4].hdr[HEIGHT // 2, :, 0]
             partial.append(((row > 0.02) & (row < 0.98)).sum())
