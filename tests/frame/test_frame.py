@@ -79,11 +79,6 @@ def test_error_of_a_property_is_not_hidden_by_one_about_a_buffer() -> None:
     assert not hasattr(broken, "wrong")
 
 
-def test_fields_cannot_be_set() -> None:
-    with pytest.raises(AttributeError):
-        make_frame().index = 13  # type: ignore[misc]
-
-
 def test_camera_projects_as_opencv() -> None:
     camera = make_frame().camera
     assert camera.position == CAMERA.position

@@ -18,7 +18,6 @@ from tests.stress.process_resources import resident_memory
 from tests.usd.helpers import write
 from tiscene.errors import SceneNotFound, TisceneError
 from tiscene.sailenv import Object, Scenario
-from tiscene.sailenv.agent_worlds import AgentWorlds
 from tiscene.sailenv.asset_names import catalog_scene
 
 SQUARE = "v 0 0 0\nv 1 0 0\nv 1 1 0\nv 0 1 0\nf 1 2 3 4\n"
@@ -156,22 +155,6 @@ def test_memory_is_flat_over_200_changes_of_scenes(make_agent, small_scenes):
         used.append(resident_memory())
     print(f"{used[20] >> 20} MB after 20 changes, {used[-1] >> 20} MB after 200; {np.median(seconds[20:]):.3f} s each")
     assert used[-1] < 1.05 * max(used[:30]), used
-
-
-@pytest.mark.slow
-def test_memory_is_flat_over_changes_between_rooms():
-    worlds = AgentWorlds("room_02/scene", quality="fast", spp=1)
-    agent = worlds.register(64, 48)
-    used, seconds = [], []
-    for number in range(40):
-        began = time.process_time()
-        worlds.change_scene(agent, ("room_02/scene", "object_view/scene", "room_01/scene")[number % 3])
-        worlds.world_of(agent).frame(agent, ["main", "object"])
-        seconds.append(time.process_time() - began)
-        used.append(resident_memory())
-    worlds.close()
-    print(f"{used[10] >> 20} MB after 10 changes, {used[-1] >> 20} MB after 40; {np.median(seconds[10:]):.2f} s each")
-    assert used[-1] < 1.1 * max(used[:10]), used
 
 
 BOUNCE = {"type": "uniform_movement_random_bounce", "description": {}}
