@@ -39,7 +39,7 @@ def digest(count: int = 24) -> str:
 PROGRAM = """
 import sys
 import taichi as ti
-ti.init(arch=ti.cpu, fast_math=False, cpu_max_num_threads={threads}, log_level=ti.ERROR, offline_cache={cache})
+ti.init(arch=ti.cpu, fast_math=False, cpu_max_num_threads=1, log_level=ti.ERROR, offline_cache=False)
 sys.modules["pxr"] = None
 from tests.dynamics.test_simulation import digest
 print(digest())
@@ -47,10 +47,9 @@ assert not any(name.split(".")[0] == "tiscene" for name in sys.modules), "dynami
 """
 
 
-@pytest.mark.parametrize(("threads", "cache"), [(1, True), (2, False)])
-def test_poses_are_identical_in_another_process_with_any_thread_count(threads, cache):
+def test_poses_are_identical_in_another_process_of_one_thread_that_compiles_anew():
     done = subprocess.run(
-        [sys.executable, "-c", PROGRAM.format(threads=threads, cache=cache)],
+        [sys.executable, "-c", PROGRAM],
         capture_output=True,
         text=True,
         check=False,

@@ -3,8 +3,6 @@
 
 import hashlib
 import math
-import subprocess
-import sys
 
 import numpy as np
 import pytest
@@ -164,19 +162,6 @@ def test_checkpoints_make_seeking_cheap_in_bounded_memory(monkeypatch):
     before = simulation.simulated_frames
     assert simulation.frame(299).poses.tobytes() == expected
     assert simulation.simulated_frames - before <= 64
-
-
-PROGRAM = """
-from tests.world.physics.test_rigid_body_simulation import FLOOR, FakePhysicsWorld, digest, stack
-print(digest(FakePhysicsWorld(stack(4), [FLOOR]).simulation(), {frames}))
-"""
-
-
-def test_two_processes_give_the_same_bytes():
-    world = FakePhysicsWorld(stack(4), [FLOOR])
-    program = PROGRAM.format(frames=[60, 10, 59])
-    done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True)
-    assert done.stdout.strip() == digest(world.simulation(), [60, 10, 59])
 
 
 def test_edit_keeps_earlier_frames_and_changes_later_ones():
