@@ -143,7 +143,8 @@ class _ScenarioReader:
         rigid = {each["id"] for each in objects if (each["dynamic"] or other)["type"] == "RigidBody"}
         content |= read_filtered_pairs(self._stage, root, objects, paths, rigid, self._report)
         content |= read_joints(self._stage, objects, paths, rigid, self._time, self._report)
-        cameras, camera, moving = stage_cameras(self._stage), None, {}
+        cameras = self._settings.main_first(stage_cameras(self._stage), Usd.Prim.GetPath)
+        camera, moving = None, {}
         with self._report.guard("/"):
             camera = self._camera(root, cameras)
             moving = self._moving_cameras(cameras)
@@ -294,20 +295,16 @@ class _ScenarioReader:
     def _scenario(self, root: Usd.Prim) -> dict[str, Any]:
         """Return the members of the scenario's JSON object that are authored on its own prim."""
         content: dict[str, Any] = {}
-        scene = layer_file(root, "tiscene:scenario:scene")
-        if scene:
+        if scene := layer_file(root, "tiscene:scenario:scene"):
             content["scene"] = scene
-        far = authored(root, "tiscene:scenario:frustumFar")
-        if far:
+        if far := authored(root, "tiscene:scenario:frustumFar"):
             content["frustum"] = {"far": -1.0 if far == -1.0 else self._units.to_json(far)}
-        stops = authored(root, "tiscene:scenario:exposureCompensation")
-        if stops:
+        if stops := authored(root, "tiscene:scenario:exposureCompensation"):
             content["exposure_compensation"] = float(stops)
         if authored(root, "tiscene:scenario:physics"):
             content["physics"] = True
         for key in ("edits", "lights", "variants", "overrides"):
-            text = authored(root, f"tiscene:scenario:{key}")
-            if text:
+            if text := authored(root, f"tiscene:scenario:{key}"):
                 try:
                     content[key] = json.loads(text)
                 except json.JSONDecodeError as error:
@@ -341,7 +338,6 @@ class _ScenarioReader:
 
     def _moving_cameras(self, cameras: list[Usd.Prim]) -> dict[str, dict[str, Any]]:
         """Return the JSON objects of the cameras that move, by the names that `read_stage` gives them, and by path."""
-        cameras = self._settings.main_first(cameras, Usd.Prim.GetPath)
         names = unique_names([prim.GetPath() for prim in cameras])
         moving = {}
         for prim in cameras:
@@ -365,7 +361,6 @@ class _ScenarioReader:
         if not listed and self._is_whole:
             return None
         if not listed:
-            cameras = self._settings.main_first(cameras, Usd.Prim.GetPath)
             return self._one_camera(cameras[0], False) if cameras else None
         found = []
         for path in listed:
