@@ -10,6 +10,7 @@ import pytest
 from tests.usd.helpers import STAGES, write
 from tests.usd.importers.test_import_template import BOX
 from tiscene.cli import main as cli
+from tiscene.usd.read.inspection import stage_facts
 
 TINY = """
 def Xform "Room" (
@@ -210,3 +211,15 @@ def test_layers_in_other_units_are_named(tmp_path, capsys):
     (line,) = (line for line in out.splitlines() if "not converted" in line)
     assert line.startswith("  not converted to these units by USD: ")
     assert line.endswith("chair.usda (0.01 m per unit, Z up)")
+
+
+def test_layers_are_in_the_order_of_their_names(tmp_path):
+    names = [f"part_{number}.usda" for number in (7, 2, 9, 4, 0, 5)]
+    for name in names:
+        (tmp_path / name).write_text('#usda 1.0\n( metersPerUnit = 0.5 )\ndef Cube "Box" {}\n')
+    content = "\n".join(f'def "{name[:6]}" (references = @{name}@</Box>) {{}}' for name in names)
+    facts = stage_facts(write(tmp_path, content))
+    assert len(facts.layers) == len(names) + 1
+    assert len(facts.other_units) == len(names)
+    for listed in (facts.layers, facts.other_units):
+        assert list(listed) == sorted(listed)

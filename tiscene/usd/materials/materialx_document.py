@@ -64,7 +64,7 @@ def substitute_documents(stage: Usd.Stage, allowed: Any) -> list[tuple[str, str]
         The files that cannot be read as a whole, and what is wrong with them.
     """
     faults = []
-    for layer in stage.GetUsedLayers():
+    for layer in sorted(stage.GetUsedLayers(), key=lambda each: str(each.identifier)):
         for asset in sorted(layer.GetCompositionAssetDependencies()) if not layer.anonymous else ():
             if not asset.partition(":SDF_FORMAT_ARGS:")[0].lower().endswith(".mtlx"):
                 continue

@@ -83,14 +83,14 @@ def stage_facts(path: str | Path, variants: Variants | None = None, root: str | 
         has_range = root_layer.HasStartTimeCode() and root_layer.HasEndTimeCode()
         kept = root_layer.customLayerData.get("import", {})
         return StageFacts(
-            layers=tuple(layer.realPath for layer in stage.GetUsedLayers() if not layer.anonymous),
+            layers=tuple(sorted(layer.realPath for layer in stage.GetUsedLayers() if not layer.anonymous)),
             types=dict(Counter(str(prim.GetTypeName()) or "(no type)" for prim in prims).most_common()),
             variants=sets,
             taxonomies=tuple(sorted(taxonomies_of(stage))),
             meters_per_unit=float(UsdGeom.GetStageMetersPerUnit(stage)),
             unit_is_authored=UsdGeom.StageHasAuthoredMetersPerUnit(stage),
             up_axis=str(UsdGeom.GetStageUpAxis(stage)),
-            other_units=tuple(_other_units(stage)),
+            other_units=tuple(sorted(_other_units(stage))),
             time_codes=(stage.GetStartTimeCode(), stage.GetEndTimeCode()) if has_range else None,
             time_codes_per_second=stage.GetTimeCodesPerSecond(),
             animated=sum(
