@@ -9,6 +9,7 @@ from __future__ import annotations
 import functools
 import itertools
 import math
+import sys
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 
@@ -172,11 +173,12 @@ class Composite(ClosedForm):
 
     @property
     def loop_time(self) -> float:
-        """Least common multiple of the parts' loop times, seconds."""
+        """Least common multiple of the parts' loop times, seconds; infinite beyond the range of floats."""
         loops = [part.loop_time for part in self.parts if part.loop_time > 0.0]
         if math.inf in loops:
             return math.inf
-        return float(functools.reduce(common_multiple, map(exact, loops))) if loops else 0.0
+        multiple = functools.reduce(common_multiple, map(exact, loops)) if loops else 0
+        return float(multiple) if multiple <= sys.float_info.max else math.inf
 
     def tracks(self, start: Pose) -> tuple[Track, ...]:
         starts = [start] + [Pose()] * (len(self.parts) - 1)

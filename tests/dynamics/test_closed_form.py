@@ -89,6 +89,7 @@ def test_composite_loop_time_is_least_common_multiple():
     assert Composite((LINE, Orbit(period=3.0))).loop_time == 24.0
     assert Composite((Orbit(period=0.3), Still(), Orbit(period=0.2))).loop_time == 0.6
     assert Composite((Still(),)).loop_time == 0.0
+    assert Composite((Orbit(period=0.3), Orbit(period=1e308))).loop_time == math.inf
     assert Composite((LINE, Keyframes((0, 1), LINE.waypoints))).loop_time == math.inf
 
 

@@ -115,6 +115,8 @@ def test_pages_of_no_scores_or_of_different_courses_are_refused(course, tmp_path
     for nothing in ([], score):
         with pytest.raises(ArgumentError, match="must be a list of one or more scores"):
             write_page(tmp_path / "page.html", "title", nothing)
+    with pytest.raises(ArgumentError, match=r"title='\\udcff': must be a string .* without lone surrogates"):
+        write_page(tmp_path / "page.html", "\udcff", [score])
     assert list(Path(tmp_path).iterdir()) == []
 
 

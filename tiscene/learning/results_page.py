@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 from PIL import Image
 
+from dynamics import argument_checks
 from tiscene.errors import ArgumentError, counted, export_errors
 from tiscene.files import write_atomically
 from tiscene.frame.visualize import id_picture
@@ -61,11 +62,12 @@ def write_page(path: str | os.PathLike[str], title: str, scores: Sequence[Score]
             same length and the same tests.
 
     Raises:
-        ArgumentError: there are no scores, or their courses differ in length or tests.
+        ArgumentError: there are no scores, their courses differ in length or tests, or `title` is no text.
         ExportError: the file cannot be written.
     """
     if isinstance(scores, Mapping) or not scores or not all(isinstance(each, Score) for each in scores):
         raise ArgumentError(f"scores={scores!r}: must be a list of one or more scores")
+    argument_checks.text(title, "title")
     path, course = Path(path), scores[0].course
     if len({(len(each.course), tuple(test.name for test in each.course.test_phases)) for each in scores}) > 1:
         raise ArgumentError("scores: their courses differ in length or tests; write a page for each course")
