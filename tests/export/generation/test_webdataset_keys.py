@@ -7,11 +7,16 @@ import random
 import numpy as np
 import pytest
 
+from tests.export.fake_stream import FakeStream
 from tests.export.folders import contents
 from tests.export.generation.test_recipe import RECIPE
+from tiscene.export import webdataset_shards
+from tiscene.export.array_files import resolved
+from tiscene.export.exporter import provenance
 from tiscene.export.generation.generator import finish, generate
 from tiscene.export.generation.recipe import Recipe
 from tiscene.export.manifest import Manifest, buffer_digest
+from tiscene.export.packing import ExportRun, GroupFrames, pieces_file
 
 FRAMES, COUNT = 2, 3
 
@@ -68,3 +73,17 @@ def test_interrupted_and_sharded_data_sets_have_the_bytes_of_one_run(recipe, mad
         generate(recipe, tmp_path / "sharded", COUNT, shard=(shard, 2))
     finish(tmp_path / "sharded")
     assert contents(tmp_path / "interrupted") == contents(tmp_path / "sharded") == contents(made.folder)
+
+
+@pytest.mark.filterwarnings("ignore::pytest.PytestUnraisableExceptionWarning")
+@pytest.mark.parametrize("camera", ["Cam.v2 é", "x" * 200])
+def test_names_of_cameras_may_have_dots_and_be_long(tmp_path, camera):
+    stream = FakeStream(("depth",))
+    (pieces,) = resolved(pieces_file(0, webdataset_shards.pieces(stream[0], {"index": 0}, stream))).values()
+    (tmp_path / "0.bin").write_bytes(pieces)
+    run = ExportRun(provenance(stream, "webdataset", None, "000003"), {}, [0])
+    webdataset_shards.pack(GroupFrames({0: tmp_path / "0.bin"}, f"000003/{camera}/"), run, tmp_path)
+    (sample,) = shuffled([str(tmp_path / "shard-000000.tar")])
+    gc.collect()
+    assert sample["__key__"] == f"000003/{camera}/000000000"
+    np.testing.assert_array_equal(sample["depth.npy"], stream[0].depth)
