@@ -107,6 +107,15 @@ def test_changes_are_added_where_the_mask_says_and_light_does_not_become_negativ
     np.testing.assert_allclose(result[:, half:], wall[:, half:], rtol=1e-4)
 
 
+def test_shadows_that_cross_an_edge_of_light_leave_no_black_beside_it() -> None:
+    """Blocks at the edge mix both sides: what the lit side loses on average is more than the other side has."""
+    columns = np.arange(SIZE[1]) * np.ones((SIZE[0], 1))
+    sunlit, shade = flat(np.where((columns > 8) & (columns < 17), 5.0, 1.0)), flat(np.ones(SIZE))
+    share = replaced(sunlit, sunlit, change=shade - sunlit)[:, :24] / shade[:, :24]
+    assert share.min() > 0.3
+    np.testing.assert_allclose(share[:, 12:14], 1.0, rtol=0.02)
+
+
 def test_pixels_that_are_kept_do_not_change() -> None:
     wall = flat(np.ones(SIZE))
     np.testing.assert_array_equal(replaced(wall, np.float32(1.1) * wall, change=wall, kept=True), wall)

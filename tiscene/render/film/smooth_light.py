@@ -39,14 +39,14 @@ def apply_reduced_light(
     downscale: int,
     contrast: float,
 ) -> None:
-    """Replace an image's light where it varies slowly, then add a change, in place. Negative light becomes black.
+    """Replace an image's light where it varies slowly, then add a change, in place.
 
     Args:
         image: Input and output, radiance, float32 [h, w, 3].
         own: Its irradiance at reduced size, float32 [h', w', 3], see `demodulate`.
         irradiance: What takes its place, float32 [h', w', 3].
         noisy: The same, not denoised.
-        change: Irradiance to add, float32 [h', w', 3].
+        change: Irradiance to add, float32 [h', w', 3]; where it is negative, the share of `irradiance` to take away.
         normal: Normals at reduced size, float32 [h', w', 3].
         guides: Albedo and normal, float32 [h, w, 3] each.
         kept: bool [h, w], pixels that stay as they are.
@@ -147,6 +147,9 @@ def _apply(
             smooth = after * (1.0 + ti.math.smoothstep(0.5 * detail, detail, largest) * excess)
             shown += blend * (smooth - shown)
             if n.norm_sqr() > 0.0:  # else there is no surface that is lit
-                shown += mask[y, x, 0] * light * vec3(changes[0], changes[1], changes[2])
+                added = light * vec3(changes[0], changes[1], changes[2])
+                # A shadow takes a share of the light, so that what was dark beside an edge of light is not black.
+                lost = ti.math.clamp(ti.min(added, 0.0) / ti.max(after, 1e-6), -1.0, 0.0)
+                shown += mask[y, x, 0] * (ti.max(added, 0.0) + lost * shown)
         for c in ti.static(range(3)):
             image[y, x, c] = ti.max(shown[c], 0.0)
