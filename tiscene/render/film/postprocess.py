@@ -96,13 +96,11 @@ class Postprocessor:
             clean = self._denoised(image.static[here], image.albedo[here], image.normal[here], self.sharp)
             weight = blend_weights(here, height, width, NARROW_MARGIN)  # rectangles may overlap
             paths[here] += weight * (clean - paths[here])
-        blended = image.beside > 0.0
-        kept = image.traced & ~blended
+        kept = image.traced & (image.beside == 0.0)
         shown = np.where(kept[..., None], paths, image.denoised)
-        shares = np.where(blended[..., None], np.float32(1.0), image.static_mask)
         before = self._denoised(image.before, image.white, image.reduced_normal, False)
         if len(image.hidden.pixels):
-            self._add_hidden(image, shares, before, shown)
+            self._add_hidden(image, before, shown)
         guides = image.albedo, image.normal
         own, _, _ = demodulate(shown, *guides, REDUCTION)
         change = np.zeros_like(before)
@@ -112,26 +110,19 @@ class Postprocessor:
         if image.emitted is not None:
             change += self._denoised(image.emitted, image.white, image.reduced_normal, False)
         apply_reduced_light(
-            shown, own, before, image.before, change, image.reduced_normal, guides, kept, shares, REDUCTION,
+            shown, own, before, image.before, change, image.reduced_normal, guides, kept, image.static_mask, REDUCTION,
             contrast=BLOCK_NOISE / math.sqrt(image.panorama_spp),
         )  # fmt: skip
         shown += image.beside[..., None] * (paths - shown)
         return shown
 
-    def _add_hidden(self, image: PanoramaImage, shares: FloatImage, irradiance: FloatImage, shown: FloatImage) -> None:
-        """Add the light of parts of pixels that are hidden from the panorama's center, in place.
-
-        Args:
-            image: The image.
-            shares: Of each pixel that its denoised light stands for, float32 [h, w, 1].
-            irradiance: At reduced size, denoised, float32 [h', w', 3].
-            shown: Input and output, radiance, float32 [h, w, 3].
-        """
-        hidden, known = image.hidden, (image.denoised, shares, image.albedo, image.normal)
+    def _add_hidden(self, image: PanoramaImage, irradiance: FloatImage, shown: FloatImage) -> None:
+        """Add the light of parts of pixels that are hidden from the panorama's center, in place."""
+        hidden, known = image.hidden, (image.denoised, image.static_mask, image.albedo, image.normal)
         expected = light_nearby(
             hidden.pixels, hidden.albedo, hidden.normal, known, irradiance, image.reduced_normal, REDUCTION
         )
-        expected *= 1.0 - shares.reshape(-1, 1)[hidden.pixels]
+        expected *= 1.0 - image.static_mask.reshape(-1, 1)[hidden.pixels]
         shown.reshape(-1, 3)[hidden.pixels] += hidden.estimate(expected)
 
     def _corrected(self, quick: FloatImage, image: IncrementalImage, here: Region, kind: str) -> FloatImage:

@@ -133,6 +133,14 @@ def test_movers_and_their_shadows_are_those_of_path_tracing(mover: Material, vie
     assert np.abs(change - expected).mean() < 0.4 * np.abs(expected).mean()
 
 
+def test_denoised_light_is_that_of_the_known_shares_of_pixels_also_beside_movers() -> None:
+    image = SurroundedBalls().image((-0.7, 0.0, -0.3), degrees=3.0)  # near a wall
+    assert (image.beside > 0.0).any()
+    known = image.static_mask[..., 0]
+    assert (known[image.beside > 0.0] == 1.0).all()
+    assert not image.denoised[known == 0.0].any()
+
+
 @pytest.mark.parametrize(
     "wall",
     [pytest.param(None, marks=pytest.mark.slow), GLOSSY, pytest.param(EMISSIVE, marks=pytest.mark.slow)],

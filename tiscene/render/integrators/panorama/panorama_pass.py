@@ -77,8 +77,8 @@ class PanoramaImage:
             `beside` movers.
         beside: float32 [h, w], share of path-traced light in pixels beside movers, which change much of their light;
             the rest is that of the panorama, with `change`. 0 elsewhere.
-        static_mask: float32 [h, w, 1], share of the light of pixels that is from the panorama: 0 where `traced`,
-            less than 1 beside edges that hide something from its center.
+        static_mask: float32 [h, w, 1], share of pixels that `denoised` knows: 0 where they are path traced alone, 1
+            `beside` movers, less beside edges that hide something from the panorama's center.
         panorama_spp: Samples per pixel of the panorama.
     """
 
@@ -101,7 +101,8 @@ class PanoramaImage:
     @property
     def hdr(self) -> FloatImage:
         """Scene-linear radiance, W/m²/sr, float32 [h, w, 3]."""
-        image, mask = self.static, self.static_mask * self.normal.any(axis=-1, keepdims=True)
+        lit = self.normal.any(axis=-1) & (self.beside == 0.0)  # there is a surface, which is not path traced
+        image, mask = self.static, self.static_mask * lit[..., None]
         for change in (self.change, self.emitted):
             if change is not None:
                 image = image + mask * upsample(change, self.reduced_normal, self.albedo, self.normal, REDUCTION)
@@ -280,7 +281,7 @@ class PanoramaPass:
         blended = beside > 0.0
         traced |= blended
         panorama = radiance[blended], denoised[blended]
-        static_mask = np.where(traced, np.float32(0.0), known_share)[..., None]
+        static_mask = np.where(blended, np.float32(1.0), np.where(traced, np.float32(0.0), known_share))[..., None]
         hidden = self._subpixels.fill(
             self._view, np.where(traced, np.int32(NONE_KNOWN), shown.known), (radiance, denoised, albedo, normal),
             spp=spp, key=self._movers_key, max_depth=self._max_depth,
