@@ -99,19 +99,12 @@ def Xform "Room" (
         float physics:gravityMagnitude = {u(3)}
     }}
     {walls}
-    def RectLight "Panel" {{
+    def RectLight "Panel" (prepend apiSchemas = ["CollectionAPI:lightLink"]) {{
+        rel collection:lightLink:excludes = </Room/Dots>
         float inputs:width = {u(0.6)}
         float inputs:height = {u(0.4)}
         bool inputs:normalize = 1
         {at(0, 2.4, 0, "double xformOp:rotateX = -90")}
-    }}
-    def Mesh "Glow" (prepend apiSchemas = ["MeshLightAPI"]) {{
-        int[] faceVertexCounts = [4]
-        int[] faceVertexIndices = [0, 1, 2, 3]
-        point3f[] points = [{v(-1.9, 1, -1)}, {v(-1.9, 1, -0.6)}, {v(-1.9, 1.4, -0.6)}, {v(-1.9, 1.4, -1)}]
-        uniform token subdivisionScheme = "none"
-        bool inputs:normalize = 1
-        float inputs:intensity = {u(0.8, 2)}
     }}
     def "LampA" (
         instanceable = true

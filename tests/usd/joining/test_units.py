@@ -74,6 +74,24 @@ def test_joined_room_has_the_frames_of_the_room_alone(tmp_path: Path, meters: fl
     assert fallen[0] - fallen[1] == pytest.approx(0.5 * 3.0 * 0.6**2, rel=1e-3)
 
 
+def test_mesh_that_emits_light_is_as_bright_as_in_the_room_alone(tmp_path: Path) -> None:
+    body = """
+def Xform "Room" {
+    def Mesh "Glow" (prepend apiSchemas = ["MeshLightAPI"]) {
+        int[] faceVertexCounts = [4]
+        int[] faceVertexIndices = [0, 1, 2, 3]
+        point3f[] points = [(0, 0, 0), (40, 0, 0), (40, 40, 0), (0, 40, 0)]
+        uniform token subdivisionScheme = "none"
+        bool inputs:normalize = 1
+        float inputs:intensity = 8000
+    }
+}"""
+    room = write(tmp_path, body, name="room.usda", meters=0.01, up="Z", more='defaultPrim = "Room"')
+    for file in (room, joined(room)):
+        (glow,) = (each for each in read_stage(file).materials if each.name == "Glow")
+        assert glow.emissive_color == pytest.approx((5.0, 5.0, 5.0), rel=1e-6)
+
+
 @pytest.mark.parametrize("meters", [0.01, 0.001])
 def test_opening_between_rooms_of_different_units_is_cut(tmp_path: Path, meters: float) -> None:
     rooms = [

@@ -124,8 +124,8 @@ def denoise(
         raise ArgumentError(f"images of shapes {hdr.shape}, {albedo.shape} and {normal.shape}: all must be (h, w, 3)")
     height, width, _ = hdr.shape
     if min(height, width) < MIN_SIDE:
-        beyond = [(0, max(MIN_SIDE - side, 0)) for side in (height, width)]
-        larger = [np.pad(each, (*beyond, (0, 0)), mode="edge") for each in (hdr, albedo, normal)]
+        rows, columns = (np.minimum(np.arange(max(side, MIN_SIDE)), side - 1) for side in (height, width))
+        larger = [each[rows[:, None], columns] for each in (hdr, albedo, normal)]
         return denoise(larger[0], larger[1], larger[2], quality, clean=clean)[:height, :width].copy()
     key = (height, width, quality, clean)
     return _denoisers.get(key, lambda: _Denoiser(*_oidn_device(), height, width, quality, clean))(hdr, albedo, normal)
