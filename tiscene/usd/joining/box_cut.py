@@ -7,6 +7,7 @@ What remains after the six planes is inside.
 
 from __future__ import annotations
 
+import itertools
 from dataclasses import dataclass
 from typing import Any
 
@@ -17,6 +18,7 @@ from tiscene.usd.geometry.triangulate import triangulate
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
+_PLANES = tuple(itertools.product(range(3), (1.0, -1.0)))  # axis and side
 _TOUCHING = 1e-6  # of the box's half side: faces on its surface are outside
 
 
@@ -61,7 +63,6 @@ def cut_box(points: Floats, counts: Ints, indices: Ints) -> CutFaces | None:
     Returns:
         What is left; None if no face meets the cube.
     """
-    starts = np.cumsum(counts) - counts
     face_of = np.repeat(np.arange(len(counts)), counts)
     low, high = np.full((len(counts), 3), np.inf), np.full((len(counts), 3), -np.inf)
     np.minimum.at(low, face_of, points[indices])
@@ -70,55 +71,63 @@ def cut_box(points: Floats, counts: Ints, indices: Ints) -> CutFaces | None:
     met: NDArray[np.bool_] = np.asarray(((low < inner) & (high > -inner)).all(axis=1))
     if not met.any():
         return None
-    chosen = np.flatnonzero(met)
-    triangles, owner = triangulate(points, counts[chosen], indices[np.isin(face_of, chosen)])
-    to_corner = np.concatenate([starts[face] + np.arange(counts[face]) for face in chosen])
-    new_counts, new_faces, new_corners, new_weights = [], [], [], []
-    for triangle, face in zip(to_corner[triangles], chosen[owner], strict=True):
-        for weights in _outside(points[indices[triangle]]):
-            new_counts.append(len(weights))
-            new_faces.append(face)
-            order = np.argsort(-weights, axis=1, kind="stable")
-            new_corners.append(triangle[order])
-            new_weights.append(np.take_along_axis(weights, order, axis=1))
+    corners = np.flatnonzero(met[face_of])
+    triangles, owner = triangulate(points, counts[met], indices[corners])
+    triangles, face = corners[triangles], np.flatnonzero(met)[owner]
+    part, weights = _outside(points[indices[triangles]])
+    parts, new_counts = np.unique(part, return_counts=True)
+    order = np.argsort(-weights, axis=1, kind="stable")
     kept = np.flatnonzero(~met)
     old = np.flatnonzero(~met[face_of])
     one = np.tile([1.0, 0.0, 0.0], (len(old), 1))
     return CutFaces(
-        np.concatenate([counts[kept], np.array(new_counts, np.int64)]),
-        np.concatenate([kept, np.array(new_faces, np.int64)]),
-        np.concatenate([np.repeat(old[:, None], 3, axis=1), *new_corners]),
-        np.concatenate([one, *new_weights]),
+        np.concatenate([counts[kept], new_counts]),
+        np.concatenate([kept, face[parts // len(_PLANES)]]),
+        np.concatenate([np.repeat(old[:, None], 3, axis=1), triangles[part[:, None] // len(_PLANES), order]]),
+        np.concatenate([one, np.take_along_axis(weights, order, axis=1)]),
     )
 
 
-def _outside(triangle: Floats) -> list[Floats]:
-    """Return the parts of a triangle [3, 3] outside the cube, each as weights of its corners [k, 3]."""
-    parts, inside = [], np.eye(3)
-    for axis in range(3):
-        for side in (1.0, -1.0):
-            height = side * (inside @ triangle)[:, axis] - 1.0
-            beyond = _half(inside, height)
-            if len(beyond):
-                parts.append(beyond)
-            inside = _half(inside, -height)
-            if not len(inside):
-                return parts
-    return parts
+def _outside(triangles: Floats) -> tuple[Ints, Floats]:
+    """Cut triangles [n, 3, 3] and return the corners of their parts outside the cube.
+
+    Returns:
+        int64 [k], ascending, the part of each corner: what plane `p` cuts off triangle `t` is `6 t + p`.
+        float64 [k, 3], the place of each corner in its triangle.
+    """
+    owner, weights = np.repeat(np.arange(len(triangles)), 3), np.tile(np.eye(3), (len(triangles), 1))
+    parts, corners = [], []
+    for plane, (axis, side) in enumerate(_PLANES):
+        height = side * (weights * triangles[owner, :, axis]).sum(axis=1) - 1.0
+        beyond, found = _half(owner, weights, height)
+        parts.append(beyond * len(_PLANES) + plane)
+        corners.append(found)
+        owner, weights = _half(owner, weights, -height)
+    part = np.concatenate(parts)
+    order = np.argsort(part, kind="stable")
+    return part[order], np.concatenate(corners)[order]
 
 
-def _half(polygon: Floats, height: Floats) -> Floats:
-    """Return the part of a convex polygon, given as weights [k, 3], where its heights [k] are positive."""
-    if not (height > _TOUCHING).any():
-        return np.zeros((0, 3))
-    result = []
-    for index in range(len(polygon)):
-        following = (index + 1) % len(polygon)
-        a, b = height[index], height[following]
-        if a >= 0.0:
-            result.append(polygon[index])
-        if (a > 0.0 > b) or (a < 0.0 < b):
-            t = a / (a - b)
-            weights = polygon[index] + t * (polygon[following] - polygon[index])
-            result.append(weights / weights.sum())
-    return np.array(result) if len(result) >= 3 else np.zeros((0, 3))
+def _half(owner: Ints, weights: Floats, height: Floats) -> tuple[Ints, Floats]:
+    """Cut convex polygons by a plane and return the corners of what is above it.
+
+    Args:
+        owner: int64 [n], ascending, the polygon of each corner.
+        weights: [n, 3], the place of each corner in its triangle.
+        height: [n], of each corner above the plane.
+
+    Returns:
+        `owner` and `weights` of the polygons that are left.
+    """
+    following = np.arange(1, len(owner) + 1)
+    is_first = np.diff(owner, prepend=-1) > 0
+    following[np.roll(is_first, -1)] = np.flatnonzero(is_first)
+    crosses = np.sign(height) * np.sign(height[following]) < 0.0
+    a, b = np.flatnonzero(crosses), following[crosses]
+    step = height[a] / (height[a] - height[b])
+    crossing = weights[a] + step[:, None] * (weights[b] - weights[a])
+    corners = np.stack([weights, weights], axis=1)  # each corner, then the crossing behind it
+    corners[a, 1] = crossing / crossing.sum(axis=1, keepdims=True)
+    is_left = np.stack([height >= 0.0, crosses], axis=1)
+    is_left &= np.isin(owner, owner[height > _TOUCHING])[:, None]
+    return np.stack([owner, owner], axis=1)[is_left], corners[is_left]

@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
@@ -146,15 +147,14 @@ def _boxes_met(prim: Usd.Prim, boxes: Sequence[Floats]) -> dict[int, Floats]:
     extent = UsdGeom.Boundable.ComputeExtentFromPlugins(UsdGeom.Boundable(prim), _NOW)
     if not extent:
         return {}
-    world = _world_of(prim)
-    return {row: box for row, box in enumerate(boxes) if _overlaps(world, extent[0], extent[1], box)}
+    return {row: boxes[row] for row in np.flatnonzero(_overlaps(_world_of(prim), extent[0], extent[1], boxes)).tolist()}
 
 
-def _overlaps(world: Floats, low: Sequence[float], high: Sequence[float], box: Floats) -> bool:
-    """Return whether bounds with a transform [4, 4] to the world meet a box, tested along the box's axes."""
-    corners = np.array([np.where([i & 1, i & 2, i & 4], high, low) for i in range(8)], float)
-    local = _to_box(world, box, corners)
-    return bool((local.min(axis=0) < 1.0).all() and (local.max(axis=0) > -1.0).all())
+def _overlaps(world: Floats, low: Sequence[float], high: Sequence[float], boxes: Sequence[Floats]) -> NDArray[np.bool_]:
+    """Return which boxes meet bounds with a transform [4, 4] to the world, tested along the axes of each box."""
+    corners = [(*corner, 1.0) for corner in itertools.product(*zip(low, high, strict=True))]
+    local = np.linalg.inv(boxes) @ world @ np.transpose(corners)
+    return np.asarray(((local.min(axis=2) < 1.0) & (local.max(axis=2) > -1.0))[:, :3].all(axis=1))
 
 
 def _world_of(prim: Usd.Prim) -> Floats:
@@ -178,7 +178,7 @@ def _check_instances(prim: Usd.Prim, boxes: Mapping[int, Floats]) -> None:
     met = []
     for row, bound in zip(rows, bounds or (), strict=False):
         world, extent = np.array(bound.GetMatrix()).T, bound.GetRange()
-        if not extent.IsEmpty() and any(_overlaps(world, extent.GetMin(), extent.GetMax(), b) for b in boxes.values()):
+        if not extent.IsEmpty() and _overlaps(world, extent.GetMin(), extent.GetMax(), [*boxes.values()]).any():
             met.append(str(row))
     if met:
         raise ValueError(f"instances {', '.join(met)} cannot be cut; move them out of it, or list them in invisibleIds")
