@@ -114,7 +114,6 @@ def join(
             _prepare(prim, placement)
         _keep_one_sky(prims, [each.label for each in placements], sky)
         boxes = [in_units(opening.box(up_axis), meters) for opening in openings]
-        release_instances(stage, boxes)
         cut = _cut(stage, root, boxes, choices)
         line(stage, root, openings, up_axis, meters)
         _export(stage, target, dict(zip([prim.GetPath() for prim in prims], placements, strict=True)))
@@ -278,26 +277,25 @@ def _prepare(room: Usd.Prim, placement: RoomPlacement) -> None:
 
 def _forward_variants(stage: Usd.Stage, root: Usd.Prim, rooms: Sequence[Usd.Prim]) -> dict[str, list[str]]:
     """Give the root the variant sets of its rooms and return their variants by name."""
-    choices: dict[str, list[str]] = {}
-    own = {prim.GetPath(): {n: prim.GetVariantSet(n) for n in prim.GetVariantSets().GetNames()} for prim in rooms}
+    holders: dict[str, dict[str, list[Sdf.Path]]] = {}  # rooms by variant set and variant
     selected: dict[str, str] = {}
-    for sets in own.values():
-        for name, each in sets.items():
-            known = choices.setdefault(name, [])
-            known += [variant for variant in each.GetVariantNames() if variant not in known]
-            selected.setdefault(name, each.GetVariantSelection())
-    names = {path: {name: set(each.GetVariantNames()) for name, each in sets.items()} for path, sets in own.items()}
-    for name, variants in choices.items():
-        forwarded = root.GetVariantSets().AddVariantSet(name)
-        for variant in variants:
-            forwarded.AddVariant(variant)
-            forwarded.SetVariantSelection(variant)
-            with forwarded.GetVariantEditContext():
-                for path, sets in names.items():
-                    if variant in sets.get(name, ()):
-                        stage.GetPrimAtPath(path).GetVariantSets().SetSelection(name, variant)
-        forwarded.SetVariantSelection(selected[name] or variants[0])
-    return choices
+    for prim in rooms:
+        for name in prim.GetVariantSets().GetNames():
+            for variant in prim.GetVariantSet(name).GetVariantNames():
+                holders.setdefault(name, {}).setdefault(variant, []).append(prim.GetPath())
+            selected.setdefault(name, prim.GetVariantSet(name).GetVariantSelection())
+    for name in holders:
+        root.GetVariantSets().AddVariantSet(name)
+    with Sdf.ChangeBlock():  # the stage is composed once
+        for name, variants in holders.items():
+            for variant, paths in variants.items():
+                inside = root.GetPath().AppendVariantSelection(name, variant)
+                for path in paths:
+                    spec = Sdf.CreatePrimInLayer(stage.GetRootLayer(), path.ReplacePrefix(root.GetPath(), inside))
+                    spec.variantSelections[name] = variant
+    for name, variants in holders.items():
+        root.GetVariantSet(name).SetVariantSelection(selected[name] or next(iter(variants)))
+    return {name: list(variants) for name, variants in holders.items()}
 
 
 def _keep_one_sky(rooms: Sequence[Usd.Prim], labels: Sequence[str], chosen: str | None) -> None:
@@ -323,6 +321,7 @@ def _cut(
     """Author the cuts; where a variant set changes what is cut, in its variants. Return the rows of boxes that cut."""
     if not boxes:
         return set()
+    release_instances(stage, boxes)
     plain = cuts(stage, boxes)
     shaping: dict[str, dict[str, dict[Sdf.Path, GprimCut]]] = {}
     for name, variants in choices.items():
