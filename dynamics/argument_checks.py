@@ -158,12 +158,12 @@ def is_unicode(value: str) -> bool:
 
 
 def text(value: Any, name: str) -> str:
-    """Return `value`, a non-empty string that can be encoded as UTF-8."""
+    """Return `value`, a non-empty string that can be encoded as UTF-8 and does not end early in C."""
     if not isinstance(value, str):
         raise ArgumentTypeError(f"{name}={brief(value)}: must be a string")
-    if not value or not is_unicode(value):
+    if not value or "\0" in value or not is_unicode(value):
         raise ArgumentError(
-            f"{name}={brief(value)}: must be a string of one character or more, without lone surrogates"
+            f"{name}={brief(value)}: must be a string of one character or more, without lone surrogates and NUL"
         )
     return value
 

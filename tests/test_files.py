@@ -43,6 +43,14 @@ def test_export_errors_names_the_file_that_cannot_be_written(tmp_path, monkeypat
     assert list(tmp_path.iterdir()) == []
 
 
+@pytest.mark.parametrize("name", ["folder", "x" * 250])
+def test_failed_write_names_the_file_and_not_the_partial_one(tmp_path, name):
+    (tmp_path / "folder").mkdir()
+    with pytest.raises(OSError, match=f"/{name}'$") as failure:
+        write_atomically(tmp_path / name, b"new")
+    assert ".part" not in str(failure.value)
+
+
 def test_atomic_write_gives_the_default_permissions(tmp_path):
     (tmp_path / "plain").write_bytes(b"")
     write_atomically(tmp_path / "a.bin", b"")

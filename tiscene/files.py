@@ -42,8 +42,13 @@ def write_atomically(path: Path, data: bytes | Iterable[bytes]) -> None:
             with temporary.open("wb") as file:
                 file.writelines(data)
         os.replace(temporary, path)
+    except OSError as error:
+        if error.filename != str(temporary):
+            raise
+        raise OSError(error.errno, error.strerror, str(path)) from error
     finally:
-        temporary.unlink(missing_ok=True)
+        with contextlib.suppress(OSError):
+            temporary.unlink()
 
 
 def partial_file(path: Path) -> Path:

@@ -233,6 +233,7 @@ def test_placement_with_an_invalid_value_is_refused(tmp_path: Path, arguments: d
         ({"name": "my flat"}, "name='my flat': must be the name of a prim, such as 'my_flat'"),
         ({"name": 5}, "name=5: must be a string"),
         ({"path": 5}, "path=5: must be a string"),
+        ({"path": "a\0.usda"}, r"path='a\\x00.usda': must be a string .* without .* NUL"),
     ],
 )
 def test_argument_of_another_type_is_named(tmp_path: Path, arguments: dict[str, Any], message: str) -> None:

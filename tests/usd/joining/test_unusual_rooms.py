@@ -84,6 +84,13 @@ def test_room_may_be_one_shape(tmp_path: Path) -> None:
     assert len(read_stage(path).instances) == 1
 
 
+def test_variant_set_without_variants_is_left_out(tmp_path: Path) -> None:
+    room = write_room(tmp_path, "one")
+    edit(room, lambda stage: stage.GetDefaultPrim().GetVariantSets().AddVariantSet("mood"))
+    stage = Usd.Stage.Open(str(join([(room, (0, 0, 0))], tmp_path / "flat.usda")))
+    assert "mood" not in stage.GetDefaultPrim().GetVariantSets().GetNames()
+
+
 def set_time_codes(stage: Usd.Stage, rate: float, start: float, end: float) -> None:
     stage.SetTimeCodesPerSecond(rate)
     stage.SetStartTimeCode(start)
