@@ -10,6 +10,7 @@ from pxr import Sdf, Tf, Usd, UsdGeom, UsdLux
 _LOADED = Usd.PrimIsActive & Usd.PrimIsLoaded
 DEFINED = Usd.TraverseInstanceProxies(_LOADED & Usd.PrimIsDefined & ~Usd.PrimIsAbstract)
 ALSO_ABSTRACT = Usd.TraverseInstanceProxies(_LOADED)  # prototypes and templates may be below a class or an over
+FALLBACK_TYPES = "fallbackPrimTypes"  # metadata of a root layer: types that replace those unknown to USD
 DRAWN_PURPOSES = [UsdGeom.Tokens.default_, UsdGeom.Tokens.render]
 
 
@@ -49,7 +50,7 @@ def renders(prim: Usd.Prim, inherited: bool | None = None) -> bool:
 
 
 def type_of(prim: Usd.Prim) -> str:
-    """Return the type of a prim; for one that USD does not know, the first known one of its stage's fallbackPrimTypes.
+    """Return the type of a prim; for one that USD does not know, the first known one of its stage's `FALLBACK_TYPES`.
 
     "" for a prim without a type. A type without a known fallback is returned as it is authored.
     """

@@ -23,7 +23,7 @@ from pxr import Gf, Sdf, Tf, Usd, UsdGeom, UsdPhysics, UsdSemantics, UsdShade, U
 from tiscene.errors import ArgumentError, ExportError, MissingFile, StageError
 from tiscene.usd.core.broken_prims import deactivate_broken
 from tiscene.usd.core.package import split_package
-from tiscene.usd.core.prims import DRAWN_PURPOSES, unused_path
+from tiscene.usd.core.prims import DRAWN_PURPOSES, FALLBACK_TYPES, unused_path
 from tiscene.usd.core.report import StageReport, error_lines
 from tiscene.usd.core.stage import open_stage, quiet, readable, reading_time
 from tiscene.usd.importers.imported_mesh import ImportedMesh
@@ -288,8 +288,8 @@ def _import_usd(
         with _writing(folder):
             _copy_with_dependencies(path, folder / "source", report)
         stage = _new_stage(name, label, credit)
-        if fallbacks := source.GetMetadata("fallbackPrimTypes"):
-            stage.GetRootLayer().pseudoRoot.SetInfo("fallbackPrimTypes", fallbacks)
+        if fallbacks := source.GetMetadata(FALLBACK_TYPES):
+            stage.GetRootLayer().pseudoRoot.SetInfo(FALLBACK_TYPES, fallbacks)
         if source.HasAuthoredTimeCodeRange():  # its animation begins there
             stage.SetTimeCodesPerSecond(source.GetTimeCodesPerSecond())
             stage.SetStartTimeCode(source.GetStartTimeCode())

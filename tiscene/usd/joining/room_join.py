@@ -21,7 +21,7 @@ from tiscene.catalog import LAYER_SUFFIXES
 from tiscene.errors import ArgumentError, ArgumentTypeError, StageError, StageWarning
 from tiscene.usd.core.broken_prims import deactivate_broken
 from tiscene.usd.core.layers import has_file, write_layer
-from tiscene.usd.core.prims import identifier, unused_path
+from tiscene.usd.core.prims import FALLBACK_TYPES, identifier, unused_path
 from tiscene.usd.core.report import StageReport
 from tiscene.usd.core.semantics import scene_name
 from tiscene.usd.core.stage import open_stage, quiet, readable
@@ -34,7 +34,6 @@ from tiscene.usd.referencing.conversion import Conversion
 from tiscene.usd.referencing.convert import convert
 from tiscene.usd.referencing.converted_values import RESET
 
-_FALLBACKS = "fallbackPrimTypes"
 _SKY = (UsdLux.DomeLight, UsdLux.DistantLight)
 
 
@@ -192,7 +191,7 @@ def _empty_stage(target: Path, name: str, rooms: Sequence[Usd.Stage]) -> Usd.Sta
     """
     layer = Sdf.Layer.CreateAnonymous(f"{target.stem}.usda")
     if fallbacks := _fallback_types(rooms):
-        layer.pseudoRoot.SetInfo(_FALLBACKS, fallbacks)
+        layer.pseudoRoot.SetInfo(FALLBACK_TYPES, fallbacks)
     stage = Usd.Stage.Open(layer)
     UsdGeom.SetStageUpAxis(stage, UsdGeom.GetStageUpAxis(rooms[0]))
     UsdGeom.SetStageMetersPerUnit(stage, UsdGeom.GetStageMetersPerUnit(rooms[0]))
@@ -215,9 +214,9 @@ def _fallback_types(rooms: Sequence[Usd.Stage]) -> dict[str, Any]:
     """Return the types that replace those unknown to USD, of all rooms; warn of those that rooms replace otherwise."""
     merged: dict[str, Any] = {}
     for room in rooms:
-        for name, types in (room.GetMetadata(_FALLBACKS) or {}).items():
+        for name, types in (room.GetMetadata(FALLBACK_TYPES) or {}).items():
             if list(merged.setdefault(name, types)) != list(types):
-                text = f"{_FALLBACKS} of {name} are {', '.join(types)}; those of a room before count: "
+                text = f"{FALLBACK_TYPES} of {name} are {', '.join(types)}; those of a room before count: "
                 text += ", ".join(merged[name])
                 warnings.warn(StageWarning(f"{room.GetRootLayer().realPath}: {text}"), stacklevel=4)
     return merged

@@ -19,7 +19,7 @@ from tiscene.scene.camera import Camera
 from tiscene.scene.description import Matrix
 from tiscene.usd.core.layers import catalog_path, has_file, write_layer
 from tiscene.usd.core.pose import PoseOperations, pose_operations, read_pose
-from tiscene.usd.core.prims import identifier, unused_path
+from tiscene.usd.core.prims import FALLBACK_TYPES, identifier, unused_path
 from tiscene.usd.core.report import StageReport
 from tiscene.usd.core.semantics import spaced, uninstance
 from tiscene.usd.core.stage import Variants, changes_over_time, open_stage, reading_time, select_variants
@@ -38,7 +38,7 @@ _METADATA = (  # that USD reads from the root layer only
     "endTimeCode",
     "kilogramsPerUnit",
     "renderSettingsPrimPath",
-    "fallbackPrimTypes",
+    FALLBACK_TYPES,
     "expressionVariables",
 )
 
