@@ -14,7 +14,7 @@ import tiscene
 from tests.export.fake_stream import FAKE_FORMATS, FakeStream, fake_stream_for, skip_without_extra
 from tests.export.folders import contents
 from tiscene.errors import ArgumentError, ExportError
-from tiscene.export import FORMATS, export
+from tiscene.export import FORMATS, export, verify
 from tiscene.export.manifest import NAME, Manifest, buffer_digest, frame_entry
 from tiscene.export.manifest_difference import cure, differences
 from tiscene.frame.buffers import BUFFERS
@@ -210,6 +210,16 @@ def test_file_that_is_no_manifest_is_not_overwritten(tmp_path, text):
     with pytest.raises(ExportError, match=r"tiscene\.json is damaged, or is not a manifest of tiscene: choose another"):
         export(FakeStream(), tmp_path, frames=range(1), overwrite=True)
     assert contents(tmp_path) == {NAME: text.encode()}
+
+
+@pytest.mark.parametrize("lost", ["format", "settings", "file_digests", "buffers of a frame"])
+def test_manifest_that_lacks_a_part_is_named(tmp_path, lost):
+    export(FakeStream(), tmp_path, format="npz", frames=range(1))
+    content = json.loads((tmp_path / NAME).read_text())
+    del (content["frames"]["0"] if lost == "buffers of a frame" else content)[lost.split()[0]]
+    (tmp_path / NAME).write_text(json.dumps(content))
+    with pytest.raises(ExportError, match=r"tiscene\.json is damaged"):
+        verify(tmp_path, sample=0)
 
 
 def test_buffer_digest_depends_on_type_shape_and_values_alone():

@@ -24,6 +24,7 @@ if TYPE_CHECKING:
     from tiscene.frame.frame import Frame
 
 NAME = "tiscene.json"
+_REQUIRED = ("tiscene", "format", "buffers", "objects", "settings", "scenario", "file_digests")  # of `provenance`
 
 
 class FrameEntries(MutableMapping[int, dict[str, Any]]):
@@ -92,12 +93,15 @@ class Manifest:
             content = json.loads(path.read_text(encoding="utf-8"))
             frames = FrameEntries()
             for index, entry in content.pop("frames").items():
-                entry["files"].items()
+                for part in ("buffers", "files"):
+                    entry[part].items()
                 frames[int(index)] = entry
             categories, materials = (
                 {int(key): str(name) for key, name in names.items()}
                 for names in (content.pop("categories"), content.pop("materials", {}))
             )
+            for name in _REQUIRED:
+                content[name]
         except (FileNotFoundError, NotADirectoryError):
             return None
         except OSError as error:
