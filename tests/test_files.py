@@ -15,8 +15,8 @@ from tiscene.files import (
     LOCK_NAME,
     FolderLockedError,
     lock_folder,
-    partial_file,
     remove_partial_files,
+    replacing,
     write_atomically,
 )
 
@@ -73,9 +73,11 @@ def test_processes_with_equal_ids_do_not_share_a_partial_file(tmp_path, monkeypa
 
 
 def test_partial_files_of_killed_processes_are_recognized(tmp_path):
-    partial_file(tmp_path / "a.bin").write_bytes(b"half")
+    with replacing(tmp_path / "a.bin") as partial:
+        partial.write_bytes(b"whole")
+    partial.write_bytes(b"half")
     remove_partial_files(tmp_path)
-    assert list(tmp_path.iterdir()) == []
+    assert [path.name for path in tmp_path.iterdir()] == ["a.bin"]
 
 
 def test_export_errors_leaves_errors_about_what_is_read(tmp_path):

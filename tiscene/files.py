@@ -21,7 +21,7 @@ from uuid import uuid4
 
 _DIGEST_SIZE = 32  # of SHA-256, at the start of a file
 LOCK_NAME = ".tiscene.lock"
-_PARTIAL = re.compile(r"\..+\.\d+-[0-9a-f]{8}\.part")  # names of `partial_file`
+_PARTIAL = re.compile(r"\..+\.\d+-[0-9a-f]{8}\.part")  # names that `replacing` yields
 
 
 class FolderLockedError(OSError):
@@ -29,18 +29,26 @@ class FolderLockedError(OSError):
 
 
 def write_atomically(path: Path, data: bytes | Iterable[bytes]) -> None:
-    """Write a file, whole or in parts, through a temporary file beside it, so that it never exists in part.
-
-    Creates its folder.
-    """
-    path.parent.mkdir(parents=True, exist_ok=True)
-    temporary = partial_file(path)
-    try:
+    """Write a file, whole or in parts, so that it never exists in part. Creates its folder."""
+    with replacing(path) as temporary:
         if isinstance(data, bytes):
             temporary.write_bytes(data)
         else:
             with temporary.open("wb") as file:
                 file.writelines(data)
+
+
+@contextlib.contextmanager
+def replacing(path: Path) -> Iterator[Path]:
+    """Yield a new name, hidden and beside `path`, for a file that becomes `path` at the end of the block.
+
+    Creates the folder. After an error `path` is as before. Several processes may write one file, also from machines, or
+    containers, that give them equal process ids.
+    """
+    path.parent.mkdir(parents=True, exist_ok=True)
+    temporary = path.with_name(f".{path.name}.{os.getpid()}-{uuid4().hex[:8]}.part")
+    try:
+        yield temporary
         os.replace(temporary, path)
     except OSError as error:
         if error.filename != str(temporary):
@@ -48,15 +56,7 @@ def write_atomically(path: Path, data: bytes | Iterable[bytes]) -> None:
         raise OSError(error.errno, error.strerror, str(path)) from error
     finally:
         with contextlib.suppress(OSError):
-            temporary.unlink()
-
-
-def partial_file(path: Path) -> Path:
-    """Return a new name for a file that becomes `path` once it is complete: hidden, and beside it.
-
-    Several processes may write one file, also from machines, or containers, that give them equal process ids.
-    """
-    return path.with_name(f".{path.name}.{os.getpid()}-{uuid4().hex[:8]}.part")
+            temporary.unlink()  # there was an error, or it is a link to `path`, which is not replaced then
 
 
 @contextlib.contextmanager
@@ -89,7 +89,7 @@ def lock_folder(folder: Path) -> Iterator[None]:
 
 
 def remove_partial_files(folder: Path) -> None:
-    """Delete the files in a folder and its subfolders that an interrupted `write_atomically` has left.
+    """Delete the files in a folder and its subfolders that an interrupted `replacing` has left.
 
     Subfolders with a lock of their own, such as shards, are left to its next holder: a process may write into them.
     """

@@ -16,7 +16,7 @@ from tiscene.export.manifest import Manifest, file_digest
 from tiscene.export.manifest_difference import differences, listing
 from tiscene.export.packing import has_pieces
 from tiscene.export.shards import SHARDS, Shard
-from tiscene.files import partial_file
+from tiscene.files import replacing
 
 
 def merge(
@@ -184,14 +184,8 @@ def _merge(
 def _link_files(part: Path, folder: Path, names: Iterable[str]) -> None:
     """Link or copy files of a part into the folder."""
     for name in names:
-        target = folder / name
-        temporary = partial_file(target)
-        target.parent.mkdir(parents=True, exist_ok=True)
-        try:
+        with replacing(folder / name) as temporary:
             try:
                 os.link(part / name, temporary)
             except OSError:  # another file system, or one without links
                 shutil.copyfile(part / name, temporary)
-            os.replace(temporary, target)
-        finally:
-            temporary.unlink(missing_ok=True)  # it failed, or they are two names of one file, which is not replaced
