@@ -12,7 +12,6 @@ from pathlib import Path
 
 import tiscene
 from tiscene.errors import ArgumentError, ExportError, counted
-from tiscene.export.exporter import provenance
 from tiscene.export.folder_writer import FolderWriter
 from tiscene.export.generation.data_set_index import DATA_SET
 from tiscene.export.manifest import Manifest, buffer_digests, file_digest
@@ -114,10 +113,11 @@ def verify(
     different = {}
     if chosen:
         with stream_of(manifest, [*map(Path, search), folder], arch) as stream:
-            made = provenance(stream, manifest.provenance["format"], manifest.provenance["objects"])
-            found = differences(manifest.provenance["settings"], made["settings"], "settings")
+            found = differences(manifest.provenance["settings"], stream.settings(), "settings")
             found = [each for each in found if each.key != "settings.files"]
-            recorded, present = (sorted(each["file_digests"].values()) for each in (manifest.provenance, made))
+            recorded, present = (
+                sorted(each.values()) for each in (manifest.provenance["file_digests"], stream.file_digests())
+            )
             if found or recorded != present:
                 changed = listing(found or ["a file of the scene or of a template has another content"])
                 raise ExportError(f"{str(folder)!r} cannot be rendered again:{changed}")
