@@ -5,6 +5,16 @@ import contextlib
 
 from tiscene.cli import main as cli
 from tiscene.cli import merge
+from tiscene.export.packing import PACKING
+
+
+def test_shard_leaves_what_a_merge_is_packing(tmp_path, fake):
+    render = ["render", "somewhere", "--width", "12", "--height", "8", "-o", str(tmp_path), "--frames", "0:5"]
+    assert cli.main(render) == 0
+    half = tmp_path / PACKING / "half"
+    half.mkdir(parents=True)
+    assert cli.main([*render, "--shard", "0/2"]) == 0
+    assert half.exists()
 
 
 def test_merge_shows_progress_towards_the_number_of_frames(tmp_path, fake, monkeypatch, capsys):

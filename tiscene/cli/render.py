@@ -15,7 +15,7 @@ from tiscene.cli.terminal import note, progress, task_shown, total_shown
 from tiscene.errors import StageWarning, counted
 from tiscene.export import distributed, manifest
 from tiscene.export.distributed.worker_processes import frames_in, run_workers, shard_commands
-from tiscene.export.exporter import export, open_manifest, provenance
+from tiscene.export.exporter import export, matching_manifest, provenance
 from tiscene.export.formats import find_format
 from tiscene.export.merging import merge
 from tiscene.export.shards import SHARDS, Shard, machine
@@ -61,10 +61,10 @@ def _render(args: argparse.Namespace, frames: range, settings: dict[str, Any]) -
             stream = Stream(args.source, **settings, progress=task_shown(step))
             if not any(each.instances for each in stream.world.descriptions):
                 warnings.warn(StageWarning(f"{args.source}: there is no geometry to render"), stacklevel=2)
-            if args.shard and not args.overwrite:  # now, not at the merge
-                open_manifest(Path(args.output), provenance(stream, args.format, args.objects), False)
-            if args.shard:  # first, so that a merge misses the frames of a killed shard
-                part.save(folder)
+            if args.shard:
+                if not args.overwrite:  # now, not at the merge
+                    matching_manifest(Path(args.output), provenance(stream, args.format, args.objects))
+                part.save(folder)  # first, so that a merge misses the frames of a killed shard
             step(0, task="first frame")
             export(
                 stream,

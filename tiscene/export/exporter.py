@@ -145,28 +145,39 @@ def provenance(stream: Stream, format: str, objects: str | None, name: str = "")
 
 
 def open_manifest(folder: Path, wanted: dict[str, Any], overwrite: bool) -> Manifest:
-    """Return the folder's manifest if it has the wanted provenance, else a new one.
+    """Return the manifest of a locked folder if it has the wanted provenance, else a new one.
+
+    What a killed process has left is deleted; with `overwrite` also the frames of other provenance.
 
     Raises:
         ExportError: The folder has frames of other provenance, and `overwrite` is not given.
     """
-    present = Manifest.load(folder)
+    present = Manifest.load(folder) if overwrite else matching_manifest(folder, wanted)
     if present is None:
         return Manifest(wanted)
-    found = differences(present.provenance, wanted)
-    if not found:
-        remove_leftovers(folder, present)
-        return present
-    if not overwrite:
+    if overwrite and differences(present.provenance, wanted):
+        remove_export(folder, present)
+        manifest = Manifest(wanted)
+        manifest.save(folder)  # what a killed export has left, without an entry in its manifest, is replaced too
+        return manifest
+    remove_leftovers(folder, present)
+    return present
+
+
+def matching_manifest(folder: Path, wanted: dict[str, Any]) -> Manifest | None:
+    """Return the manifest of a folder; None if it has none. The folder need not be locked.
+
+    Raises:
+        ExportError: It has frames of another provenance than the wanted one.
+    """
+    present = Manifest.load(folder)
+    if present is not None and (found := differences(present.provenance, wanted)):
         raise ExportError(
             f"{str(folder)!r} holds frames that were made with other settings:{listing(found)}\n"
             f"{cure(found, present.provenance)}To replace them, pass overwrite=True (--overwrite). "
             "Otherwise choose another folder."
         )
-    remove_export(folder, present)
-    manifest = Manifest(wanted)
-    manifest.save(folder)  # what a killed export has left, without an entry in its manifest, is replaced too
-    return manifest
+    return present
 
 
 def remove_export(folder: Path, manifest: Manifest) -> None:
