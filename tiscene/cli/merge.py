@@ -8,9 +8,9 @@ from pathlib import Path
 
 from tiscene.cli.generate import status_of
 from tiscene.cli.terminal import progress, task_shown
-from tiscene.export.distributed.worker_processes import frames_in
 from tiscene.export.generation.data_set_index import DataSet
 from tiscene.export.generation.generator import finish
+from tiscene.export.manifest import listed_frames
 from tiscene.export.merging import merge, part_folders
 
 
@@ -29,7 +29,7 @@ def run(args: argparse.Namespace) -> int:
     else:
         status = 0
         parts = part_folders(folder, args.parts)
-        with progress(f"merging into {folder}", frames_in(parts)) as step:
+        with progress(f"merging into {folder}", len(listed_frames(*parts))) as step:
             merge(
                 folder,
                 parts,

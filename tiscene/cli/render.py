@@ -4,22 +4,21 @@
 from __future__ import annotations
 
 import argparse
-import re
 import shutil
 import warnings
 from pathlib import Path
 from typing import Any
 
-from tiscene.cli.stream_arguments import selected_frames, stream_settings
+from tiscene.cli.stream_arguments import named_buffers, selected_frames, stream_settings
 from tiscene.cli.terminal import note, progress, task_shown, total_shown
 from tiscene.errors import StageWarning, counted
-from tiscene.export import distributed, manifest
-from tiscene.export.distributed.worker_processes import frames_in, run_workers, shard_commands
+from tiscene.export import distributed
+from tiscene.export.distributed.worker_processes import run_workers, shard_commands
 from tiscene.export.exporter import export, matching_manifest, provenance
 from tiscene.export.formats import find_format
+from tiscene.export.manifest import listed_frames
 from tiscene.export.merging import merge
 from tiscene.export.shards import SHARDS, Shard, machine
-from tiscene.frame.buffers import BUFFERS, buffer_names
 from tiscene.sailenv.captured_scenario import capture_scenario
 from tiscene.stream.stream import DEFAULT_BUFFERS, Stream
 
@@ -34,8 +33,7 @@ def run(args: argparse.Namespace) -> None:
     """Render, and print the folder. An interrupted run prints how to continue it."""
     frames = selected_frames(args.frames, args.count)
     form = find_format(args.format)
-    named = args.buffers or form.default_buffers or DEFAULT_BUFFERS
-    buffers = tuple(BUFFERS) if args.buffers == ("all",) else buffer_names(named)
+    buffers = named_buffers(args.buffers, form.default_buffers or DEFAULT_BUFFERS)
     form.check(buffers, frames)
     if args.sailenv:
         args.source, (width, height), received = capture_scenario(Path(args.source), frames[-1] + 1, fps=args.fps)
@@ -77,22 +75,13 @@ def _render(args: argparse.Namespace, frames: range, settings: dict[str, Any]) -
                 progress=lambda index, _: step(task=f"frame {index}"),
             )
     except KeyboardInterrupt:
-        done = _written_frames(folder, frames)
+        done = len(set(frames).intersection(listed_frames(folder)))
         note(
             f"Interrupted: {done} of {counted(len(frames), 'frame')} in {folder}. "
             "The same command continues from there."
         )
         raise
     return folder
-
-
-def _written_frames(folder: Path, frames: range) -> int:
-    """Return how many of some frames the manifest of a folder lists, without reading all of its JSON."""
-    try:
-        text = (folder / manifest.NAME).read_bytes()
-    except OSError:
-        return 0
-    return sum(int(index) in frames for index in re.findall(rb'\n  "(\d+)": {', text))
 
 
 def _render_in_shards(args: argparse.Namespace, frames: range, settings: dict[str, Any]) -> None:
@@ -114,7 +103,7 @@ def _render_with_workers(args: argparse.Namespace, frames: range) -> None:
     with progress(f"{args.workers} workers", len(frames)) as step:
         show = total_shown(step)
         commands = shard_commands(args.command_line, args.workers)
-        run_workers(commands, lambda: show(frames_in(folders)))
+        run_workers(commands, lambda: show(len(listed_frames(*folders))))
         step(0, task="merging")
         merge(args.output, folders, overwrite=args.overwrite)
     shutil.rmtree(Path(args.output) / SHARDS)

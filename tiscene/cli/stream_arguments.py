@@ -10,10 +10,10 @@ from typing import Any
 from tiscene.cli.terminal import task_shown
 from tiscene.errors import ArgumentError
 from tiscene.export.preview.frame_choice import DEFAULT_LENGTH
-from tiscene.frame.buffers import BUFFERS
+from tiscene.frame.buffers import BUFFERS, buffer_names
 from tiscene.stream.stream import Stream
 
-DEFAULT_BUFFERS = ("rgb", "semantic", "instance", "depth", "forward_flow", "normal")
+SHOWN_BUFFERS = ("rgb", "semantic", "instance", "depth", "forward_flow", "normal")  # without --buffers
 # Options with the names of the arguments of Stream that they give.
 _SETTINGS = (
     *("width", "height", "fps", "quality", "spp", "seed", "taxonomy", "root", "strict", "subdivision", "untrusted"),
@@ -45,6 +45,11 @@ def selected_frames(frames: slice | None, count: int | None) -> range:
     return range(frames.start, frames.start + count * frames.step, frames.step)
 
 
+def named_buffers(names: Sequence[str] | None, default: Sequence[str]) -> tuple[str, ...]:
+    """Return the buffers that `--buffers` names: ("all",) for all, None for the default ones."""
+    return tuple(BUFFERS) if names == ("all",) else buffer_names(names or default)
+
+
 def stream_settings(args: argparse.Namespace, buffers: Sequence[str]) -> dict[str, Any]:
     """Return the arguments of Stream that the options of `common_arguments` give, and the buffers."""
     settings = {name: getattr(args, name) for name in _SETTINGS}
@@ -64,5 +69,5 @@ def stream_of(args: argparse.Namespace, step: Callable[..., None]) -> Stream:
         args: of the command.
         step: of `terminal.progress`.
     """
-    buffers = tuple(BUFFERS) if args.buffers == ("all",) else args.buffers or DEFAULT_BUFFERS
-    return Stream(args.source, **stream_settings(args, buffers), progress=task_shown(step))
+    settings = stream_settings(args, named_buffers(args.buffers, SHOWN_BUFFERS))
+    return Stream(args.source, **settings, progress=task_shown(step))

@@ -18,8 +18,9 @@ from tiscene.cli.parser import parser
 from tiscene.errors import ExportError, MissingExtra
 from tiscene.export import distributed, export
 from tiscene.export.distributed.ray_worker import RayWorker
-from tiscene.export.distributed.worker_processes import frames_in, shard_commands
+from tiscene.export.distributed.worker_processes import shard_commands
 from tiscene.export.generation.generator import generate
+from tiscene.export.manifest import listed_frames
 from tiscene.export.shards import SHARDS
 from tiscene.stream.stream import Stream
 
@@ -127,7 +128,7 @@ def test_interrupted_command_is_continued_and_a_finished_one_renders_nothing(tmp
     command = [sys.executable, "-m", "tiscene", *render, "--ray", "local"]
     running = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, env=ENVIRONMENT)
     shards = tmp_path / "ray" / SHARDS
-    while frames_in(list(shards.glob("*"))) < 5:
+    while len(listed_frames(*shards.glob("*"))) < 5:
         time.sleep(0.1)
         assert running.poll() is None, running.communicate()
     running.send_signal(signal.SIGINT)
@@ -135,7 +136,7 @@ def test_interrupted_command_is_continued_and_a_finished_one_renders_nothing(tmp
     assert (running.returncode, out) == (130, "")
     assert "The same command continues from there" in errors
     assert not list((tmp_path / "ray").glob(".tiscene-run-*"))
-    done = frames_in(list(shards.glob("*")))
+    done = len(listed_frames(*shards.glob("*")))
     assert 5 <= done < 600
     first = next(path for path in sorted(shards.rglob("*.png")))
     written = first.stat().st_mtime_ns

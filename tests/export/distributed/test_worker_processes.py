@@ -17,7 +17,8 @@ from tests.export.generation.test_recipe import RECIPE
 from tiscene.cli import main as cli
 from tiscene.errors import DeviceError, StageWarning
 from tiscene.export.distributed import worker_processes
-from tiscene.export.distributed.worker_processes import frames_in, run_workers
+from tiscene.export.distributed.worker_processes import run_workers
+from tiscene.export.manifest import listed_frames
 from tiscene.export.shards import SHARDS
 
 RENDER = ["render", "solid_benchmark", "--width", "32", "--height", "24", "--buffers", "instance,depth,forward_flow"]
@@ -68,7 +69,7 @@ def test_workers_write_the_bytes_of_one_process_also_if_one_is_killed(tmp_path, 
 
     def kill_one():
         shard = tmp_path / "two" / SHARDS / "00001-of-00002"
-        while not frames_in([shard]):
+        while not listed_frames(shard):
             time.sleep(0.01)
         lock = (shard / ".tiscene.lock").read_text()
         os.kill(int(lock.split()[1]), signal.SIGKILL)
@@ -85,13 +86,13 @@ def test_interrupted_workers_are_continued_by_the_same_command(tmp_path):
     command = [sys.executable, "-m", "tiscene", *RENDER, "--frames", "0:400", "--workers", "2", "-o", str(tmp_path)]
     running = subprocess.Popen(command, stderr=subprocess.PIPE, text=True)
     shards = [tmp_path / SHARDS / f"{number:05d}-of-00002" for number in range(2)]
-    while frames_in(shards) < 2:
+    while len(listed_frames(*shards)) < 2:
         time.sleep(0.05)
     running.send_signal(signal.SIGINT)
     _, errors = running.communicate(timeout=60)
     assert running.returncode in (130, -signal.SIGINT)
     assert "The same command continues from there" in errors
-    done = frames_in(shards)
+    done = len(listed_frames(*shards))
     assert 2 <= done < 400
     subprocess.run(command, check=True)
     assert not (tmp_path / SHARDS).exists()

@@ -9,8 +9,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from tiscene.export.distributed.task_plan import task_size
-from tiscene.export.distributed.worker_processes import frames_in
 from tiscene.export.exporter import export, provenance
+from tiscene.export.manifest import listed_frames
 from tiscene.export.shards import Shard, machine
 
 if TYPE_CHECKING:
@@ -81,4 +81,4 @@ class FrameWork:
 
     def steps(self, task: int) -> int:
         """Return the number of frames of a task that are there."""
-        return frames_in([self.shard(task).folder(self.folder)])
+        return len(listed_frames(self.shard(task).folder(self.folder)))

@@ -13,7 +13,6 @@ import time
 import warnings
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
-from pathlib import Path
 from typing import IO
 
 from tiscene.errors import DeviceError, StageWarning
@@ -137,12 +136,3 @@ def _stop(workers: Sequence[_Worker]) -> None:
                 worker.process.kill()
                 worker.process.wait()
         worker.errors.close()
-
-
-def frames_in(folders: Sequence[Path]) -> int:
-    """Return the number of frames that the manifests of some folders list, as far as they are saved."""
-    count = 0
-    for folder in folders:
-        with contextlib.suppress(OSError):
-            count += (folder / "tiscene.json").read_bytes().count(b'\n   "digest": ')
-    return count
