@@ -65,8 +65,3 @@ def test_error_of_a_thread_is_raised_and_loses_no_other_frame(tmp_path, slow):
     assert {0, 1, 2, 3, 4} <= written
     assert 5 not in written
     assert all((tmp_path / f"{index:06d}.txt").is_file() for index in written)
-
-
-def test_frame_that_is_asked_for_twice_is_written_once_at_a_time(tmp_path, slow):
-    export(FakeStream(), tmp_path, format="slow", frames=[0, 0, 1, 1, 0])
-    assert set(Manifest.load(tmp_path).frames) == {0, 1}

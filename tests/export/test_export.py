@@ -168,6 +168,15 @@ def test_cure_names_arguments_files_and_versions(key, there, now, sentence):
     assert sentence in cure(found, {key: there})
 
 
+@pytest.mark.parametrize("format", ["png", "webdataset"])
+def test_frame_that_is_asked_for_twice_is_written_once(tmp_path, format):
+    seen = []
+    frames = [3, 0, 0, 1, 3]
+    export(FakeStream(), tmp_path, format=format, frames=frames, progress=lambda index, _: seen.append(index))
+    assert seen == [3, 0, 1]
+    assert list(Manifest.load(tmp_path).frames) == [0, 1, 3]
+
+
 def test_second_export_into_a_folder_is_refused_while_the_first_one_runs(tmp_path):
     def export_again(index, frame):
         with pytest.raises(ExportError, match=rf"process {os.getpid()} on .* writes into it\. Wait until it is done"):

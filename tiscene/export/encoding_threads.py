@@ -52,18 +52,18 @@ class EncodingThreads:
 
     def write(self, frame: Frame, stream: Stream) -> None:
         """Begin to write a frame. Waits for the oldest one if as many as there are threads are being written."""
-        self._reserve(frame.index)
+        self._reserve()
         written = self._threads.submit(self._writer.writing(frame, stream))
         self._pending.append(_Pending(frame.index, frame, written))
 
     def skip(self, index: int) -> None:
         """Finish a frame that is in the folder already, after those before it."""
-        self._reserve(index)
+        self._reserve()
         self._pending.append(_Pending(index))
 
-    def _reserve(self, index: int) -> None:
-        """Wait until fewer frames than threads are pending, none of them this one."""
-        while len(self._pending) >= self._count or any(each.index == index for each in self._pending):
+    def _reserve(self) -> None:
+        """Wait until fewer frames than threads are pending."""
+        while len(self._pending) >= self._count:
             self._finish_first()
 
     def _finish_first(self) -> None:

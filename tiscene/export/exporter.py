@@ -90,7 +90,7 @@ def export(
 
 
 def frame_indices(frames: Iterable[int], count: int | None) -> Sequence[int]:
-    """Return indices of frames of a stream of `count` frames (None: endless), negative ones counted from its end.
+    """Return indices of frames of a stream of `count` frames (None: endless), each once; negative ones from its end.
 
     Raises:
         ArgumentError: They are no whole numbers, or the stream has no such frame.
@@ -108,7 +108,7 @@ def frame_indices(frames: Iterable[int], count: int | None) -> Sequence[int]:
         if not _are_of((place,), count):
             there = "the stream is endless, and has none before 0" if count is None else f"there are 0 to {count - 1}"
             raise ArgumentError(f"frames: no frame {index}: {there}")
-    return resolved
+    return list(dict.fromkeys(resolved))
 
 
 def _are_of(indices: Sequence[int], count: int | None) -> bool:
