@@ -10,7 +10,7 @@ from tiscene.cli.terminal import progress, task_shown
 from tiscene.errors import ExportError, counted
 from tiscene.export.generation.data_set_index import DataSet
 from tiscene.export.generation.data_set_verification import verify_data_set
-from tiscene.export.manifest import Manifest
+from tiscene.export.manifest import listed_frames
 from tiscene.export.verification import evenly, verify
 
 MAX_LISTED = 20
@@ -26,9 +26,8 @@ def run(args: argparse.Namespace) -> None:
 
 
 def _verify_export(args: argparse.Namespace) -> None:
-    manifest = Manifest.load(Path(args.folder))
-    indices = [] if manifest is None else list(manifest.frames)
-    with progress(f"verifying {args.folder}", len(indices) + len(evenly(indices, args.sample))) as step:
+    count = len(listed_frames(Path(args.folder)))
+    with progress(f"verifying {args.folder}", count + len(evenly(range(count), args.sample))) as step:
 
         def show(index: int, is_rendered: bool) -> None:
             step(task=f"frame {index}" if is_rendered else f"files of frame {index}")

@@ -45,4 +45,4 @@ def write_animation(path: str | Path, images: Sequence[NDArray[np.uint8]], fps: 
     options = OPTIONS[path.suffix.lower()]
     first.save(data, save_all=True, append_images=rest, duration=round(1000.0 / fps), loop=0, **options)
     with export_errors(path):
-        write_atomically(Path(path), data.getvalue())
+        write_atomically(path, data.getvalue())

@@ -7,7 +7,6 @@ import re
 import time
 from collections.abc import Callable, Collection, Iterable, Mapping, Sequence, Set
 from dataclasses import dataclass
-from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -163,7 +162,8 @@ class FolderWriter:
         What needs the renderer, such as the boxes of objects, is computed here.
         """
         contents: dict[str, Contents] = {}
-        for camera, view in views_by_folder(frame).items():
+        views = views_by_folder(frame)
+        for camera, view in views.items():
             files = dict(self._format.encode(view)) if hasattr(self._format, "encode") else {}
             if self._packs:
                 labels = frame_json.frame_labels(view, self._objects)
@@ -172,9 +172,17 @@ class FolderWriter:
                 files |= frame_json.encode(view, self._objects)
             unused = self.left_out(view.index)
             contents |= {f"{camera}{name}": content for name, content in files.items() if name not in unused}
-        self.claim(contents, views_by_folder(frame))
+        self.claim(contents, views)
+        categories = dict(stream.categories)
         materials = dict(frame.materials) if "material_coverage" in stream.buffers else {}
-        return partial(_write, self.folder, frame, contents, dict(stream.categories), materials)
+
+        def write() -> WrittenFrame:
+            written = resolved(contents)
+            for name, data in written.items():
+                write_atomically(self.folder / name, data)
+            return WrittenFrame(frame_entry(frame, written), categories, materials)
+
+        return write
 
     def record(self, index: int, written: WrittenFrame) -> None:
         """List a frame in the manifest."""
@@ -246,17 +254,3 @@ class FolderWriter:
     def _digest(self, name: str) -> str | None:
         """Return the digest of a file. A file of many frames is read once, not once a frame."""
         return self._digests.get(name, lambda: content_digest(self._format, self.folder / name))
-
-
-def _write(
-    folder: Path,
-    frame: Frame,
-    contents: Mapping[str, Contents],
-    categories: Mapping[int, str],
-    materials: Mapping[int, str],
-) -> WrittenFrame:
-    """Write the files of a frame."""
-    files = resolved(contents)
-    for name, data in files.items():
-        write_atomically(folder / name, data)
-    return WrittenFrame(frame_entry(frame, files), categories, materials)

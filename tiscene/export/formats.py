@@ -35,7 +35,7 @@ from collections.abc import Collection, Iterable
 from dataclasses import dataclass
 from types import ModuleType
 
-from tiscene.errors import ArgumentError, ExportError
+from tiscene.errors import ArgumentError, ExportError, requires_extra
 
 
 @dataclass(frozen=True)
@@ -73,8 +73,6 @@ class Format:
         Raises:
             MissingExtra: A library of the format is not installed.
         """
-        from tiscene.errors import requires_extra
-
         with requires_extra(self.extra):
             for library in self.libraries:
                 importlib.import_module(library)
