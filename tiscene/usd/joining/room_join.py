@@ -112,7 +112,7 @@ def join(
         for prim, placement in zip(prims, placements, strict=True):
             _prepare(prim, placement)
         _keep_one_sky(prims, [each.label for each in placements], sky)
-        boxes = [in_units(opening.box(up_axis), meters) for opening in openings]
+        boxes = [np.asarray(np.linalg.inv(in_units(each.box(up_axis), meters)), np.float64) for each in openings]
         cut = _cut(stage, root, boxes, choices)
         line(stage, root, openings, up_axis, meters)
         _export(stage, target, dict(zip([prim.GetPath() for prim in prims], placements, strict=True)))

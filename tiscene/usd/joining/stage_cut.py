@@ -98,7 +98,7 @@ def cuts(stage: Usd.Stage, boxes: Sequence[Floats]) -> dict[Sdf.Path, GprimCut]:
 
     Args:
         stage: the stage; nothing is changed.
-        boxes: float64 [4, 4], from the cube -1..1 to each box, in stage units.
+        boxes: float64 [4, 4], from the stage's world to the axes of each box, in which it is the cube -1..1.
 
     Raises:
         StageError: a gprim cannot be cut, such as a subdivision surface.
@@ -153,7 +153,7 @@ def _boxes_met(prim: Usd.Prim, boxes: Sequence[Floats]) -> dict[int, Floats]:
 def _overlaps(world: Floats, low: Sequence[float], high: Sequence[float], boxes: Sequence[Floats]) -> NDArray[np.bool_]:
     """Return which boxes meet bounds with a transform [4, 4] to the world, tested along the axes of each box."""
     corners = [(*corner, 1.0) for corner in itertools.product(*zip(low, high, strict=True))]
-    local = np.linalg.inv(boxes) @ world @ np.transpose(corners)
+    local = np.stack(boxes) @ world @ np.transpose(corners)
     return np.asarray(((local.min(axis=2) < 1.0) & (local.max(axis=2) > -1.0))[:, :3].all(axis=1))
 
 
@@ -164,7 +164,7 @@ def _world_of(prim: Usd.Prim) -> Floats:
 
 def _to_box(world: Floats, box: Floats, points: Floats) -> Floats:
     """Return points [n, 3] with a transform [4, 4] to the world in the axes of a box."""
-    matrix = np.linalg.inv(box) @ world
+    matrix = box @ world
     return np.asarray(points @ matrix[:3, :3].T + matrix[:3, 3])
 
 
