@@ -91,6 +91,22 @@ def test_variant_set_without_variants_is_left_out(tmp_path: Path) -> None:
     assert "mood" not in stage.GetDefaultPrim().GetVariantSets().GetNames()
 
 
+@pytest.mark.parametrize("chosen", ["", "wild"])
+def test_variant_set_is_selected_as_in_the_first_room_that_selects_one(tmp_path: Path, chosen: str) -> None:
+    def add_moods(stage: Usd.Stage, selection: str) -> None:
+        moods = stage.GetDefaultPrim().GetVariantSets().AddVariantSet("mood")
+        for name in ("calm", "wild"):
+            moods.AddVariant(name)
+        moods.SetVariantSelection(selection)
+
+    rooms = two_rooms(tmp_path)
+    for room, selection in zip(rooms, ("", chosen), strict=True):
+        edit(Path(room.file), partial(add_moods, selection=selection))
+    stage = Usd.Stage.Open(str(join(rooms, tmp_path / "flat.usda")))
+    moods = stage.GetDefaultPrim().GetVariantSet("mood")
+    assert (moods.GetVariantNames(), moods.GetVariantSelection()) == (["calm", "wild"], chosen)
+
+
 def set_time_codes(stage: Usd.Stage, rate: float, start: float, end: float) -> None:
     stage.SetTimeCodesPerSecond(rate)
     stage.SetStartTimeCode(start)

@@ -33,6 +33,7 @@ from tiscene.usd.importers.mesh_file import CONVENTIONS, LazyFiles, load_model
 from tiscene.usd.read.template import root_prim
 from tiscene.usd.referencing.conversion import Conversion
 from tiscene.usd.referencing.convert import convert
+from tiscene.usd.referencing.forwarded_variants import forward_variants
 
 USD_SUFFIXES = (".usd", ".usda", ".usdc", ".usdz")
 LICENSE_FILES = re.compile(r"(licen[cs]e|copying|credits?|attribution).*", re.IGNORECASE)
@@ -303,7 +304,7 @@ def _import_usd(
         child.GetPrim().CreateAttribute("xformOpOrder", Sdf.ValueTypeNames.TokenArray, False)
         inner = stage.DefinePrim(child.GetPath().AppendChild("Asset"))
         inner.GetReferences().AddReference(f"./source/{path.name}", prim.GetPath())
-        _forward_variants(prim, stage.GetDefaultPrim(), inner)
+        forward_variants(stage.GetDefaultPrim(), {inner.GetPath(): prim})
         file = folder / "template.usda"
         with _writing(folder):
             stage.GetRootLayer().Export(str(file))
@@ -313,22 +314,6 @@ def _import_usd(
             if saved.GetRootLayer().dirty:
                 saved.Save()
         return file
-
-
-def _forward_variants(source: Usd.Prim, root: Usd.Prim, inner: Usd.Prim) -> None:
-    """Give the template's root the variant sets of a model; each variant selects the model's own."""
-    sets = source.GetVariantSets()
-    for name in sets.GetNames():
-        own, chosen = root.GetVariantSets().AddVariantSet(name), sets.GetVariantSelection(name)
-        for variant in sets.GetVariantSet(name).GetVariantNames():
-            own.AddVariant(variant)
-            own.SetVariantSelection(variant)
-            with own.GetVariantEditContext():
-                inner.GetVariantSets().SetSelection(name, variant)
-        if chosen:
-            own.SetVariantSelection(chosen)
-        else:
-            own.ClearVariantSelection()
 
 
 def _copy_with_dependencies(path: Path, folder: Path, report: StageReport) -> None:

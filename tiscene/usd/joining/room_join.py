@@ -33,6 +33,7 @@ from tiscene.usd.read.room_volumes import define_volume, has_volume, interior
 from tiscene.usd.referencing.conversion import Conversion
 from tiscene.usd.referencing.convert import convert
 from tiscene.usd.referencing.converted_values import RESET
+from tiscene.usd.referencing.forwarded_variants import forward_variants
 
 _SKY = (UsdLux.DomeLight, UsdLux.DistantLight)
 
@@ -108,7 +109,7 @@ def join(
             convert(prim, conversion, report)
             report.warn()
         check_conflicts(dict(zip([each.label for each in placements], prims, strict=True)), str(target))
-        choices = _forward_variants(stage, root, prims)
+        choices = forward_variants(root, {prim.GetPath(): prim for prim in prims})
         for prim, placement in zip(prims, placements, strict=True):
             _prepare(prim, placement)
         _keep_one_sky(prims, [each.label for each in placements], sky)
@@ -272,29 +273,6 @@ def _prepare(room: Usd.Prim, placement: RoomPlacement) -> None:
     if not has_volume(room):
         path = unused_path(room.GetStage(), room.GetPath(), "RoomVolume")
         define_volume(room.GetStage(), path, *interior(room), placement.label)
-
-
-def _forward_variants(stage: Usd.Stage, root: Usd.Prim, rooms: Sequence[Usd.Prim]) -> dict[str, list[str]]:
-    """Give the root the variant sets of its rooms and return their variants by name."""
-    holders: dict[str, dict[str, list[Sdf.Path]]] = {}  # rooms by variant set and variant
-    selected: dict[str, str] = {}
-    for prim in rooms:
-        for name in prim.GetVariantSets().GetNames():
-            for variant in prim.GetVariantSet(name).GetVariantNames():
-                holders.setdefault(name, {}).setdefault(variant, []).append(prim.GetPath())
-            selected.setdefault(name, prim.GetVariantSet(name).GetVariantSelection())
-    for name in holders:
-        root.GetVariantSets().AddVariantSet(name)
-    with Sdf.ChangeBlock():  # the stage is composed once
-        for name, variants in holders.items():
-            for variant, paths in variants.items():
-                inside = root.GetPath().AppendVariantSelection(name, variant)
-                for path in paths:
-                    spec = Sdf.CreatePrimInLayer(stage.GetRootLayer(), path.ReplacePrefix(root.GetPath(), inside))
-                    spec.variantSelections[name] = variant
-    for name, variants in holders.items():
-        root.GetVariantSet(name).SetVariantSelection(selected[name] or next(iter(variants)))
-    return {name: list(variants) for name, variants in holders.items()}
 
 
 def _keep_one_sky(rooms: Sequence[Usd.Prim], labels: Sequence[str], chosen: str | None) -> None:

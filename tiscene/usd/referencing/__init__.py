@@ -7,4 +7,5 @@
     converted_values  values of a prim that its transform does not convert
     motion_values     those of tiscene's trajectories
     convert           author them over a referenced prim, also in its variants
+    forwarded_variants  variant sets that select those of referenced prims
 """
