@@ -309,6 +309,14 @@ def test_export_of_several_cameras_is_continued_and_replaced(tmp_path):
     assert not [name for name in contents(tmp_path) if name.startswith(("Main", "Over", "a_b"))]
 
 
+def test_camera_whose_name_is_that_of_a_folder_of_exports_has_another_one(tmp_path):
+    stream = ThreeCameraStream()
+    stream.names = ("pieces", "Shards")
+    for _ in range(2):
+        assert export(stream, tmp_path, format="webdataset", frames=range(2)).folders == ["Shards_/", "pieces_/"]
+    assert set(contents(tmp_path)) == {NAME, "Shards_/shard-000000.tar", "pieces_/shard-000000.tar"}
+
+
 def test_cameras_with_equal_folder_names_are_refused(tmp_path):
     stream = ThreeCameraStream()
     stream.names = ("a/b", "A:B")

@@ -25,6 +25,7 @@ if TYPE_CHECKING:
     from tiscene.frame.frame import Frame
 
 NAME = "tiscene.json"
+_TAKEN = ("pieces", "shards")  # folders of unfinished files of many frames, and of parts
 _REQUIRED = ("tiscene", "format", "buffers", "objects", "settings", "scenario", "file_digests")  # of `provenance`
 
 
@@ -167,7 +168,7 @@ def buffer_digest(buffer: NDArray[Any]) -> str:
 def views_by_folder(frame: Frame) -> dict[str, Frame]:
     """Return the view of each camera by the folder of its files, which ends in "/"; {"": frame} for a single camera.
 
-    A folder has the camera's name, with `_` for characters that are unsafe in file names.
+    A folder has the camera's name, with `_` for characters that are unsafe in file names, and behind a name in _TAKEN.
 
     Raises:
         ExportError: Two cameras would share a folder.
@@ -176,7 +177,8 @@ def views_by_folder(frame: Frame) -> dict[str, Frame]:
         return {"": frame}
     result: dict[str, Frame] = {}
     for name, view in frame.views.items():
-        folder = re.sub(r"[^\w .-]|^[ .]|[ .]$", "_", name) + "/"
+        folder = re.sub(r"[^\w .-]|^[ .]|[ .]$", "_", name)
+        folder += "_/" if folder.lower() in _TAKEN else "/"
         if folder.lower() in map(str.lower, result):
             names = ", ".join(map(repr, frame.views))
             raise ExportError(f"two of the cameras {names} would write into the folder {folder!r}: rename one")
