@@ -1,8 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
 """Evaluation of learners: order of predicting and learning, metrics, clock, scores."""
 
+import functools
 import json
 import math
+import operator
 from pathlib import Path
 
 import numpy as np
@@ -17,7 +19,7 @@ from tests.learning.small_course import (
     Oracle,
     make_course,
 )
-from tiscene.errors import ArgumentError, MissingFile, UnknownName
+from tiscene.errors import ArgumentError, MissingFile, ScenarioError, UnknownName
 from tiscene.learning.clock import Clock
 from tiscene.learning.course import Course
 from tiscene.learning.drift import Drift, Step
@@ -25,6 +27,7 @@ from tiscene.learning.evaluation import evaluate, evaluate_all
 from tiscene.learning.learner import make_learner
 from tiscene.learning.phase import Phase
 from tiscene.learning.pixel_counts import PixelCounts, selected_pixels
+from tiscene.learning.results_page import write_page
 from tiscene.learning.score import Score, differences, read_score
 from tiscene.learning.stream_metrics import Adaptation, FocusAccuracy, NearFutureAccuracy, OnlineAccuracy
 from tiscene.learning.supervision_rules import SupervisionRules
@@ -232,12 +235,56 @@ def test_differences_name_what_differs(course, tmp_path):
     (tmp_path / "other.json").write_text("{}")
     with pytest.raises(ArgumentError, match=r"other\.json: not a score"):
         read_score(tmp_path / "other.json")
-    for damage, message in (({"frames": None}, "frames: is missing or no mapping"), ({"name": 3}, "name: .* no str")):
-        (tmp_path / "other.json").write_text(json.dumps(score.to_json() | damage))
-        with pytest.raises(ArgumentError, match=rf"other\.json: {message}"):
-            Score.load(tmp_path / "other.json")
     with pytest.raises(MissingFile):
         read_score(tmp_path / "none.json")
+
+
+DAMAGES = (  # a place in a score, what is written there (nothing: it is deleted), and the message
+    ("name", 3, "name=3: must be a text"),
+    ("frames", None, "frames=None: must be an object"),
+    ("frames.digests", (), "frames.digests: is missing"),
+    ("frames.digests.1", 7, r"frames.digests\[1\]=7: must be a text"),
+    ("categories", "ball", "categories='ball': must be a list"),
+    ("labels.ledger", (), "labels.ledger: is missing"),
+    ("labels.undelivered", 1.5, "labels.undelivered=1.5: must be a whole number"),
+    ("clock.skipped", True, "clock.skipped=True: must be a whole number"),
+    ("learner.seed", "0", "learner.seed='0': must be a whole number"),
+    ("resources.wall_seconds.predict", [], r"resources.wall_seconds.predict=\[\]: must be a number"),
+    ("scores.online.accuracy", "high", "scores.online.accuracy='high': must be a number or null"),
+    ("scores.online.curve.0", [1], r"scores.online.curve\[0\]: must have 2 values"),
+    ("scores.adaptation.events.0.frame", (), r"scores.adaptation.events\[0\].frame: is missing"),
+    ("scores.tests", (), "scores.tests.tests: are not those of the course"),
+    ("scores.tests.tests.0", "x", "scores.tests.tests: are not those of the course"),
+    ("scores.tests.accuracy.R.1", [0.5], "scores.tests.accuracy.R: must be 3 rows of 3 tests"),
+    ("scores.tests.rows", [], "scores.tests.accuracy.R: must be 0 rows of 3 tests"),
+    ("course.phases", 3, "phases=3: must be a list"),
+)
+
+
+def test_damaged_scores_name_the_file_and_the_place(course, tmp_path):
+    score = evaluate(Constant(), course, [OnlineAccuracy(), Adaptation(window=3)])
+    file, text = tmp_path / "damaged.json", json.dumps(score.to_json())
+    file.write_text(text[:-9])
+    with pytest.raises(ScenarioError, match=r"damaged\.json: line 1, column \d+: not JSON"):
+        Score.load(file)
+    for place, value, message in DAMAGES:
+        content = json.loads(text)
+        *parents, last = [int(part) if part.isdecimal() else part for part in place.split(".")]
+        inner = functools.reduce(operator.getitem, parents, content)
+        if value == ():
+            del inner[last]
+        else:
+            inner[last] = value
+        file.write_text(json.dumps(content))
+        with pytest.raises(ArgumentError, match=rf"damaged\.json: {message}"):
+            Score.load(file)
+
+
+def test_scores_of_version_0_1_can_be_read(course, tmp_path):
+    content = evaluate(Constant(), course, []).to_json()
+    del content["labels"]["undelivered"]
+    (tmp_path / "score.json").write_text(json.dumps(content))
+    write_page(tmp_path / "page.html", "title", [Score.load(tmp_path / "score.json")])
 
 
 def test_wrong_learners_are_refused(course):

@@ -112,6 +112,9 @@ def test_pages_of_no_scores_or_of_different_courses_are_refused(course, tmp_path
     without = evaluate(Constant(), Course(course.phases, **SETTINGS, observed=("albedo",)), [])
     with pytest.raises(ArgumentError, match="their courses differ in length or tests"):
         write_page(tmp_path / "page.html", "title", [score, without])
+    turned = Course(course.phases[::-1], tests=course.test_phases, **SETTINGS, observed=("albedo",))
+    with pytest.raises(ArgumentError, match="change at other frames; call them otherwise than 'learner'"):
+        write_page(tmp_path / "page.html", "title", [score, evaluate(Constant(), turned, [])])
     for nothing in ([], score):
         with pytest.raises(ArgumentError, match="must be a list of one or more scores"):
             write_page(tmp_path / "page.html", "title", nothing)

@@ -83,7 +83,7 @@ def verify(path: str) -> None:
     saved = read_score(path)
     course = Course.from_json(saved["course"])
     learner = saved["learner"]
-    if "seed" not in learner:
+    if not {"learner", "seed"} <= learner.keys():
         raise ArgumentError(
             f"{path}: does not say how its learner is made; only scores of this command can be verified"
         )

@@ -31,6 +31,7 @@
     svg_chart          line charts of the page
     suite_names        benchmark suites by name
     score              Score: results, and how to compute them again
+    score_layout       what the JSON file of a score has
 """
 
 from __future__ import annotations

@@ -74,6 +74,9 @@ def write_page(path: str | os.PathLike[str], title: str, scores: Sequence[Score]
     by_name: dict[str, list[Score]] = {}
     for each in scores:
         by_name.setdefault(each.name, []).append(each)
+    for name, runs in by_name.items():
+        if any(run.course.events() != runs[0].course.events() for run in runs):
+            raise ArgumentError(f"scores: their courses change at other frames; call them otherwise than {name!r}")
     styles = line_styles(list(by_name))
     courses = {each.course.digest(): each for each in reversed(scores)}  # usually one
     body = [
@@ -180,7 +183,7 @@ def _summary(by_name: Mapping[str, Sequence[Score]]) -> str:
 
 
 def _labels(labels: Mapping[str, Any]) -> str:
-    late = labels["undelivered"]
+    late = labels.get("undelivered", 0)  # version 0.1 did not count them
     return f"{labels['given']}" + (f" ({late} never arrived)" if late else "")
 
 
@@ -269,7 +272,7 @@ def _cell(value: float) -> str:
 def _adaptation(by_name: Mapping[str, Sequence[Score]]) -> str:
     rows = []
     for name, runs in by_name.items():
-        if "adaptation" not in runs[0].scores:
+        if not all("adaptation" in run.scores for run in runs):
             continue
         for row in range(len(runs[0].scores["adaptation"]["events"])):
             events = [run.scores["adaptation"]["events"][row] for run in runs]

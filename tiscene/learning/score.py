@@ -14,13 +14,11 @@ import numpy as np
 import tiscene
 from tiscene.errors import ArgumentError
 from tiscene.learning.course import Course
+from tiscene.learning.score_layout import check_score
 from tiscene.learning.task_matrix import Example
 from tiscene.scenario import serialization
 
 FORMAT, VERSION = "tiscene.score", 1
-MEMBERS = dict.fromkeys(("course", "learner", "scores", "labels", "clock", "resources", "frames"), Mapping) | {
-    "name": str
-}
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -96,12 +94,19 @@ class Score(Mapping[str, Any]):
 
         Raises:
             MissingFile: there is no such file.
-            ArgumentError, ScenarioError: it is not a score of this version.
+            ArgumentError, ScenarioError: it is not a score of this version, or damaged; the message names the place.
         """
-        content = read_score(path)
-        names = ("name", "learner", "scores", "labels", "clock", "resources")
-        parts = {name: content[name] for name in names}
-        return cls(**parts, course=Course.from_json(content["course"]), digests=content["frames"]["digests"])
+
+        def make(content: Any) -> Score:
+            checked = _checked(content)
+            course = Course.from_json(checked["course"])
+            tests = checked["scores"].get("tests", {"tests": []})["tests"]
+            if tests != [phase.name for phase in course.test_phases]:
+                raise ArgumentError("scores.tests.tests: are not those of the course; the file is damaged")
+            parts = {name: checked[name] for name in ("name", "learner", "scores", "labels", "clock", "resources")}
+            return cls(**parts, course=course, digests=checked["frames"]["digests"])
+
+        return serialization.read(path, make)
 
 
 def _plain(value: Any) -> Any:
@@ -151,15 +156,14 @@ def read_score(path: str | os.PathLike[str]) -> dict[str, Any]:
 
     Raises:
         MissingFile: there is no such file.
-        ArgumentError: it is not a score of this version.
+        ArgumentError: it is not a score of this version, or damaged; the message names the place.
     """
+    return serialization.read(path, _checked)
 
-    def checked(content: Any) -> dict[str, Any]:
-        if not isinstance(content, Mapping) or content.get("format") != FORMAT or content.get("version") != VERSION:
-            raise ArgumentError(f'not a score: it should be an object with "format": "{FORMAT}", version {VERSION}')
-        for name, kind in MEMBERS.items():
-            if not isinstance(content.get(name), kind):
-                raise ArgumentError(f"{name}: is missing or no {kind.__name__.lower()}; the file is damaged")
-        return dict(content)
 
-    return serialization.read(path, checked)
+def _checked(content: Any) -> dict[str, Any]:
+    """Return `content`, the JSON values of a score."""
+    if not isinstance(content, Mapping) or content.get("format") != FORMAT or content.get("version") != VERSION:
+        raise ArgumentError(f'not a score: it should be an object with "format": "{FORMAT}", version {VERSION}')
+    check_score(content)
+    return dict(content)
