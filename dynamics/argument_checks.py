@@ -50,9 +50,12 @@ def number(value: Any, name: str) -> float:
 
 def whole(value: Any, name: str) -> int:
     """Return `value`, of any integer type, as an int."""
-    if isinstance(value, bool) or not hasattr(value, "__index__"):
-        raise ArgumentTypeError(f"{name}={brief(value)}: must be a whole number")
-    return operator.index(value)
+    try:
+        if not isinstance(value, bool):
+            return operator.index(value)
+    except TypeError:  # also of an array, which has `__index__`
+        pass
+    raise ArgumentTypeError(f"{name}={brief(value)}: must be a whole number")
 
 
 def integer(value: Any, name: str, low: int, high: int = sys.maxsize) -> int:

@@ -52,7 +52,7 @@ def test_number_rejects_other_types_and_non_finite_values(value, error, text):
 def test_whole_accepts_integer_types_only():
     assert argument_checks.whole(np.int64(-3), "x") == -3
     assert type(argument_checks.whole(np.int64(-3), "x")) is int
-    for value in (True, 1.0, "1", None):
+    for value in (True, 1.0, "1", None, np.zeros(2, int)):
         with pytest.raises(ArgumentTypeError, match="must be a whole number"):
             argument_checks.whole(value, "x")
 

@@ -9,7 +9,7 @@ import pytest
 import tiscene as ts
 from tests.sailenv.conftest import HOME, SCENE, VIEWS, path
 from tests.world.test_edit_costs import count_calls
-from tiscene.errors import ArgumentError, SceneNotFound, TemplateNotFound
+from tiscene.errors import ArgumentError, ArgumentTypeError, ScenarioError, SceneNotFound, TemplateNotFound
 from tiscene.sailenv import (
     Agent,
     AllTogetherTimings,
@@ -319,6 +319,41 @@ def test_errors_are_printed_or_raised_if_strict(make_agent, capsys):
         Agent().get_frame()
     with pytest.raises(ArgumentError, match="qualty: Agent has no such argument; did you mean 'quality'"):
         Agent(qualty="fast")
+
+
+@pytest.mark.parametrize(
+    ("method", "arguments", "message"),
+    [
+        ("spawn_object", ("Cube", HOME, HOME, "still"), "dynamic='still': must be a Dynamic of SAILenv, such as"),
+        ("spawn_object", ("Cube", HOME, HOME, CatmullWaypoints(object())), "CatmullWaypoints.waypoints=<obj"),
+        ("set_position", (None,), "^None: must be three numbers x, y, z$"),
+        ("set_light_intensity", ("Main Light", "bright"), "'bright': must be a number$"),
+        ("set_light_indirect_multiplier", ("Main Light", [1, 2]), r"\[1, 2\]: must be a number$"),
+        ("despawn_object", ([],), r"object id=\[\]: must be an integer"),
+        ("load_scenario", ("scene.json",), "scenario='scene.json': must be a Scenario whose `objects` are a list of"),
+        ("load_scenario", (Scenario(SCENE, None),), "must be a Scenario whose `objects` are a list of Object"),
+        ("load_scenario", (Scenario(SCENE, [{"id": "a"}]),), "must be a Scenario whose `objects` are a list of Object"),
+        ("load_scenario", (Scenario(SCENE, [], AllTogetherTimings(object())),), "AllTogetherTimings.wait_time=<obj"),
+    ],
+)
+def test_arguments_of_wrong_types_are_errors_of_tiscene(make_agent, capsys, method, arguments, message):
+    agent = make_agent()
+    getattr(agent, method)(*arguments)
+    assert len(capsys.readouterr().out.splitlines()) == 1
+    agent.strict = True
+    with pytest.raises((ArgumentError, ScenarioError), match=message):
+        getattr(agent, method)(*arguments)
+
+
+def test_sizes_ports_and_files_of_wrong_types_are_refused(make_agent):
+    for name, value in (("width", "wide"), ("height", None), ("port", math.inf)):
+        with pytest.raises(ArgumentTypeError, match=f"{name}={value!r}: must be an integer"):
+            Agent(**{name: value}).register()
+    agent = make_agent()
+    with pytest.raises(ArgumentTypeError, match="file=3: must be a path, or a file open for reading"):
+        agent.send_obj_zip(3, "model.zip")
+    with pytest.raises(ArgumentTypeError, match="filename=3: must be a string"):
+        agent.send_obj_zip(__file__, 3)
 
 
 def test_printed_errors_repeat_names_with_braces(make_agent, capsys):

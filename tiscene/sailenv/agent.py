@@ -27,7 +27,7 @@ from tiscene.sailenv.agent_worlds import AgentWorlds
 from tiscene.sailenv.asset_names import catalog_scene
 from tiscene.sailenv.environment import Environment
 from tiscene.sailenv.frame_views import VIEWS
-from tiscene.sailenv.json_messages import rounded, single_precision
+from tiscene.sailenv.json_messages import integer, rounded, single_precision
 from tiscene.sailenv.pixel_queries import PixelAnswer
 from tiscene.sailenv.scenario_classes import Vector3
 
@@ -149,16 +149,16 @@ class Agent(AgentObjects):
 
         Raises:
             ArgumentError: Agents with the same host and port have worlds with other settings than this one asks for.
-            TisceneError: Settings are invalid.
+            TisceneError: Settings, size or port are invalid.
         """
         with _lock:
-            key = (self.host, int(self.port))
+            key = (str(self.host), integer(self.port, "port"))
             worlds = _worlds.get(key)
             if worlds is None:
                 worlds = AgentWorlds(**self._settings)
             else:
                 self._check_settings(worlds)
-            camera = worlds.register(int(self.width), int(self.height))
+            camera = worlds.register(integer(self.width, "width"), integer(self.height, "height"))
             self.delete()
             self._camera, self._worlds = camera, worlds
             _worlds[key] = worlds

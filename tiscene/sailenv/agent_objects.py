@@ -6,11 +6,12 @@ from __future__ import annotations
 import os
 from typing import Any, BinaryIO
 
-from tiscene.errors import ArgumentError, TisceneError
+from dynamics import argument_checks
+from tiscene.errors import ArgumentError, ArgumentTypeError, TisceneError
 from tiscene.sailenv.agent_lights import AgentLights
 from tiscene.sailenv.environment import Environment
-from tiscene.sailenv.json_messages import single_precision
-from tiscene.sailenv.scenario_classes import Dynamic, Scenario
+from tiscene.sailenv.json_messages import integer, single_precision
+from tiscene.sailenv.scenario_classes import Dynamic, Object, Scenario
 
 
 class AgentObjects(AgentLights):
@@ -68,7 +69,7 @@ class AgentObjects(AgentLights):
                 single_precision(rotation),
                 scale=single_precision(scale),
                 frustum_limited=bool(frustum_limited),
-                dynamic=None if dynamic is None else (dynamic.get_type(), dynamic.asdict()),
+                dynamic=_typed_json(dynamic),
                 remove_default_dynamics=bool(removed) and remove_dynamics,
             ),
             "",
@@ -81,7 +82,7 @@ class AgentObjects(AgentLights):
         """Remove an object from the next frame on."""
         failed = self._try(
             f"Error despawning object with id {idstr}: ",
-            lambda world, camera: world.despawn(camera, _object_id(idstr)),
+            lambda world, camera: world.despawn(camera, integer(idstr, "object id")),
             self,
         )
         if failed is not self:
@@ -92,7 +93,7 @@ class AgentObjects(AgentLights):
         self._try(
             f"Error moving object with id {idstr}: ",
             lambda world, camera: world.move(
-                camera, _object_id(idstr), single_precision(position), single_precision(rotation)
+                camera, integer(idstr, "object id"), single_precision(position), single_precision(rotation)
             ),
         )
 
@@ -102,6 +103,11 @@ class AgentObjects(AgentLights):
         Returns:
             For each object the id that it was spawned with, "" if it is invalid, and the `id` of the object itself.
         """
+        if not _is_scenario(scenario):
+            given = argument_checks.brief(scenario)
+            error = ArgumentTypeError(f"scenario={given}: must be a Scenario whose `objects` are a list of Object")
+            self._report("Error loading scenario: ", error)
+            return []
         failure: tuple[list[str], list[str]] = ([""] * scenario.n_objects, [])
         spawned, problems = self._try(
             "Error loading scenario: ", lambda *_: self._load_scenario(scenario.asdict()), failure
@@ -126,15 +132,20 @@ class AgentObjects(AgentLights):
 
         Returns:
             The path by which it is spawned ("file:" + path); "" if it cannot be read.
+
+        Raises:
+            FileNotFoundError, ValueError, ArgumentTypeError: There is no such file, or an argument is wrong.
         """
         if isinstance(file, str | os.PathLike):
-            name = filename or os.path.basename(file)
+            name = argument_checks.text(filename or os.path.basename(file), "filename")
             with open(file, "rb") as opened:
                 data = opened.read()
         elif filename is None:
             raise ValueError("filename cannot be None if an open file is provided")
+        elif not hasattr(file, "read") or not hasattr(file, "seek"):
+            raise ArgumentTypeError(f"file={argument_checks.brief(file)}: must be a path, or a file open for reading")
         else:
-            name = filename
+            name = argument_checks.text(filename, "filename")
             file.seek(0)
             data = file.read()
         path: str = self._try("Error sending file: ", lambda world, _: world.uploads.store(name, data), "")
@@ -153,8 +164,16 @@ class AgentObjects(AgentLights):
         raise NotImplementedError
 
 
-def _object_id(id: Any) -> int:
-    try:
-        return int(id)
-    except (TypeError, ValueError, OverflowError):
-        raise ArgumentError(f"object id {id!r}: must be an integer, as spawn_object returns it") from None
+def _is_scenario(value: Any) -> bool:
+    is_list = isinstance(value, Scenario) and isinstance(value.objects, list | tuple)
+    return is_list and all(isinstance(each, Object) for each in value.objects)
+
+
+def _typed_json(dynamic: Any) -> tuple[str, dict[str, Any]] | None:
+    """Return type and description of a trajectory; None for none."""
+    if dynamic is None:
+        return None
+    if not isinstance(dynamic, Dynamic):
+        given = argument_checks.brief(dynamic)
+        raise ArgumentTypeError(f"dynamic={given}: must be a Dynamic of SAILenv, such as CatmullWaypoints(waypoints)")
+    return dynamic.get_type(), dynamic.asdict()

@@ -17,25 +17,40 @@ import numpy as np
 import dynamics
 import tiscene.scenario.objects as native_objects
 import tiscene.scenario.scenario as native
-from tiscene.errors import ArgumentError, ScenarioError, TisceneError
+from dynamics import argument_checks
+from tiscene.errors import ArgumentError, ArgumentTypeError, ScenarioError, TisceneError
 from tiscene.sailenv.unity_coordinates import mirrored, mirrored_euler
 from tiscene.scene.camera import Vector3
 
 MAX_COORDINATE = 1e6  # m, or degrees
 MAX_OBJECTS = 10_000  # of a scenario; other agents wait while it is read
 ALL_TOGETHER = {"type": "all_together", "description": {"wait_time": 0.0}}
+INVALID = TypeError, ValueError, LookupError, AttributeError, OverflowError  # what reading an invalid value raises
 
 
 def vector(value: Any) -> Vector3:
     """Return the three numbers of a mapping with the keys x, y, z, or of a sequence."""
-    with _error_context(f"{value!r}: must be three numbers x, y, z"):
+    try:
         x, y, z = (value[axis] for axis in "xyz") if isinstance(value, Mapping) else (value[axis] for axis in range(3))
         return (float(x), float(y), float(z))
+    except INVALID as error:
+        raise ScenarioError(f"{argument_checks.brief(value)}: must be three numbers x, y, z") from error
+
+
+def integer(value: Any, name: str) -> int:
+    """Return a whole number, which may be text, as ids are. Raises ArgumentTypeError."""
+    try:
+        return int(value)
+    except INVALID as error:
+        raise ArgumentTypeError(f"{name}={argument_checks.brief(value)}: must be an integer") from error
 
 
 def rounded(value: Any) -> float:
     """Return a number rounded to single precision, as the protocol and Unity have it."""
-    return float(np.float32(value))
+    try:
+        return float(np.float32(value))
+    except INVALID as error:
+        raise ArgumentTypeError(f"{argument_checks.brief(value)}: must be a number") from error
 
 
 def single_precision(value: Any) -> Vector3:
@@ -201,5 +216,5 @@ def _error_context(context: str) -> Iterator[None]:
     """Convert errors of invalid values to a ScenarioError whose message begins with the context."""
     try:
         yield
-    except (TypeError, ValueError, LookupError, AttributeError, OverflowError) as error:
+    except INVALID as error:
         raise ScenarioError(f"{context}: {error}") from error

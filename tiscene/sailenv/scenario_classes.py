@@ -10,6 +10,9 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, fields
 from typing import Any
 
+from dynamics import argument_checks
+from tiscene.errors import ArgumentTypeError
+
 
 @dataclass
 class Vector3:
@@ -54,8 +57,10 @@ class BaseDataclass:
     """Base of dataclasses that can be written as JSON."""
 
     def asdict(self) -> dict[str, Any]:
-        """Return the fields by name, as JSON values."""
-        return {each.name: _json_value(getattr(self, each.name)) for each in fields(self)}  # type: ignore[arg-type]
+        """Return the fields by name, as JSON values. Raises ArgumentTypeError."""
+        kind = type(self).__name__
+        names = [each.name for each in fields(self)]  # type: ignore[arg-type]
+        return {name: _json_value(getattr(self, name), f"{kind}.{name}") for name in names}
 
 
 class TypedDataclass(BaseDataclass):
@@ -234,8 +239,8 @@ class Scenario(BaseDataclass):
         return len(self.objects)
 
 
-def _json_value(value: Any) -> Any:
-    """Return a value as JSON."""
+def _json_value(value: Any, name: str) -> Any:
+    """Return the value of a field as JSON."""
     match value:
         case TypedDataclass():
             return value.todict()
@@ -246,7 +251,11 @@ def _json_value(value: Any) -> Any:
         case str() | bool() | int() | float() | None:
             return value
         case Mapping():
-            return {str(key): _json_value(item) for key, item in value.items()}
+            return {str(key): _json_value(item, name) for key, item in value.items()}
     if hasattr(value, "item") and not getattr(value, "shape", None):
         return value.item()  # a NumPy scalar
-    return [_json_value(item) for item in value]
+    try:
+        items = iter(value)
+    except TypeError as error:
+        raise ArgumentTypeError(f"{name}={argument_checks.brief(value)}: is not a value of JSON") from error
+    return [_json_value(item, name) for item in items]
