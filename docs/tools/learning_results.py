@@ -14,13 +14,12 @@ from __future__ import annotations
 import argparse
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Any
 
 from tiscene.cli.main import main as tiscene
 from tiscene.learning.course import Course
 from tiscene.learning.learner import BASELINES
 from tiscene.learning.results_page import COLUMNS, mean_and_range, percent, test_curve, value_of
-from tiscene.learning.score import read_score
+from tiscene.learning.score import Score
 from tiscene.learning.suite_names import suites
 from tiscene.learning.svg_chart import line_chart, line_styles
 
@@ -62,23 +61,23 @@ PyTorch 2.15: `blind` and `ncm`, which are no networks, had every digit of the t
 """
 
 
-def scores_of(folder: Path) -> dict[str, list[dict[str, Any]]]:
+def scores_of(folder: Path) -> dict[str, list[Score]]:
     """Return the scores in a folder by learner, in the order of BASELINES."""
-    found: dict[str, list[dict[str, Any]]] = {}
+    found: dict[str, list[Score]] = {}
     for path in sorted(folder.glob("*-seed*.json")):
-        score = read_score(path)
-        found.setdefault(score["name"], []).append(score)
+        score = Score.load(path)
+        found.setdefault(score.name, []).append(score)
     order = [*(name for name in BASELINES if name in found), *(name for name in found if name not in BASELINES)]
     return {name: found[name] for name in order}
 
 
-def table(scores: Mapping[str, Sequence[Mapping[str, Any]]]) -> str:
+def table(scores: Mapping[str, Sequence[Score]]) -> str:
     """Return the scores as a Markdown table."""
     lines = ["| Learner | " + " | ".join(name for name, _, _ in COLUMNS) + " | learning, s |"]
     lines.append("|---" + "|---:" * (len(COLUMNS) + 1) + "|")
     for name, runs in scores.items():
-        values = [percent([value_of(run["scores"], keys) for run in runs]) for _, _, keys in COLUMNS]
-        seconds = runs[0]["resources"]["cpu_seconds"].get("learn", 0.0)
+        values = [percent([value_of(run.scores, keys) for run in runs]) for _, _, keys in COLUMNS]
+        seconds = runs[0].resources["cpu_seconds"].get("learn", 0.0)
         lines.append(f"| `{name}` | " + " | ".join(values) + f" | {seconds:.0f} |")
     return "\n".join(lines)
 
@@ -103,20 +102,19 @@ def legend() -> str:
 def section(suite: str, folder: Path) -> str:
     """Return the section of a suite, and write its curves."""
     scores = scores_of(folder)
-    first = next(iter(scores.values()))[0]
-    course = Course.from_json(first["course"])
+    course = next(iter(scores.values()))[0].course
     shown = {name: scores[name] for name in SHOWN if name in scores}
     first_test = course.test_phases[0].name
     figures = []
     for key, text in CURVES:
         if key == "test":
             curves = {
-                name: [test_curve(run["scores"], course, first_test) for run in runs] for name, runs in shown.items()
+                name: [test_curve(run.scores, course, first_test) for run in runs] for name, runs in shown.items()
             }
             text = text.format(first_test)
         else:
             online = {name: runs for name, runs in shown.items() if name != "shuffled"}  # it learns between phases
-            curves = {name: [run["scores"][key]["curve"] for run in runs] for name, runs in online.items()}
+            curves = {name: [run[key]["curve"] for run in runs] for name, runs in online.items()}
         image = f"learning-{suite}-{key.replace('_', '-')}.svg"
         chart(curves, course, DOCS / "images" / image, f"{text}, suite {suite}")
         figures.append(f"**{text}**\n\n![{text}, suite {suite}](images/{image})")

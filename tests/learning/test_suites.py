@@ -20,7 +20,7 @@ from tiscene.learning.held_out_tests import counterfactuals, held_out
 from tiscene.learning.phase import Phase
 from tiscene.learning.results_page import mean_and_deviation, mean_and_range, percent, write_page
 from tiscene.learning.results_page import test_curve as accuracy_of_test
-from tiscene.learning.score import Score, read_score
+from tiscene.learning.score import Score
 from tiscene.learning.suite_names import load_course, suites
 from tiscene.learning.svg_chart import line_chart, line_styles
 from tiscene.learning.teaching_policies import OnePixelPerMovingObject
@@ -171,7 +171,7 @@ def test_command_writes_scores_and_page_and_verifies_them(course, tmp_path, caps
     files = sorted(path.name for path in Path("out").iterdir())
     assert files == ["index.html", *(f"tests.learning.test_suites_Ones-seed{seed}.json" for seed in (0, 1))]
     score = Path("out", files[1])
-    assert read_score(score)["scores"]["online"]["accuracy"] == 1.0
+    assert Score.load(score)["online"]["accuracy"] == 1.0
     assert main(["evaluate", str(score), "--verify"]) == 0
     assert capsys.readouterr().out.strip() == str(score)
     changed = json.loads(score.read_text())

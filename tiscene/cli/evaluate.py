@@ -16,7 +16,7 @@ from tiscene.learning.course import Course
 from tiscene.learning.evaluation import evaluate_all
 from tiscene.learning.learner import BASELINES, Learner, make_learner
 from tiscene.learning.results_page import write_page
-from tiscene.learning.score import Score, differences, read_score
+from tiscene.learning.score import Score, differences
 from tiscene.learning.suite_names import load_course
 
 
@@ -80,16 +80,15 @@ def verify(path: str) -> None:
     Raises:
         ArgumentError: it differs.
     """
-    saved = read_score(path)
-    course = Course.from_json(saved["course"])
-    learner = saved["learner"]
+    saved = Score.load(path)
+    learner = saved.learner
     if not {"learner", "seed"} <= learner.keys():
         raise ArgumentError(
             f"{path}: does not say how its learner is made; only scores of this command can be verified"
         )
-    (score,) = evaluated(course, make_learners(course, [learner["learner"]], [learner["seed"]]), saved["clock"]["cost"])
-    saved["course"] = course.to_json()  # an older version may have written fewer default values
-    if found := differences(saved, score.to_json()):
+    learners = make_learners(saved.course, [learner["learner"]], [learner["seed"]])
+    (score,) = evaluated(saved.course, learners, saved.clock["cost"])
+    if found := differences(saved, score):
         shown = "\n".join(f"  {line}" for line in found[:20])
         raise ArgumentError(f"{path}: {counted(len(found), 'difference')} between the file and this run:\n{shown}")
     note(f"{counted(len(score.digests), 'frame')}, all labels and all scores are equal.")

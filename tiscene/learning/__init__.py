@@ -50,7 +50,7 @@ _MODULES = {
     "tiscene.learning.learner": ("Learner", "make_learner"),
     "tiscene.learning.phase": ("CourseFrame", "Phase"),
     "tiscene.learning.results_page": ("write_page",),
-    "tiscene.learning.score": ("Score", "differences", "read_score"),
+    "tiscene.learning.score": ("Score", "differences"),
     "tiscene.learning.stream_metrics": (
         "Adaptation",
         "FocusAccuracy",

@@ -66,6 +66,10 @@ class Course(Iterator[CourseFrame]):
             not frames, camera, variants, prefetch and batch: cameras and variants are those of the scenarios. Defaults:
             64 x 48 px, quality "fast", and the buffers rgb, semantic, instance, part and depth.
 
+    Attributes:
+        phases: the phases.
+        test_phases: those of the tests.
+
     Raises:
         TisceneError: an argument is invalid.
     """
@@ -103,7 +107,7 @@ class Course(Iterator[CourseFrame]):
         argument_checks.integer(settings.get("seed", 0), "seed", 0, 2**32 - 1)
         if settings.get("categories") is not None:
             argument_checks.distinct_names(settings["categories"], "categories")
-        self._tests = check_phases(tests, "tests")
+        self.test_phases = check_phases(tests, "tests")
         lengths = [phase.length(self.fps) for phase in self.phases]
         for phase, length in zip(self.phases, lengths, strict=True):
             phase.warn_of_idle_drift(length)
@@ -125,19 +129,14 @@ class Course(Iterator[CourseFrame]):
 
         Learners only predict in it, so `evaluate(learner, course.tests)` tests a learner that has learned elsewhere.
         """
-        if not self._tests:
+        if not self.test_phases:
             return None
         shared: dict[str, Any] = {"boundaries": self.boundaries, "observed": self.observed, "pixels": self.pixels}
-        phases = [replace(each, supervision=None, evaluate=True) for each in self._tests]
+        phases = [replace(each, supervision=None, evaluate=True) for each in self.test_phases]
         tests = Course(phases, **shared, **self.settings)
         self._share_categories()
         tests._pool, tests._owns_pool, tests._shared = self._pool, False, True
         return tests
-
-    @property
-    def test_phases(self) -> tuple[Phase, ...]:
-        """The phases of the tests."""
-        return self._tests
 
     @property
     def categories(self) -> dict[int, str]:
@@ -150,7 +149,7 @@ class Course(Iterator[CourseFrame]):
 
     def _scenarios(self) -> Iterator[Scenario]:
         """Yield every scenario that a frame or a test may show."""
-        for phase in (*self.phases, *self._tests):
+        for phase in (*self.phases, *self.test_phases):
             positions = {phase.positions(k) for k in range(phase.length(self.fps))} if phase.drift else {()}
             for each in sorted(positions):
                 yield phase.scenario_at(each)
@@ -308,7 +307,7 @@ class Course(Iterator[CourseFrame]):
                 "observed": self.observed,
                 "pixels": self.pixels,
                 "phases": self.phases,
-                "tests": self._tests,
+                "tests": self.test_phases,
             }
         )
 

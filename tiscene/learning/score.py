@@ -98,13 +98,15 @@ class Score(Mapping[str, Any]):
         """
 
         def make(content: Any) -> Score:
-            checked = _checked(content)
-            course = Course.from_json(checked["course"])
-            tests = checked["scores"].get("tests", {"tests": []})["tests"]
+            if not isinstance(content, Mapping) or (content.get("format"), content.get("version")) != (FORMAT, VERSION):
+                raise ArgumentError(f'not a score: it should be an object with "format": "{FORMAT}", version {VERSION}')
+            check_score(content)
+            course = Course.from_json(content["course"])
+            tests = content["scores"].get("tests", {"tests": []})["tests"]
             if tests != [phase.name for phase in course.test_phases]:
                 raise ArgumentError("scores.tests.tests: are not those of the course; the file is damaged")
-            parts = {name: checked[name] for name in ("name", "learner", "scores", "labels", "clock", "resources")}
-            return cls(**parts, course=course, digests=checked["frames"]["digests"])
+            parts = {name: content[name] for name in ("name", "learner", "scores", "labels", "clock", "resources")}
+            return cls(**parts, course=course, digests=content["frames"]["digests"])
 
         return serialization.read(path, make)
 
@@ -118,52 +120,35 @@ def _plain(value: Any) -> Any:
     return [_plain(each) for each in value] if isinstance(value, list | tuple) else value
 
 
-def differences(first: Score | Mapping[str, Any], second: Score | Mapping[str, Any]) -> list[str]:
-    """Compare two scores, or their JSON values, in everything that does not depend on the machine.
+def differences(first: Score, second: Score) -> list[str]:
+    """Compare two scores in everything that does not depend on the machine.
 
     Returns:
         A line for each difference; none if the second recomputes the first.
     """
-    first, second = (each.to_json() if isinstance(each, Score) else each for each in (first, second))
     found = []
-    for name in ("course", "learner", "categories", "clock"):
-        if first[name] != second[name]:
+    for name, one, other in (
+        ("course", first.course.digest(), second.course.digest()),
+        ("learner", _plain(first.learner), _plain(second.learner)),
+        ("clock", first.clock, second.clock),
+    ):
+        if one != other:
             found.append(f"{name}: differs")
-    digests = zip(first["frames"]["digests"], second["frames"]["digests"], strict=False)
-    changed = [index for index, (a, b) in enumerate(digests) if a != b]
-    if changed or first["frames"]["count"] != second["frames"]["count"]:
+    digests = zip(first.digests, second.digests, strict=False)
+    changed = [index for index, (one, other) in enumerate(digests) if one != other]
+    if changed or len(first.digests) != len(second.digests):
         where = f", first {changed[0]}" if changed else ""
-        found.append(f"frames: {len(changed)} of {first['frames']['count']} differ{where}")
-    if first["labels"]["ledger"] != second["labels"]["ledger"]:
+        found.append(f"frames: {len(changed)} of {len(first.digests)} differ{where}")
+    if first.labels["ledger"] != second.labels["ledger"]:
         found.append("labels: the ledgers differ")
-    found += _different("scores", first["scores"], second["scores"])
-    return found
+    return found + _different("scores", _plain(first.scores), _plain(second.scores))
 
 
 def _different(path: str, first: Any, second: Any) -> list[str]:
     if isinstance(first, Mapping) and isinstance(second, Mapping):
         names = dict.fromkeys((*first, *second))
         return [line for name in names for line in _different(f"{path}.{name}", first.get(name), second.get(name))]
-    is_list = isinstance(first, list | tuple) and isinstance(second, list | tuple)
-    if is_list and len(first) == len(second):
+    if isinstance(first, list) and isinstance(second, list) and len(first) == len(second):
         pairs = enumerate(zip(first, second, strict=True))
         return [line for row, (a, b) in pairs for line in _different(f"{path}[{row}]", a, b)]
     return [] if first == second else [f"{path}: {first!r} and {second!r}"]
-
-
-def read_score(path: str | os.PathLike[str]) -> dict[str, Any]:
-    """Return the JSON values of a saved score.
-
-    Raises:
-        MissingFile: there is no such file.
-        ArgumentError: it is not a score of this version, or damaged; the message names the place.
-    """
-    return serialization.read(path, _checked)
-
-
-def _checked(content: Any) -> dict[str, Any]:
-    """Return `content`, the JSON values of a score."""
-    if not isinstance(content, Mapping) or content.get("format") != FORMAT or content.get("version") != VERSION:
-        raise ArgumentError(f'not a score: it should be an object with "format": "{FORMAT}", version {VERSION}')
-    check_score(content)
-    return dict(content)

@@ -22,7 +22,6 @@ LAYOUT: dict[Any, Any] = {
     "name": str,
     "learner": {"learner?": str, "seed?": int},
     "course": {},
-    "categories": [str],
     "scores": {
         **dict.fromkeys(("online?", "online_frame?", "near_future?", "focus?"), ACCURACY),
         "adaptation?": {"events": [CHANGE]},
@@ -36,7 +35,7 @@ LAYOUT: dict[Any, Any] = {
         "calls": {str: int},
         "stored_bytes": int | None,
     },
-    "frames": {"count": int, "digests": [str]},
+    "frames": {"digests": [str]},
 }
 
 

@@ -21,10 +21,10 @@ from numpy.typing import NDArray
 
 from dynamics import argument_checks
 from tiscene.errors import ArgumentError, TisceneError
+from tiscene.sailenv import asset_names
 from tiscene.sailenv.agent_camera import AgentCamera
 from tiscene.sailenv.agent_objects import AgentObjects
 from tiscene.sailenv.agent_worlds import AgentWorlds
-from tiscene.sailenv.asset_names import catalog_scene
 from tiscene.sailenv.environment import Environment
 from tiscene.sailenv.frame_views import VIEWS
 from tiscene.sailenv.json_messages import integer, rounded, single_precision
@@ -163,13 +163,17 @@ class Agent(AgentObjects):
             self._camera, self._worlds = camera, worlds
             _worlds[key] = worlds
             self.id = self._camera.id
-            self.scenes = worlds.scenes()
+            self.scenes = asset_names.scenes()
 
     def _check_settings(self, worlds: AgentWorlds) -> None:
         """Raise ArgumentError if the agent asks for other settings than those of worlds that are there."""
         for name, value in self._settings.items():
             present = worlds.settings.get(name, SETTINGS[name])
-            same = catalog_scene(value) == catalog_scene(present) if name == "scene" and value else value == present
+            same = (
+                asset_names.catalog_scene(value) == asset_names.catalog_scene(present)
+                if name == "scene" and value
+                else value == present
+            )
             if value is not None and not same:  # None leaves the choice to the worlds
                 raise ArgumentError(
                     f"{name}={value!r}: the worlds of {self.host}:{self.port} have {name}={present!r}, and agents with "

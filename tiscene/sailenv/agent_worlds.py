@@ -63,10 +63,6 @@ class AgentWorlds:
         self._room_files: dict[str, frozenset[Path]] | None = None  # of `world`, once they are needed
         weakref.finalize(self, self._latest.close_all).atexit = False
 
-    def scenes(self) -> list[str]:
-        """Return SAILenv's names of all scenes."""
-        return asset_names.scenes()
-
     @property
     def uploads(self) -> UploadedModels:
         """Models that agents have sent."""

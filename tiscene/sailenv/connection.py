@@ -13,7 +13,7 @@ from collections.abc import Awaitable, Callable
 from typing import Any, Protocol, TypeAlias, TypeVar
 
 from tiscene.errors import TisceneError
-from tiscene.sailenv import wire_format
+from tiscene.sailenv import asset_names, wire_format
 from tiscene.sailenv.agent_camera import AgentCamera
 from tiscene.sailenv.agent_worlds import AgentWorlds
 from tiscene.sailenv.environment import Environment
@@ -71,7 +71,7 @@ class Connection:
         except TisceneError as error:
             raise ProtocolError(str(error)) from None
         self.log(f"registered, {width}x{height}{', gzip' if self._gzip else ''}")
-        await self._send(int_bytes(self.agent.id) + texts_bytes(self._worlds.scenes()))
+        await self._send(int_bytes(self.agent.id) + texts_bytes(asset_names.scenes()))
         while (command := await self._read.command()) is not Command.DELETE:
             await HANDLERS[command](self, self.agent)
         self.log("deleted")

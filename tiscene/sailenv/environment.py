@@ -265,10 +265,6 @@ class Environment(EnvironmentEdits):
         ids = {row.name: str(row.id) for row in self.stream.world.state(0).objects if row.template}
         return [ids.get(name, "") for name in names], problems
 
-    def rooms(self) -> frozenset[str]:
-        """Return the names of the rooms of the scene."""
-        return frozenset(each.name for each in self._profile.rooms)
-
     def close(self) -> None:
         """Free the memory of the scene. What environments share stays until `close_all`."""
         self._session.close()
