@@ -27,7 +27,7 @@ from tiscene.learning.phase import CourseFrame, Phase, check_phases
 from tiscene.learning.pixel_counts import check_pixels
 from tiscene.learning.pixel_labels import LABELS, moving_instances
 from tiscene.learning.stream_pool import StreamPool, without_progress
-from tiscene.learning.supervision_rules import SILENCE, SupervisionRules
+from tiscene.learning.supervision_rules import SILENCE, RulesAt, SupervisionRules
 from tiscene.scenario import serialization
 from tiscene.scenario.relative_files import from_folder
 from tiscene.scenario.scenario import Scenario
@@ -173,12 +173,12 @@ class Course(Iterator[CourseFrame]):
             self._keys[where] = _digest(scenario.to_json()), scenario
         return self._pool.stream(*self._keys[where]), phase.start + phase.step * k
 
-    def rules(self, index: int) -> tuple[int, SupervisionRules, int, int]:
-        """Return the number of a frame's phase, its teacher's rules, the frame's number in it, and its length."""
+    def rules_at(self, index: int) -> RulesAt:
+        """Return the rules of the teacher at a frame."""
         number, k = self.phase_at(index)
         rules = self.phases[number].supervision or SILENCE
         assert isinstance(rules, SupervisionRules)  # since Phase.__post_init__
-        return number, rules, k, self.starts[number + 1] - self.starts[number]
+        return RulesAt(rules, number, k, self.starts[number + 1] - self.starts[number])
 
     def events(self) -> dict[int, str]:
         """Return the frames at which a phase begins or a factor begins to change, with what changes there."""

@@ -18,7 +18,7 @@ from tiscene.learning.course import Course
 from tiscene.learning.drift import SCENARIO
 from tiscene.learning.phase import CourseFrame
 from tiscene.learning.pixel_counts import PixelCounts, check_pixels, selected_pixels
-from tiscene.learning.teaching_policies import FollowMovingObjects, Moment, Policy, check_policy, chosen_pixels
+from tiscene.learning.teaching_policies import FollowMovingObjects, Policy, check_policy, chosen_pixels
 
 _FOCUS = 0x60C
 Key = TypeVar("Key", int, str)
@@ -174,9 +174,8 @@ class FocusAccuracy(Metric):
         self._counts = PixelCounts(len(course.categories))
 
     def update(self, frame: CourseFrame, prediction: NDArray[Any]) -> None:
-        _, _, k, length = self._course.rules(frame.index)
         rng = np.random.default_rng((_FOCUS, frame.index))
-        pixels = chosen_pixels(self.focus, frame, Moment(k, length, rng, frame.moving))
+        pixels = chosen_pixels(self.focus, frame, self._course.rules_at(frame.index).moment(rng, frame.moving))
         if pixels:
             rows, columns = np.array(pixels).T
             self._counts.add(frame.semantic[rows, columns], prediction[rows, columns])

@@ -25,7 +25,7 @@ from tiscene.learning.course import Course
 from tiscene.learning.label_ledger import LabelLedger, LedgerRow
 from tiscene.learning.phase import CourseFrame
 from tiscene.learning.pixel_labels import PixelLabel, has_labels, label_in_frame, moving_instances, render_label
-from tiscene.learning.supervision_rules import SupervisionRules
+from tiscene.learning.supervision_rules import RulesAt, SupervisionRules
 from tiscene.learning.teaching_policies import Moment, Pixel, Policy, chosen_pixels
 from tiscene.stream.stream import Stream
 
@@ -94,8 +94,8 @@ class Supervision:
 
         `rate` is not counted, nor when the teacher is silent.
         """
-        phase, rules, _, _ = self._rules_at(self.present)
-        return math.inf if rules.budget is None else rules.budget - self._given[phase]
+        at = self._rules_at(self.present)
+        return math.inf if at.rules.budget is None else at.rules.budget - self._given[at.phase]
 
     @property
     def present(self) -> int:
@@ -181,11 +181,11 @@ class Supervision:
         return self._offers(frame)
 
     def _offers(self, frame: Frame) -> Iterator[tuple[Pixel, Answer | Pending]]:
-        _, rules, _, _ = self._rules_at(frame.index)
-        moment = self._moment(frame.index)
-        if self._is_silent(frame.index, rules, moment):
+        at = self._rules_at(frame.index)
+        moment = self._moment(frame.index, at)
+        if self._is_silent(frame.index, at.rules, moment):
             return
-        for y, x in chosen_pixels(rules.policy, frame, moment):
+        for y, x in chosen_pixels(at.rules.policy, frame, moment):
             answer = self._label(y, x, frame.index, unasked=True)
             if not isinstance(answer, Refused):
                 yield (y, x), answer
@@ -202,12 +202,11 @@ class Supervision:
         """Number of labels that have been given and have not arrived."""
         return len(self._pending)
 
-    def _rules_at(self, index: int) -> tuple[int, SupervisionRules, int, int | None]:
-        """Return the number of the phase, its rules, the frame's number in it, and its length."""
+    def _rules_at(self, index: int) -> RulesAt:
         if self._rules is None:
             assert isinstance(self._stream, Course)  # since __init__
-            return self._stream.rules(index)
-        return 0, self._rules, index, self._stream.frames
+            return self._stream.rules_at(index)
+        return RulesAt(self._rules, 0, index, self._stream.frames)
 
     def _has(self, index: int) -> bool:
         """Return whether the stream has a frame."""
@@ -216,10 +215,9 @@ class Supervision:
     def _source(self, index: int) -> tuple[Stream, int]:
         return self._stream.source(index) if isinstance(self._stream, Course) else (self._stream, index)
 
-    def _moment(self, index: int) -> Moment:
-        phase, rules, number, length = self._rules_at(index)
-        rng = np.random.default_rng((_POLICY, rules.seed, phase, index))
-        return Moment(number, length, rng, self._moving_at(index))
+    def _moment(self, index: int, at: RulesAt) -> Moment:
+        rng = np.random.default_rng((_POLICY, at.rules.seed, at.phase, index))
+        return at.moment(rng, self._moving_at(index))
 
     def _moving_at(self, index: int) -> frozenset[int]:
         held = self._held_frame(index)
@@ -236,15 +234,16 @@ class Supervision:
 
     def _label(self, y: int, x: int, index: int, unasked: bool) -> Answer | Pending | Refused:
         self._check_pixel(y, x)
-        phase, rules, number, _ = self._rules_at(self.present)
-        if reason := self._refusal(phase, rules, number, index):
+        at = self._rules_at(self.present)
+        rules, phase = at.rules, at.phase
+        if reason := self._refusal(at, index):
             return self._refused(reason)
         label = self._true_label(y, x, index)
         if rules.per_category is not None and self._by_category[phase, label.category_id] >= rules.per_category:
             return self._refused("category budget")
         self._given[phase] += 1
         self._by_category[phase, label.category_id] += 1
-        self._last[phase] = number
+        self._last[phase] = at.phase_index
         label = self._noisy(label, y, x, index, rules)
         answer = Answer(**vars(label), frame=index, pixel=(y, x), asked=self.present)
         arrives = self.present + rules.delay
@@ -258,20 +257,21 @@ class Supervision:
         if not (0 <= y < self._stream.height and 0 <= x < self._stream.width):
             raise ArgumentError(f"pixel ({y}, {x}): the image is {self._stream.height} x {self._stream.width} px")
 
-    def _refusal(self, phase: int, rules: SupervisionRules, number: int, index: int) -> str:
+    def _refusal(self, at: RulesAt, index: int) -> str:
         """Return why a question is refused before its label is known; "" if it is not."""
-        if self._is_silent(self.present, rules, self._moment(self.present)):
+        rules, given = at.rules, self._given[at.phase]
+        if self._is_silent(self.present, rules, self._moment(self.present, at)):
             return "silent"
         if not self._has(index):
             return "no such frame"
         if rules.within is not None and abs(index - self.present) > rules.within:
             return "too far"
-        if rules.budget is not None and self._given[phase] >= rules.budget:
+        if rules.budget is not None and given >= rules.budget:
             return "budget"
-        if rules.rate is not None and self._given[phase] + 1 > rules.rate * (number + 1) + 1e-9:
+        if rules.rate is not None and given + 1 > rules.rate * (at.phase_index + 1) + 1e-9:
             return "rate"
-        last = self._last.get(phase)
-        return "too soon" if last is not None and 0 < number - last < rules.every else ""
+        last = self._last.get(at.phase)
+        return "too soon" if last is not None and 0 < at.phase_index - last < rules.every else ""
 
     def _refused(self, reason: str) -> Refused:
         self.refused[reason] += 1
@@ -372,8 +372,7 @@ class Supervision:
             yield answer
 
     def _again(self, index: int, y: int, x: int, asked: int) -> Answer:
-        _, rules, _, _ = self._rules_at(asked)
-        label = self._noisy(self._true_label(y, x, index), y, x, index, rules)
+        label = self._noisy(self._true_label(y, x, index), y, x, index, self._rules_at(asked).rules)
         return Answer(**vars(label), frame=index, pixel=(y, x), asked=asked)
 
 

@@ -1,9 +1,12 @@
 # SPDX-License-Identifier: Apache-2.0
-"""SupervisionRules: what a teacher may say."""
+"""SupervisionRules: what a teacher may say; RulesAt: those that hold at a frame."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from typing import NamedTuple
+
+import numpy as np
 
 from dynamics import argument_checks
 from tiscene.errors import ArgumentError
@@ -51,6 +54,26 @@ class SupervisionRules:
             argument_checks.not_negative(self.rate, "rate")
         if not 0.0 <= argument_checks.number(self.noise, "noise") <= 1.0:
             raise ArgumentError(f"noise={self.noise!r}: must be a fraction from 0 to 1")
+
+
+class RulesAt(NamedTuple):
+    """The rules that hold at a frame.
+
+    Attributes:
+        rules: the rules.
+        phase: number of the frame's phase.
+        phase_index: the frame's number in its phase.
+        length: number of frames of the phase; None: endless.
+    """
+
+    rules: SupervisionRules
+    phase: int
+    phase_index: int
+    length: int | None
+
+    def moment(self, rng: np.random.Generator, moving: frozenset[int]) -> Moment:
+        """Return what policies are told of the frame; see `Moment`."""
+        return Moment(self.phase_index, self.length, rng, moving)
 
 
 class _Silent(Policy):

@@ -14,7 +14,7 @@ from tiscene.errors import ArgumentError
 from tiscene.learning.answers import Answer, Pending
 from tiscene.learning.course import Course, check_course
 from tiscene.learning.supervision import Supervision
-from tiscene.learning.teaching_policies import Moment, OnePixelPerMovingObject, Policy, chosen_pixels
+from tiscene.learning.teaching_policies import OnePixelPerMovingObject, Policy, chosen_pixels
 
 
 @dataclass(frozen=True, eq=False)
@@ -80,12 +80,11 @@ def patches_of_tests(course: Course, size: int = 33, policy: Policy | None = Non
         raise ArgumentError("the course has no tests: Course(phases, tests=...)")
     chosen = policy or OnePixelPerMovingObject()
     for index in range(len(tests)):
-        number, _, k, length = tests.rules(index)
-        frame = tests[index]
+        frame, at = tests[index], tests.rules_at(index)
         rng = np.random.default_rng((0x7E57, index))
-        for y, x in chosen_pixels(chosen, frame, Moment(k, length, rng, frame.moving)):
+        for y, x in chosen_pixels(chosen, frame, at.moment(rng, frame.moving)):
             patch, label = patch_around(frame.rgb, (y, x), size), int(frame.semantic[y, x])
-            yield LabeledPatch(patch, label, frame.categories[label], index, (y, x), number, index)
+            yield LabeledPatch(patch, label, frame.categories[label], index, (y, x), at.phase, index)
 
 
 def patch_around(rgb: NDArray[np.uint8], pixel: tuple[int, int], size: int) -> NDArray[np.uint8]:
