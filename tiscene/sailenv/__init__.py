@@ -10,7 +10,7 @@
 
 ::
 
-    agent, agent_objects, agent_lights  Agent
+    agent, agent_objects, agent_lights, agent_base  Agent
     scenario_classes    Scenario, Object, waypoints, timings
     manager             SAILenvManager
     utilities           draw_flow_map

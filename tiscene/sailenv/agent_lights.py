@@ -10,15 +10,14 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Any, TypeVar
 
-from tiscene.sailenv.agent_camera import AgentCamera
-from tiscene.sailenv.environment import Environment
+from tiscene.sailenv.agent_base import AgentBase
 from tiscene.sailenv.json_messages import rounded, single_precision
 from tiscene.sailenv.light_controls import LightControls
 
 Result = TypeVar("Result")
 
 
-class AgentLights:
+class AgentLights(AgentBase):
     """Base of Agent: its methods for lights. Positions and directions are in Unity's space."""
 
     def get_light_color(self, light_name: str) -> tuple[int, int, int] | None:
@@ -74,7 +73,3 @@ class AgentLights:
     def _set_light(self, quantity: str, name: str, value: Callable[[], Any]) -> None:
         task = f"setting light {quantity.replace('_', ' ')}"
         self._try(f"Error {task}: ", lambda world, camera: world.set_light(camera, quantity, name, value()))
-
-    def _try(self, message: str, call: Callable[[Environment, AgentCamera], Any], default: Any = None) -> Any:
-        """Return the result of a call; if it raises a TisceneError, print that and return the default."""
-        raise NotImplementedError

@@ -7,7 +7,7 @@ import os
 from typing import Any, BinaryIO
 
 from dynamics import argument_checks
-from tiscene.errors import ArgumentError, ArgumentTypeError, TisceneError
+from tiscene.errors import ArgumentError, ArgumentTypeError
 from tiscene.sailenv.agent_lights import AgentLights
 from tiscene.sailenv.environment import Environment
 from tiscene.sailenv.json_messages import integer, single_precision
@@ -15,13 +15,7 @@ from tiscene.sailenv.scenario_classes import Dynamic, Object, Scenario
 
 
 class AgentObjects(AgentLights):
-    """Base of Agent: its methods for objects. Positions are in Unity's space, rotations are its Euler angles.
-
-    Attributes:
-        spawned_objects_idstr_names_table: Names of spawned objects by id.
-    """
-
-    spawned_objects_idstr_names_table: dict[str, str]
+    """Base of Agent: its methods for objects. Positions are in Unity's space, rotations are its Euler angles."""
 
     def spawn_object(
         self,
@@ -153,15 +147,8 @@ class AgentObjects(AgentLights):
 
     def _load_scenario(self, content: dict[str, Any]) -> tuple[list[str], list[str]]:
         """Start a scenario in SAILenv's JSON; see `AgentWorlds.load_scenario`."""
-        raise NotImplementedError
-
-    def _update_names(self) -> None:
-        """Update the names of categories, templates and lights for a new scene."""
-        raise NotImplementedError
-
-    def _report(self, message: str, error: TisceneError) -> None:
-        """Print an error after a message, as SAILenv does; raise it if `strict`."""
-        raise NotImplementedError
+        worlds, camera = self._registered()
+        return worlds.load_scenario(camera, content)
 
 
 def _is_scenario(value: Any) -> bool:
