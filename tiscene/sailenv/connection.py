@@ -31,7 +31,7 @@ class FrameServer(Protocol):
 
     worlds: AgentWorlds
 
-    async def call(self, function: Callable[..., Result], *arguments: Any) -> Result:
+    async def call(self, function: Callable[[], Result]) -> Result:
         """Call a function on the thread that owns the worlds, and return its result."""
 
     async def frame(self, agent: AgentCamera, views: list[str]) -> tuple[dict[str, Any], float]:
@@ -67,7 +67,7 @@ class Connection:
         """Register the agent, then handle commands until DELETE."""
         width, height, self._gzip = await self._read.int32(), await self._read.int32(), await self._read.flag()
         try:
-            self.agent = await self._call(self._worlds.register, width, height)
+            self.agent = await self._call(lambda: self._worlds.register(width, height))
         except TisceneError as error:
             raise ProtocolError(str(error)) from None
         self.log(f"registered, {width}x{height}{', gzip' if self._gzip else ''}")
@@ -90,7 +90,7 @@ class Connection:
 
     async def change_scene(self, agent: AgentCamera) -> None:
         name = await self._read.text()
-        await self._acknowledge(f"change_scene {name}", self._worlds.change_scene, agent, name)
+        await self._acknowledge(f"change_scene {name}", lambda: self._worlds.change_scene(agent, name))
 
     async def categories(self, agent: AgentCamera) -> None:
         categories = await self._call(lambda: self._world(agent).categories())
@@ -102,17 +102,17 @@ class Connection:
 
     async def set_position(self, agent: AgentCamera) -> None:
         position = await self._read.vector()
-        await self._acknowledge(f"set_position {position}", self._in_world, "set_pose", agent, position, None)
+        await self._acknowledge(f"set_position {position}", lambda: self._world(agent).set_pose(agent, position))
 
     async def rotation(self, agent: AgentCamera) -> None:
         await self._send(float_bytes(*await self._call(lambda: self._world(agent).rotation(agent))))
 
     async def set_rotation(self, agent: AgentCamera) -> None:
         rotation = await self._read.vector()
-        await self._acknowledge(f"set_rotation {rotation}", self._in_world, "set_pose", agent, None, rotation)
+        await self._acknowledge(f"set_rotation {rotation}", lambda: self._world(agent).set_pose(agent, None, rotation))
 
     async def toggle_follow(self, agent: AgentCamera) -> None:
-        await self._acknowledge("toggle_follow", self._in_world, "toggle_follow", agent)
+        await self._acknowledge("toggle_follow", lambda: self._world(agent).toggle_follow(agent))
 
     async def spawn(self, agent: AgentCamera) -> None:
         name, position, rotation = await self._read.text(), await self._read.vector(), await self._read.vector()
@@ -156,7 +156,7 @@ class Connection:
 
     async def despawn(self, agent: AgentCamera) -> None:
         number = await self._read.int32()
-        await self._acknowledge(f"despawn {number}", self._in_world, "despawn", agent, number)
+        await self._acknowledge(f"despawn {number}", lambda: self._world(agent).despawn(agent, number))
 
     async def spawnables(self, agent: AgentCamera) -> None:
         await self._send(texts_bytes(await self._call(lambda: self._world(agent).spawnable())))
@@ -168,12 +168,12 @@ class Connection:
         data = bytearray()
         while len(data) < size:
             data += await self._read.chunk(min(size - len(data), 1 << 16))
-        path = await self._try(f"send_obj_zip {name}, {size} bytes", self._worlds.uploads.store, name, data)
+        path = await self._try(f"send_obj_zip {name}, {size} bytes", lambda: self._worlds.uploads.store(name, data))
         await self._send(text_bytes(path or ""))
 
     async def clear_flags(self, agent: AgentCamera) -> None:
         color = await self._read.ints()
-        await self._acknowledge(f"clear_flags {color}", self._in_world, "set_background", agent, color)
+        await self._acknowledge(f"clear_flags {color}", lambda: self._world(agent).set_background(agent, color))
 
     async def light_names(self, agent: AgentCamera) -> None:
         await self._send(texts_bytes(list((await self._call(lambda: self._world(agent).lights)).names)))
@@ -183,10 +183,12 @@ class Connection:
 
     async def set_ambient(self, agent: AgentCamera) -> None:
         color = await self._read.ints()
-        await self._acknowledge(f"set_ambient_light_color {color}", self._in_world, "set_ambient", agent, color)
+        await self._acknowledge(
+            f"set_ambient_light_color {color}", lambda: self._world(agent).set_ambient(agent, color)
+        )
 
     async def spawn_view_frustum(self, agent: AgentCamera) -> None:
-        await self._try("spawn_view_frustum", self._in_world, "set_frustum_walls", agent)
+        await self._try("spawn_view_frustum", lambda: self._world(agent).set_frustum_walls(agent))
 
     async def load_scenario(self, agent: AgentCamera) -> None:
         content = _json(await self._read.text(wire_format.MAX_JSON))
@@ -194,9 +196,7 @@ class Connection:
         count = len(objects) if isinstance(objects, list) else 0
         ids, problems = await self._try(
             f"load_scenario {content.get('scene_name')}, {count} objects",
-            self._worlds.load_scenario,
-            agent,
-            content,
+            lambda: self._worlds.load_scenario(agent, content),
         ) or ([""] * count, [])
         for problem in problems:
             logger.warning("%s %s", self, problem)
@@ -204,12 +204,12 @@ class Connection:
 
     async def move_object(self, agent: AgentCamera) -> None:
         number, position, rotation = await self._read.int32(), await self._read.vector(), await self._read.vector()
-        await self._acknowledge(f"move {number}", self._in_world, "move", agent, number, position, rotation)
+        await self._acknowledge(f"move {number}", lambda: self._world(agent).move(agent, number, position, rotation))
 
     async def ask_pixel(self, agent: AgentCamera) -> None:
         y, x = await self._read.int32(), await self._read.int32()
         try:
-            answer = await self._call(self._in_world, "ask_pixel", agent, y, x)
+            answer = await self._call(lambda: self._world(agent).ask_pixel(agent, y, x))
         except TisceneError as error:
             await self._send(text_bytes(str(error)))
             return
@@ -230,7 +230,7 @@ class Connection:
         name = await self._read.text()
         value = await read(self._read)
         await self._acknowledge(
-            f"set_{quantity} {name} {value}", self._in_world, "set_light", agent, quantity, name, value
+            f"set_{quantity} {name} {value}", lambda: self._world(agent).set_light(agent, quantity, name, value)
         )
 
     async def light_type(self, agent: AgentCamera) -> None:
@@ -241,29 +241,26 @@ class Connection:
     # Implementation
 
     def _world(self, agent: AgentCamera) -> Environment:
+        """Return the agent's world; on the thread that owns the worlds, as all calls of its methods."""
         return self._worlds.world_of(agent)
 
-    def _in_world(self, method: str, agent: AgentCamera, *arguments: Any) -> Any:
-        """Call a method of the agent's world; like `_world`, on the thread that owns the worlds."""
-        return getattr(self._world(agent), method)(agent, *arguments)
+    async def _call(self, function: Callable[[], Result]) -> Result:
+        return await self._server.call(function)
 
-    async def _call(self, function: Callable[..., Result], *arguments: Any) -> Result:
-        return await self._server.call(function, *arguments)
-
-    async def _try(self, description: str, function: Callable[..., Result], *arguments: Any) -> Result | None:
+    async def _try(self, description: str, function: Callable[[], Result]) -> Result | None:
         """Return the result of a call; None if it raises a TisceneError. Log either."""
         try:
-            result = await self._call(function, *arguments)
+            result = await self._call(function)
         except TisceneError as error:
             logger.warning("%s %s: %s", self, description, error)
             return None
         self.log(description)
         return result
 
-    async def _acknowledge(self, description: str, function: Callable[..., Any], *arguments: Any) -> None:
+    async def _acknowledge(self, description: str, function: Callable[[], object]) -> None:
         """Call a function and send "ok", or the message of the TisceneError that it raises. Log either."""
         try:
-            await self._call(function, *arguments)
+            await self._call(function)
         except TisceneError as error:
             logger.warning("%s %s: %s", self, description, error)
             await self._send(text_bytes(str(error)))

@@ -117,14 +117,14 @@ class Server:
             else:
                 writer.transport.abort()
             self._clients.discard(task)
-            if client.agent is not None:
+            if (agent := client.agent) is not None:
                 with contextlib.suppress(RuntimeError, asyncio.CancelledError):  # the server is stopping
-                    await asyncio.shield(self.call(self.worlds.delete, client.agent))
+                    await asyncio.shield(self.call(lambda: self.worlds.delete(agent)))
                 self._wake_waiting()
 
-    async def call(self, function: Callable[..., Result], *arguments: Any) -> Result:
+    async def call(self, function: Callable[[], Result]) -> Result:
         """Call a function on the thread that owns the worlds, and return its result."""
-        return await asyncio.get_running_loop().run_in_executor(self._thread, function, *arguments)
+        return await asyncio.get_running_loop().run_in_executor(self._thread, function)
 
     async def frame(self, agent: AgentCamera, views: list[str]) -> tuple[dict[str, Any], float]:
         """Return an agent's next frame, as of `Environment.frame`.

@@ -45,7 +45,7 @@ class UploadedModels:
         self._paths: dict[bytes, str] = {}  # by the digest of name and contents
         self._stored = 0  # bytes
 
-    def store(self, name: str, data: bytes) -> str:
+    def store(self, name: str, data: bytes | bytearray) -> str:
         """Store an uploaded file.
 
         Args:
@@ -65,7 +65,7 @@ class UploadedModels:
             self._paths[key] = self._write(name, data)
         return self._paths[key]
 
-    def _write(self, name: str, data: bytes) -> str:
+    def _write(self, name: str, data: bytes | bytearray) -> str:
         """Write a file and the members of a zip file into a new folder; return the path of the file."""
         members = _read_members(name, data)
         size = len(data) + sum(map(len, members.values()))
@@ -122,7 +122,7 @@ class UploadedModels:
             table.clear()
 
 
-def _read_members(name: str, data: bytes) -> dict[str, bytes]:
+def _read_members(name: str, data: bytes | bytearray) -> dict[str, bytes]:
     """Return the members of a zip file by safe relative paths; an empty dict if it is no zip file."""
     if not zipfile.is_zipfile(io.BytesIO(data)):
         return {}
