@@ -14,7 +14,7 @@
     path_factors         places of objects anew: occlusion, rooms
     view_factor          pose and lens of the main camera
     scene_collisions     whether an object penetrates the scene
-    object_paths         balls along the paths of objects
+    object_paths         length of loops, balls along paths
     object_factors       speed, instances and categories of objects
     ranges               the ranges to draw from
     draws                random numbers by seed, object and purpose

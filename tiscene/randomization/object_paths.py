@@ -1,12 +1,15 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Where the objects of a scenario are: balls along their paths, which drawn furniture and clutter keep clear of."""
+"""Paths of a scenario's objects: the length of loops, and balls that drawn furniture and clutter keep clear of."""
 
 from __future__ import annotations
+
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
 
-from dynamics import Body, ClosedForm, RigidBody, Simulation, Still
+from dynamics import Body, CatmullWaypoints, ClosedForm, LinearWaypoints, RigidBody, Simulation, Still
+from dynamics.dynamic import Pose
 from dynamics.rotation import quaternion, rotate
 from tiscene.randomization.scene_collisions import template_edges
 from tiscene.randomization.scene_files import templates_of
@@ -54,6 +57,13 @@ def path_of(each: Object) -> Array:
     duration = max([*(length for length in lengths if length), *times], default=ENDLESS)
     simulation = Simulation([Body(dynamic, each.position, each.rotation)])
     return simulation.poses_at([duration * k / SAMPLES for k in range(SAMPLES)])[:, 0, :3]
+
+
+def loop_length(path: LinearWaypoints | CatmullWaypoints) -> float:
+    """Return the length of a loop, m."""
+    (track,) = replace(path, pacing="arc_length", rotation="quaternion").tracks(Pose())
+    assert track.lengths is not None  # of pacing="arc_length"
+    return float(track.lengths[-1, -1])
 
 
 def clear_of(balls: Array, low: Array, high: Array) -> bool:

@@ -19,13 +19,13 @@ from dynamics import (
     UniformMovementRandomBounce,
     Waypoint,
 )
-from dynamics.dynamic import Pose
 from tiscene import catalog
 from tiscene.errors import ScenarioError
 from tiscene.randomization.clutter_factor import with_clutter
 from tiscene.randomization.draws import Draws
 from tiscene.randomization.free_space import FreeSpace
 from tiscene.randomization.object_factors import is_distractor, is_kept
+from tiscene.randomization.object_paths import loop_length
 from tiscene.randomization.object_placer import ObjectPlacer, tally
 from tiscene.randomization.point_pools import PointPools
 from tiscene.randomization.ranges import ScenarioRanges, range_of, words_of
@@ -140,9 +140,9 @@ def _object_anew(
         return replace(each, position=(x, y, z)), radius
     rotations = [waypoint.rotation for waypoint in path.waypoints]
     waypoints = [Waypoint(tuple(place), turn) for place, turn in zip(points.tolist(), rotations, strict=True)]
-    speed = _length(path) / path.total_time
+    speed = loop_length(path) / path.total_time
     moved: Dynamic = replace(path, waypoints=waypoints, total_time=1.0)
-    moved = replace(moved, total_time=_length(moved) / speed)  # type: ignore[type-var, arg-type]
+    moved = replace(moved, total_time=loop_length(moved) / speed)  # type: ignore[type-var, arg-type]
     x, y, z = points[0].tolist()
     dynamic: Dynamic = Composite((moved, *spin)) if spin else moved  # type: ignore[arg-type]
     return replace(each, position=(x, y, z), dynamic=dynamic), radius
@@ -158,10 +158,3 @@ def _parts(each: Object, factor: str) -> tuple[Path | None, tuple[Dynamic, ...]]
         return None, ()
     kind = type(parts[0]).__name__
     raise ScenarioError(f"{factor}: object {each.id!r} moves by {kind}; only waypoints and bounces are drawn anew")
-
-
-def _length(path: Path) -> float:
-    """Return the length of a loop, m."""
-    (track,) = replace(path, pacing="arc_length", rotation="quaternion").tracks(Pose())
-    assert track.lengths is not None
-    return float(track.lengths[-1, -1])

@@ -2,7 +2,7 @@
 """Draw random scenarios from ranges, for `Scenario.sample`.
 
 An object is drawn as a kind of trajectory, a scale, a template and a place. A template that fits nowhere within the
-ranges is replaced by another one. Scenarios are JSON values here.
+ranges is replaced by another one.
 """
 
 from __future__ import annotations
@@ -11,27 +11,39 @@ import math
 import os
 from collections import Counter
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from dynamics import CatmullWaypoints, LinearWaypoints, Waypoint
+from dynamics import (
+    AllTogether,
+    CatmullWaypoints,
+    Composite,
+    Dynamic,
+    LinearWaypoints,
+    Orbit,
+    Still,
+    UniformMovementRandomBounce,
+    Waypoint,
+)
 from dynamics.argument_checks import integer
-from dynamics.dynamic import Pose
 from tiscene import catalog
 from tiscene.device import runtime
 from tiscene.errors import ScenarioError, counted
 from tiscene.randomization.draws import Draws
 from tiscene.randomization.free_space import FreeSpace
-from tiscene.randomization.object_placer import ATTEMPTS, ObjectPlacer, tally
+from tiscene.randomization.object_paths import loop_length
+from tiscene.randomization.object_placer import ATTEMPTS, LoopClass, ObjectPlacer, tally
 from tiscene.randomization.point_pools import DECIMALS, PointPools
 from tiscene.randomization.ranges import ScenarioRanges
 from tiscene.randomization.scene_files import free_space_of, stage_of
 from tiscene.randomization.template_extent import template_extent
+from tiscene.scenario.objects import Frustum, Object
 from tiscene.scenario.scenario import Scenario
-from tiscene.scene.camera import Camera
+from tiscene.scene.camera import Camera, Vector3
 
 Array = NDArray[np.float64]
 MAX_TEMPLATES = 32  # templates that are tried for one object
@@ -46,7 +58,7 @@ def sample(
     camera: Camera | str | None = None,
     variants: Mapping[str, str] | None = None,
     **ranges: Any,
-) -> dict[str, Any]:
+) -> Scenario:
     """Draw a scenario.
 
     Args:
@@ -55,9 +67,6 @@ def sample(
         camera: the scenario's camera; its pose at the start counts.
         variants: variant selections of the scene.
         **ranges: fields of `ScenarioRanges`.
-
-    Returns:
-        The members `scene`, `objects`, `timings`, `frustum` and `variants` of a scenario's JSON object.
 
     Raises:
         ArgumentError: the ranges contradict themselves.
@@ -71,21 +80,16 @@ def sample(
     bare = Scenario(os.fspath(scene), camera=camera, variants=variants or {})
     space, up_axis = free_space_of(bare, aspect=limits.aspect), stage_of(bare).up_axis
     count = Draws(seed, SCENARIO).whole("objects", 0, *limits.objects)
-    objects: list[dict[str, Any]] = []
+    objects: list[Object] = []
     starts: list[tuple[Array, float]] = []
     for number in range(count):
-        content, start = _ObjectSampler(limits, space, up_axis, Draws(seed, number), number).draw(names, starts)
-        objects.append(content)
-        starts.append(start)
+        made, radius = _ObjectSampler(limits, space, up_axis, Draws(seed, number), number).draw(names, starts)
+        objects.append(made)
+        starts.append((np.array(made.position), radius))
     # Bouncing objects that must stay in view need walls.
     walled = limits.in_view[0] == 1.0 and "bounce" in limits.dynamics
-    return {
-        "scene": os.fspath(scene),
-        "objects": objects,
-        "timings": {"type": "AllTogether", "wait_time": limits.wait_time},
-        "frustum": {"far": limits.depth[1]} if walled else None,
-        "variants": dict(bare.variants),
-    }
+    frustum = Frustum(limits.depth[1]) if walled else None
+    return replace(bare, objects=objects, timings=AllTogether(limits.wait_time), frustum=frustum)
 
 
 class _ObjectSampler:
@@ -101,9 +105,7 @@ class _ObjectSampler:
         self.scale = round(draws.between("scale", 0, *limits.scale), DECIMALS)
         self.pools = PointPools(space, limits, draws)
 
-    def draw(
-        self, names: Sequence[str], starts: Sequence[tuple[Array, float]]
-    ) -> tuple[dict[str, Any], tuple[Array, float]]:
+    def draw(self, names: Sequence[str], starts: Sequence[tuple[Array, float]]) -> tuple[Object, float]:
         """Draw the object.
 
         Args:
@@ -111,7 +113,7 @@ class _ObjectSampler:
             starts: center and radius of each object drawn before, at its start.
 
         Returns:
-            The object's JSON object, and center and radius at its start.
+            The object, and its radius, m.
 
         Raises:
             ScenarioError: none of the templates that were tried fits.
@@ -124,9 +126,9 @@ class _ObjectSampler:
             extent = template_extent(name, self.up_axis)
             radius, diameter = extent.radius * self.scale, extent.diameter * self.scale
             placer = ObjectPlacer(self.space, self.limits, self.draws, self.pools, radius, diameter, starts)
-            content, start = self._placed(placer)
-            if start is not None:
-                return self._object(name, start, content), (start, radius)
+            placed = self._placed(placer)
+            if placed is not None:
+                return self._object(name, *placed), radius
             reasons += placer.reasons
             radii.append(radius)
         if len(tried) == 1:
@@ -140,40 +142,39 @@ class _ObjectSampler:
             "Widen depth, region, in_view or occlusion, lower min_size, or draw from smaller templates"
         )
 
-    def _placed(self, placer: ObjectPlacer) -> tuple[dict[str, Any], Array | None]:
-        """Return the trajectory's JSON object and the object's start [3]; None if it fits nowhere."""
+    def _placed(self, placer: ObjectPlacer) -> tuple[Vector3, Dynamic] | None:
+        """Return the object's start and its trajectory; None if it fits nowhere."""
         if self.kind in ("still", "bounce"):
-            return (self._bounce() if self.kind == "bounce" else {"type": "Still"}), placer.position()
-        cls = LinearWaypoints if self.kind == "linear" else CatmullWaypoints
-        points = placer.loop(cls)
-        return ({}, None) if points is None else (self._loop(cls, points), points[0])
+            start = placer.position()
+            dynamic: Dynamic = self._bounce() if self.kind == "bounce" else Still()
+        else:
+            cls = LinearWaypoints if self.kind == "linear" else CatmullWaypoints
+            points = placer.loop(cls)
+            if points is None:
+                return None
+            start, dynamic = points[0], self._loop(cls, points)
+        if start is None:
+            return None
+        x, y, z = start.tolist()
+        return (x, y, z), dynamic
 
-    def _bounce(self) -> dict[str, Any]:
-        """Return the JSON object of a bouncing trajectory."""
-        return {
-            "type": "UniformMovementRandomBounce",
-            "speed": self._speed(),
-            "angular_speed": self._spin(),
-            "start_direction": self._direction("heading"),
-            "seed": int(self.draws.uniform("bounces", 0)[0] * 2**31),
-        }
+    def _bounce(self) -> UniformMovementRandomBounce:
+        """Return a bouncing trajectory."""
+        return UniformMovementRandomBounce(
+            speed=self._speed(),
+            angular_speed=self._spin(),
+            start_direction=self._direction("heading"),
+            seed=int(self.draws.uniform("bounces", 0)[0] * 2**31),
+        )
 
-    def _loop(self, cls: type[LinearWaypoints] | type[CatmullWaypoints], points: Array) -> dict[str, Any]:
-        """Return the JSON object of a closed path through waypoints [n, 3]."""
-        waypoints = [Waypoint(tuple(place), self._rotation()) for place in points.tolist()]
-        (track,) = cls(waypoints, pacing="arc_length").tracks(Pose())
-        assert track.lengths is not None  # of pacing="arc_length"
-        loop: dict[str, Any] = {
-            "type": cls.__name__,
-            "waypoints": [{"position": list(each.position), "rotation": list(each.rotation)} for each in waypoints],
-            "total_time": float(track.lengths[-1, -1]) / self._speed(),
-            "pacing": "arc_length",
-        }
+    def _loop(self, cls: LoopClass, points: Array) -> Dynamic:
+        """Return a closed path through waypoints [n, 3]."""
+        loop = cls([Waypoint(tuple(place), self._rotation()) for place in points.tolist()], pacing="arc_length")
+        loop = replace(loop, total_time=loop_length(loop) / self._speed())
         spin = self._spin()
-        if spin > 0.0:
-            turn = {"type": "Orbit", "period": 2.0 * math.pi / spin, "axis": self._direction("axis")}
-            loop = {"type": "Composite", "parts": [loop, turn]}
-        return loop
+        if spin == 0.0:
+            return loop
+        return Composite((loop, Orbit(period=2.0 * math.pi / spin, axis=self._direction("axis"))))
 
     def _speed(self) -> float:
         return self.draws.between("speed", 0, *self.limits.speed)
@@ -181,8 +182,9 @@ class _ObjectSampler:
     def _spin(self) -> float:
         return self.draws.between("spin", 0, *self.limits.angular_speed)
 
-    def _direction(self, purpose: str) -> list[float]:
-        return [round(each, DECIMALS) for each in self.draws.direction(purpose, 0)]
+    def _direction(self, purpose: str) -> Vector3:
+        x, y, z = (round(each, DECIMALS) for each in self.draws.direction(purpose, 0))
+        return (x, y, z)
 
     def _rotation(self) -> tuple[float, float, float]:
         """Return a random rotation about the vertical."""
@@ -194,19 +196,21 @@ class _ObjectSampler:
         name = Path(template).stem if Path(template).suffix else template
         return f"{name.lower().replace(' ', '_')}_{self.number}"
 
-    def _object(self, template: str, start: Array, dynamic: Mapping[str, Any]) -> dict[str, Any]:
-        """Return the object's JSON object."""
-        content = {
-            "id": self._id(template),
-            "template": template,
-            "position": start.tolist(),
-            "rotation": list(self._rotation()),
-            "dynamic": dict(dynamic),
-            "frustum_limited": self.limits.in_view[0] == 1.0,
-            "scale": [self.scale] * 3,
-        }
+    def _object(self, template: str, start: Vector3, dynamic: Dynamic) -> Object:
+        """Return the object of a template at its start."""
+        first, last = 0, None
         if self.limits.life is not None and self.limits.frames is not None:
             length = self.draws.whole("life", 0, *self.limits.life)
             first = self.draws.whole("first", 0, 0, self.limits.frames - length)
-            content |= {"first_frame": first, "last_frame": first + length - 1}
-        return content
+            last = first + length - 1
+        return Object(
+            self._id(template),
+            template,
+            start,
+            self._rotation(),
+            dynamic,
+            first,
+            last,
+            frustum_limited=self.limits.in_view[0] == 1.0,
+            scale=self.scale,
+        )

@@ -225,8 +225,7 @@ class Scenario:
             drawn: Scenario = provider("sample_difficulty")(draw, bands, seed=seed, frames=frames, aspect=aspect)
             return drawn
         factors = {name: ranges.pop(name) for name in DRAWN_FACTORS}
-        content = provider("sample")(scene, seed=seed, camera=camera, **ranges)
-        scenario = replace(cls.from_json({"format": FORMAT, "version": VERSION} | content), camera=camera)
+        scenario: Scenario = provider("sample")(scene, seed=seed, camera=camera, **ranges)
         for name, value in factors.items():
             if value is not None and value is not False:
                 scenario = scenario.with_factor(name, None if value is True else value, seed=seed)
