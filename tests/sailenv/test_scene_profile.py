@@ -4,13 +4,13 @@
 from __future__ import annotations
 
 import itertools
-from fractions import Fraction
 
 import numpy as np
 import pytest
 
 from tests.world.test_world import UNIT_CUBE
-from tiscene.sailenv.scene_profile import CameraTrack, start_camera
+from tiscene.sailenv.scene_profile import SceneProfile, start_camera
+from tiscene.scenario.scenario import Scenario
 from tiscene.scene.camera import Camera
 from tiscene.scene.description import Instance, SceneDescription, SceneObject
 
@@ -38,9 +38,9 @@ def test_start_camera_of_a_stage_without_cameras_is_upright(up_axis, up):
 
 @pytest.mark.parametrize("camera", [DOWN, Camera((0.0, 1.0, 3.0), focus_distance=3.0)])
 def test_track_of_a_single_camera_keeps_its_point_of_focus_without_jumps(camera):
-    track = CameraTrack(stage(camera), None)
+    profile = SceneProfile.of(Scenario("object_view"), stage(camera), 10.0)
     target = camera.position - 3.0 * camera.axes()[:, 2]
-    views = [camera.with_pose(*track.pose(Fraction(k, 10))) for k in range(60)]
+    views = [camera.with_pose(*profile.track_pose(k)) for k in range(60)]
     np.testing.assert_allclose(views[0].position, camera.position, atol=1e-9)
     for here, there in itertools.pairwise(views):
         towards = target - np.array(here.position)

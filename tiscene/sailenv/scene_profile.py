@@ -8,9 +8,9 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
-from fractions import Fraction
 
 from dynamics import Body, CatmullWaypoints, Dynamic, Simulation, Waypoint
+from dynamics.clocks import exact
 from tiscene.sailenv import frame_views
 from tiscene.sailenv.light_controls import Color8
 from tiscene.scenario.scenario import Scenario
@@ -31,7 +31,7 @@ class SceneProfile:
     Attributes:
         scenario: The motion that the author of the stage has defined, seen by `start`.
         start: The camera of an agent that has not moved; its exposure is None until it has been metered.
-        track: The camera track.
+        track: The camera track, of one body.
         fps: Frames per second.
         background: 8-bit sRGB color of pixels that show no object; None for the sky.
         rooms: Volumes of the scene's rooms.
@@ -40,7 +40,7 @@ class SceneProfile:
 
     scenario: Scenario
     start: Camera
-    track: CameraTrack
+    track: Simulation
     fps: float
     background: Color8 | None = None
     rooms: tuple[RoomVolume, ...] = ()
@@ -61,7 +61,7 @@ class SceneProfile:
         start = replace(start_camera(stage), vertical_fov=Camera.vertical_fov, aspect=None, lens=None)
         start = replace(start, far=frame_views.FAR, lens_radius=0.0)
         camera = authored.camera if isinstance(authored.camera, Camera) and authored.camera.dynamic else None
-        track = CameraTrack(stage, camera)
+        track = camera_track(stage, camera)
         return cls(replace(authored, camera=start), start, track, fps, background, stage.rooms, stage.cameras)
 
     def room_start(self, room: str) -> Camera:
@@ -77,28 +77,16 @@ class SceneProfile:
         return self.start.with_pose((x, y, z), self.start.rotation)
 
     def track_pose(self, frames: int) -> tuple[Vector3, Quaternion]:
-        """Return the pose on the camera track a number of frames after its start."""
-        return self.track.pose(frames / Fraction(str(self.fps)))
-
-
-class CameraTrack:
-    """The camera track of a scene: the author's moving camera, else a closed curve through the cameras of the stage."""
-
-    def __init__(self, stage: SceneDescription, authored: Camera | None) -> None:
-        """Prepare the track.
-
-        Args:
-            stage: The scene.
-            authored: The camera that the author of the stage has animated; None if there is none.
-        """
-        camera = authored or start_camera(stage)
-        self._simulation = Simulation([Body(camera.dynamic or _track(stage), camera.position, camera.rotation)])
-
-    def pose(self, seconds: Fraction) -> tuple[Vector3, Quaternion]:
-        """Return position (m) and unit quaternion (w, x, y, z) at a time after the start, in tiscene's space."""
-        x, y, z, *rotation = self._simulation.poses(seconds)[0].tolist()
+        """Return position (m) and rotation on the camera track a number of frames after its start."""
+        x, y, z, *rotation = self.track.poses(frames / exact(self.fps))[0].tolist()
         a, b, c, d = rotation
         return (x, y, z), (a, b, c, d)
+
+
+def camera_track(stage: SceneDescription, authored: Camera | None = None) -> Simulation:
+    """Return the camera track: the author's moving camera, else a closed curve through the cameras of the stage."""
+    camera = authored or start_camera(stage)
+    return Simulation([Body(camera.dynamic or _track(stage), camera.position, camera.rotation)])
 
 
 def start_camera(stage: SceneDescription) -> Camera:

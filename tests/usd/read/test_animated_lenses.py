@@ -212,7 +212,7 @@ def test_agents_of_sailenv_keep_their_lens(tmp_path):
     profile = SceneProfile.of(ts.Scenario.load(path), read_stage(path), 25.0)
     assert profile.start.lens is None
     assert profile.start.vertical_fov == Camera.vertical_fov
-    assert profile.track.pose(2)[0] == pytest.approx((0.4, 0.0, 4.0))
+    assert profile.track_pose(50)[0] == pytest.approx((0.4, 0.0, 4.0))
 
 
 def test_overrides_and_still_streams_replace_the_animated_lens(tmp_path):
