@@ -115,6 +115,14 @@ def test_same_scene_is_read_once(monkeypatch):
     assert len(read) == 1
 
 
+def test_all_streams_of_a_course_report_their_progress():
+    def report(text, done):
+        pass
+
+    course = Course([Phase("a", BALL, frames=1), Phase("b", CHAIR, frames=1)], **SMALL, progress=report)
+    assert [course.source(k)[0]._progress for k in range(2)] == [report, report]
+
+
 def test_observation_hides_labels_and_boundaries(course):
     frame = course[6]
     seen = course.observation(frame)

@@ -66,11 +66,9 @@ class StreamPool:
     def _new(self, scenario: Scenario) -> Stream:
         if self._first is None:
             self._first = Stream(scenario, **self._settings)
-            self._state = self._first.__getstate__()
             self._first.close()
-        # A stream that is made from another's state shares its cache of stages.
-        stream = Stream.__new__(Stream)
-        stream.__setstate__(self._state | {"scenario": scenario, "_selected_categories": self.categories or None})
+        self._first._selected_categories = self.categories or None
+        stream: Stream = self._first.another(scenario)
         return stream
 
     def close(self) -> None:
