@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import hashlib
 import json
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any, NamedTuple
 
 from tiscene.errors import ArgumentError
@@ -35,7 +35,7 @@ class LedgerRow(NamedTuple):
     unasked: bool
 
 
-class LabelLedger(Sequence[LedgerRow]):
+class LabelLedger(list[LedgerRow]):
     """The labels that were given, in their order.
 
     Args:
@@ -46,35 +46,17 @@ class LabelLedger(Sequence[LedgerRow]):
     """
 
     def __init__(self, columns: Mapping[str, Sequence[Any]] | None = None) -> None:
-        self._rows: list[LedgerRow] = []
+        super().__init__()
         if columns is not None:
             is_mapping = isinstance(columns, Mapping) and set(columns) == set(LedgerRow._fields)
             if not is_mapping or len({len(column) for column in columns.values()}) > 1:
                 names = ", ".join(LedgerRow._fields)
                 raise ArgumentError(f"ledger: must have the columns {names}, all of one length")
-            self._rows = [LedgerRow(*row) for row in zip(*(columns[name] for name in LedgerRow._fields), strict=True)]
-
-    def add(self, row: LedgerRow) -> None:
-        """Add a row."""
-        self._rows.append(row)
-
-    def __len__(self) -> int:
-        return len(self._rows)
-
-    def __getitem__(self, index: Any) -> Any:
-        return self._rows[index]
-
-    def __iter__(self) -> Iterator[LedgerRow]:
-        return iter(self._rows)
-
-    def __eq__(self, other: object) -> bool:
-        return isinstance(other, LabelLedger) and self._rows == other._rows
-
-    __hash__ = None  # type: ignore[assignment]
+            self.extend(LedgerRow(*row) for row in zip(*(columns[name] for name in LedgerRow._fields), strict=True))
 
     def to_json(self) -> dict[str, list[Any]]:
         """Return the ledger as JSON-ready columns."""
-        columns = list(zip(*self._rows, strict=True)) or [()] * len(LedgerRow._fields)
+        columns = list(zip(*self, strict=True)) or [()] * len(LedgerRow._fields)
         return {name: list(column) for name, column in zip(LedgerRow._fields, columns, strict=True)}
 
     def digest(self) -> str:

@@ -247,7 +247,7 @@ class Supervision:
         label = self._noisy(label, y, x, index, rules)
         answer = Answer(**vars(label), frame=index, pixel=(y, x), asked=self.present)
         arrives = self.present + rules.delay
-        self.ledger.add(LedgerRow(self.present, index, y, x, answer.category, answer.instance, arrives, unasked))
+        self.ledger.append(LedgerRow(self.present, index, y, x, answer.category, answer.instance, arrives, unasked))
         if not rules.delay:
             return answer
         self._pending.append((arrives, answer))
