@@ -117,7 +117,6 @@ class Course(Iterator[CourseFrame]):
         self._owns_pool = True
         self._keys: dict[tuple[int, tuple[float, ...]], tuple[str, Scenario]] = {}
         self._position = 0
-        self._shared = False
 
     def __getstate__(self) -> dict[str, Any]:
         """Return all but the progress callback, as a stream does."""
@@ -135,7 +134,7 @@ class Course(Iterator[CourseFrame]):
         phases = [replace(each, supervision=None, evaluate=True) for each in self.test_phases]
         tests = Course(phases, **shared, **self.settings)
         self._share_categories()
-        tests._pool, tests._owns_pool, tests._shared = self._pool, False, True
+        tests._pool, tests._owns_pool = self._pool, False
         return tests
 
     @property
@@ -144,7 +143,6 @@ class Course(Iterator[CourseFrame]):
         return {0: "", **dict(enumerate(self._share_categories(), 1))}
 
     def _share_categories(self) -> tuple[str, ...]:
-        self._shared = True
         return self._pool.share_categories(self._scenarios())
 
     def _scenarios(self) -> Iterator[Scenario]:
@@ -163,8 +161,7 @@ class Course(Iterator[CourseFrame]):
 
     def source(self, index: int) -> tuple[Stream, int]:
         """Return the stream that shows a frame of the course, and the frame's number there."""
-        if not self._shared:
-            self._share_categories()
+        self._share_categories()
         number, k = self.phase_at(index)
         phase = self.phases[number]
         where = number, phase.positions(k)
