@@ -98,7 +98,8 @@ class Course(Iterator[CourseFrame]):
         self.observed = tuple(observed)
         self.pixels = check_pixels(pixels)
         self.settings: dict[str, Any] = DEFAULTS | settings
-        missing = [name for name in self.observed if name not in buffer_names(self.settings["buffers"])]
+        self.settings["buffers"] = buffer_names(self.settings["buffers"])
+        missing = [name for name in self.observed if name not in self.settings["buffers"]]
         if missing:
             raise ArgumentError(f"observed={self.observed!r}: {missing[0]!r} is not among buffers=")
         self.width = argument_checks.integer(self.settings["width"], "width", 1, 16384)

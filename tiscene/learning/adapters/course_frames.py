@@ -22,31 +22,13 @@ class CourseFrames(LoaderMethods):
 
     def __init__(self, course: Course) -> None:
         self.course = check_course(course)
+        self.width, self.height, self.frames = course.width, course.height, course.frames
+        self.buffers: tuple[str, ...] = course.settings["buffers"]
 
     @property
     def position(self) -> int:
         """The position of the course."""
         return self.course.position
-
-    @property
-    def buffers(self) -> tuple[str, ...]:
-        """Names of the buffers."""
-        return tuple(self.course.settings["buffers"])
-
-    @property
-    def width(self) -> int:
-        """Width, px."""
-        return self.course.width
-
-    @property
-    def height(self) -> int:
-        """Height, px."""
-        return self.course.height
-
-    @property
-    def frames(self) -> int:
-        """Number of frames."""
-        return self.course.frames
 
     @property
     def scenario(self) -> Scenario:
