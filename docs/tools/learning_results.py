@@ -18,7 +18,7 @@ from pathlib import Path
 from tiscene.cli.main import main as tiscene
 from tiscene.learning.course import Course
 from tiscene.learning.learner import BASELINES
-from tiscene.learning.results_page import COLUMNS, mean_and_range, percent, test_curve, value_of
+from tiscene.learning.results_page import COLUMNS, marks_of, mean_and_range, percent, test_curve, value_of
 from tiscene.learning.score import Score
 from tiscene.learning.suite_names import suites
 from tiscene.learning.svg_chart import line_chart, line_styles
@@ -85,9 +85,8 @@ def table(scores: Mapping[str, Sequence[Score]]) -> str:
 def chart(curves: Mapping[str, Sequence[Sequence[tuple[int, float]]]], course: Course, path: Path, label: str) -> None:
     """Write curves of several seeds by learner as an SVG file."""
     lines, bands = mean_and_range(curves)
-    marks = {0: course.phases[0].name} | {k: text.removeprefix("phase ") for k, text in course.events().items()}
     styles = line_styles(list(SHOWN))
-    drawn = line_chart(lines, end=len(course), marks=marks, colors=styles, label=label, bands=bands)
+    drawn = line_chart(lines, end=len(course), marks=marks_of(course), colors=styles, label=label, bands=bands)
     body = drawn.replace("<svg ", '<svg xmlns="http://www.w3.org/2000/svg" ', 1).replace(">", f">{STYLE}", 1)
     path.write_text(body + "\n", encoding="utf-8")
 

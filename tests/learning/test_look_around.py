@@ -146,6 +146,16 @@ def test_environment_needs_a_scenario():
             new.step(np.array([3]))
 
 
+def test_scenarios_of_wrong_types_are_named():
+    pytest.importorskip("gymnasium")
+    from tiscene.learning.adapters.look_around import LookAround
+
+    with pytest.raises(ArgumentError, match=r"scenario=\['room_02'\]: must be a Scenario, a scene's name, a file, or"):
+        LookAround(["room_02"])
+    with pytest.raises(ArgumentError, match="scenario: the function returned 'room_02' of seed 0; it must return a Sc"):
+        LookAround(lambda seed: "room_02", categories=("chair",))
+
+
 @pytest.mark.parametrize(
     ("argument", "cure"),
     [

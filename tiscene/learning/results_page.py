@@ -193,7 +193,6 @@ def _curves(by_name: Mapping[str, Sequence[Score]], course: Course, styles: Mapp
         f'stroke-dasharray="{dash}"/></svg> {escape(name)}</span>'
         for name, (color, dash) in styles.items()
     )
-    marks = {0: course.phases[0].name} | {index: text.removeprefix("phase ") for index, text in course.events().items()}
     parts = [f'<p class="legend">{legend}</p>']
     if max(map(len, by_name.values())) > 1:
         parts.append(_note("Lines: mean over seeds. Bands: from the lowest to the highest."))
@@ -202,7 +201,7 @@ def _curves(by_name: Mapping[str, Sequence[Score]], course: Course, styles: Mapp
         measured = {name: each for name, each in curves.items() if any(each)}
         if measured:
             lines, bands = mean_and_range(measured)
-            drawn = line_chart(lines, end=len(course), marks=marks, colors=styles, label=label, bands=bands)
+            drawn = line_chart(lines, end=len(course), marks=marks_of(course), colors=styles, label=label, bands=bands)
             parts.extend([f"<h3>{escape(title)}</h3>", drawn])
 
     for key, title in (("online", "Online"), ("near_future", "Near future"), ("online_frame", "Online, whole frame")):
@@ -216,6 +215,11 @@ def _curves(by_name: Mapping[str, Sequence[Score]], course: Course, styles: Mapp
         curves = {name: [test_curve(run.scores, course, test.name) for run in runs] for name, runs in by_name.items()}
         add(f"Test: {test.name}", f"Accuracy of the test {test.name}", curves)
     return parts
+
+
+def marks_of(course: Course) -> dict[int, str]:
+    """Return the first frame of each phase and change of a factor, with its name."""
+    return {0: course.phases[0].name} | {index: text.removeprefix("phase ") for index, text in course.events().items()}
 
 
 def test_curve(scores: Mapping[str, Any], course: Course, test: str) -> list[tuple[int, float]]:

@@ -14,6 +14,7 @@ from __future__ import annotations
 
 import inspect
 import math
+import os
 from collections.abc import Callable
 from dataclasses import replace
 from typing import Any
@@ -110,7 +111,10 @@ class LookAround(gymnasium.Env):  # type: ignore[misc]  # gymnasium is not read
                 raise ArgumentError("categories: name them for all scenarios of the function: categories=('ball',)")
             for name in {"camera", "variants"} & settings.keys():
                 raise ArgumentError(f"{name}={settings[name]!r}: give it to the scenarios that the function returns")
-        first = scenario(0) if callable(scenario) else scenario
+        first = scenario if self._scenario_of is None else self._drawn(0)
+        if not isinstance(first, Scenario | str | os.PathLike):
+            given = argument_checks.brief(first)
+            raise ArgumentTypeError(f"scenario={given}: must be a Scenario, a scene's name, a file, or a function")
         self.stream = Stream(first, width=width, height=height, buffers=BUFFERS, **({"quality": "fast"} | settings))
         self._start = self._first_camera()
         numbers = len(self.stream.categories) and max(self.stream.categories) + 1
@@ -136,7 +140,7 @@ class LookAround(gymnasium.Env):  # type: ignore[misc]  # gymnasium is not read
         if options:
             raise ArgumentError(f"options={options!r}: LookAround has none; pass arguments to gymnasium.make")
         if self._scenario_of is not None:
-            scenario = self._scenario_of(int(self.np_random.integers(2**31)) if seed is None else seed)
+            scenario = self._drawn(int(self.np_random.integers(2**31)) if seed is None else seed)
             if scenario != self.stream.scenario:
                 self.stream.restart(scenario)
                 self._start = self._first_camera()
@@ -173,6 +177,17 @@ class LookAround(gymnasium.Env):  # type: ignore[misc]  # gymnasium is not read
     def close(self) -> None:
         """Free the memory of the device."""
         self.stream.close()
+
+    def _drawn(self, seed: int) -> Scenario:
+        """Return the scenario of a seed."""
+        assert self._scenario_of is not None  # at the places of the calls
+        scenario = self._scenario_of(seed)
+        if not isinstance(scenario, Scenario):
+            given = argument_checks.brief(scenario)
+            raise ArgumentTypeError(
+                f"scenario: the function returned {given} of seed {seed}; it must return a Scenario"
+            )
+        return scenario
 
     def _first_camera(self) -> Camera:
         """Return the scenario's camera at frame 0."""
