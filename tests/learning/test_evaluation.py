@@ -247,7 +247,7 @@ DAMAGES = (  # a place in a score, what is written there (nothing: it is deleted
     ("labels.ledger", (), "labels.ledger: is missing"),
     ("labels.undelivered", 1.5, "labels.undelivered=1.5: must be a whole number"),
     ("clock.skipped", True, "clock.skipped=True: must be a whole number"),
-    ("learner.seed", "0", "learner.seed='0': must be a whole number"),
+    ("learner", "naive", "learner='naive': must be an object"),
     ("resources.wall_seconds.predict", [], r"resources.wall_seconds.predict=\[\]: must be a number"),
     ("scores.online.accuracy", "high", "scores.online.accuracy='high': must be a number or null"),
     ("scores.online.curve.0", [1], r"scores.online.curve\[0\]: must have 2 values"),
@@ -313,6 +313,9 @@ def test_learners_are_made_by_name():
         make_learner("json:Learner", {})
     with pytest.raises(ArgumentError, match="must take categories= and seed="):
         make_learner("tests.learning.small_course:Constant", {})
+    for wrong, message in (({"name": 3}, "learner=3: must be a string"), ({"seed": "0"}, "seed='0': must be a whole")):
+        with pytest.raises(ArgumentError, match=message):
+            make_learner(**{"name": "naive", "categories": {}} | wrong)
 
 
 def test_resources_are_measured(course):

@@ -71,6 +71,8 @@ def make_learner(name: str, categories: Mapping[int, str], seed: int = 0, **opti
     """
     if not isinstance(categories, Mapping):
         raise ArgumentTypeError(f"categories={categories!r}: must be names by id, as course.categories")
+    argument_checks.text(name, "learner")
+    argument_checks.whole(seed, "seed")
     if ":" not in name and name not in BASELINES:
         raise UnknownName("learner", name, BASELINES, hint="Your own: --learner module:Class.")
     module, _, attribute = BASELINES.get(name, name).partition(":")

@@ -20,7 +20,7 @@ CHANGE = {"frame": int, "change": str, "before": MAYBE, "drop": MAYBE, "recovery
 MATRIX = {"R": [[MAYBE]]} | {f"{name}?": MAYBE for name in ("ACC", "BWT", "FWT", "forgetting", "held_out")}
 LAYOUT: dict[Any, Any] = {
     "name": str,
-    "learner": {"learner?": str, "seed?": int},
+    "learner": {},
     "course": {},
     "scores": {
         **dict.fromkeys(("online?", "online_frame?", "near_future?", "focus?"), ACCURACY),
