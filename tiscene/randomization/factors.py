@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import hashlib
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import Any, get_args
 
 from dynamics.argument_checks import integer
@@ -29,41 +29,19 @@ from tiscene.randomization.view_factor import with_view
 from tiscene.scenario.overrides import LightOverride, MaterialOverride, Override
 from tiscene.scenario.scenario import Scenario
 
-Apply = Callable[[Scenario, Any, Callable[[str], Draws]], Scenario]
-
-
-@dataclass(frozen=True)
-class Factor:
-    """A factor of variation.
-
-    Attributes:
-        name: its name.
-        value: what values it takes, in words.
-        keeps_motion: whether objects keep their trajectories.
-        apply: returns a scenario with the factor drawn anew.
-    """
-
-    name: str
-    value: str
-    keeps_motion: bool
-    apply: Apply
-
-
-FACTORS: dict[str, Factor] = {
-    each.name: each
-    for each in (
-        Factor("categories", "names of categories to draw from; None: all", True, with_categories),
-        Factor("instances", "templates to draw from; None: others of its category", True, with_instances),
-        Factor("views", "degrees of a turn, a camera, or ranges; None: typical", True, with_view),
-        Factor("clutter", "number of distractors, (low, high), or ranges; None: typical", True, with_clutter),
-        Factor("occlusion", "fraction of the path, or (low, high); None: (0.1, 0.5)", False, with_occlusion),
-        Factor("rooms", "scenes to draw from; None: all others", False, with_room),
-        Factor("illumination", "lighting ('night'), stops, or ranges; None: typical", True, with_illumination),
-        Factor("materials", "how far they change, 0..1, or ranges; None: typical", True, with_materials_drawn),
-        Factor("furniture", "how far it is moved, m, or ranges; None: typical", True, with_furniture),
-        Factor("speed", "factor of speeds, or (low, high); None: (0.5, 2)", True, with_speed),
-    )
-}  # fmt: skip
+# Functions of (scenario, value, draws), whose docstrings say what values they take.
+FACTORS: dict[str, Callable[[Scenario, Any, Callable[[str], Draws]], Scenario]] = {
+    "categories": with_categories,
+    "instances": with_instances,
+    "views": with_view,
+    "clutter": with_clutter,
+    "occlusion": with_occlusion,
+    "rooms": with_room,
+    "illumination": with_illumination,
+    "materials": with_materials_drawn,
+    "furniture": with_furniture,
+    "speed": with_speed,
+}
 
 
 @runtime.one_thread_at_a_time
@@ -73,7 +51,7 @@ def with_factor(scenario: Scenario, name: str, value: Any = None, *, seed: int =
     Args:
         scenario: the scenario.
         name: one of FACTORS.
-        value: value or ranges of the factor (`Factor.value`); None: a typical range.
+        value: value or ranges of the factor, as its function takes it; None: a typical range.
         seed: 0 to 2^64 - 1. Of the same seed, no other factor's draws change.
 
     Raises:
@@ -84,7 +62,7 @@ def with_factor(scenario: Scenario, name: str, value: Any = None, *, seed: int =
     if name not in FACTORS:
         raise UnknownName("factor", str(name), FACTORS)
     seed = integer(seed, "seed", 0, 2**64 - 1)
-    drawn = FACTORS[name].apply(scenario, value, lambda part: factor_draws(seed, name, part))
+    drawn = FACTORS[name](scenario, value, lambda part: factor_draws(seed, name, part))
     return without_missing(drawn) if drawn.overrides else drawn
 
 
