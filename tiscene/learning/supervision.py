@@ -28,6 +28,7 @@ from tiscene.learning.pixel_labels import PixelLabel, has_labels, label_in_frame
 from tiscene.learning.supervision_rules import RulesAt, SupervisionRules
 from tiscene.learning.teaching_policies import Moment, Pixel, Policy, chosen_pixels
 from tiscene.stream.stream import Stream
+from tiscene.world.world import World
 
 VERSION = 1
 _NOISE, _POLICY = 0x401, 0x402  # keys of random numbers
@@ -71,7 +72,12 @@ class Supervision:
         self._held_at: tuple[object, ...] = ()
         self._held_edits = 0
         self._moving: tuple[tuple[object, ...], frozenset[int]] = (), frozenset()
-        self._clear()
+        self.ledger = LabelLedger()
+        self.refused: Counter[str] = Counter()
+        self._given: Counter[int] = Counter()  # labels by phase
+        self._by_category: Counter[tuple[int, int]] = Counter()  # by phase and true category
+        self._last: dict[int, int] = {}  # the last frame with labels, by phase
+        self._pending: list[tuple[int, Answer]] = []
 
     def __getstate__(self) -> dict[str, Any]:
         """Return all but the frame that was held last, as a copy of the stream shows a world of its own."""
@@ -79,14 +85,6 @@ class Supervision:
 
     def __repr__(self) -> str:
         return f"<Supervision of {self._stream!r}: {counted(len(self.ledger), 'label')} given>"
-
-    def _clear(self) -> None:
-        self.ledger = LabelLedger()
-        self.refused: Counter[str] = Counter()
-        self._given: Counter[int] = Counter()  # labels by phase
-        self._by_category: Counter[tuple[int, int]] = Counter()  # by phase and true category
-        self._last: dict[int, int] = {}  # the last frame with labels, by phase
-        self._pending: list[tuple[int, Answer]] = []
 
     @property
     def remaining(self) -> float:
@@ -110,24 +108,29 @@ class Supervision:
     @property
     def _present_frame(self) -> Frame | None:
         """The frame that was held last; None: the stream has moved on, or shows another scenario."""
-        return self._held if self._held_at == (self._stream.position, self._world) else None
+        return self._held if self._held_at == self._place else None
 
     @property
-    def _world(self) -> object:
-        """What the stream shows, until `Stream.restart`."""
-        return None if isinstance(self._stream, Course) else weakref.ref(self._stream.world)
+    def _world(self) -> World | None:
+        """The world that the stream shows until `Stream.restart`; None of a course, whose worlds are not edited."""
+        return None if isinstance(self._stream, Course) else self._stream.world
+
+    @property
+    def _place(self) -> tuple[object, ...]:
+        """The position of the stream, and its world."""
+        return self._stream.position, None if self._world is None else weakref.ref(self._world)
 
     def _held_frame(self, index: int) -> Frame | None:
         """Return the present frame if it is frame `index` and no edit has changed it since it was held."""
         frame = self._present_frame
         if frame is None or frame.index != index:
             return None
-        later = [] if isinstance(self._stream, Course) else self._stream.world.edits(self._held_edits, self._edit_count)
+        later = [] if self._world is None else self._world.edits(self._held_edits, self._edit_count)
         return None if any(edit.frame <= index for edit in later) else frame
 
     @property
     def _edit_count(self) -> int:
-        return 0 if isinstance(self._stream, Course) else self._stream.world.edit_count
+        return 0 if self._world is None else self._world.edit_count
 
     def hold(self, frame: Frame) -> None:
         """Make a frame the present one. `offers` does this as well.
@@ -138,13 +141,12 @@ class Supervision:
         if not isinstance(frame, Frame):
             raise ArgumentTypeError(f"frame={frame!r}: must be a frame of the stream")
         size, own = (frame.camera.width, frame.camera.height), (self._stream.width, self._stream.height)
-        is_own = size == own and isinstance(frame, CourseFrame) == isinstance(self._stream, Course)
+        is_own = size == own and isinstance(frame, CourseFrame) == (self._world is None)
         if not is_own or not self._has(frame.index):
             raise ArgumentError(f"{frame!r}: is a frame of another stream, not of {self._stream!r}")
-        if isinstance(self._stream, Stream) and (seen := frame.camera.camera.name) != self._stream.world.camera.name:
+        if self._world is not None and (seen := frame.camera.camera.name) != self._world.camera.name:
             raise ArgumentError(f"{frame!r}: is the view of {seen!r}; a teacher labels that of the first camera")
-        self._held, self._held_edits = frame, self._edit_count
-        self._held_at = self._stream.position, self._world
+        self._held, self._held_at, self._held_edits = frame, self._place, self._edit_count
 
     def ask(self, y: int, x: int, frame: Frame | int | None = None) -> Answer | Pending | Refused:
         """Ask for the label of a pixel.
@@ -223,7 +225,7 @@ class Supervision:
         held = self._held_frame(index)
         if isinstance(held, CourseFrame):
             return held.moving
-        key = index, self._edit_count, self._world
+        key = index, self._edit_count, self._place[1]
         if self._moving[0] != key:
             source, k = self._source(index)
             self._moving = key, frozenset(moving_instances(source.world.state(k)))
@@ -298,9 +300,9 @@ class Supervision:
 
     def _categories(self, index: int) -> dict[int, str]:
         """Return the categories that noise draws from; `Stream.categories` would grow with later edits."""
-        if isinstance(self._stream, Course):
+        if self._world is None:
             return self._stream.categories
-        return {each.category_id: each.category for each in self._stream.world.state(index).objects}
+        return {each.category_id: each.category for each in self._world.state(index).objects}
 
     def state_dict(self) -> dict[str, Any]:
         """Return the ledger, the counts and the pending answers as JSON-ready values, and what they belong to."""
