@@ -158,7 +158,8 @@ def test_damaged_states_are_refused_and_change_nothing(stream):
     list(teacher.offers(stream[0]))
     state = teacher.state_dict()
     damages = ({"given": "q"}, {"given": [[0, -5]]}, {"pending": [[99, 0, 0, 0, 0]]}, {"pending": [[0, 50, 0, 0, 0]]})
-    for damage in (*damages, {"refused": 3}, {"ledger": {}}):
+    ledger = {"ledger": state["ledger"] | {"frame": [None] * 3}}
+    for damage in (*damages, {"refused": 3}, {"ledger": {}}, ledger):
         with pytest.raises(ArgumentError, match=r"this is not a Supervision.state_dict, or a damaged one"):
             teacher.load_state_dict(state | damage)
     for nothing in ({"version": 1}, None, "state"):

@@ -11,8 +11,7 @@ from typing import Any
 
 from dynamics.argument_checks import positive
 from dynamics.clocks import exact
-from tiscene.errors import ArgumentError, ArgumentTypeError, ScenarioError, counted
-from tiscene.learning.laps import lap_times
+from tiscene.errors import ArgumentError, ArgumentTypeError, counted
 from tiscene.learning.phase import Phase, check_phases
 from tiscene.scenario.scenario import Scenario
 
@@ -93,13 +92,10 @@ def counterfactuals(
 
 def _shown_before(phase: Phase, test: Phase, fps: float) -> int:
     """Return how many frames of a test are frames of its phase, or of another lap of the same motion."""
-    assert isinstance(phase.scenario, Scenario)  # since Phase.__post_init__
+    laps = replace(phase, lap_of=None).laps_of_motion()
     begin, lap = 0, 0
-    try:
-        laps = lap_times(phase.scenario)
+    if laps is not None:
         begin, lap = math.ceil(laps.start * exact(fps)), (laps.period * exact(fps)).numerator
-    except ScenarioError:
-        pass  # no motion, or none that repeats
 
     def first_lap(frame: int) -> int:
         return begin + (frame - begin) % lap if lap and frame >= begin else frame

@@ -8,6 +8,7 @@ import json
 from collections.abc import Mapping, Sequence
 from typing import Any, NamedTuple
 
+from dynamics import argument_checks
 from tiscene.errors import ArgumentError
 
 
@@ -52,6 +53,9 @@ class LabelLedger(list[LedgerRow]):
             if not is_mapping or len({len(column) for column in columns.values()}) > 1:
                 names = ", ".join(LedgerRow._fields)
                 raise ArgumentError(f"ledger: must have the columns {names}, all of one length")
+            for name in ("asked", "frame", "y", "x", "instance", "delivered"):
+                for value in columns[name]:
+                    argument_checks.whole(value, f"ledger: {name}")
             self.extend(LedgerRow(*row) for row in zip(*(columns[name] for name in LedgerRow._fields), strict=True))
 
     def to_json(self) -> dict[str, list[Any]]:
