@@ -168,6 +168,21 @@ def test_invalid_object_raises_scenario_error(content):
 
 
 @pytest.mark.parametrize(
+    ("kind", "description", "message"),
+    [
+        ("catmull_waypoints", {}, "dynamic of type catmull_waypoints: waypoints=None: must be a list of waypoints"),
+        ("linear_waypoints", {"waypoints": [3]}, r"waypoints=\[3\]: must be a list of waypoints"),
+        ("linear_waypoints", {"waypoints": [{}], "total_time": "long"}, "total_time='long': must be a number"),
+        ("uniform_movement_random_bounce", {"speed": [1]}, r"random_bounce: speed=\[1\]: must be a number"),
+        ("uniform_movement_random_bounce", {"seed": "x"}, "random_bounce: seed='x': must be an integer"),
+    ],
+)
+def test_invalid_dynamics_name_the_value(kind, description, message):
+    with pytest.raises(ScenarioError, match=message):
+        json_messages.dynamic_of(kind, description)
+
+
+@pytest.mark.parametrize(
     "content",
     [
         {"type": "never"},

@@ -45,6 +45,14 @@ def integer(value: Any, name: str) -> int:
         raise ArgumentTypeError(f"{name}={argument_checks.brief(value)}: must be an integer") from error
 
 
+def number(value: Any, name: str) -> float:
+    """Return a number, which may be text. Raises ArgumentTypeError."""
+    try:
+        return float(value)
+    except INVALID as error:
+        raise ArgumentTypeError(f"{name}={argument_checks.brief(value)}: must be a number") from error
+
+
 def rounded(value: Any) -> float:
     """Return a number rounded to single precision, as the protocol and Unity have it."""
     try:
@@ -78,14 +86,18 @@ def dynamic_of(kind: str, description: Mapping[str, Any]) -> dynamics.Dynamic:
         match kind:
             case "linear_waypoints" | "catmull_waypoints":
                 loop = dynamics.LinearWaypoints if kind == "linear_waypoints" else dynamics.CatmullWaypoints
-                waypoints = [_waypoint(each) for each in given["waypoints"]]
-                return loop(waypoints * 2 if len(waypoints) == 1 else waypoints, float(given.get("total_time", 10.0)))
+                contents = given.get("waypoints")
+                if not isinstance(contents, list) or not all(isinstance(each, Mapping) for each in contents):
+                    raise ScenarioError(f"waypoints={argument_checks.brief(contents)}: must be a list of waypoints")
+                waypoints = [_waypoint(each) for each in contents]
+                total_time = number(given.get("total_time", 10.0), "total_time")
+                return loop(waypoints * 2 if len(waypoints) == 1 else waypoints, total_time)
             case "uniform_movement_random_bounce":
                 return dynamics.UniformMovementRandomBounce(
-                    speed=float(given.get("speed", 5.0)),
-                    angular_speed=float(given.get("angular_speed", 2.0)),
+                    speed=number(given.get("speed", 5.0), "speed"),
+                    angular_speed=number(given.get("angular_speed", 2.0), "angular_speed"),
                     start_direction=mirrored(vector(given.get("start_direction", (0.0, 0.0, 1.0)))),
-                    seed=int(given.get("seed", 42)),
+                    seed=integer(given.get("seed", 42), "seed"),
                 )
         raise ScenarioError("must be linear_waypoints, catmull_waypoints or uniform_movement_random_bounce")
 
@@ -103,13 +115,14 @@ def timings_of(content: Any, names: Sequence[str], valid: Collection[str]) -> dy
         description = content.get("description") or {}
         match content.get("type"):
             case "all_together":
-                return dynamics.AllTogether(float(description.get("wait_time", 1.0)))
+                return dynamics.AllTogether(number(description.get("wait_time", 1.0), "wait_time"))
             case "wait_until_complete":
-                return dynamics.WaitUntilComplete(float(description.get("wait_time", 0.0)))
+                return dynamics.WaitUntilComplete(number(description.get("wait_time", 0.0), "wait_time"))
             case "dict":
                 known = frozenset(names)
                 times = {
-                    _object_name(key, names, known): float(s) for key, s in (description.get("times") or {}).items()
+                    _object_name(key, names, known): number(seconds, f"times[{key!r}]")
+                    for key, seconds in (description.get("times") or {}).items()
                 }
                 return dynamics.DictTimings([(name, seconds) for name, seconds in times.items() if name in valid])
         raise ScenarioError(f"type {content.get('type')!r}: must be all_together, wait_until_complete or dict")
@@ -122,7 +135,7 @@ def frustum_of(content: Any) -> native_objects.Frustum | None:
     if not content.get("spawn", True):
         return None
     with _error_context("frustum"):
-        far = float(content.get("far_clip_plane", -1.0))
+        far = number(content.get("far_clip_plane", -1.0), "far_clip_plane")
         return native_objects.Frustum(far if far > 0.0 else -1.0)
 
 
