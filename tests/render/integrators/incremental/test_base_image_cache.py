@@ -97,6 +97,10 @@ def test_key_depends_on_everything_visible() -> None:
     scene.view = replace(scene.view, width=33)
     different["size"] = key_of(scene)
     scene = MovingBalls()
+    for color in (0.2, 0.7):
+        scene.placed = replace(scene.placed, color=np.full((3, len(scene.moving), 4), color, np.float32))
+        different[f"color {color}"] = key_of(scene)
+    scene = MovingBalls()
     scene.device.add(described([ball((0, 0, 0), 1.0)], [matte("white", WHITE)]))  # a template that is not placed
     assert key_of(scene) == key
     assert len({key, *different.values()}) == 1 + len(different), different

@@ -131,6 +131,7 @@ def static_scene_key(scene: DeviceScene, placement: Placement, still: NDArray[np
         np.flatnonzero(still).tobytes(),
         placement.mesh[still].tobytes(),
         placement.world_from_object[CURRENT, still].tobytes(),
+        None if placement.color is None else placement.color[CURRENT, still].tobytes(),
         digest_of(scene.lights_of(placement) if groups is None else [groups.lights, groups.group]),
         scene.materials.any_coverage,
         scene.materials.any_emission,

@@ -62,6 +62,8 @@ class BaseImageCache:
                 digest.update(content_digest(description))
                 digest.update((rows[shown] - first).tobytes())
                 digest.update(placement.world_from_object[CURRENT, still][shown].tobytes())
+                if placement.color is not None:
+                    digest.update(placement.color[CURRENT, still][shown].tobytes())
                 _add(digest, lit)
         order = [number for number, _ in lights]
         _add(digest, [order, view.rows()[CURRENT], view.width, view.height, sorted(settings.items())])
