@@ -315,6 +315,16 @@ def test_opacity_that_changes_occludes_at_the_other_frame_only(tmp_path):
     assert set(np.unique(frames[5].instance).tolist()) == {0, 1, 3}
 
 
+def test_amodal_pixels_are_those_of_the_opacity_at_the_frame(tmp_path):
+    opacity = """float[] primvars:displayOpacity (interpolation = "vertex")
+    float[] primvars:displayOpacity.timeSamples = { 0: [1, 1, 1], 4: [1, 1, 1], 5: [1, 0, 1] }"""
+    path = write(tmp_path, points(opacity), more=RANGE)
+    played = stream(path, frames=6)
+    before, after = ([each.amodal_pixels for each in played[frame].objects] for frame in (4, 5))
+    assert min(before) > 0
+    assert after == [before[0], 0, before[2]]
+
+
 def test_templates_keep_the_colors_of_their_points(tmp_path):
     body = (
         """

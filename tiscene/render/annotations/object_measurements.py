@@ -242,8 +242,8 @@ class SceneMeasures:
         placed = self._placement
         count = len(placed.mesh)
         poses, boxes = placed.world_from_object[CURRENT].reshape(count, 12), placed.box_from_object.reshape(count, 12)
-        columns = [np.ascontiguousarray(each).view(np.uint8) for each in (placed.mesh[:, None], poses, boxes)]
-        rows = np.hstack(columns)
+        inputs = placed.mesh[:, None], poses, boxes, *(() if placed.color is None else (placed.color[CURRENT],))
+        rows = np.hstack([np.ascontiguousarray(each).view(np.uint8) for each in inputs])
         data, width = rows.tobytes(), rows.shape[1]
         every = [self._parts[row] for row in objects]
         signatures = [b"".join([data[row * width : (row + 1) * width] for row in parts.tolist()]) for parts in every]
