@@ -329,8 +329,8 @@ class DeviceScene(WholeChanges):
     def place_mesh_lights(self, lights: LightTable, emitting: NDArray[np.bool_]) -> None:
         """Place in a table the lights that the meshes of some emissive instances are, bool [n], at CURRENT."""
         rows, meshes = np.flatnonzero(self._hittable[CURRENT] & emitting), self.placement.mesh
-        found = ((int(row), self.emissive.lights[meshes[row]], self._first_triangles[meshes[row]]) for row in rows)
-        placed = [(row, light, first) for row, light, first in found if light]
+        found = ((row, self.emissive.lights[meshes[row]]) for row in rows.tolist())
+        placed = [(row, light) for row, light in found if light]
         lights.place_meshes(placed, self.placement.world_from_object[CURRENT, rows])
 
     def place_movers(self, moving: NDArray[np.bool_]) -> NDArray[np.float64]:

@@ -259,3 +259,13 @@ def test_directions_to_a_mesh_follow_density(matrix: np.ndarray) -> None:
 
     low, high = points.min(axis=0) - 0.01, points.max(axis=0) + 0.01
     assert chi_square(points, projected, tuple(low), tuple(high), (8, 8), 48) > MIN_P_VALUE
+
+
+def test_light_table_does_not_depend_on_triangles_of_other_meshes() -> None:
+    """Its numbers are float32, which cannot tell apart rows of more than 2^24 triangles."""
+    before, lamp, after = ball((0.0, 0.0, 0.0), 0.5), ball((2.0, 0.0, 0.0), 0.1, 1, 2), ball((0.0, 2.0, 0.0), 0.5)
+    materials = [matte("white", WHITE), matte("lamp", (0.0, 0.0, 0.0), emissive_color=EMISSION)]
+    first, last = (device_scene(described(meshes, materials)) for meshes in ([lamp, after], [before, lamp]))
+    moved, unmoved = (scene.lights.arrays(scene.textures) for scene in (last, first))
+    np.testing.assert_array_equal(moved.nodes.to_numpy(), unmoved.nodes.to_numpy())
+    np.testing.assert_array_equal(moved.distribution.to_numpy(), unmoved.distribution.to_numpy())

@@ -12,7 +12,8 @@ from tiscene.render.bsdfs.material_inputs import Footprint, material_at
 from tiscene.render.intersect.surface_interaction import OFFSET, load_vec3, surface_at, transform_vector, vertex_offset
 from tiscene.render.lights.light_sample import header, integer, light_row, no_sample
 from tiscene.render.lights.light_sampler import conditional_probability, to_mesh_space
-from tiscene.scene.lights.light_table import DISTRIBUTION, FIRST_TRIANGLE, INSTANCE
+from tiscene.scene.instance_upload import INFO_FIRST_TRIANGLE
+from tiscene.scene.lights.light_table import DISTRIBUTION, INSTANCE
 from tiscene.scene.lights.light_tree import H_END, H_ROWS
 from tiscene.scene.material_table import COVERAGE, EMISSIVE, OPACITY
 from tiscene.scene.placement import CURRENT
@@ -56,7 +57,7 @@ def sample(lights: Template, textures: Template, row: ti.i32, slot: ti.i32, orig
     """Sample a direction from `origin` to the triangle in a slot; returns a LightSample."""
     result = no_sample()
     instance = integer(lights.values, row, INSTANCE)
-    triangle = light_row(lights.nodes, slot)
+    triangle = light_row(lights.nodes, slot) + lights.geometry.instance_info[instance, INFO_FIRST_TRIANGLE]
     root = ti.sqrt(u.x)
     surface = surface_at(
         lights.geometry, instance, triangle, root * (1.0 - u.y), root * u.y, CURRENT, vec3(0.0, 0.0, 1.0)
@@ -78,11 +79,12 @@ def sample(lights: Template, textures: Template, row: ti.i32, slot: ti.i32, orig
 @ti.func
 def pdf(lights: Template, row: ti.i32, triangle: ti.i32, origin: vec3, direction: vec3, distance: ti.f32) -> ti.f32:
     """Return the density of `sample`, 1/sr, for a ray that hits a triangle of the light at that distance."""
-    at = integer(lights.values, row, DISTRIBUTION) + triangle - integer(lights.values, row, FIRST_TRIANGLE)
-    slot = ti.cast(lights.distribution[at], ti.i32)
+    instance = integer(lights.values, row, INSTANCE)
+    number = triangle - lights.geometry.instance_info[instance, INFO_FIRST_TRIANGLE]
+    slot = ti.cast(lights.distribution[integer(lights.values, row, DISTRIBUTION) + number], ti.i32)
     result = 0.0
     if slot > 0:
         _, probability = conditional_probability(lights, slot, to_mesh_space(lights, row, origin))
-        facing = ti.abs(doubled_area(lights, integer(lights.values, row, INSTANCE), triangle).dot(direction))
+        facing = ti.abs(doubled_area(lights, instance, triangle).dot(direction))
         result = probability * 2.0 * distance * distance / ti.max(facing, 1e-20)
     return result

@@ -77,8 +77,8 @@ from tiscene.scene.textures.atlas import TextureAtlas
 #     portals. SMALL_IMAGE: of a dome, where `small_image` begins there; -1 if there is none.
 # ON_DIFFUSE, ON_SPECULAR: multipliers of what diffuse and other lobes reflect. ON_INDIRECT: multiplier after the first
 #     bounce. SHADOWLESS: 1 if nothing casts shadows in its light. UNSEEN: 1 if rays from the camera pass through it.
-# INSTANCE, TREE, FIRST_TRIANGLE: of an emissive mesh, in place of RADIANCE: row of the instance, root of its triangles'
-#     light tree, first triangle. The slots of all its triangles, 0 for none, are at DISTRIBUTION.
+# INSTANCE, TREE: of an emissive mesh, in place of RADIANCE: row of the instance, root of its triangles' light tree. The
+#     slots of all its triangles, 0 for none, are at DISTRIBUTION.
 # SHAPED: 1 if the light has a Shaping. CONE_COSINE: of its cone's angle. CONE_EDGE (3): angles at which the soft edge
 #     begins and ends, rad, and the cosine where it begins. FOCUS, FOCUS_TINT (3), PROFILE: as `Shaping`.
 # CONE_REACH: of a shaped light in which not all meshes cast shadows, so that BSDF samples do not find its light: the
@@ -87,7 +87,7 @@ from tiscene.scene.textures.atlas import TextureAtlas
 COLUMNS = 43
 KIND, TRANSFORM, RADIANCE, SIZE, TEXTURE, DISTRIBUTION, GRID, IMAGE_FRACTION = 0, 1, 13, 16, 18, 19, 20, 22
 SLOT, DOME_ROW, PORTAL_MAPS, SMALL_IMAGE, ON_DIFFUSE, ON_SPECULAR, SHADOWLESS = 23, 24, 24, 24, 25, 26, 27
-INSTANCE, TREE, FIRST_TRIANGLE = 13, 14, 15
+INSTANCE, TREE = 13, 14
 SHAPED, CONE_COSINE, CONE_EDGE, FOCUS, FOCUS_TINT, PROFILE = 28, 29, 30, 33, 34, 37
 ON_INDIRECT = 38
 UNSEEN = 39
@@ -251,7 +251,7 @@ class LightTable:
     def __init__(self) -> None:
         self.lights: list[Light] = []
         self._first_texture: list[int] = []
-        self._meshes: list[tuple[int, MeshLight, int]] = []  # row of instance, mesh, first triangle
+        self._meshes: list[tuple[int, MeshLight]] = []  # with the rows of their instances
         self._places: NDArray[np.float64] = np.zeros((0, 3, 4))
         self._arrays: LightArrays | None = None
         # LightArrays.distribution and its parts on the host: not uploaded again when a light moves.
@@ -274,11 +274,11 @@ class LightTable:
             self._first_texture = [first_textures[row] for row, _ in lights]
             self._arrays = None
 
-    def place_meshes(self, meshes: Sequence[tuple[int, MeshLight, int]], places: NDArray[np.float64]) -> None:
+    def place_meshes(self, meshes: Sequence[tuple[int, MeshLight]], places: NDArray[np.float64]) -> None:
         """Replace all emissive meshes.
 
         Args:
-            meshes: (row of the instance, its mesh, first triangle of the mesh) of each, by ascending row.
+            meshes: Row of the instance and its mesh of each, by ascending row.
             places: [n, 3, 4], their world_from_object.
         """
         if list(meshes) != self._meshes or not np.array_equal(places, self._places):
@@ -366,7 +366,7 @@ class LightTable:
         """
         values, leaves, first_mesh = rows.values, rows.leaves, ends[-1]
         finite_rows, distant_rows, dome_rows, portal_rows = (leaves[a:b] for a, b in itertools.pairwise(ends))
-        for row, ((_, mesh, _), place) in enumerate(zip(self._meshes, self._places, strict=True), first_mesh):
+        for row, ((_, mesh), place) in enumerate(zip(self._meshes, self._places, strict=True), first_mesh):
             leaves[row] = mesh.placed(place)
             leaves[row, ROW] = row
         finite_rows = np.concatenate([finite_rows, leaves[first_mesh:]])
@@ -384,17 +384,17 @@ class LightTable:
     def _add_meshes(self, rows: _Rows, first: int, used_nodes: int) -> list[Floats]:
         """Fill in the rows of emissive instances, from a row on; return the trees of their meshes, each once."""
         trees: list[Floats] = []
-        known: dict[int, tuple[int, int]] = {}
-        for value, (instance, mesh, first_triangle) in zip(rows.values[first:], self._meshes, strict=True):
-            if first_triangle not in known:
-                nodes = light_tree.rebased(mesh.nodes, used_nodes, first_triangle)
+        known: dict[MeshLight, tuple[int, int]] = {}
+        for value, (instance, mesh) in zip(rows.values[first:], self._meshes, strict=True):
+            if mesh not in known:
+                nodes = light_tree.rebased(mesh.nodes, used_nodes)
                 triangles, slots = light_tree.light_slots(mesh.nodes)
                 slot_of = np.zeros(mesh.triangles, np.float32)
                 slot_of[triangles] = LANES * used_nodes + slots
                 trees.append(nodes)
-                known[first_triangle] = used_nodes, rows.add_distribution(slot_of)
+                known[mesh] = used_nodes, rows.add_distribution(slot_of)
                 used_nodes += len(nodes)
-            value[[KIND, INSTANCE, FIRST_TRIANGLE]] = MESH, instance, first_triangle
-            value[[TREE, DISTRIBUTION]] = known[first_triangle]
+            value[[KIND, INSTANCE]] = MESH, instance
+            value[[TREE, DISTRIBUTION]] = known[mesh]
             value[[ON_DIFFUSE, ON_SPECULAR, ON_INDIRECT]] = 1.0
         return trees

@@ -25,7 +25,7 @@ LANES = 1 << LANE_BITS
 # SPREAD2: mean squared distance of a group's lights from its center, m²; 0 for a light.
 # BACK: weight of the back side; CONE for a light with a cone, whose falloff is applied besides.
 # UNIFORM: part of an entry's probability that is the same at every shading point.
-# ROW: row of the light in the light table; -1 for a group or an empty lane.
+# ROW: row of the light in the light table; of a triangle its number in the mesh; -1 for a group or an empty lane.
 # CHILD: node of a group's children; 0 for a light.
 # EXTENT: sqrt(SIZE2 + SPREAD2), about the child's radius, m.
 # Of a dome, ROUND is 1 if it has no portals, and SIZE2 is the odds of sampling its image rather than its portals.
@@ -160,12 +160,11 @@ def _nodes(rows: Floats, of: NDArray[np.int64], lane: NDArray[np.int64], parents
     return result
 
 
-def rebased(nodes: Floats, offset: int, first_row: int = 0) -> Floats:
-    """Return a tree for a table in which `offset` nodes precede it, and whose lights' rows begin at `first_row`."""
+def rebased(nodes: Floats, offset: int) -> Floats:
+    """Return a tree for a table in which `offset` nodes precede it."""
     result = nodes.copy()
-    child, row = (result[:, LANES * column : LANES * (column + 1)] for column in (CHILD, ROW))
+    child = result[:, LANES * CHILD : LANES * (CHILD + 1)]
     child += np.where(child > 0.0, offset, 0)
-    row += np.where(row >= 0.0, first_row, 0)
     result[1:, PARENT] += LANES * offset
     return result
 
