@@ -154,6 +154,16 @@ def test_move_makes_as_many_calls_after_many_moves_as_after_20(target, moves):
     assert calls_of_frame < 1.1 * early
 
 
+def test_trees_of_a_moved_stage_take_the_rows_of_earlier_ones():
+    world, used = make(bouncer("a"), stage=STAGE), []
+    for number in range(60):
+        world.move("/Pillar", (0.0, 1e-4 * number, 0.0))
+        next_frame(world)
+        used.append(world.trajectories._setting.trees().bvh.used_rows)
+    assert used[10] > used[0]
+    assert used[-1] == used[10]
+
+
 def test_frames_evaluate_authored_animation_as_often_when_many_animated_objects_were_moved(monkeypatch):
     count, calls = 8, 0
     matrices = np.tile(np.eye(4)[:3], (2, count, 1, 1))

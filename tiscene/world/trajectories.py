@@ -29,6 +29,7 @@ from tiscene.errors import ScenarioError
 from tiscene.scenario.edits import Despawn, Edit, EditLog, Move
 from tiscene.scenario.objects import Object, path_of
 from tiscene.scenario.scenario import Scenario
+from tiscene.scene.bvh.blas import TreeRoom
 from tiscene.scene.bvh.obstacle_tree import MeshTrees, ObstacleTree
 from tiscene.scene.camera import Camera
 from tiscene.scene.description import Instance, SceneDescription
@@ -126,6 +127,7 @@ class Trajectories:
         self._changes = sorted({*moved, *removed})
         # By the number of changes so far.
         self._obstacles: LRUCache[int, Obstacles] = LRUCache(KEPT_OBSTACLES)
+        self._free_rooms: list[TreeRoom] = []  # of the trees of obstacles that are no longer used
         self._obstacle_rows: NDArray[np.int64] = np.zeros(0, np.int64)
         self_ = weakref.proxy(self)  # a cycle would wait for the cyclic collector
         self._onset = CollisionOnset(
@@ -147,6 +149,7 @@ class Trajectories:
 
     def use_trees(self, trees: Callable[[], MeshTrees]) -> None:
         """Drop what is on the device; `trees` returns the trees of the stage's meshes from now on."""
+        self._free_rooms = []
         self._obstacles.drop(lambda _changes: True)
         self._setting = replace(self._setting, trees=functools.cache(trees))
 
@@ -316,9 +319,12 @@ class Trajectories:
         def new() -> Obstacles:
             trees = self._setting.trees()
             instances, there = self._setting.instances(frame)
-            tree = ObstacleTree(trees, instances, there)
+            room = self._free_rooms.pop() if self._free_rooms else TreeRoom()
+            tree = ObstacleTree(trees, instances, there, room)
             self._obstacle_rows = tree.rows
-            return Obstacles.from_trees(trees.bvh, trees.is_bvh8, tree.roots, tree.matrices, tree.root)
+            obstacles = Obstacles.from_trees(trees.bvh, trees.is_bvh8, tree.roots, tree.matrices, tree.root)
+            weakref.finalize(obstacles, self._free_rooms.append, room).atexit = False
+            return obstacles
 
         return self._obstacles.get(bisect.bisect_right(self._changes, frame), new)
 

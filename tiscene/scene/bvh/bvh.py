@@ -113,11 +113,7 @@ class Bvh:
         return self._used_nodes * self.layout.unit, self._used_leaf_blocks * self.layout.block_rows
 
     def root(self, time: Hashable) -> int:
-        """Return the reference of the TLAS at PREVIOUS, CURRENT or NEXT, or of the MOVERS.
-
-        Raises:
-            ArgumentError: No instances are placed at that time.
-        """
+        """Return the reference of the TLAS at a time, or of MOVERS. Raise ArgumentError if it was not placed."""
         if time not in self._roots:
             raise ArgumentError(f"time={time}: no instances are placed there; name it in place(..., times=...)")
         return self._roots[time]
@@ -335,13 +331,15 @@ class Bvh:
         self._cached.clear()
         self._unwritten.clear()
 
-    def add_static_instances(self, boxes: NDArray[np.float64], rows: NDArray[np.int32]) -> int:
-        """Build a tree over instances that `place` does not replace; return the reference of its first node."""
+    def add_static_instances(
+        self, boxes: NDArray[np.float64], rows: NDArray[np.int32], room: TreeRoom | None = None
+    ) -> int:
+        """Build a tree that `place` does not replace, and return its root. room: as of `add_mesh`."""
         if not len(rows):
             return EMPTY_NODE
         on_host = self.layout is not BVH8
         nodes = node_count(len(rows)) if on_host else self._build_instances(boxes, rows)
-        first, _ = self._rows_for(nodes, 0)
+        first, _ = self._rows_for(nodes, 0, room)
         if on_host:
             values, numbers = median_trees(widened(boxes), rows, np.zeros(1, np.int64), np.array([first]))
             layout_kernels.write_rows(numbers.astype(np.int32), values.view(np.int32), self._arrays.nodes)

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from tiscene.device import runtime
 from tiscene.scene.affine_maps import transformed_boxes
-from tiscene.scene.bvh.blas import Blas
+from tiscene.scene.bvh.blas import Blas, TreeRoom
 from tiscene.scene.bvh.bvh import Bvh
 from tiscene.scene.bvh.bvh_copy import BvhCopy
 from tiscene.scene.bvh.workspace import BVH8
@@ -80,6 +80,7 @@ class ObstacleTree:
         trees: Trees of the meshes.
         instances: The instances.
         present: Whether each instance is in the tree. None: all are. Absent instances keep their rows.
+        room: Where to write the tree, in place of another one. None: behind all others.
 
     Attributes:
         rows: int64 [i], the instances of the tree, as rows of `instances`.
@@ -88,7 +89,13 @@ class ObstacleTree:
         root: Reference of the tree's first node.
     """
 
-    def __init__(self, trees: MeshTrees, instances: Sequence[Instance], present: Sequence[bool] | None = None) -> None:
+    def __init__(
+        self,
+        trees: MeshTrees,
+        instances: Sequence[Instance],
+        present: Sequence[bool] | None = None,
+        room: TreeRoom | None = None,
+    ) -> None:
         blas = [trees.blas[each.mesh] for each in instances]
         solid = np.array([each.collides and not tree.empty for each, tree in zip(instances, blas, strict=True)], bool)
         matrices = np.array([each.world_from_object[:3] for each in instances], np.float64).reshape(-1, 3, 4)
@@ -99,4 +106,4 @@ class ObstacleTree:
         boxes = transformed_boxes(own[None], self.matrices[None])[0]
         included = np.array([present is None or present[row] for row in self.rows.tolist()], np.bool_)
         chosen = np.flatnonzero(included).astype(np.int32)
-        self.root = trees.bvh.add_static_instances(boxes[chosen], chosen)
+        self.root = trees.bvh.add_static_instances(boxes[chosen], chosen, room)
