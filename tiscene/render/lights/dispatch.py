@@ -120,7 +120,7 @@ def pdf(
         result = dome_densities(lights, entries, row, -1, origin, direction).y
     else:
         for k in ti.static(range(len(LIGHT_KERNELS))):
-            if ti.static(LIGHT_KERNELS[k].kind != DOME and LIGHT_KERNELS[k].kind != PORTAL):
+            if ti.static(LIGHT_KERNELS[k].kind != DOME and LIGHT_KERNELS[k].has("pdf")):
                 if kind == LIGHT_KERNELS[k].kind:
                     result = LIGHT_KERNELS[k].pdf(lights, row, origin, direction, distance)
         if ti.static(lights.with_meshes):
@@ -137,8 +137,9 @@ def intersect(lights: Template, row: ti.i32, origin: vec3, direction: vec3) -> t
     result = ti.math.inf
     kind = integer(lights.values, row, KIND)
     for k in ti.static(range(len(LIGHT_KERNELS))):
-        if kind == LIGHT_KERNELS[k].kind:
-            result = LIGHT_KERNELS[k].intersect(lights, row, origin, direction)
+        if ti.static(LIGHT_KERNELS[k].has("intersect")):
+            if kind == LIGHT_KERNELS[k].kind:
+                result = LIGHT_KERNELS[k].intersect(lights, row, origin, direction)
     return result
 
 
@@ -158,11 +159,11 @@ def emitted(
     """
     result = vec3(0.0)
     kind = integer(lights.values, row, KIND)
+    if kind == DOME:
+        result = dome.radiance_from(lights, textures, row, direction, density)
     for k in ti.static(range(len(LIGHT_KERNELS))):
-        if kind == LIGHT_KERNELS[k].kind:
-            if ti.static(LIGHT_KERNELS[k].kind == DOME):
-                result = dome.radiance_from(lights, textures, row, direction, density)
-            else:
+        if ti.static(LIGHT_KERNELS[k].has("emitted")):
+            if kind == LIGHT_KERNELS[k].kind:
                 result = LIGHT_KERNELS[k].emitted(lights, textures, row, origin, direction, distance)
     if lights.values[row, SHAPED] > 0.0:
         result *= emission_profile.scale(lights.values, textures, row, origin + direction * distance, -1.0 * direction)

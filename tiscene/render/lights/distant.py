@@ -47,12 +47,6 @@ def pdf(lights: Template, row: ti.i32, origin: vec3, direction: vec3, distance: 
 
 
 @ti.func
-def intersect(lights: Template, row: ti.i32, origin: vec3, direction: vec3) -> ti.f32:
-    """Return +inf: no surface is behind it."""
-    return ti.math.inf
-
-
-@ti.func
 def emitted(lights: Template, textures: Template, row: ti.i32, origin: vec3, direction: vec3, distance: ti.f32) -> vec3:
     """Return the radiance along an unoccluded ray."""
     result = vec3(0.0)

@@ -94,15 +94,3 @@ def pdf(lights: Template, row: ti.i32, origin: vec3, direction: vec3, distance: 
         line = ti.math.clamp(line, 0, integer(lights.values, row, GRID + 1) - 1)
         result = image_sampling.density(lights, row, column, line) * per_steradian(lights, row, line)
     return result
-
-
-@ti.func
-def intersect(lights: Template, row: ti.i32, origin: vec3, direction: vec3) -> ti.f32:
-    """Return +inf: no surface is behind it."""
-    return ti.math.inf
-
-
-@ti.func
-def emitted(lights: Template, textures: Template, row: ti.i32, origin: vec3, direction: vec3, distance: ti.f32) -> vec3:
-    """Return the radiance along an unoccluded ray, from the full image."""
-    return radiance_from(lights, textures, row, direction, 0.0)

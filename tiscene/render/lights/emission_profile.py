@@ -42,7 +42,7 @@ def normal_at(values: Template, row: ti.i32, point: vec3, direction: vec3) -> ve
     elif kind == CYLINDER:
         result = cylinder.normal_at(values, row, point)
     for k in ti.static(range(BUILT_IN_KERNELS, len(LIGHT_KERNELS))):
-        if ti.static(LIGHT_KERNELS[k].has_normal):
+        if ti.static(LIGHT_KERNELS[k].has("normal_at")):
             if kind == LIGHT_KERNELS[k].kind:
                 result = LIGHT_KERNELS[k].normal_at(values, row, point)
     return result

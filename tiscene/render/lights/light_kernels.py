@@ -2,7 +2,8 @@
 """The kernels of each kind of light, and `register_light` to add a kind from outside the package.
 
 `LIGHT_KERNELS` is the tuple that `dispatch` unrolls (`ti.static`). The kernels of a built-in kind are the functions of
-the module of this package that has the kind's name. A kind consists of five functions of Taichi (`ti.func`)::
+the module of this package that has the kind's name, as far as rays hit it. A kind consists of five functions of Taichi
+(`ti.func`)::
 
     sample(lights, textures, row, origin, u) -> LightSample        a direction to the light; u: uniform in [0, 1)²
     pdf(lights, row, origin, direction, distance) -> f32           density of `sample`, 1/sr, for a ray that hits
@@ -24,20 +25,20 @@ class LightKernels(NamedTuple):
 
     kind: int
     sample: Any
-    pdf: Any
-    intersect: Any
-    emitted: Any
+    pdf: Any = None
+    intersect: Any = None
+    emitted: Any = None
     normal_at: Any = None
 
-    @property
-    def has_normal(self) -> bool:
-        """Whether `normal_at` was given."""
-        return self.normal_at is not None
+    def has(self, function: str) -> bool:
+        """Return whether the kind has a function of that name."""
+        return getattr(self, function) is not None
 
 
 def _built_in(code: int) -> LightKernels:
     module = importlib.import_module(f"{__package__}.{LIGHT_KINDS[code].name}")
-    return LightKernels(code, module.sample, module.pdf, module.intersect, module.emitted)
+    found = {name: getattr(module, name, None) for name in ("sample", "pdf", "intersect", "emitted")}
+    return LightKernels(code, **found)
 
 
 # Functions instead of modules: recordings of kernels are keyed by the sources of the functions that they name.

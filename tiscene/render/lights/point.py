@@ -20,21 +20,3 @@ def sample(lights: Template, textures: Template, row: ti.i32, origin: vec3, u: v
         result.pdf = 1.0
         result.delta = 1
     return result
-
-
-@ti.func
-def pdf(lights: Template, row: ti.i32, origin: vec3, direction: vec3, distance: ti.f32) -> ti.f32:
-    """Return 0: BSDF sampling never finds it."""
-    return 0.0
-
-
-@ti.func
-def intersect(lights: Template, row: ti.i32, origin: vec3, direction: vec3) -> ti.f32:
-    """Return +inf."""
-    return ti.math.inf
-
-
-@ti.func
-def emitted(lights: Template, textures: Template, row: ti.i32, origin: vec3, direction: vec3, distance: ti.f32) -> vec3:
-    """Return 0: no ray hits it."""
-    return vec3(0.0)

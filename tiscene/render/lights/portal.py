@@ -22,21 +22,3 @@ def sample(lights: Template, textures: Template, row: ti.i32, origin: vec3, u: v
     if result.pdf > 0.0:
         result.radiance = dome.radiance_from(lights, textures, result.row, result.direction, result.pdf)
     return result
-
-
-@ti.func
-def pdf(lights: Template, row: ti.i32, origin: vec3, direction: vec3, distance: ti.f32) -> ti.f32:
-    """Return the density of `sample`, 1/sr, for a direction that crosses the portal at that distance."""
-    return rect.pdf(lights, row, origin, direction, distance)
-
-
-@ti.func
-def intersect(lights: Template, row: ti.i32, origin: vec3, direction: vec3) -> ti.f32:
-    """Return the distance at which a ray leaves through the portal, +inf if it does not."""
-    return rect.intersect(lights, row, origin, direction)
-
-
-@ti.func
-def emitted(lights: Template, textures: Template, row: ti.i32, origin: vec3, direction: vec3, distance: ti.f32) -> vec3:
-    """Return 0: the dome emits."""
-    return vec3(0.0)
