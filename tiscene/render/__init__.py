@@ -9,6 +9,7 @@
     render_settings  RenderSettings and presets
     view             cameras of a frame, camera rays, projection
     warm_up          compile the kernels by rendering one pixel
+    columns          vectors in three columns of a table
     texture_lookup   filtered texture lookups
     integrators      label pass, path tracer, incremental renderer, panoramas
     intersect        ray-scene intersection

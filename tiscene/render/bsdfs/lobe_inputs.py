@@ -6,6 +6,7 @@ import taichi as ti
 from tiscene.device.kernel_types import Template, vec3
 from tiscene.render.bsdfs.material_inputs import lookup_value
 from tiscene.render.bsdfs.sheen_tables import SMALLEST_ROUGHNESS
+from tiscene.render.columns import read3
 from tiscene.scene.material_table import (
     ABSORBS,
     ABSORPTION,
@@ -46,27 +47,22 @@ class LobeInputs:
 
 
 @ti.func
-def _color(values: Template, row: ti.i32, column: Template) -> vec3:
-    return vec3(values[row, column], values[row, column + 1], values[row, column + 2])
-
-
-@ti.func
 def lobe_inputs_at(materials: Template, textures: Template, surface: Template, exact: Template, footprint: Template):
     """Return the LobeInputs of a material with extended lobes; see `filtered_material_at`."""
     values = ti.static(materials.values)
     row = surface.material
     found = LobeInputs(
-        transmission_color=_color(values, row, TINT),
-        sheen_color=_color(values, row, SHEEN),
+        transmission_color=read3(values, row, TINT),
+        sheen_color=read3(values, row, SHEEN),
         sheen_roughness=values[row, SHEEN_ROUGHNESS],
         anisotropy=values[row, ANISOTROPY],
         rotation=values[row, ROTATION],
         specular=values[row, SPECULAR_WEIGHT],
-        specular_tint=_color(values, row, SPECULAR_TINT),
-        coat_color=_color(values, row, COAT_COLOR),
+        specular_tint=read3(values, row, SPECULAR_TINT),
+        coat_color=read3(values, row, COAT_COLOR),
         coat_ior=values[row, COAT_IOR],
         translucency=values[row, TRANSLUCENCY],
-        translucent_color=_color(values, row, TRANSLUCENT_COLOR),
+        translucent_color=read3(values, row, TRANSLUCENT_COLOR),
     )
     first = materials.info[row, FIRST_LOOKUP] + materials.info[row, LOOKUP_COUNT]
     for lookup_row in range(first, first + materials.info[row, EXTENDED_LOOKUP_COUNT]):

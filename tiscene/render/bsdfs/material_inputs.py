@@ -6,6 +6,7 @@ from typing import NamedTuple
 import taichi as ti
 
 from tiscene.device.kernel_types import Floats2, Ints2, Template, vec2, vec3, vec4
+from tiscene.render.columns import read3
 from tiscene.render.sampling.sobol import mix
 from tiscene.render.texture_lookup import lookup, lookup_stochastic, mip_row
 from tiscene.scene.material_table import (
@@ -170,9 +171,9 @@ def filtered_material_at(
     values = ti.static(materials.values)
     row = surface.material
     point = MaterialPoint(
-        diffuse_color=vec3(values[row, DIFFUSE], values[row, DIFFUSE + 1], values[row, DIFFUSE + 2]),
-        emissive_color=vec3(values[row, EMISSIVE], values[row, EMISSIVE + 1], values[row, EMISSIVE + 2]),
-        specular_color=vec3(values[row, SPECULAR], values[row, SPECULAR + 1], values[row, SPECULAR + 2]),
+        diffuse_color=read3(values, row, DIFFUSE),
+        emissive_color=read3(values, row, EMISSIVE),
+        specular_color=read3(values, row, SPECULAR),
         metallic=values[row, METALLIC],
         roughness=values[row, ROUGHNESS],
         clearcoat=values[row, CLEARCOAT],
@@ -257,10 +258,10 @@ def shaded_material_at(
     row = surface.material
     point = MaterialPoint(normal=vec3(0.0, 0.0, 1.0), flags=materials.info[row, FLAGS])
     if point.flags & PLAIN:
-        point.diffuse_color = vec3(values[row, DIFFUSE], values[row, DIFFUSE + 1], values[row, DIFFUSE + 2])
+        point.diffuse_color = read3(values, row, DIFFUSE)
         point.diffuse_color = ti.math.clamp(point.diffuse_color, 0.0, 1.0)
         if point.flags & EMITS:
-            point.emissive_color = vec3(values[row, EMISSIVE], values[row, EMISSIVE + 1], values[row, EMISSIVE + 2])
+            point.emissive_color = read3(values, row, EMISSIVE)
             point.emissive_color = ti.max(point.emissive_color, 0.0)
     else:
         footprint = footprint_at(surface, direction, width, key)

@@ -9,7 +9,8 @@ import numpy as np
 import taichi as ti
 from numpy.typing import NDArray
 
-from tiscene.device.kernel_types import Floats2, Floats3, Ints1, vec3
+from tiscene.device.kernel_types import Floats2, Floats3, Ints1
+from tiscene.render.columns import read3
 from tiscene.render.film.upsample import modulation, read, similarity, upsampled
 
 FloatImage = NDArray[np.float32]
@@ -65,8 +66,8 @@ def _find(
     height, width = known.shape[0], known.shape[1]
     for i in range(pixels.shape[0]):
         y, x = pixels[i] // width, pixels[i] % width
-        n = vec3(normal[i, 0], normal[i, 1], normal[i, 2])
-        white = vec3(albedo[i, 0], albedo[i, 1], albedo[i, 2])
+        n = read3(normal, i, 0)
+        white = read3(albedo, i, 0)
         low_y, low_x = (y + 0.5) * scale - 0.5, (x + 0.5) * scale - 0.5
         sums = REDUCED * upsampled(irradiance, reduced_normal, low_y, low_x, n, white)
         total = REDUCED

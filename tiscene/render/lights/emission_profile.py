@@ -6,6 +6,7 @@ import math
 import taichi as ti
 
 from tiscene.device.kernel_types import Template, vec2, vec3
+from tiscene.render.columns import read3
 from tiscene.render.lights import cylinder
 from tiscene.render.lights.light_kernels import BUILT_IN_KERNELS, LIGHT_KERNELS
 from tiscene.render.lights.light_sample import axis, to_light
@@ -56,7 +57,7 @@ def scale(values: Template, textures: Template, row: ti.i32, point: vec3, direct
         result *= in_cone(values, row, -direction.dot(axis(values, row, 2)))
         focus = values[row, FOCUS]
         if focus > 0.0:
-            tint = vec3(values[row, FOCUS_TINT], values[row, FOCUS_TINT + 1], values[row, FOCUS_TINT + 2])
+            tint = read3(values, row, FOCUS_TINT)
             cosine = ti.min(ti.abs(direction.dot(normal_at(values, row, point, direction))), 1.0)
             result *= tint + (1.0 - tint) * ti.pow(ti.max(cosine, 1e-6), focus)
         profile = ti.cast(values[row, PROFILE], ti.i32)

@@ -6,6 +6,7 @@ from typing import Any, NamedTuple
 import taichi as ti
 
 from tiscene.device.kernel_types import Template, float8, vec3
+from tiscene.render.columns import read3
 from tiscene.scene.lights.light_table import LIT, RADIANCE, TRANSFORM
 from tiscene.scene.lights.light_tree import LANE_BITS, LANES, ROW, ROWS
 
@@ -115,7 +116,7 @@ def header(nodes: Template, column: Template) -> ti.i32:
 @ti.func
 def color(values: Template, row: ti.i32) -> vec3:
     """Return the radiance before any texture; a point's intensity; a parallel distant light's irradiance."""
-    return vec3(values[row, RADIANCE], values[row, RADIANCE + 1], values[row, RADIANCE + 2])
+    return read3(values, row, RADIANCE)
 
 
 @ti.func

@@ -14,8 +14,8 @@ import taichi as ti
 from numpy.typing import NDArray
 
 from tiscene.device.kernel_types import Floats2, Floats3, Template, vec3
+from tiscene.render.columns import read3
 from tiscene.render.film.upsample import read, spline
-from tiscene.render.integrators.path.shading import read3
 
 NEIGHBORHOOD = 2  # radius of the window that a correction is compared with, px
 CELL = 16  # px; an outlier is distributed by the quadratic B-spline over cells of this size

@@ -17,6 +17,7 @@ it: the paths are the same, and a mover that blocks one group's light blocks tha
 import taichi as ti
 
 from tiscene.device.kernel_types import Float8s1, Floats1, Floats2, Ints1, Template, vec3
+from tiscene.render.columns import read3, write3
 from tiscene.render.integrators.path.path_state import (
     DEPTH_MASK,
     DIFFUSE_FRACTION,
@@ -34,7 +35,6 @@ from tiscene.render.integrators.path.path_state import (
     get3,
     set3,
 )
-from tiscene.render.integrators.path.shading import read3, write3
 from tiscene.render.intersect.ray_queue import LINKS, ROW, Hits, Pixels, Rays, ray_direction, ray_origin
 from tiscene.render.lights.intersect import nearest_light
 from tiscene.render.lights.light_sample import LightTables

@@ -10,6 +10,7 @@ import taichi as ti
 
 from tiscene.device.kernel_types import Floats2, Floats3, Ints1, Ints2, Template, vec3
 from tiscene.device.prefix_sums import exclusive_scan
+from tiscene.render.columns import read3, write3
 from tiscene.render.integrators.incremental.mover_coverage import SUBPIXELS
 from tiscene.render.integrators.incremental.path_recording import (
     R_DIFFUSE,
@@ -41,7 +42,6 @@ from tiscene.render.integrators.path.path_state import (
     get3,
     set3,
 )
-from tiscene.render.integrators.path.shading import read3, write3
 from tiscene.render.intersect.ray_queue import LINKS, ROW, Pixels, Rays, ray_direction, ray_origin, write_ray
 
 STRIDES = 16  # restarted paths are queued in this many passes over the image, which balances the threads

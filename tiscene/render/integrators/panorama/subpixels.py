@@ -13,6 +13,7 @@ import taichi as ti
 from numpy.typing import NDArray
 
 from tiscene.device.kernel_types import Floats2, Floats3, Ints1, Ints2, Template, vec3
+from tiscene.render.columns import read3
 from tiscene.render.film.james_stein import james_stein
 from tiscene.render.film.upsample import ALBEDO_OFFSET
 from tiscene.render.integrators.panorama.reprojection_kernels import (
@@ -26,7 +27,6 @@ from tiscene.render.integrators.panorama.reprojection_kernels import (
 from tiscene.render.integrators.path.path_pass import PathPass
 from tiscene.render.integrators.path.path_scene import PathScene
 from tiscene.render.integrators.path.path_state import PathState
-from tiscene.render.integrators.path.shading import read3
 from tiscene.render.intersect.ray_queue import ROW, Pixels, Rays, write_ray
 from tiscene.render.view import View, camera_ray
 from tiscene.scene.placement import CURRENT

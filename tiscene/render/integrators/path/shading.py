@@ -16,6 +16,7 @@ from tiscene.render.bsdfs import extended_surface_bsdf as extended_bsdf
 from tiscene.render.bsdfs import preview_surface_bsdf as bsdf
 from tiscene.render.bsdfs.lobe_inputs import transmittance
 from tiscene.render.bsdfs.material_inputs import Materials, is_mirror_like, shaded_material_at, shading_normal
+from tiscene.render.columns import write3
 from tiscene.render.integrators.path.direct_light import direct_light, shadow_ray
 from tiscene.render.integrators.path.frame_stack import instance_in_frame, key_of
 from tiscene.render.integrators.path.path_state import (
@@ -77,19 +78,6 @@ RUSSIAN_ROULETTE_DEPTH = 2
 # Ray-cone spread after scattering with a density of 1/sr: neighboring paths diverge, so textures are filtered more.
 SCATTERED_SPREAD = 0.25
 MAX_SURVIVAL = 0.95
-
-
-@ti.func
-def write3(array: Template, row: ti.i32, column: ti.i32, v: vec3):
-    """Write a vector to three columns of a row."""
-    for c in ti.static(range(3)):
-        array[row, column + c] = v[c]
-
-
-@ti.func
-def read3(array: Template, row: ti.i32, column: ti.i32) -> vec3:
-    """Read three columns of a row."""
-    return vec3(array[row, column], array[row, column + 1], array[row, column + 2])
 
 
 @ti.func
