@@ -13,7 +13,7 @@ import pytest
 from tests.render.incremental_scenes import BALLS, BLUE, LAMP, QUALITY, SIZE, MovingBalls, stacked
 from tests.render.path_scenes import CORNELL, WHITE, ball, box, described, matte
 from tiscene.files import cache_folder
-from tiscene.render.integrators.incremental.base_image_cache import BaseImageCache, content_digest
+from tiscene.render.integrators.incremental.base_image_cache import BaseImageCache, _program_digest, content_digest
 from tiscene.render.integrators.incremental.incremental_pass import IncrementalPass
 from tiscene.render.integrators.path.path_pass import PathPass
 from tiscene.scene.description import SceneDescription, Texture, TextureLookup
@@ -104,6 +104,16 @@ def test_key_depends_on_everything_visible() -> None:
     scene.device.add(described([ball((0, 0, 0), 1.0)], [matte("white", WHITE)]))  # a template that is not placed
     assert key_of(scene) == key
     assert len({key, *different.values()}) == 1 + len(different), different
+
+
+def test_key_depends_on_version_of_taichi(monkeypatch: pytest.MonkeyPatch) -> None:
+    scene, keys = MovingBalls(), set()
+    for version in ((1, 7, 4), (1, 7, 5)):
+        monkeypatch.setattr("taichi.__version__", version)
+        _program_digest.cache_clear()
+        keys.add(key_of(scene))
+    _program_digest.cache_clear()
+    assert len(keys) == 2
 
 
 def test_key_depends_on_textures_and_materials() -> None:

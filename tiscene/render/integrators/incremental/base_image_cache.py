@@ -15,6 +15,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import taichi as ti
 from numpy.typing import NDArray
 
 from dynamics.weak_cache import weakly_cached
@@ -114,7 +115,8 @@ def _add(digest: Any, value: Any) -> None:
 @cache
 def _program_digest() -> bytes:
     """Return a digest of the rendering code and of the platform."""
-    digest = hashlib.sha256(f"{runtime.running()} {platform.machine()} {np.__version__}".encode())
+    versions = ti.__version__, np.__version__
+    digest = hashlib.sha256(f"{runtime.running()} {platform.machine()} {versions}".encode())
     root = Path(__file__).parents[3]  # tiscene
     for path in sorted([*root.glob("render/**/*.py"), *root.glob("scene/**/*.py")]):
         digest.update(path.read_bytes())
