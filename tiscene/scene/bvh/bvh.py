@@ -64,7 +64,7 @@ class Bvh:
         self._used_nodes = 2  # the empty node and the guard node
         self._arrays = TreeArrays(self.layout, self._used_nodes, 1)
         if self.layout is BVH8:
-            self._write_nodes(self._used_nodes, EMPTY_NODE, 0, layout_kernels.INSTANCE_LEAF)
+            self._write_nodes(self._used_nodes, EMPTY_NODE)
             layout_kernels.write_guard(self._arrays.nodes)
         else:
             write_rows(self._arrays.nodes, EMPTY_NODE, empty_nodes(self._used_nodes))
@@ -191,16 +191,15 @@ class Bvh:
         meshes = np.flatnonzero(counts)
         ends = np.cumsum(counts[meshes])
         starts = ends - counts[meshes]
-        kind = self.layout.leaf_kind
-        found = self._build(boxes, solid, starts, kind)
+        found = self._build(boxes, solid, starts)
         if found is None:  # one of them is too deep for the stack
             if len(sizes) == 1:
                 raise self._too_many(len(solid), "triangles in one mesh")
             firsts = (first_triangle + np.cumsum(sizes) - sizes).tolist()
             return [self.add_mesh(*each) for each in zip(positions, triangles, firsts, strict=True)]
-        nodes, leaf_blocks = int(found[-1, 0]), int(found[-1, 1]) if kind == layout_kernels.BLOCK_LEAF else len(solid)
+        nodes, leaf_blocks, _ = found[-1].tolist()
         first, first_block = self._rows_for(nodes, leaf_blocks, room)
-        self._write_nodes(nodes, first, first_block, kind)
+        self._write_nodes(nodes, first, first_block)
         source = points, faces, self._work.order
         target = self.leaf_blocks, first_block, first_triangle
         if self.layout is BVH8:
@@ -209,8 +208,7 @@ class Bvh:
             layout_kernels.write_triangles(*source, leaf_blocks, *target)
         if self._work.capacity > MAX_KEPT_CAPACITY:
             self._work = Workspace()
-        node_ends = first + found[:, 0]
-        block_ends = first_block + (found[:, 1] if kind == layout_kernels.BLOCK_LEAF else ends)
+        node_ends, block_ends = first + found[:, 0], first_block + found[:, 1]
         rows = np.stack([[first, *node_ends[:-1]], node_ends, [first_block, *block_ends[:-1]], block_ends], axis=1)
         bounds = np.minimum.reduceat(boxes[:, :3], starts), np.maximum.reduceat(boxes[:, 3:], starts)
         for mesh, row, box in zip(meshes.tolist(), rows.tolist(), np.stack(bounds, axis=1), strict=True):
@@ -306,7 +304,7 @@ class Bvh:
             self._unwritten[first] = widened(boxes), rows
         elif first not in self._cached:
             nodes = self._build_instances(boxes, rows)
-            self._write_nodes(nodes, first // self.layout.unit, 0, layout_kernels.INSTANCE_LEAF)
+            self._write_nodes(nodes, first // self.layout.unit)
         self._cached[first] = self._cached.pop(first, (boxes, rows))  # the least recently used comes first
         self._roots[time] = first  # last: an exception before leaves the time unplaced
 
@@ -344,11 +342,11 @@ class Bvh:
             values, numbers = median_trees(widened(boxes), rows, np.zeros(1, np.int64), np.array([first]))
             layout_kernels.write_rows(numbers.astype(np.int32), values.view(np.int32), self._arrays.nodes)
         else:
-            self._write_nodes(nodes, first, 0, layout_kernels.INSTANCE_LEAF)
+            self._write_nodes(nodes, first)
         return first * self.layout.unit
 
     def _build(
-        self, boxes: Boxes, order: NDArray[np.int32], starts: NDArray[np.int64], leaf_kind: int
+        self, boxes: Boxes, order: NDArray[np.int32], starts: NDArray[np.int64], *, of_instances: bool = False
     ) -> NDArray[np.int32] | None:
         """Build trees in the workspace, each over the boxes from one of `starts` to the next.
 
@@ -357,20 +355,20 @@ class Bvh:
             more stack than there is.
         """
         leaf_size, block, budget = LEAF_SIZE, self.layout.block, self.layout.blas_stack
-        if leaf_kind == layout_kernels.INSTANCE_LEAF:
+        if of_instances:
             leaf_size, block, budget = 1, 1, self.layout.tlas_stack
         ends = np.append(starts[1:], len(order))
         tasks = np.stack([2 * starts, starts, ends, np.zeros_like(starts)], axis=1).astype(np.int32)
         for sah_depth in SAH_DEPTHS if len(starts) == 1 else SAH_DEPTHS[:1]:
             self._work.grow(boxes, order, tasks, sah_depth, self.layout, leaf_size, block)
-            found = self._work.collapse(starts, self.layout, leaf_kind, by_count=sah_depth == 0)
+            found = self._work.collapse(starts, self.layout, of_instances=of_instances, by_count=sah_depth == 0)
             if found[:, 2].max() <= budget:
                 return found
         return None
 
     def _build_instances(self, boxes: NDArray[np.float64], rows: NDArray[np.int32]) -> int:
         """Build a tree over instances in the workspace; return its number of nodes."""
-        found = self._build(widened(boxes), rows, np.zeros(1, np.int64), layout_kernels.INSTANCE_LEAF)
+        found = self._build(widened(boxes), rows, np.zeros(1, np.int64), of_instances=True)
         if found is None:
             raise self._too_many(len(rows), "instances")
         return int(found[0, 0])
@@ -378,15 +376,16 @@ class Bvh:
     def _too_many(self, count: int, what: str) -> ArgumentError:
         return ArgumentError(f"{count} {what} are more than the {self.layout.name} traversal supports")
 
-    def _write_nodes(self, count: int, first: int, first_block: int, leaf_kind: int) -> None:
+    def _write_nodes(self, count: int, first: int, first_block: int | None = None) -> None:
+        """Write the nodes in the workspace. first_block: of the leaves' blocks; None: leaves are instances."""
         work = self._work
         if self.layout is BVH8:
-            rows = self.layout.block_rows if leaf_kind == layout_kernels.BLOCK_LEAF else 1
+            rows = 1 if first_block is None else self.layout.block_rows
             layout_kernels.write_bvh8_nodes(
-                work.node_box, work.node_link, work.children, count, self._arrays.nodes, first, first_block, rows
+                work.node_box, work.node_link, work.children, count, self._arrays.nodes, first, first_block or 0, rows
             )
         else:
-            write_rows(self._arrays.nodes, first, placed_nodes(work.nodes, first, first_block))
+            write_rows(self._arrays.nodes, first, placed_nodes(work.nodes, first, first_block or 0))
 
     def _reserve(self, nodes: int, leaf_blocks: int) -> None:
         """Make room for more BLAS nodes and leaf blocks. The TLAS regions are at the end of the nodes."""

@@ -6,9 +6,6 @@ import taichi as ti
 from tiscene.device.kernel_types import Float4s1, Float8s1, Floats2, Ints1, Ints2, Template
 from tiscene.scene.bvh.build_kernels import FAR, box_of, half_area
 
-# Kinds of leaves: the name of one instance; one leaf block with all triangles; a row for each triangle.
-INSTANCE_LEAF, BLOCK_LEAF, ROW_LEAF = 0, 1, 2
-
 BLOCK_ROWS = 10  # of a leaf block, see `write_leaf_blocks`
 
 # Of the layout "bvh8": an empty node whose first two references mark the end of an instance and of a ray
@@ -27,7 +24,7 @@ def collapse(
     stack: Ints2,
     roots: Ints2,
     found: Ints2,
-    leaf_kind: ti.i32,
+    of_instances: ti.i32,
     by_count: ti.i32,
 ):
     """Merge the binary nodes of trees into nodes of up to 8 children, numbered depth first, tree after tree.
@@ -38,13 +35,13 @@ def collapse(
         order: Primitives in the order of the leaves.
         node_box: Boxes of the binary nodes, by slot.
         node_link: Links of the binary nodes, by slot (`build_kernels.grow`). Column 2 of an inner slot becomes its
-            merged node, column 1 of a leaf what `leaf_kind` says.
+            merged node, column 1 of a leaf its instance or leaf block.
         children: Receives the slots of each node's children, -1 for none.
         stack: Scratch.
         roots: Column 0 holds the slot of each tree's root.
         found: Receives, for each tree, the numbers of nodes and leaf blocks up to it, and the most entries that its
             traversal can have on the stack.
-        leaf_kind: INSTANCE_LEAF or BLOCK_LEAF.
+        of_instances: 1: a leaf is one instance; 0: a leaf block with all of its triangles.
         by_count: 1: the child with the most primitives is opened first.
     """
     ti.loop_config(serialize=True)
@@ -96,7 +93,7 @@ def collapse(
                         stack[pending, 0] = s
                         stack[pending, 1] = stacked
                         pending += 1
-                    elif leaf_kind == INSTANCE_LEAF:
+                    elif of_instances > 0:
                         node_link[s, 1] = order[node_link[s, 2]]
                     else:
                         node_link[s, 1] = leaf_blocks

@@ -24,7 +24,6 @@ class Layout:
         unit: Rows of a node; a reference is the node's number times this.
         block: Triangles that are tested at once.
         block_rows: Rows of the triangles of a leaf block.
-        leaf_kind: BLOCK_LEAF or ROW_LEAF of `layout_kernels`.
         node_cost: Cost of visiting a node, in units of testing one block.
         blas_stack: Stack entries that a traversal of a BLAS may need.
         tlas_stack: Stack entries that a traversal of a TLAS may need.
@@ -34,14 +33,13 @@ class Layout:
     unit: int
     block: int
     block_rows: int
-    leaf_kind: int
     node_cost: float
     blas_stack: int
     tlas_stack: int
 
 
-BVH8 = Layout("bvh8", 8, 4, layout_kernels.BLOCK_ROWS, layout_kernels.BLOCK_LEAF, 0.5, 56, 56)
-BVH2 = Layout("bvh2", 1, 1, 1, layout_kernels.ROW_LEAF, 1.0, 48, 24)
+BVH8 = Layout("bvh8", 8, 4, layout_kernels.BLOCK_ROWS, 0.5, 56, 56)
+BVH2 = Layout("bvh2", 1, 1, 1, 1.0, 48, 24)
 LAYOUTS = {layout.name: layout for layout in (BVH8, BVH2)}
 MAX_KEPT_CAPACITY = 1 << 18  # primitives; a larger workspace is freed after the build
 SERIAL_BUILD = 4096  # primitives up to which one thread builds the whole tree
@@ -100,7 +98,9 @@ class Workspace:
         if subtrees:
             run(1, subtrees, 0)
 
-    def collapse(self, starts: NDArray[np.int64], layout: Layout, leaf_kind: int, by_count: bool) -> NDArray[np.int32]:
+    def collapse(
+        self, starts: NDArray[np.int64], layout: Layout, *, of_instances: bool, by_count: bool
+    ) -> NDArray[np.int32]:
         """Merge and number the nodes of trees over the primitives from one of `starts` to the next.
 
         Returns:
@@ -113,7 +113,7 @@ class Workspace:
             return found
         found = np.zeros((len(starts), 3), np.int32)
         arrays = (self.order, self.node_box, self.node_link, self.children, self.stack, self.tasks, found)
-        layout_kernels.collapse(*arrays, leaf_kind, int(by_count))
+        layout_kernels.collapse(*arrays, int(of_instances), int(by_count))
         return found
 
 
