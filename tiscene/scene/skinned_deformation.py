@@ -8,7 +8,6 @@ animation consists of, not its vertices at all samples, and meshes of one skelet
 from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -61,7 +60,7 @@ class BlendShapes:
             return points
         moved = weights[used, None].astype(np.float64) * self.offset[used]
         at = self.point[used]
-        return points + np.stack([np.bincount(at, each, minlength=len(points)) for each in moved.T], axis=-1)
+        return points + _sums(moved, at, len(points))
 
 
 @dataclass(frozen=True, eq=False)
@@ -216,8 +215,7 @@ class SmoothNormals:
         facing = np.add.reduceat(np.cross(corners, corners[following]), self.starts, axis=0)
         every: Floats = np.repeat(-facing if self.inwards else facing, counts, axis=0)
         size = int(self.groups.max(initial=-1)) + 1
-        total: Any = np.stack([np.bincount(self.groups, each, minlength=size) for each in every.T], axis=-1)
-        result: Floats = total[self.vertex_groups]
+        result: Floats = _sums(every, self.groups, size)[self.vertex_groups]
         return result
 
 
@@ -317,13 +315,17 @@ def unit_vectors(
     if bad.any():
         a, b, c = (positions[triangles[:, corner]].astype(np.float64) for corner in range(3))
         facing = np.repeat(np.cross(b - a, c - a), 3, axis=0)
-        at = triangles.reshape(-1)
-        total = np.stack([np.bincount(at, each, minlength=len(positions)) for each in facing.T], axis=-1)[bad]
+        total = _sums(facing, triangles.reshape(-1), len(positions))[bad]
         size = np.linalg.norm(total, axis=-1)
         total[size <= 0.0], size[size <= 0.0] = (0.0, 0.0, 1.0), 1.0
         result[bad] = total / size[:, None]
     single: NDArray[np.float32] = result.astype(np.float32)
     return single
+
+
+def _sums(vectors: Floats, at: NDArray[np.integer], count: int) -> Floats:
+    """Return the sums [count, 3] of the vectors [n, 3] that belong to each of some places."""
+    return np.stack([np.bincount(at, each, minlength=count) for each in vectors.T], axis=-1)
 
 
 def _joined(a: Floats, b: Floats) -> Floats:
