@@ -14,6 +14,7 @@ from dynamics.surface_overlap import boxes_touch, shrunk, surfaces_cross, windin
 from dynamics.weak_cache import weakly_cached
 from tiscene.scenario.edits import EditLog
 from tiscene.scenario.objects import Object
+from tiscene.scene.affine_maps import transformed_boxes
 from tiscene.scene.description import Instance, SceneDescription
 from tiscene.world.trajectories import Collision, Trajectories
 
@@ -68,7 +69,8 @@ class OverlapDetector:
         if not placed:
             return []
         poses = self._trajectories.poses(frame, rows)
-        boxes = np.stack([_box_at(self._own_box(row), pose) for row, pose in zip(rows, poses, strict=True)])
+        own = np.stack([self._own_box(row) for row in rows])
+        boxes = _boxes_at(own, np.concatenate([matrix_from_quaternion(poses[:, 3:]), poses[:, :3, None]], axis=2))
         on_stage = self._instances_at(frame)
         found = []
 
@@ -105,10 +107,7 @@ class OverlapDetector:
         if not instances:
             return instances, present, np.empty((0, 2, 3))
         matrices = np.array([each.world_from_object[:3] for each in instances], np.float64)
-        local = _mesh_boxes(self._stage)[[each.mesh for each in instances]]
-        centers = np.einsum("ijk,ik->ij", matrices[:, :, :3], local.mean(axis=1)) + matrices[:, :, 3]
-        halves = np.einsum("ijk,ik->ij", np.abs(matrices[:, :, :3]), 0.5 * (local[:, 1] - local[:, 0]))
-        return instances, present, np.stack([centers - halves, centers + halves], axis=1)
+        return instances, present, _boxes_at(_mesh_boxes(self._stage)[[each.mesh for each in instances]], matrices)
 
     def _on_stage(
         self, row: int, surface: Array, instances: Sequence[Instance], present: Sequence[bool], boxes: Array
@@ -197,10 +196,6 @@ def _mesh_boxes(stage: SceneDescription) -> Array:
     return boxes
 
 
-def _box_at(box: Array, pose: Array) -> Array:
-    """Return lowest and highest corner [2, 3] of the box around a box at a pose [7]."""
-    low, high = box
-    axes = matrix_from_quaternion(pose[3:])
-    center = axes @ (0.5 * (low + high)) + pose[:3]
-    half = np.abs(axes) @ (0.5 * (high - low))
-    return np.stack([center - half, center + half])
+def _boxes_at(boxes: Array, matrices: Array) -> Array:
+    """Return the boxes [n, 2, 3] around boxes [n, 2, 3] transformed by affine maps [n, 3, 4]."""
+    return transformed_boxes(boxes[None], matrices[None])[0].reshape(-1, 2, 3)
