@@ -97,7 +97,7 @@ class WorldLights:
 
     def __init__(self, stage: SceneDescription, motions: Sequence[LightMotion]) -> None:
         self.stage = stage
-        self.motions = [_row(stage, motion.light) for motion in motions]
+        self.motions = [light_row(stage, motion.light) for motion in motions]
         for number, row in enumerate(self.motions):
             if row in self.motions[:number]:
                 path = stage.lights[row].prim_path
@@ -246,7 +246,8 @@ def _equal(a: tuple[int, Light], b: tuple[int, Light]) -> bool:
     return same and all(np.array_equal(getattr(a[1], name), getattr(b[1], name)) for name in names)
 
 
-def _row(stage: SceneDescription, name: str) -> int:
+def light_row(stage: SceneDescription, name: str) -> int:
+    """Return the row of a stage's light by its path or name. Raises LightNotFound."""
     for row, light in enumerate(stage.lights):
         if name in (light.prim_path, light.name):
             return row

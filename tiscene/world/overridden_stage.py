@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynamics.rotation import matrix_from_quaternion, quaternion
-from tiscene.errors import LightNotFound, MaterialNotFound, ObjectNotFound, ScenarioError, StageWarning
+from tiscene.errors import MaterialNotFound, ObjectNotFound, ScenarioError, StageWarning
 from tiscene.scenario.overrides import CameraOverride, LightOverride, MaterialOverride, ObjectOverride, Override
 from tiscene.scene.animation import ColorTrack
 from tiscene.scene.assembly import object_matrices, rigid
@@ -21,6 +21,7 @@ from tiscene.scene.camera import Camera
 from tiscene.scene.description import Instance, Light, Material, SceneDescription, TextureLookup
 from tiscene.scene.input_track import InputTrack
 from tiscene.scene.lights.light_groups import emission_of, with_emission
+from tiscene.world.lights import light_row
 
 Array = NDArray[np.float64]
 
@@ -54,10 +55,7 @@ def overridden(stage: SceneDescription, overrides: Sequence[Override]) -> SceneD
     changed: dict[tuple[type, str], str] = {}
     for each in overrides:
         if isinstance(each, LightOverride):
-            row = _row(stage.lights, each.prim)
-            if row is None:
-                paths = [light.prim_path for light in stage.lights]
-                raise LightNotFound("light", each.prim, paths, f" in scene {stage.name!r}")
+            row = light_row(stage, each.prim)
             _only(each, stage.lights[row].prim_path, changed)
             lights[row] = _lit(lights[row], each, np.asarray(stage.up))
         elif isinstance(each, CameraOverride):
@@ -221,7 +219,6 @@ def _arranged(
     if override.rotation is not None:
         pose[:3, :3] = matrix_from_quaternion(quaternion(override.rotation))
     by = np.einsum("ij,jk->ik", pose, np.linalg.inv(start))
-
     placed = replace(stage.objects[number], world_from_object=np.einsum("ij,jk->ik", by, authored))
 
     def moved(each: AnyInstance) -> AnyInstance:

@@ -294,7 +294,7 @@ class World(WholeChanges, ObjectEdits):
     def planned_start(self) -> tuple[Placement, CameraStep]:
         """Return frame 0 and its main camera as if no edit had placed the camera, nor `set_light` replaced a light."""
         authored = replace(self._parts.evaluator, lights=WorldLights(self.stage, self._scenario.lights))
-        return authored.place(0), self._parts.cameras.planned(0, 0)
+        return authored.place(0), self._parts.cameras.planned_start()
 
     @one_at_a_time
     def set_light(self, row: int, light: Light) -> None:

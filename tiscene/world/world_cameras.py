@@ -94,9 +94,9 @@ class WorldCameras:
         """Return a camera at frames k - 1, k and k + 1; the last one as planned at k."""
         return CameraStep(*(self.at(frame + step, row, frame) for step in (-1, 0, 1)))
 
-    def planned(self, frame: int, row: int) -> CameraStep:
-        """Return the same without edits."""
-        return CameraStep(*(self.at(frame + step, row, AS_PLANNED) for step in (-1, 0, 1)))
+    def planned_start(self) -> CameraStep:
+        """Return the main camera at frames -1, 0 and 1, without edits."""
+        return CameraStep(*(self.at(frame, 0, AS_PLANNED) for frame in (-1, 0, 1)))
 
     def between(self, frame: int, shift: Fraction) -> tuple[Camera, ...]:
         """Return all cameras at a time within the shutter interval of a frame.
