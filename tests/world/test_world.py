@@ -304,6 +304,25 @@ def test_moved_thing_with_an_animation_goes_on_from_its_new_place():
     np.testing.assert_allclose(made.state(5).objects[0].velocity, (3, 2, -1), atol=1e-12)
 
 
+def test_thing_that_its_animation_hides_may_be_moved():
+    matrices = np.tile(np.eye(4)[:3], (3, 1, 1, 1))
+    track = InstanceTrack(np.array([0], np.int32), np.arange(3) * 0.5, matrices, np.array([[True], [False], [True]]))
+    instances, objects = (Instance(0, 0, np.eye(4)),), (SceneObject("Lift", "/Lift"),)
+    stage = SceneDescription(
+        "room", (UNIT_CUBE,), instances=instances, objects=objects, tracks=(track,), object_tracks=(track,)
+    )
+    made = world(stage=stage)
+    made.next_frame = 6
+    made.move("/Lift", (0, 1, 0))
+    assert made.state(6).objects == ()
+    made.next_frame = 7
+    made.move("/Lift", (0, 2, 0), (0, 90, 0))
+    made.next_frame = 8
+    made.move("/Lift", (0, 3, 0))
+    (shown,) = made.state(10).objects
+    np.testing.assert_allclose((*shown.position, *shown.rotation), (0, 3, 0, np.sqrt(0.5), 0, np.sqrt(0.5), 0))
+
+
 def test_which_camera():
     assert world(camera="Window").camera is STAGE.cameras[1]
     blind = SceneDescription("room", (UNIT_CUBE,), instances=(Instance(0, 0, np.eye(4)),), objects=STAGE.objects[:1])

@@ -136,8 +136,7 @@ class ObjectEdits(CameraEdits):
         if rotation is None:
             row = parts.log.row(name)
             if row is None:
-                on_stage = parts.stage_objects.rows(self.next_frame)
-                rotation = next(each.rotation for each in on_stage if each.prim_path == name)
+                rotation = parts.stage_objects.rotation(name, self.next_frame)
             elif (last := parts.log.histories[row].move(self.next_frame)) and last.frame == self.next_frame:
                 rotation = last.rotation
             else:

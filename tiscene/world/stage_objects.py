@@ -148,6 +148,18 @@ class StageObjects:
                 rows[number] = self._moved(number, row, move, frame)
         return [row for row in rows if row is not None]
 
+    def rotation(self, path: str, frame: int) -> tuple[float, ...]:
+        """Return the rotation of an object at a frame; where it is hidden, that of its last move, or as authored.
+
+        Args:
+            path: its prim path.
+            frame: the frame.
+        """
+        number = self._numbers[path]
+        move = self.histories[number].move(frame, as_of=frame) if number in self.histories else None
+        hidden = self._rows[number].rotation if move is None else move.rotation
+        return next((each.rotation for each in self.rows(frame) if each.prim_path == path), hidden)
+
     def _moved(self, number: int, row: ObjectState, move: Move, frame: int) -> ObjectState:
         """Return an object that an edit has moved, given where it is without edits."""
         by = self.moved_by(number, frame, frame)
