@@ -6,11 +6,12 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+_SINGULAR = 1e-14  # determinant over the cube of the largest entry, up to which it is a rounding error
 _CORNERS = np.array([[x, y, z] for x in (0, 1) for y in (0, 1) for z in (0, 1)])
 
 
 def inverted(matrices: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Return inverses of affine maps [..., 3, 4], zeros for singular ones, and determinants [...]."""
+    """Return inverses of affine maps [..., 3, 4] and determinants [...]; zeros for those that are nearly singular."""
     rows = np.moveaxis(matrices, (-2, -1), (0, 1))
     (a, b, c, x), (d, e, f, y), (g, h, i, z) = rows
     cofactors = np.array(
@@ -24,8 +25,9 @@ def inverted(matrices: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArra
     with np.errstate(divide="ignore", over="ignore", invalid="ignore"):
         inverse = cofactors / determinant
         offset = -(inverse[:, 0] * x + inverse[:, 1] * y + inverse[:, 2] * z)
+        usable = np.abs(determinant) > _SINGULAR * np.abs(matrices[..., :3]).max(axis=(-2, -1)) ** 3
     result = np.moveaxis(np.concatenate([inverse, offset[:, None]], axis=1), (0, 1), (-2, -1))
-    usable = np.isfinite(result).all(axis=(-2, -1))
+    usable &= np.isfinite(result).all(axis=(-2, -1))
     return np.where(usable[..., None, None], result, 0.0), np.where(usable, determinant, 0.0)
 
 

@@ -14,7 +14,7 @@ from dynamics.surface_overlap import boxes_touch, shrunk, surfaces_cross, windin
 from dynamics.weak_cache import weakly_cached
 from tiscene.scenario.edits import EditLog
 from tiscene.scenario.objects import Object
-from tiscene.scene.affine_maps import transformed_boxes
+from tiscene.scene.affine_maps import inverted, transformed_boxes
 from tiscene.scene.description import Instance, SceneDescription
 from tiscene.world.trajectories import Collision, Trajectories
 
@@ -132,7 +132,7 @@ class OverlapDetector:
     def _overlaps(self, surface: Array, instance: Instance) -> bool:
         mesh, matrix = self._stage.meshes[instance.mesh], np.asarray(instance.world_from_object, np.float64)
         triangles = mesh.triangles
-        if abs(np.linalg.det(matrix[:3, :3])) < 1e-18:
+        if abs(inverted(matrix[:3])[1]) < 1e-18:
             return False
         corners = _mapped(mesh.positions[triangles[_near(mesh.positions, triangles, matrix, surface)]], matrix)
         if surfaces_cross(surface, corners):

@@ -32,6 +32,7 @@ from tiscene.render.lights.importance import EntryWeights, weigh_entries
 from tiscene.render.lights.light_sample import lights_of
 from tiscene.render.lights.light_sampler import choose_light
 from tiscene.render.texture_lookup import Textures
+from tiscene.scene.bvh.obstacle_tree import ObstacleTree
 from tiscene.scene.camera import Camera
 from tiscene.scene.description import Instance, Material, Mesh, SceneDescription, Texture, TextureLookup
 from tiscene.scene.device_scene import DeviceScene
@@ -259,6 +260,19 @@ def test_directions_to_a_mesh_follow_density(matrix: np.ndarray) -> None:
 
     low, high = points.min(axis=0) - 0.01, points.max(axis=0) + 0.01
     assert chi_square(points, projected, tuple(low), tuple(high), (8, 8), 48) > MIN_P_VALUE
+
+
+def test_lamp_that_is_flat_but_for_rounding_errors_is_left_out() -> None:
+    """The cofactors of its matrix give a determinant of 9e-16, and LAPACK finds the matrix singular."""
+    flat = np.eye(4)
+    flat[:2, :2] = (1.5, 4.35), (1.8, 5.22)
+    floor, lamp = quad((-1, 0, 1), (1, 0, 1), (1, 0, -1), (-1, 0, -1)), ball((0.0, 0.0, 0.0), 0.1, 1, 2)
+    materials = [matte("white", WHITE), matte("lamp", (0.0, 0.0, 0.0), emissive_color=EMISSION)]
+    description = described([floor, lamp], materials)
+    instances = description.instances[0], Instance(1, 1, flat)
+    scene = device_scene(replace(description, instances=instances))
+    assert scene.lights.arrays(scene.textures).values.shape[0] == 1, "no row is left, and arrays have at least one"
+    assert ObstacleTree(scene.trees, instances).rows.tolist() == [0]
 
 
 def test_light_table_does_not_depend_on_triangles_of_other_meshes() -> None:

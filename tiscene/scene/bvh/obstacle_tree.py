@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tiscene.device import runtime
-from tiscene.scene.affine_maps import transformed_boxes
+from tiscene.scene.affine_maps import inverted, transformed_boxes
 from tiscene.scene.bvh.blas import Blas, TreeRoom
 from tiscene.scene.bvh.bvh import Bvh
 from tiscene.scene.bvh.bvh_copy import BvhCopy
@@ -99,7 +99,7 @@ class ObstacleTree:
         blas = [trees.blas[each.mesh] for each in instances]
         solid = np.array([each.collides and not tree.empty for each, tree in zip(instances, blas, strict=True)], bool)
         matrices = np.array([each.world_from_object[:3] for each in instances], np.float64).reshape(-1, 3, 4)
-        self.rows: NDArray[np.int64] = np.flatnonzero(solid & (np.abs(np.linalg.det(matrices[:, :, :3])) >= 1e-18))
+        self.rows: NDArray[np.int64] = np.flatnonzero(solid & (np.abs(inverted(matrices)[1]) >= 1e-18))
         self.roots: NDArray[np.int32] = np.array([blas[row].root for row in self.rows], np.int32)
         self.matrices = matrices[self.rows]
         own = np.array([blas[row].box for row in self.rows]).reshape(-1, 2, 3)
