@@ -198,4 +198,5 @@ def _mesh_boxes(stage: SceneDescription) -> Array:
 
 def _boxes_at(boxes: Array, matrices: Array) -> Array:
     """Return the boxes [n, 2, 3] around boxes [n, 2, 3] transformed by affine maps [n, 3, 4]."""
-    return transformed_boxes(boxes[None], matrices[None])[0].reshape(-1, 2, 3)
+    found: Array = transformed_boxes(boxes[None], matrices[None])[0].reshape(-1, 2, 3)
+    return found
