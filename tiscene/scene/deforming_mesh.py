@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from tiscene.scene.animation import Deformation, between
 from tiscene.scene.bvh import refit_kernels
 from tiscene.scene.bvh.blas import Blas
+from tiscene.scene.bvh.build_kernels import MARGIN
 from tiscene.scene.bvh.bvh import Bvh
 from tiscene.scene.description import Mesh
 from tiscene.scene.placement import CURRENT, NEXT, PREVIOUS
@@ -77,5 +78,5 @@ class DeformingMesh:
 def box_of(positions: NDArray[np.float32]) -> NDArray[np.float64]:
     """Return the lowest and highest corner [2, 3] of points, with a margin for rounding errors."""
     low, high = positions.min(axis=0).astype(np.float64), positions.max(axis=0).astype(np.float64)
-    margin = max(4e-7 * float(np.abs([low, high]).max()), 1e-12)
+    margin = max(MARGIN * float(np.abs([low, high]).max()), 1e-12)
     return np.stack([low - margin, high + margin])

@@ -14,6 +14,7 @@ from tiscene.device.kernel_types import Floats2, Ints1, Ints2, Template
 BINS = 16
 STACK = 72  # a tree is at most as deep as `sah_depth` of `grow`, 40 at most, plus log2(primitives)
 FAR = 1e30  # an empty box is [FAR, -FAR]
+MARGIN = 4e-7  # by which boxes are enlarged against rounding errors, of their largest coordinate
 
 
 @ti.func

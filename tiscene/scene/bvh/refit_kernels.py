@@ -8,10 +8,8 @@ numbers than parents (`layout_kernels`); those of the layout "bvh2", for GPUs, l
 import taichi as ti
 
 from tiscene.device.kernel_types import Float4s1, Float8s1, Floats2, Ints1, Ints2
-from tiscene.scene.bvh.build_kernels import FAR
+from tiscene.scene.bvh.build_kernels import FAR, MARGIN
 from tiscene.scene.bvh.layout_kernels import BLOCK_ROWS
-
-_MARGIN = 4e-7  # of a box's largest coordinate, as in `bvh`
 
 
 @ti.kernel
@@ -78,7 +76,7 @@ def refit_bvh8(nodes: Float8s1, first: ti.i32, count: ti.i32, leaf_blocks: Float
                                 value = leaf_blocks[block + 3 * corner + c][lane]
                                 low[c] = ti.min(low[c], value)
                                 high[c] = ti.max(high[c], value)
-                    margin = ti.max(_MARGIN * ti.max(ti.abs(low), ti.abs(high)).max(), 1e-12)
+                    margin = ti.max(MARGIN * ti.max(ti.abs(low), ti.abs(high)).max(), 1e-12)
                     low -= margin
                     high += margin
                 for c in ti.static(range(3)):
@@ -118,7 +116,7 @@ def refit_bvh2(nodes: Floats2, order: Ints1, first: ti.i32, count: ti.i32, rows:
                         for corner, c in ti.static(ti.ndrange(3, 3)):
                             low[c] = ti.min(low[c], rows[row, 4 * corner + c])
                             high[c] = ti.max(high[c], rows[row, 4 * corner + c])
-                    margin = ti.max(_MARGIN * ti.max(ti.abs(low), ti.abs(high)).max(), 1e-12)
+                    margin = ti.max(MARGIN * ti.max(ti.abs(low), ti.abs(high)).max(), 1e-12)
                     low -= margin
                     high += margin
                 for c in ti.static(range(3)):

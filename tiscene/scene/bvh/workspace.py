@@ -119,7 +119,7 @@ class Workspace:
 
 def widened(boxes: NDArray[np.floating]) -> Boxes:
     """Return boxes [n, 6] enlarged by rounding errors, so that rays within a face of a flat box hit it."""
-    margin = np.maximum(4e-7 * np.abs(boxes).max(axis=1, keepdims=True), 1e-12)
+    margin = np.maximum(build_kernels.MARGIN * np.abs(boxes).max(axis=1, keepdims=True), 1e-12)
     result: Boxes = np.empty(boxes.shape, np.float32)
     np.subtract(boxes[:, :3], margin, out=result[:, :3], casting="same_kind")
     np.add(boxes[:, 3:], margin, out=result[:, 3:], casting="same_kind")
