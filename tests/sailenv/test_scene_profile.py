@@ -8,7 +8,7 @@ import itertools
 import numpy as np
 import pytest
 
-from tests.world.test_world import UNIT_CUBE
+from tests.world.small_stage import UNIT_CUBE
 from tiscene.sailenv.scene_profile import SceneProfile, start_camera
 from tiscene.scenario.scenario import Scenario
 from tiscene.scene.camera import Camera

@@ -6,7 +6,7 @@ import math
 import os
 import subprocess
 import sys
-from dataclasses import FrozenInstanceError, replace
+from dataclasses import FrozenInstanceError
 from fractions import Fraction
 
 import numpy as np
@@ -15,65 +15,23 @@ import pytest
 import tiscene as ts
 from dynamics import Body, Dynamic, LookAt, Orbit, Simulation
 from dynamics.rotation import matrix_from_quaternion, quaternion
+from tests.world.small_stage import (
+    BALL,
+    CATALOG,
+    CHAIR,
+    FLOOR,
+    GO,
+    STAGE,
+    STAGE_BALL,
+    UNIT_CUBE,
+    at,
+    load,
+    world,
+)
 from tiscene.errors import ArgumentError, ArgumentTypeError, CameraNotFound, ScenarioError, TemplateNotFound
-from tiscene.scene.animation import InstanceTrack
-from tiscene.scene.description import Instance, Mesh, SceneDescription, SceneObject, Template
+from tiscene.scene.description import Instance, SceneDescription, SceneObject
 from tiscene.world.category_ids import CategoryIds
 from tiscene.world.world import World
-
-
-def mesh(*corners: tuple[float, float, float]) -> Mesh:
-    return Mesh("m", np.array(corners, np.float32), np.zeros((1, 3), np.int32), np.zeros(1, np.int32))
-
-
-def at(x: float, y: float, z: float, rotation: tuple[float, ...] = (0, 0, 0), scale: float = 1.0) -> np.ndarray:
-    matrix = np.eye(4)
-    matrix[:3, :3] = matrix_from_quaternion(quaternion(rotation)) * scale
-    matrix[:3, 3] = x, y, z
-    return matrix
-
-
-UNIT_CUBE = mesh((-0.5, -0.5, -0.5), (0.5, 0.5, 0.5), (0, 0, 0))
-FLOOR = mesh((-2, 0, -2), (2, 0, 2), (2, 0, -2))
-CHAIR = Template(
-    "Chair 01",
-    "chair",
-    SceneDescription(
-        "Chair 01",
-        (UNIT_CUBE, FLOOR),
-        instances=(Instance(0, 0, at(0, 1, 0)), Instance(0, 0, at(0, 0.5, 0, scale=2.0)), Instance(1, 0, at(0, 0, 0))),
-        objects=(SceneObject("chair", "/Chair", "ignored"),),
-    ),
-)
-BALL = Template("Ball", "ball", SceneDescription("Ball", (UNIT_CUBE,), instances=(Instance(0, 0, np.eye(4)),)))
-STAGE_BALL = Template("Ball", "toy", BALL.description)
-EMPTY = Template("Empty", "nothing", SceneDescription("Empty"))
-CATALOG = {"Chair 01": CHAIR, "Ball": BALL, "Empty": EMPTY}
-STAGE = SceneDescription(
-    "room",
-    (FLOOR, UNIT_CUBE),
-    # The lamp's two parts do not stand together; the cup has no mesh.
-    instances=(
-        Instance(1, 1, at(1, 2, 3, (0, 90, 0), 0.5)),
-        Instance(0, 0, at(0, 0, 0)),
-        Instance(1, 1, at(1, 3, 3)),
-    ),
-    objects=(SceneObject("Floor", "/Floor", "floor"), SceneObject("Lamp", "/Lamp", "lamp"), SceneObject("Cup", "/Cup")),
-    cameras=(ts.Camera(name="Door"), ts.Camera(name="Window", position=(1, 2, 3))),
-)
-GO = ts.LinearWaypoints([ts.Waypoint((0, 0, 0)), ts.Waypoint((4, 0, 0), (0, 90, 0))], total_time=8.0)
-
-
-def load(name: str) -> Template:
-    if name not in CATALOG:
-        raise TemplateNotFound("template", name, CATALOG)
-    return CATALOG[name]
-
-
-def world(*objects: ts.Object, stage: SceneDescription = STAGE, fps: float = 10.0, **others: object) -> World:
-    """Nothing collides in it, so that every pose is the path's; tests/world/test_collisions.py is about the others."""
-    passing = [replace(each, collide=False) for each in objects]
-    return World(ts.Scenario("room", passing, **others), stage, load, fps)
 
 
 def test_descriptions_are_the_stage_and_each_template_once_in_the_order_of_need():
@@ -268,59 +226,6 @@ def test_lens_of_a_camera_plays_whatever_places_it_and_the_walls_follow():
     np.testing.assert_array_equal(made.trajectories.walls(Fraction(2)), zooming.at(2.0).frustum_planes(4 / 3))
     made.set_frustum_walls(ts.Frustum())
     np.testing.assert_array_equal(made.trajectories.walls(Fraction(9)), now.frustum_planes(4 / 3))
-
-
-def test_what_moves_by_itself_may_stand_beside_things_without_a_mesh():
-    """The cup, which comes first, has none."""
-    moved = np.tile(np.eye(4)[:3], (2, 1, 1, 1))
-    moved[1, 0, :, 3] = (1, 2, 3)
-    track = InstanceTrack(np.array([1], np.int32), np.array([0.0, 1.0]), moved, np.ones((2, 1), bool))
-    stage = SceneDescription(
-        "room",
-        (FLOOR, UNIT_CUBE),
-        instances=(Instance(0, 1, at(5, 5, 5)), Instance(1, 2, np.eye(4))),
-        objects=(SceneObject("Cup", "/Cup"), SceneObject("Floor", "/Floor"), SceneObject("Lift", "/Lift")),
-        tracks=(track,),
-        object_tracks=(replace(track, instances=np.array([2], np.int32)),),
-    )
-    rows = {row.name: row.position for row in world(stage=stage).state(5).objects}
-    assert rows == {"Cup": (0.0, 0.0, 0.0), "Floor": (5.0, 5.0, 5.0), "Lift": (0.5, 1.0, 1.5)}
-
-
-def test_moved_thing_with_an_animation_goes_on_from_its_new_place():
-    moved = np.tile(np.eye(4)[:3], (2, 1, 1, 1))
-    moved[1, 0, :, 3] = (1, 2, 3)
-    track = InstanceTrack(np.array([0], np.int32), np.array([0.0, 1.0]), moved, np.ones((2, 1), bool))
-    instances, objects = (Instance(0, 0, np.eye(4)),), (SceneObject("Lift", "/Lift"),)
-    tracks = {"tracks": (track,), "object_tracks": (track,)}
-    stage = SceneDescription("room", (UNIT_CUBE,), instances=instances, objects=objects, **tracks)
-    made = world(stage=stage)
-    made.next_frame = 5
-    made.move("/Lift", (0, 0, 0), (0, 90, 0))
-    for frame, position in ((4, (0.4, 0.8, 1.2)), (5, (0, 0, 0)), (6, (0.3, 0.2, -0.1)), (10, (1.5, 1, -0.5))):
-        state = made.state(frame)
-        np.testing.assert_allclose(state.objects[0].position, position, atol=1e-12)
-        np.testing.assert_allclose(state.placement.world_from_object[1, 0, :, 3], position, atol=1e-12)
-    np.testing.assert_allclose(made.state(5).objects[0].velocity, (3, 2, -1), atol=1e-12)
-
-
-def test_thing_that_its_animation_hides_may_be_moved():
-    matrices = np.tile(np.eye(4)[:3], (3, 1, 1, 1))
-    track = InstanceTrack(np.array([0], np.int32), np.arange(3) * 0.5, matrices, np.array([[True], [False], [True]]))
-    instances, objects = (Instance(0, 0, np.eye(4)),), (SceneObject("Lift", "/Lift"),)
-    stage = SceneDescription(
-        "room", (UNIT_CUBE,), instances=instances, objects=objects, tracks=(track,), object_tracks=(track,)
-    )
-    made = world(stage=stage)
-    made.next_frame = 6
-    made.move("/Lift", (0, 1, 0))
-    assert made.state(6).objects == ()
-    made.next_frame = 7
-    made.move("/Lift", (0, 2, 0), (0, 90, 0))
-    made.next_frame = 8
-    made.move("/Lift", (0, 3, 0))
-    (shown,) = made.state(10).objects
-    np.testing.assert_allclose((*shown.position, *shown.rotation), (0, 3, 0, np.sqrt(0.5), 0, np.sqrt(0.5), 0))
 
 
 def test_which_camera():
