@@ -12,7 +12,8 @@ A command is a module with `run(args)`; its arguments are in `parser`.
     terminal  progress bars and notes on stderr
     common_arguments  arguments that several commands have
     render_arguments, data_set_arguments  arguments of render; of verify, merge, sample and generate
+    join_arguments  arguments of join
     stream_arguments  frames and streams from arguments
     demo, render, verify, merge, sample, generate, preview, view, list, show, inspect, import, bench  the commands
-    measure, evaluate, serve, sailenv  more commands
+    join, measure, evaluate, serve, sailenv  more commands
 """

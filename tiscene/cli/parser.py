@@ -27,6 +27,7 @@ from tiscene.cli.common_arguments import (
     add_variant,
 )
 from tiscene.cli.data_set_arguments import add_generate, add_merge, add_sample, add_verify
+from tiscene.cli.join_arguments import add_join
 from tiscene.cli.render_arguments import add_render
 from tiscene.errors import did_you_mean
 
@@ -77,6 +78,7 @@ def parser() -> argparse.ArgumentParser:
         _show,
         _inspect,
         _import,
+        add_join,
         _bench,
         _measure,
         _evaluate,

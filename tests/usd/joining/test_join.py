@@ -54,6 +54,16 @@ def test_broken_prim_of_another_variant_does_not_stop_the_cut(tmp_path: Path) ->
     assert join(rooms, tmp_path / "flat.usda", openings=[OPENING]).is_file()
 
 
+def test_progress_is_reported(tmp_path: Path) -> None:
+    reports: list[tuple[str, float]] = []
+    join(
+        two_rooms(tmp_path), tmp_path / "home.usda", openings=[OPENING], progress=lambda *report: reports.append(report)
+    )
+    converting, cutting = [("converting west", 0.0), ("converting east", 0.5)], "cutting openings"
+    cuts = [(cutting, 0.0), (cutting, 1 / 3), (cutting, 2 / 3)]  # with the two variants of the rooms
+    assert reports == [*converting, *cuts, ("joining", 1.0)]
+
+
 @pytest.mark.parametrize("shape", ["Mesh", "Cube"])
 def test_opening_lets_the_camera_see_the_other_room(tmp_path: Path, shape: str) -> None:
     rooms = two_rooms(tmp_path, shape=shape)

@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import os
 import warnings
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -45,6 +45,7 @@ def join(
     openings: Sequence[Opening] = (),
     name: str | None = None,
     sky: str | None = None,
+    progress: Callable[[str, float], None] | None = None,
 ) -> Path:
     """Write a stage that references rooms, placed beside one another, with openings between them.
 
@@ -66,6 +67,7 @@ def join(
         openings: passages between the rooms.
         name: name of the root prim; None: from the file's name.
         sky: name of the room whose domes and distant lights are kept; None: the first room that has any.
+        progress: called with what is being done, and the fraction of it that is; large rooms take half a minute.
 
     Returns:
         The path of the file.
@@ -104,7 +106,9 @@ def join(
         if errors := [str(each) for each in stage.GetCompositionErrors()]:
             raise StageError(str(target), errors)
         prims = [prim for prim, _ in placed]
-        for (prim, conversion), placement in zip(placed, placements, strict=True):
+        progress = progress or (lambda task, done: None)
+        for number, ((prim, conversion), placement) in enumerate(zip(placed, placements, strict=True)):
+            progress(f"converting {placement.label}", number / len(placed))
             report = StageReport(str(placement.file))
             convert(prim, conversion, report)
             report.warn()
@@ -114,9 +118,10 @@ def join(
             _prepare(prim, placement)
         _keep_one_sky(prims, [each.label for each in placements], sky)
         boxes = [np.asarray(np.linalg.inv(in_units(each.box(up_axis), meters)), np.float64) for each in openings]
-        cut = _cut(stage, root, boxes, choices)
+        cut = _cut(stage, root, boxes, choices, progress)
         line(stage, root, openings, up_axis, meters)
         _export(stage, target, dict(zip([prim.GetPath() for prim in prims], placements, strict=True)))
+        progress("joining", 1.0)
     idle = [openings[row] for row in range(len(boxes)) if row not in cut]
     if idle:
         places = "; ".join(f"at {each.position}, yaw {each.yaw:g}" for each in idle)
@@ -151,9 +156,7 @@ def _identifiers(placements: Sequence[RoomPlacement]) -> list[str]:
         raise ArgumentError("join(rooms=[]): expected at least one room, such as ('kitchen.usda', (0, 0, 0))")
     twice = sorted({each for each in names if names.count(each) > 1})
     if twice:
-        raise ArgumentError(
-            f"join: several rooms are called {', '.join(twice)}; give them names: RoomPlacement(name=...)"
-        )
+        raise ArgumentError(f"join: several rooms are called {', '.join(twice)}; give each a name, name=...")
     return names
 
 
@@ -293,17 +296,25 @@ def _keep_one_sky(rooms: Sequence[Usd.Prim], labels: Sequence[str], chosen: str 
 
 
 def _cut(
-    stage: Usd.Stage, root: Usd.Prim, boxes: Sequence[NDArray[np.float64]], choices: Mapping[str, Sequence[str]]
+    stage: Usd.Stage,
+    root: Usd.Prim,
+    boxes: Sequence[NDArray[np.float64]],
+    choices: Mapping[str, Sequence[str]],
+    progress: Callable[[str, float], None],
 ) -> set[int]:
     """Author the cuts; where a variant set changes what is cut, in its variants. Return the rows of boxes that cut."""
     if not boxes:
         return set()
+    task, steps, done = "cutting openings", 1 + sum(map(len, choices.values())), 0
+    progress(task, 0.0)
     release_instances(stage, boxes)
     plain = cuts(stage, boxes)
     shaping: dict[str, dict[str, dict[Sdf.Path, GprimCut]]] = {}
     for name, variants in choices.items():
         found = {}
         for variant in _each_selected(root.GetVariantSet(name), variants):
+            done += 1
+            progress(task, done / steps)
             deactivate_broken(root, StageReport(""))  # those of the variants that are not shown are named by streams
             found[variant] = cuts(stage, boxes)
         if any(not _same(each, plain) for each in found.values()):
