@@ -1,8 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """Freed arrays: small memory is used again, as zeros; what is kept is bounded, and forgotten at a restart of Taichi."""
 
+import _thread
 import gc
-import time
+from operator import call
 
 import pytest
 import taichi as ti
@@ -73,24 +74,13 @@ def test_ctrl_c_while_an_array_is_made_leaves_nothing_to_complain_of(dtype, step
     gc.collect()  # pytest turns an exception in __del__ into an error
 
 
-@pytest.mark.filterwarnings("error::pytest.PytestUnraisableExceptionWarning")
-def test_ctrl_c_while_an_array_is_deleted_is_not_lost(monkeypatch):
-    give = array_pool.POOL.give
-
-    def interrupted(*given):
-        monkeypatch.setattr(array_pool.POOL, "give", give)
-        raise KeyboardInterrupt
-
-    def delete(arrays):
-        arrays.clear()
-        for _ in range(500):
-            time.sleep(0.01)
-
-    for _ in range(100):  # each a race of two threads
-        arrays = [device_array(ti.f32, (5, 3))]
-        monkeypatch.setattr(array_pool.POOL, "give", interrupted)
-        with pytest.raises(KeyboardInterrupt):
-            delete(arrays)
+@pytest.mark.parametrize("size", [15, array_pool.MAX_ARRAY], ids=("small", "large"))
+@pytest.mark.parametrize("dtype", [ti.f32, VECTOR], ids=("f32", "vector"))
+def test_ctrl_c_just_before_an_array_is_deleted_is_not_lost(dtype, size):
+    arrays = [device_array(dtype, size)]
+    with pytest.raises(KeyboardInterrupt):
+        list(map(call, [_thread.interrupt_main, arrays.clear]))  # both before Python looks for signals
+    assert not arrays
 
 
 def test_memory_is_not_shared_by_living_arrays_nor_used_for_other_types():

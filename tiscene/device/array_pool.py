@@ -7,12 +7,10 @@ it was deleted too. A restart of a stream makes dozens of small arrays, so that 
 
 from __future__ import annotations
 
-import _thread
 import ctypes
-import sys
-import time
+import weakref
 from collections import OrderedDict, deque
-from collections.abc import Callable, Hashable
+from collections.abc import Hashable
 from typing import Any
 
 import taichi as ti
@@ -23,17 +21,33 @@ from taichi.lang.util import cook_dtype
 
 MAX_ARRAY = 1 << 20  # bytes of the largest array that is kept
 MAX_KEPT = 1 << 25  # bytes of all arrays that are kept
-_POLL = 0.001  # s, between looks whether the deletion of an array has ended
+
+
+class _Memory(weakref.ref[Any]):
+    """What is left of an array when Python deletes it.
+
+    Attributes:
+        key: Equal for arrays of the same type and shape.
+        attributes: Those of the array. `arr` is missing where Ctrl-C came before the array had memory.
+        program: Taichi's program in which it was made.
+    """
+
+    __slots__ = ("attributes", "key", "program")
+    key: Hashable
+    attributes: dict[str, Any]
+    program: Any
 
 
 class ArrayPool:
     """The memory of deleted arrays, kept for arrays of the same type and shape, on CPUs only.
 
-    Python may delete arrays at any time and in any thread: `give` only puts them into a queue.
+    Python may delete arrays at any time and in any thread. Their weak references then put themselves into a queue, by a
+    function of C: Ctrl-C would be lost in one of Python. Memory that is not kept is freed by `collect`.
     """
 
     def __init__(self) -> None:
-        self._queue: deque[tuple[Hashable, dict[str, Any], Any]] = deque()
+        self._alive: dict[int, _Memory] = {}  # by `id`: a weak reference must exist to be put into the queue
+        self._deleted: deque[_Memory] = deque()
         self._program: Any = None  # in which the kept arrays were made
         self._kept: OrderedDict[Hashable, list[dict[str, Any]]] = OrderedDict()  # the key longest unused is first
         self._nbytes = 0
@@ -41,104 +55,77 @@ class ArrayPool:
     @property
     def nbytes(self) -> int:
         """The memory that is kept, bytes."""
-        self._sort_queue()
+        self.collect()
         return self._nbytes
 
     def take(self, key: Hashable) -> dict[str, Any] | None:
         """Return the attributes of a deleted array, whose memory is all zeros; None if there is none.
 
         Args:
-            key: What `give` was called with.
+            key: What `watch` was called with.
         """
-        self._sort_queue()
+        self.collect()
         same = self._kept.get(key)
         if not same:  # Ctrl-C leaves an empty list
             return None
-        state = same.pop()
+        attributes = same.pop()
         if not same:
             del self._kept[key]
-        size = byte_count(state["arr"])
+        size = byte_count(attributes["arr"])
         self._nbytes -= size
-        ctypes.memset(self._program.get_ndarray_data_ptr_as_int(state["arr"]), 0, size)
-        return state
+        ctypes.memset(self._program.get_ndarray_data_ptr_as_int(attributes["arr"]), 0, size)
+        return attributes
 
-    def give(self, key: Hashable, state: dict[str, Any], program: Any) -> None:
-        """Keep the memory of a deleted array if it is small, else free it.
+    def watch(self, array: Any, key: Hashable) -> None:
+        """Take over the memory of an array when Python deletes it.
 
         Args:
+            array: It need not have memory yet.
             key: Equal for arrays of the same type and shape.
-            state: The attributes of the array.
-            program: Taichi's program in which it was made. If another one runs, the memory was freed already.
         """
-        if impl.get_runtime() is None or impl.get_runtime().prog is not program:
-            return
-        if byte_count(state["arr"]) <= MAX_ARRAY and ti.cfg.arch in (ti.x64, ti.arm64):
-            self._queue.append((key, {**state, "host_accessor": None}, program))
-        else:
-            program.delete_ndarray(state["arr"])
+        memory = _Memory(array, self._deleted.append)
+        memory.key, memory.attributes, memory.program = key, vars(array), impl.get_runtime().prog
+        self._alive[id(memory)] = memory
 
-    def _sort_queue(self) -> None:
-        """Keep the arrays of the queue, and free those longest unused as long as there are too many."""
+    def collect(self) -> None:
+        """Keep the memory of deleted arrays if it is small, else free it; and free what has been kept for longest."""
         present = impl.get_runtime().prog
         if self._program is not present:
             self._program, self._nbytes = present, 0
             self._kept.clear()
-        while self._queue:
-            key, state, program = self._queue.popleft()
-            if program is present:
-                self._kept.setdefault(key, []).append(state)
-                self._kept.move_to_end(key)
-                self._nbytes += byte_count(state["arr"])
+        while self._deleted:
+            memory = self._deleted.popleft()
+            del self._alive[id(memory)]
+            native = memory.attributes.get("arr")
+            if native is None or memory.program is not present:  # which freed it as it ended
+                continue
+            if byte_count(native) <= MAX_ARRAY and ti.cfg.arch in (ti.x64, ti.arm64):
+                self._kept.setdefault(memory.key, []).append({**memory.attributes, "host_accessor": None})
+                self._kept.move_to_end(memory.key)
+                self._nbytes += byte_count(native)
+            else:
+                present.delete_ndarray(native)
         while self._nbytes > MAX_KEPT and self._kept:
             oldest, same = next(iter(self._kept.items()))
             if not same:
                 del self._kept[oldest]
                 continue
-            memory = same.pop()["arr"]
-            self._nbytes -= byte_count(memory)
-            present.delete_ndarray(memory)
+            native = same.pop()["arr"]
+            self._nbytes -= byte_count(native)
+            present.delete_ndarray(native)
 
 
 POOL = ArrayPool()
 
 
-class _Pooled:
-    """Gives the memory of an array to POOL when Python deletes the array.
+class PooledScalars(ScalarNdarray):  # type: ignore[misc]
+    """An array of scalars, whose memory POOL takes over."""
 
-    Attributes:
-        key: See `ArrayPool.give`.
-        made_in: Taichi's program in which it was made.
-    """
-
-    def __init__(self, key: Hashable, *arguments: Any) -> None:
-        self.key, self.made_in = key, impl.get_runtime().prog
-        super().__init__(*arguments)
-
-    def __del__(self, python_ends: Callable[[], bool] = sys.is_finalizing) -> None:
-        # Names of modules may be None as Python ends; Ctrl-C inside of __init__ leaves an array without memory.
-        try:
-            if not python_ends() and self.__dict__.get("arr") is not None:
-                POOL.give(self.key, self.__dict__, self.made_in)
-        except KeyboardInterrupt:
-            # Python would print it here and go on, so that another thread raises it again after this method has ended.
-            # The memory may be lost: to free it twice would be worse.
-            state = {"ended": False}
-            _thread.start_new_thread(_interrupt_when_ended, (state,))
-            state["ended"] = True
+    __del__ = staticmethod(bool)  # in place of Taichi's, which frees the memory: a function of C that does nothing
 
 
-def _interrupt_when_ended(state: dict[str, bool]) -> None:
-    while not state["ended"]:
-        time.sleep(_POLL)
-    _thread.interrupt_main()
-
-
-class PooledScalars(_Pooled, ScalarNdarray):  # type: ignore[misc]
-    """An array of scalars."""
-
-
-class PooledVectors(_Pooled, VectorNdarray):  # type: ignore[misc]
-    """An array of vectors, which Taichi 1.7.4 itself would keep until the process ends."""
+class PooledVectors(VectorNdarray):  # type: ignore[misc]
+    """An array of vectors, whose memory POOL takes over. Taichi 1.7.4 itself would keep it until the process ends."""
 
 
 def byte_count(memory: Any) -> int:
@@ -155,10 +142,14 @@ def new_array(dtype: Any, shape: tuple[int, ...]) -> Any:
     """
     length = dtype.n if isinstance(dtype, MatrixType) else 0
     key = cook_dtype(dtype.dtype if length else dtype).to_string(), length, shape
-    state = POOL.take(key)
-    if state is None:
-        return PooledVectors(key, length, dtype.dtype, shape) if length else PooledScalars(key, dtype, shape)
-    kind = PooledVectors if length else PooledScalars
+    attributes = POOL.take(key)
+    kind: Any = PooledVectors if length else PooledScalars
     array = kind.__new__(kind)
-    array.__dict__.update(state)
+    POOL.watch(array, key)
+    if attributes is not None:
+        vars(array).update(attributes)
+    elif length:
+        array.__init__(length, dtype.dtype, shape)
+    else:
+        array.__init__(dtype, shape)
     return array

@@ -11,7 +11,7 @@ import taichi as ti
 from numpy.typing import NDArray
 
 from tiscene.device import runtime
-from tiscene.device.array_pool import new_array
+from tiscene.device.array_pool import POOL, new_array
 from tiscene.device.taichi_patches import memcpy
 
 
@@ -27,6 +27,15 @@ def device_array(dtype: Any, shape: int | tuple[int, ...]) -> Any:
         A ti.ndarray of zeros.
     """
     return new_array(dtype, (shape,) if isinstance(shape, int) else tuple(shape))
+
+
+def free_deleted_arrays() -> None:
+    """Free the memory of arrays that Python has deleted, as the next new array does."""
+    if runtime.ONE_THREAD.acquire(blocking=False):  # else another thread makes an array, or held it before a fork
+        try:
+            POOL.collect()
+        finally:
+            runtime.ONE_THREAD.release()
 
 
 def upload(values: NDArray[Any]) -> Any:

@@ -19,7 +19,7 @@ from typing import Any, overload
 
 from dynamics.argument_checks import brief, distinct_names, flag, integer, number, positive
 from tiscene import catalog
-from tiscene.device import runtime
+from tiscene.device import memory, runtime
 from tiscene.errors import ArgumentError, ArgumentTypeError
 from tiscene.frame.buffers import COLORS, buffer_names, rendered_buffers
 from tiscene.frame.frame import Frame
@@ -53,8 +53,7 @@ class Stream(FixedSettings, LoaderMethods, StreamOutput, SavedState, Iterator[Fr
     """An endless or finite, exactly repeatable sequence of labeled frames.
 
     A stream is an iterator with a position, as an open file is: a second `for` continues where the first stopped,
-    `seek` moves the position, `state_dict` saves it. `stream[k]` and `stream[a:b]` leave it alone. A stream is also a
-    context manager; `close` frees its memory.
+    `seek` moves it, `state_dict` saves it, `stream[k]` and `stream[a:b]` leave it. `with` and `close` free memory.
 
     `stream.world.spawn(...)`, `.despawn(...)` and `.move(...)` edit the frames to come, from the next one on. Edits
     become part of `stream.scenario`, so that they replay.
@@ -238,6 +237,7 @@ class Stream(FixedSettings, LoaderMethods, StreamOutput, SavedState, Iterator[Fr
         self._release()
         if not keep_trees:
             self.stages.trees.clear()
+        memory.free_deleted_arrays()
 
     def _release(self) -> None:
         """End the present world; the trees of its stage are kept."""

@@ -1,13 +1,17 @@
 # SPDX-License-Identifier: Apache-2.0
 """Kernels launched directly have the results and the errors of Taichi's own launches."""
 
+import _thread
 import gc
 import weakref
+from operator import call
 
 import numpy as np
 import pytest
 import taichi as ti
 from taichi.lang.kernel_impl import Kernel
+
+from tiscene.device.memory import upload
 
 vec4 = ti.types.vector(4, ti.f32)
 FLOATS = ti.types.ndarray(ti.f32, 2)
@@ -166,6 +170,16 @@ def test_taichi_array_of_wrong_type_is_refused():
     for wrong in (ti.ndarray(ti.i32, (2, 2)), ti.ndarray(ti.f32, 4), ti.ndarray(vec4, 2)):
         with pytest.raises((TypeError, ValueError)):
             scale(wrong, 2, 1.0, right)
+
+
+def test_ctrl_c_just_before_an_array_is_deleted_leaves_no_address_of_it():
+    result = np.zeros((1, 1), np.float32)
+    for value in range(1, 50):
+        arrays = [upload(np.full((1 + value % 2, 1), value, np.float32))]  # at the address of the one before
+        scale(arrays[0], 1, 1.0, result)
+        assert result == value
+        with pytest.raises(KeyboardInterrupt):
+            list(map(call, [_thread.interrupt_main, arrays.clear]))  # both before Python looks for signals
 
 
 def test_launch_keeps_no_array_alive():

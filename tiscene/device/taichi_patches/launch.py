@@ -14,7 +14,7 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from functools import partial
-from operator import is_, itemgetter
+from operator import is_, itemgetter, setitem
 from typing import Any
 
 import numpy as np
@@ -43,23 +43,21 @@ class LaunchArguments:
 
     Attributes:
         context: Taichi's launch context.
-        array_ids: `id` of each array that is set and exists; 0: set it again.
-        references: Weak references to these arrays, which clear their ids when they are deleted.
+        array_ids: `id` of each array that is set and exists; else: set it again.
+        references: Weak references to these arrays, which take the places of their ids when they are deleted.
         numbers: The numbers that are set.
     """
 
     context: Any
-    array_ids: list[int]
+    array_ids: list[Any]
     references: list[Any]
     numbers: list[Any]
 
     def keep_array(self, row: int, array: Any) -> None:
         """Note that an array is set."""
-        self.references[row] = weakref.ref(array, partial(self._clear, row))
+        # Functions of C: Ctrl-C would end one of Python, and leave an id that a later array may have.
+        self.references[row] = weakref.ref(array, partial(setitem, self.array_ids, row))
         self.array_ids[row] = id(array)
-
-    def _clear(self, row: int, _reference: Any) -> None:
-        self.array_ids[row] = 0
 
 
 @dataclass(eq=False)

@@ -15,7 +15,7 @@ from taichi.lang import _ndarray, matrix
 from tiscene.device.taichi_patches import fence
 
 # Frames from `get_traceback` up: the array's class, `ti.ndarray`, its decorator, and who calls that; or for
-# `array_pool` the array's class, the class derived from it, `new_array`, and who calls that.
+# `array_pool` the array's class, `new_array`, `device_array`, and its decorator.
 _CALLER = 4
 
 
