@@ -13,6 +13,7 @@ from tiscene.export import export
 from tiscene.export.kitti_flow import kitti
 from tiscene.export.lerobot import VIDEO
 from tiscene.export.png import millimeters
+from tiscene.export.video import VideoWriter
 
 
 def decoded(path, layout):
@@ -28,6 +29,12 @@ def test_frame_rates_that_videos_cannot_have_are_named(tmp_path):
     stream.fps = 1e-4
     with pytest.raises(ExportError, match="videos have at least one frame in 1001 s"):
         export(stream, tmp_path, format="video", frames=range(2))
+
+
+def test_videos_of_one_pixel_in_width_are_refused(tmp_path):
+    skip_without_extra("video")
+    with VideoWriter(tmp_path / "a.mkv", 25.0, "ffv1") as video, pytest.raises(ExportError, match="width=1: "):
+        video.write(np.zeros((3, 1), np.uint8))
 
 
 def test_decoded_ffv1_equals_the_buffers(exported):

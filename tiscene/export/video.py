@@ -79,6 +79,8 @@ class VideoWriter:
         layout, ffv1 = _LAYOUTS[str(pixels.dtype), 1 if pixels.ndim == 2 else pixels.shape[2]]
         if self._codec != "ffv1":  # H.264 has half the colors along each axis: even sizes
             pixels = np.pad(pixels, [(0, size % 2) for size in pixels.shape[:2]] + [(0, 0)], "edge")
+        elif pixels.shape[1] == 1 < pixels.shape[0]:
+            raise ExportError("width=1: FFmpeg writes no FFV1 videos that are one pixel wide; export in another format")
         if self._stream is None:
             options = {"level": "3", "g": "1"} if self._codec == "ffv1" else _H264
             self._stream = self._container.add_stream(self._codec, rate=self._rate, options=options)
