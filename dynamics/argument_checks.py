@@ -148,10 +148,12 @@ def direction(value: Any, name: str) -> tuple[float, float, float]:
 
 
 def rotation(value: Any, name: str) -> tuple[float, ...]:
-    """Return `value` as Euler angles (x, y, z) in degrees, or as a nonzero quaternion (w, x, y, z)."""
+    """Return `value` as Euler angles (x, y, z) in degrees, or as a quaternion (w, x, y, z) that can be normalized."""
     result = numbers(value, name, 3, 4)
-    if len(result) == 4 and math.hypot(*result) < 1e-9:
-        raise ArgumentError(f"{name}={value!r}: a quaternion (w, x, y, z) must not be zero")
+    if len(result) == 4 and not 1e-9 <= math.hypot(*result) <= LARGEST:
+        raise ArgumentError(
+            f"{name}={brief(value)}: a quaternion (w, x, y, z) must not be zero, nor longer than {LARGEST:g}"
+        )
     return result
 
 

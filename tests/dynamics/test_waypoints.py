@@ -184,6 +184,7 @@ TWO = (Waypoint((0, 0, 0)), Waypoint((1, 0, 0)))
         (ValueError, r"position\[2\]=nan: must be finite", lambda: Waypoint((0, 0, math.nan))),
         (ValueError, "rotation=.*must be 3 or 4 numbers, not 2", lambda: Waypoint((0, 0, 0), (1, 2))),
         (ValueError, "rotation=.*must not be zero", lambda: Waypoint((0, 0, 0), (0, 0, 0, 0))),
+        (ValueError, "rotation=.*nor longer than", lambda: Waypoint((0, 0, 0), (1e200, 0, 0, 0))),
         (ValueError, "2 or more, not 1", lambda: LinearWaypoints(TWO[:1])),
         (ValueError, "2 or more, not 0", lambda: CatmullWaypoints([])),
         (TypeError, r"waypoints\[1\]=.*must be a Waypoint", lambda: LinearWaypoints([TWO[0], (1, 0, 0)])),

@@ -96,7 +96,7 @@ class Camera:
                 raise refuse(name, "must be finite")
             object.__setattr__(self, name, float(getattr(self, name)))
         norm = math.sqrt(sum(component * component for component in self.rotation))
-        if norm < 1e-9:
+        if not 1e-9 <= norm <= LARGEST:
             raise refuse("rotation", "is not a quaternion (w, x, y, z)")
         # A unit quaternion keeps its bits, so that a camera that is saved and loaded is equal.
         scale = 1.0 if abs(norm - 1.0) < 1e-14 else norm
