@@ -211,6 +211,18 @@ def test_sample_in_empty_scene():
     assert len(partly.objects) == 2
 
 
+def test_camera_on_a_path_counts_where_it_starts(room):
+    still = ts.Camera((0, 2, 3.5), vertical_fov=1.0)
+    path = ts.LinearWaypoints([ts.Waypoint(still.position), ts.Waypoint((1, 2, 3))])
+    zoom = ts.LensKeyframes((0.0, 1.0), vertical_fov=(1.0, 0.5))
+    moving = ts.Camera((0, 50, 0), vertical_fov=0.2, dynamic=path, lens=zoom)
+    expected, drawn = (
+        Scenario.sample(room, seed=2, objects=2, templates=SMALL, camera=camera) for camera in (still, moving)
+    )
+    assert drawn.objects == expected.objects
+    assert drawn.camera == moving
+
+
 def test_draws_are_uniform_and_independent():
     values = np.concatenate([Draws(seed, 2**64 - 1).uniform("speed", 0, 50) for seed in range(200)])
     assert np.all((values >= 0) & (values < 1))

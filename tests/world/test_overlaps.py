@@ -130,6 +130,8 @@ def test_room_that_holds_the_camera_is_no_solid():
     inside = ts.Camera((2.0, 0.9, 0.3))
     assert overlaps(world(crate, camera=inside)) == []
     assert overlaps(world(crate, camera=ts.Camera((2.0, 0.9, 0.6)))) == [Event("overlap", 4, BLOCK)]
+    path = ts.LinearWaypoints([ts.Waypoint(inside.position), ts.Waypoint((0.0, 5.0, 0.0))])
+    assert overlaps(world(crate, camera=ts.Camera(dynamic=path))) == []
 
 
 def test_overlap_follows_spawns_in_the_events_of_a_frame():

@@ -7,6 +7,7 @@ import json
 from collections.abc import Mapping
 from pathlib import Path
 
+from dynamics import Body, Simulation
 from tiscene import catalog
 from tiscene.device import runtime
 from tiscene.randomization.free_space import FreeSpace
@@ -54,16 +55,20 @@ def templates_of(scenario: Scenario) -> dict[str, SceneDescription]:
 
 
 def main_camera_of(scenario: Scenario) -> Camera:
-    """Return the main camera of a scenario at its start, with its overrides.
+    """Return the main camera of a scenario, with its overrides, where it is at frame 0. Taichi must be running.
 
     Raises:
         CameraNotFound: the stage has no such camera.
     """
     camera = scenario.cameras[0]
-    if isinstance(camera, Camera):
+    if not isinstance(camera, Camera):
+        overrides = [each for each in scenario.overrides if isinstance(each, CameraOverride)]
+        camera = overridden(stage_of(scenario), overrides).camera(camera)
+    camera = camera.at(0.0)
+    if camera.dynamic is None:
         return camera
-    cameras = [each for each in scenario.overrides if isinstance(each, CameraOverride)]
-    return overridden(stage_of(scenario), cameras).camera(camera)
+    x, y, z, *rotation = Simulation([Body(camera.dynamic, camera.position, camera.rotation)]).poses(0)[0].tolist()
+    return camera.with_pose((x, y, z), tuple(rotation))
 
 
 def free_space_of(scenario: Scenario, camera: Camera | None = None, aspect: float = 4.0 / 3.0) -> FreeSpace:

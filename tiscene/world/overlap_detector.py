@@ -38,7 +38,7 @@ class OverlapDetector:
         surface: returns an object's collision surface [m, 3, 3] in its own axes, m.
         instances: returns the stage's instances at a frame, then its colliders, and which are present.
         trajectories: poses of the objects.
-        viewpoint: position of the main camera at the start, m.
+        viewpoint: returns the position of the main camera at the start, m.
     """
 
     def __init__(
@@ -48,14 +48,14 @@ class OverlapDetector:
         surface: Callable[[Object], Array],
         instances: Callable[[int], tuple[Sequence[Instance], Sequence[bool]]],
         trajectories: Trajectories,
-        viewpoint: Sequence[float],
+        viewpoint: Callable[[], Sequence[float]],
     ) -> None:
         self._log = log
         self._stage = stage
         self._surface = surface
         self._instances = instances
         self._trajectories = trajectories
-        self._viewpoint = np.array(viewpoint, np.float64)
+        self._viewpoint = viewpoint
         self._boxes: LRUCache[tuple[object, ...], Array] = LRUCache(MAX_BOXES)
 
     def find(self, frame: int) -> list[Collision]:
@@ -142,7 +142,7 @@ class OverlapDetector:
         if len(triangles) > MAX_SOLID:
             return False
         solid = _mapped(mesh.positions[triangles], matrix)
-        return _is_inside(surface[0, 0], solid) and not _is_inside(self._viewpoint, solid)
+        return _is_inside(surface[0, 0], solid) and not _is_inside(np.array(self._viewpoint()), solid)
 
 
 def _overlap(a: Array, b: Array) -> bool:

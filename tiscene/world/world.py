@@ -142,8 +142,14 @@ class World(WholeChanges, ObjectEdits):
         trajectories = PhysicsTrajectories(scenario, log, setting)
         cameras = WorldCameras(self.cameras, log, trajectories, fps, stage.camera_names)
         history = ViewHistory(log, trajectories, cameras, registry.id_of(0), fps, aspect, self.edit_lock)
-        eye, placed = self.cameras[0].position, stage_objects.instances
-        overlaps = OverlapDetector(log, stage, registry.surface, placed, trajectories, eye)
+        overlaps = OverlapDetector(
+            log,
+            stage,
+            registry.surface,
+            stage_objects.instances,
+            trajectories,
+            viewpoint=lambda: cameras.planned_start().current.position,
+        )
         animation, rooms = MaterialAnimation(registry.descriptions), RoomFinder(stage.rooms)
         evaluator = FrameEvaluator(log, registry, stage_objects, lights, animation, trajectories, overlaps, fps, rooms)
         finder = PlaceFinder(stage, registry, stage_objects, evaluator, aspect, self._seed)
