@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from dynamics import Body, CatmullWaypoints, ClosedForm, LinearWaypoints, RigidBody, Simulation, Still
+from dynamics import Body, CatmullWaypoints, LinearWaypoints, RigidBody, Simulation, Still
 from dynamics.dynamic import Pose
 from dynamics.rotation import quaternion, rotate
 from tiscene.randomization.scene_collisions import template_edges
@@ -19,7 +19,6 @@ from tiscene.scenario.scenario import Scenario
 
 Array = NDArray[np.float64]
 SAMPLES = 512  # per path
-ENDLESS = 60.0  # s of a path without a period
 
 
 def swept_balls(scenario: Scenario) -> Array:
@@ -47,16 +46,12 @@ def resting_edges(scenario: Scenario) -> Array:
 
 
 def path_of(each: Object) -> Array:
-    """Return points [n, 3] of an object's path at equal times, m; one for an object that stays or bounces."""
-    dynamic = each.dynamic or Still()
-    if isinstance(dynamic, Still) or not isinstance(dynamic, ClosedForm):
+    """Return points [n, 3] of an object's path at equal times, m; its start for one that has no closed form."""
+    body = Body(each.dynamic or Still(), each.position, each.rotation)
+    duration = max(track.duration or 0.0 for track in body.tracks)
+    if not duration:
         return np.array([each.position], np.float64)
-    parts = getattr(dynamic, "parts", (dynamic,))
-    lengths = [getattr(part, "total_time", None) or getattr(part, "period", None) for part in parts]
-    times = [part.times[-1] for part in parts if hasattr(part, "times")]
-    duration = max([*(length for length in lengths if length), *times], default=ENDLESS)
-    simulation = Simulation([Body(dynamic, each.position, each.rotation)])
-    return simulation.poses_at([duration * k / SAMPLES for k in range(SAMPLES)])[:, 0, :3]
+    return Simulation([body]).poses_at([duration * k / SAMPLES for k in range(SAMPLES)])[:, 0, :3]
 
 
 def loop_length(path: LinearWaypoints | CatmullWaypoints) -> float:
