@@ -93,6 +93,7 @@ def test_factors_of_sample_leave_its_objects_as_they_were(drawn):
         ("materials", "red", ArgumentError, "materials='red': must be True, or ranges by name: share, color"),
         ("speed", 0, ArgumentError, "speed=0"),
         ("clutter", {"count": 1.5}, ArgumentError, "whole numbers"),
+        ("clutter", {"depth": 1e300}, ArgumentError, "clutter: depth=1e"),
         ("clutter", "many", ArgumentError, "clutter='many'"),
         ("clutter", {"count": 1, "templates": ("Nothing 01",)}, TemplateNotFound, "Nothing 01"),
         ("categories", ("unicorn",), ArgumentError, "no template has the category 'unicorn'"),

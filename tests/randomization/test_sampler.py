@@ -253,6 +253,7 @@ PINNED = (0.026698027485287157, 0.08494093512643908)
         ({"templates": ()}, "name at least one"),
         ({"depth": (0, 1)}, "greater than 0"),
         ({"in_view": (0.5, 1.5)}, r"within 0\.\.1"),
+        ({"depth": 1e300}, r"depth=1e\+300: must lie within 0\.\.1e\+09"),
         ({"region": (0.5, 0, 0.5, 1)}, "left < right"),
         ({"occlusion": (0.5, 1), "in_view": 0}, "in_view=0 leaves none"),
         ({"life": (5, 10)}, "give the length of the stream too, frames="),

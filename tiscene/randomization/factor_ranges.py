@@ -12,6 +12,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, fields
 from typing import Any, ClassVar, Self
 
+from dynamics.argument_checks import MAX_POSITION
 from tiscene.errors import ArgumentError
 from tiscene.randomization.ranges import range_of, whole_range_of, words_of
 
@@ -158,7 +159,7 @@ class ClutterRanges(FactorRanges):
     scale: Range = (1.0, 1.0)
     size: Range = (0.0, 0.6)
 
-    LIMITS: ClassVar = {"depth": (1e-3, math.inf), "scale": (1e-3, 1e3), "size": (0.0, math.inf)}
+    LIMITS: ClassVar = {"depth": (1e-3, MAX_POSITION), "scale": (1e-3, 1e3), "size": (0.0, math.inf)}
     TYPICAL: ClassVar = {"count": (3, 6)}
 
     def __post_init__(self) -> None:

@@ -47,7 +47,7 @@ class ScenarioRanges:
         for name, most in (("speed", math.inf), ("angular_speed", math.inf), ("in_view", 1.0), ("occlusion", 1.0)):
             self._set(name, range_of(getattr(self, name), name, most))
         for name in ("scale", "depth"):
-            self._set(name, range_of(getattr(self, name), name, math.inf))
+            self._set(name, range_of(getattr(self, name), name, argument_checks.MAX_POSITION))
             if getattr(self, name)[0] <= 0.0:
                 raise ArgumentError(f"{name}={getattr(self, name)}: must be greater than 0")
         self._set("dynamics", words_of(self.dynamics, "dynamics"))
