@@ -74,6 +74,11 @@ class Body:
         """Tracks of its path, computed once: a static one for a dynamic that is not closed-form."""
         return self.dynamic.tracks(self.start) if isinstance(self.dynamic, ClosedForm) else (fixed(self.start),)
 
+    @property
+    def duration(self) -> float:
+        """Seconds on its clock in which it goes through the longest of its tracks; 0 if they all stand still."""
+        return max(track.duration or 0.0 for track in self.tracks)
+
     @cached_property
     def states(self) -> SteppedStates | None:
         """States of its Stepped dynamic, which all simulations of the body share; None for other dynamics."""

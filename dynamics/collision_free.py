@@ -42,10 +42,9 @@ class PathBounds:
         """Return the bounds of a mover's path; None for a dynamic without a closed form, whose path is unbounded."""
         if not isinstance(mover.body.dynamic, ClosedForm):
             return None
-        tracks = mover.body.tracks
-        balls = cover_path(tracks)
+        balls = cover_path(mover.body.tracks)
         balls[:, 3] += (mover.shape.reach if mover.shape else 0.0) + MARGIN
-        return cls(balls, not any(track.duration for track in tracks))
+        return cls(balls, not mover.body.duration)
 
     @cached_property
     def box(self) -> NDArray[np.float64]:

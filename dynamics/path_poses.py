@@ -42,7 +42,7 @@ class Paths:
             ArgumentTypeError: For a dynamic that is neither closed-form nor Stepped nor bouncing.
         """
         self._tracks = [_tracks(body, f"{label}[{row}] ({body.name!r}): dynamic") for row, body in enumerate(bodies)]
-        self._all_static = not any(track.duration for tracks in self._tracks for track in tracks)
+        self._all_static = not any(body.duration for body in bodies)
         self._columns: tuple[Any, ...] = (*columns(self._tracks).arrays(), GAUSS)
         self._stepped = {row: states for row, body in enumerate(bodies) if (states := body.states) is not None}
         births = [exact(body.birth) for body in bodies]

@@ -48,10 +48,9 @@ def resting_edges(scenario: Scenario) -> Array:
 def path_of(each: Object) -> Array:
     """Return points [n, 3] of an object's path at equal times, m; its start for one that has no closed form."""
     body = Body(each.dynamic or Still(), each.position, each.rotation)
-    duration = max(track.duration or 0.0 for track in body.tracks)
-    if not duration:
+    if not body.duration:
         return np.array([each.position], np.float64)
-    return Simulation([body]).poses_at([duration * k / SAMPLES for k in range(SAMPLES)])[:, 0, :3]
+    return Simulation([body]).poses_at([body.duration * k / SAMPLES for k in range(SAMPLES)])[:, 0, :3]
 
 
 def loop_length(path: LinearWaypoints | CatmullWaypoints) -> float:

@@ -348,8 +348,7 @@ def _axes_of(body: Body) -> Axes:
     """Return along which axes a body moves, in the time after which it has been wherever its trajectory takes it."""
     if isinstance(body.dynamic, Still):
         return Axes()
-    is_closed = isinstance(body.dynamic, ClosedForm)
-    end = exact(max(track.duration or 0.0 for track in body.tracks) if is_closed else OPEN_ENDED)
+    end = exact(body.duration if isinstance(body.dynamic, ClosedForm) else OPEN_ENDED)
     times = [end * Fraction(i, CAMERA_SAMPLES) for i in range(CAMERA_SAMPLES + 1)]
     try:
         extent = np.ptp(Simulation([body]).poses_at(times)[:, 0, :3], axis=0)
