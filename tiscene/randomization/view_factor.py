@@ -51,7 +51,7 @@ def with_view(scenario: Scenario, value: Any, draws: Callable[[str], Draws]) -> 
     if is_number(value):
         value = {"yaw": value}
     ranges = ViewRanges.of(value, "views")
-    authored = first if isinstance(first, Camera) else stage_of(scenario).camera(first)
+    authored = (first if isinstance(first, Camera) else stage_of(scenario).camera(first)).at(0.0)
     if authored.dynamic is not None:
         raise ScenarioError(f"views: the camera {authored.name!r} moves along a trajectory; give a Camera instead")
     own = draws("")
