@@ -12,7 +12,7 @@ pytest.importorskip("mujoco")
 import tiscene as ts
 from tests.usd.helpers import write
 from tiscene.errors import MissingExtra, ScenarioError, StageWarning
-from tiscene.scenario.edits import Spawn
+from tiscene.scenario.edits import SetFrustumWalls, Spawn
 from tiscene.usd.joining.box_cut import cut_box
 from tiscene.world.physics.convex_parts import convex_parts
 
@@ -214,6 +214,25 @@ def test_bodies_fall_freely_within_the_walls_of_a_frustum():
                 time = (frame - (3 if row.name == "later" else 0)) / 25.0
                 x = 0.5 if row.name == "later" else 0.0
                 np.testing.assert_allclose(row.position, (x, 1.0 - 4.905 * time**2, -3.0), atol=1e-8)
+
+
+def test_walls_that_an_edit_places_hold_bodies_at_once_and_pull_them_in():
+    """Bodies passed through them for a frame, and were flung back at 60 m/s."""
+    start, beside = (0.0, 50.0, -6.0), (-0.6, 50.0, -6.0)
+    resting = ts.Object("resting", "Ball 01", beside, dynamic=ts.RigidBody(starts_asleep=True))
+    spawned = ts.Object("spawned", "Ball 01", start, dynamic=ts.RigidBody(), first_frame=3)
+    thrown = ts.Object(
+        "thrown", "Ball 01", (0.5, 50.0, -3.0), dynamic=ts.RigidBody(velocity=(0, 0, -30)), first_frame=3
+    )
+    camera = ts.Camera((0.0, 50.0, 0.0))
+    walls = SetFrustumWalls(3, ts.Frustum(4.0), camera, 4.0 / 3.0)
+    scenario = ts.Scenario("object_view", [resting], camera=camera, edits=[walls, Spawn(3, spawned), Spawn(3, thrown)])
+    world = ts.Stream(scenario, width=8, height=6, buffers=("depth",)).world
+    for frame in range(4, 8):
+        rows = {row.name: row for row in world.state(frame).objects}
+        for name in ("resting", "spawned", "thrown"):
+            assert -4.0 < rows[name].position[2] < -2.0
+            assert np.linalg.norm(rows[name].velocity) < (30.0 if name == "thrown" else 3.0)
 
 
 def test_objects_that_are_too_large_are_named():

@@ -258,6 +258,11 @@ class ScenarioPhysics:
     def walls(self, time: Fraction) -> Array | None:
         return self._trajectories.walls(time)
 
+    def places_walls(self, frame: int) -> bool:
+        edits = self._log.enclosures
+        place = bisect.bisect_left(edits, frame, key=lambda edit: edit.frame)
+        return place < len(edits) and edits[place].frame == frame
+
     def _surroundings(self, frame: int) -> Surroundings:
         instances, present = self._setting.instances(frame)
         placed = self._stage_parts.placed(instances, present)

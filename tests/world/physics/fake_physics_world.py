@@ -82,6 +82,9 @@ class FakePhysicsWorld:
     def walls(self, time):
         return self.planes
 
+    def places_walls(self, frame):
+        return False
+
     def simulation(self):
         return RigidBodySimulation(self, Fraction(self.fps))
 

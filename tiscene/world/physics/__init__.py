@@ -4,6 +4,7 @@
 ::
 
     rigid_body_simulation  frames of a simulation, with checkpoints
+    mover_path             objects with given poses between two frames
     physics_model          bodies and surroundings as a MuJoCo model
     joint_tree             bodies that hang on others, and the joints that are left over
     joints_in_engine       coordinates of free and of joined bodies in the model

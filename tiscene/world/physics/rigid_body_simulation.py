@@ -18,16 +18,18 @@ import numpy as np
 
 from dynamics.checkpoints import Checkpoints
 from dynamics.lru_cache import LRUCache
-from dynamics.rotation import conjugate, matrix_from_quaternion, multiply
+from dynamics.rotation import matrix_from_quaternion
 from dynamics.whole_changes import WholeChanges, as_a_whole
 from tiscene.errors import requires_extra
 from tiscene.world.physics.joint_tree import PhysicsJoint
+from tiscene.world.physics.mover_path import MoverPath
 from tiscene.world.physics.physics_model import STEP, Array, PhysicsBody, PhysicsModel, Surroundings
 
 CHECKPOINT = 16  # initial number of frames between checkpoints
 MAX_CHECKPOINTS = 512
 CACHED_FRAMES = 16  # results kept for repeated requests
 CACHED_MODELS = 3
+WALL_SLOP = 0.01  # m: bodies that reach through walls by less are left to the engine, as those that lean on them
 
 
 def require_engine() -> None:
@@ -65,7 +67,10 @@ class PhysicsWorld(Protocol):
         """Return the poses [n, 7] of movers at a frame, and those planned for the next."""
 
     def walls(self, time: Fraction) -> Array | None:
-        """Return the planes [6, 4] that hold limited bodies at a time, s; None without walls."""
+        """Return the planes [6, 4] that hold limited bodies up to a time, s; None without walls."""
+
+    def places_walls(self, frame: int) -> bool:
+        """Return whether walls are placed anew at a frame, apart from those that move with their camera."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -108,7 +113,7 @@ class _Prepared(NamedTuple):
         model: The model, with all bodies at their places.
         bodies: The bodies by row.
         paths: Ways of the movers to the next frame, by row.
-        walls: Planes [6, 4] at the start of each step and at the end of the last; None without walls.
+        walls: Planes [6, 4] at the end of each step; None without walls.
         begun: Rows of rigid bodies that were placed anew.
         asleep: Rows of rigid bodies that stay in their places until they are touched.
     """
@@ -116,7 +121,7 @@ class _Prepared(NamedTuple):
     key: Hashable
     model: PhysicsModel
     bodies: Sequence[PhysicsBody]
-    paths: dict[int, _MoverPath]
+    paths: dict[int, MoverPath]
     walls: list[Array | None]
     begun: list[int]
     asleep: set[int]
@@ -240,7 +245,7 @@ class RigidBodySimulation(WholeChanges):
                     model.accelerate(row, motion - path.before)
                     path.before, motion = motion, path.before
                 model.joints.place(row, pose, motion)
-            planes = walls[part + 1]
+            planes = walls[part]
             if model.walled and planes is not None:
                 model.place_walls(planes)
             for row in asleep:
@@ -267,7 +272,7 @@ class RigidBodySimulation(WholeChanges):
         """Place all bodies as a frame begins, the moved ones at their new poses."""
         bodies, joints = self._world.bodies(frame), self._world.joints(frame)
         times = [Fraction(frame * self._steps + part, self._steps) / self._fps for part in range(self._steps + 1)]
-        walls = [self._world.walls(time) for time in times]
+        walls = [self._world.walls(time) for time in times[1:]]
         walled = all(planes is not None for planes in walls)
         around, make = self._world.surroundings(frame)
         key = (
@@ -300,6 +305,8 @@ class RigidBodySimulation(WholeChanges):
             if bodies[row].number in teleports:
                 pose = teleports[bodies[row].number]
                 model.joints.place(row, pose, model.start_motion(row, pose, still=True))
+        if walled and self._world.places_walls(frame):
+            begun += [row for row in order if row not in begun and self._is_pulled_in(model, row, walls[0])]
         known = saved.rigid.keys() - saved.asleep
         asleep = {
             row
@@ -318,13 +325,25 @@ class RigidBodySimulation(WholeChanges):
         pose = self._world.start(number)
         return pose, model.start_motion(row, pose)
 
-    def _mover_paths(self, frame: int, bodies: Sequence[PhysicsBody], model: PhysicsModel) -> dict[int, _MoverPath]:
+    @staticmethod
+    def _is_pulled_in(model: PhysicsModel, row: int, planes: Array | None) -> bool:
+        """Move a free body inside of walls that an edit has placed, which would fling it; return whether it was out."""
+        body, pose = model.bodies[row], model.joints.pose(row)
+        if not body.limited or model.joints.joined(row):
+            return False
+        moved = _inside(pose, body, planes)
+        is_out = bool(np.abs(moved - pose).max() > WALL_SLOP)
+        if is_out:
+            model.joints.place(row, moved, model.joints.motion(row))
+        return is_out
+
+    def _mover_paths(self, frame: int, bodies: Sequence[PhysicsBody], model: PhysicsModel) -> dict[int, MoverPath]:
         """Return the ways of the movers from a frame to the next, by row."""
         rows = [row for row, body in enumerate(bodies) if body.rigid is None]
         if not rows:
             return {}
         here, there = self._world.mover_poses(frame, [bodies[row].number for row in rows])
-        paths = {row: _MoverPath(here[place], there[place]) for place, row in enumerate(rows)}
+        paths = {row: MoverPath(here[place], there[place]) for place, row in enumerate(rows)}
         carriers = [row for row in rows if model.joints.carries(row)]
         for row in carriers:
             paths[row].before = paths[row].at(0, self._steps, self._step)[1]
@@ -333,7 +352,7 @@ class RigidBodySimulation(WholeChanges):
         if known:
             earlier = self._world.mover_poses(frame - 1, [bodies[row].number for row in known])
             for place, row in enumerate(known):
-                way = _MoverPath(earlier[0][place], earlier[1][place])
+                way = MoverPath(earlier[0][place], earlier[1][place])
                 paths[row].before = way.at(self._steps - 1, self._steps, self._step)[1]
         return paths
 
@@ -356,34 +375,6 @@ class RigidBodySimulation(WholeChanges):
             return PhysicsModel(bodies, self._loaded[1], walled, self._step, joints, filtered)
 
         return self._models.get(key, new)
-
-
-@dataclass(eq=False)
-class _MoverPath:
-    """The way of a mover between two frames, at constant velocity.
-
-    Attributes:
-        start: Pose [7] at the first frame.
-        end: Pose [7] at the second.
-        before: Its motion [6] in the step before; None if nothing hangs on it.
-    """
-
-    start: Array
-    end: Array
-    before: Array | None = None
-
-    def at(self, part: int, parts: int, step: float) -> tuple[Array, Array]:
-        """Return pose [7] and motion [6] at the start of a step."""
-        turn = multiply(self.end[3:], conjugate(self.start[3:]))
-        turn = -turn if turn[0] < 0.0 else turn
-        angle = 2.0 * math.atan2(float(np.linalg.norm(turn[1:])), float(turn[0]))
-        axis = turn[1:] / max(float(np.linalg.norm(turn[1:])), 1e-300)
-        share = part / parts
-        partly = np.array([math.cos(0.5 * share * angle), *(math.sin(0.5 * share * angle) * axis)])
-        rotation = multiply(partly, self.start[3:])
-        pose = np.concatenate([self.start[:3] + share * (self.end[:3] - self.start[:3]), rotation])
-        spin = matrix_from_quaternion(rotation).T @ (axis * (angle / (parts * step)))
-        return pose, np.concatenate([(self.end[:3] - self.start[:3]) / (parts * step), spin])
 
 
 def _inside(pose: Array, body: PhysicsBody, planes: Array | None) -> Array:
