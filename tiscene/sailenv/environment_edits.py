@@ -162,7 +162,9 @@ class EnvironmentEdits:
             position: m.
             rotation: Euler angles, degrees.
 
-        Raises ObjectNotFound, and ScenarioError for invalid numbers.
+        Raises:
+            ObjectNotFound: The object is not alive.
+            ArgumentError: A number is not finite or too large.
         """
         self.stream.world.move(object_id, mirrored(bounded(position)), mirrored_euler(bounded(rotation)))
         agent.edit_frame = self.clock + 1
