@@ -63,6 +63,13 @@ def test_object_within_an_object_moves(tmp_path):
         assert [middles(source, frame)[path][0] for frame in (0, 5, 10)] == [-1.0, 0.0, 1.0]
 
 
+@pytest.mark.parametrize("part", ['def Cube "Part"\n{\n%s\n}\n' % MOVED, COMPONENT % ("Part", MOVED)])
+def test_prim_below_a_gprim_moves(tmp_path, part):
+    """USD's documentation advises against gprims that hold others; its imaging draws them."""
+    source = stream(write(tmp_path, f'def Cube "Base"\n{{\n{part}}}\n', more=RANGE))
+    assert [middles(source, frame)["/Base/Part"][0] for frame in (0, 5, 10)] == [-1.0, 0.0, 1.0]
+
+
 GROWS = """double3 xformOp:translate.timeSamples = { 0: (-1, 0, 0), 10: (1, 0, 0) }
     float xformOp:rotateZ.timeSamples = { 0: 0, 10: 90 }
     float3 xformOp:scale.timeSamples = { 0: %s, 10: (1, 0.5, 2) }

@@ -16,7 +16,7 @@ from pxr import Sdf, Usd, UsdGeom, UsdLux, UsdSkel
 from tiscene.scene.camera import Camera
 from tiscene.scene.description import Matrix, SceneDescription, Template
 from tiscene.usd.core.keyframes import plays_in_parts
-from tiscene.usd.core.prims import DEFINED, DRAWN_PURPOSES, is_light, is_light_only, renders
+from tiscene.usd.core.prims import DEFINED, DRAWN_PURPOSES, ancestors, is_light, is_light_only, renders
 from tiscene.usd.core.report import UNDRAWN, StageReport
 from tiscene.usd.core.semantics import direct_label, is_component, is_object_instance, taxonomies_of
 from tiscene.usd.core.time_samples import TransformSamples
@@ -166,8 +166,8 @@ class StageReader(PointInstancerReader):
     def _is_animated_by_scenario(self, prim: Usd.Prim, inherited: TraversalContext, is_object: bool) -> bool:
         """Return whether a scenario animates a prim, not an instance track: objects, lights and whole templates.
 
-        No scenario holds an object within another one or within an instance of several, a Scope, and an object whose
-        motion is not that of a rigid whole: they move by tracks.
+        No scenario holds an object within another one, within an instance of several or below a gprim, a Scope, and an
+        object whose motion is not that of a rigid whole: they move by tracks.
         """
         if self._parts is not None or prim.GetPath() in self._report.budget.baked_skins:
             return False
@@ -176,7 +176,9 @@ class StageReader(PointInstancerReader):
         if is_light_only(prim):
             return True
         is_outermost = (is_object or prim.IsA(UsdGeom.Gprim)) and inherited.owner is None and not prim.IsInstanceProxy()
-        return is_outermost and bool(prim.IsA(UsdGeom.Xformable)) and not plays_in_parts(prim)
+        if not is_outermost or any(each.IsA(UsdGeom.Gprim) for each in ancestors(prim)):
+            return False
+        return bool(prim.IsA(UsdGeom.Xformable)) and not plays_in_parts(prim)
 
     def _read(self, prim: Usd.Prim, here: TraversalContext) -> bool:
         """Read one prim and return whether to traverse its children."""
