@@ -137,7 +137,7 @@ def box_over_time(
     moments: Sequence[tuple[Array, NDArray[np.bool_]]],
     into: Array | None = None,
 ) -> Array:
-    """Return the box [2, 3] around an object's parts over time.
+    """Return the box [2, 3] around an object's parts over time; zeros if none is ever present.
 
     Args:
         description: where the meshes are.
@@ -154,4 +154,4 @@ def box_over_time(
         if there:
             box = bounding_box(description, [meshes[row] for row in there], [axes @ whole[row] for row in there])
             low, high = np.minimum(low, box[0]), np.maximum(high, box[1])
-    return np.stack([low, high])
+    return np.stack([low, high]) if np.isfinite(low).all() else np.zeros((2, 3))

@@ -47,6 +47,29 @@ def test_hidden_prim_stays_hidden_when_it_moves(tmp_path, hidden, on_itself):
     assert ts.Scenario.load(path).objects == ()
 
 
+@pytest.mark.parametrize("on_itself", [False, True])
+def test_prim_is_hidden_by_constant_time_samples(tmp_path, on_itself):
+    """Many programs author a sample at each frame, whether the visibility changes or not."""
+    hidden = 'token visibility.timeSamples = { 0: "invisible", 5: "invisible" }'
+    thing = COMPONENT % ("Thing", MOVED + ("\n" + hidden if on_itself else ""))
+    path = write(tmp_path, f'def Xform "Rig"\n{{\n{"" if on_itself else hidden}\n{thing}}}' + FLOOR, more=RANGE)
+    assert "/Rig/Thing" not in middles(stream(path), 0)
+    assert ts.Scenario.load(path).objects == ()
+
+
+def test_object_that_is_never_shown_has_no_warnings(tmp_path):
+    """It is hidden by one group, then by another."""
+    shown, group = (
+        ("invisible", "inherited"),
+        'def Xform "%s"\n{\n token visibility.timeSamples = { 0: "%s", 5: "%s" }\n %s}\n',
+    )
+    body = group % ("Late", *shown, group % ("Early", *reversed(shown), COMPONENT % ("Thing", MOVED)))
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        source = stream(write(tmp_path, body + FLOOR, more=RANGE))
+        assert [list(middles(source, frame)) for frame in (0, 6)] == [["/Floor"]] * 2
+
+
 def test_object_appears_with_a_group_above_a_prim_without_a_type(tmp_path):
     group = 'def Xform "Group"\n{\n token visibility.timeSamples = { 0: "invisible", 5: "inherited" }\n %s}'
     path = write(tmp_path, group % ('def "Plain"\n{\n%s}\n' % (COMPONENT % ("Thing", MOVED))) + FLOOR, more=RANGE)
@@ -63,7 +86,7 @@ def test_object_within_an_object_moves(tmp_path):
         assert [middles(source, frame)[path][0] for frame in (0, 5, 10)] == [-1.0, 0.0, 1.0]
 
 
-@pytest.mark.parametrize("part", ['def Cube "Part"\n{\n%s\n}\n' % MOVED, COMPONENT % ("Part", MOVED)])
+@pytest.mark.parametrize("part", [f'def Cube "Part"\n{{\n{MOVED}\n}}\n', COMPONENT % ("Part", MOVED)])
 def test_prim_below_a_gprim_moves(tmp_path, part):
     """USD's documentation advises against gprims that hold others; its imaging draws them."""
     source = stream(write(tmp_path, f'def Cube "Base"\n{{\n{part}}}\n', more=RANGE))

@@ -21,6 +21,7 @@ from tiscene.usd.core.prims import DRAWN_PURPOSES, distinct_prims
 from tiscene.usd.core.report import StageReport
 from tiscene.usd.core.semantics import shared_path
 from tiscene.usd.core.transform import point_matrices
+from tiscene.usd.core.value_times import is_time_varying
 from tiscene.usd.geometry.primvar import Topology, array_of
 from tiscene.usd.geometry.subdivision import MAX_LEVELS, smooth_levels
 
@@ -156,7 +157,7 @@ def _is_hidden(imageable: UsdGeom.Imageable, time: Usd.TimeCode) -> bool:
     purpose, visibility = imageable.GetPurposeAttr(), imageable.GetVisibilityAttr()
     if purpose.HasAuthoredValue() and purpose.Get() not in DRAWN_PURPOSES:
         return True
-    return not visibility.ValueMightBeTimeVarying() and visibility.Get(time) == UsdGeom.Tokens.invisible
+    return visibility.Get(time) == UsdGeom.Tokens.invisible and not is_time_varying(visibility)
 
 
 def _focal_length(camera: UsdGeom.Camera, time: Usd.TimeCode) -> float:

@@ -18,6 +18,7 @@ from tiscene.usd.core.report import StageReport
 from tiscene.usd.core.semantics import asset_name, inherited_label, name_label
 from tiscene.usd.core.time_samples import NOT_ANIMATED, transformed
 from tiscene.usd.core.units import Units
+from tiscene.usd.core.value_times import is_time_varying
 from tiscene.usd.read.template import NOTHING_DRAWN, as_template
 from tiscene.usd.read.traversal import StageReader
 from tiscene.usd.read.traversal_context import TraversalContext
@@ -93,7 +94,7 @@ def _template(
     animated = NOT_ANIMATED
     groups = [each for each in ancestors(prim) if each.IsA(UsdGeom.Imageable)]
     for group in reversed(groups):  # a group may appear and vanish with all objects in it
-        if report.reads_animation and UsdGeom.Imageable(group).GetVisibilityAttr().ValueMightBeTimeVarying():
+        if report.reads_animation and is_time_varying(UsdGeom.Imageable(group).GetVisibilityAttr()):
             animated = animated.hidden_by(group)
     reader.walk(prim, TraversalContext(parent_world, renders=renders(prim), label=label, animated=animated))
     description = reader.description(path)

@@ -129,11 +129,11 @@ class StageReader(PointInstancerReader):
             visibility = imageable.GetVisibilityAttr()
             hides = False
             if self._report.reads_animation and self._is_animated_by_scenario(prim, inherited, is_object):
-                hides = is_light_only(prim) and visibility.ValueMightBeTimeVarying()
+                hides = is_light_only(prim) and is_time_varying(visibility)
                 animated = replace(animated, movers=(), base=None)
                 animated = animated.hidden_by(prim) if hides else animated
             elif self._report.reads_animation:
-                hides = visibility.ValueMightBeTimeVarying()
+                hides = is_time_varying(visibility)
                 animated = animated.with_child(prim, inherited.world, hides)
             visible = visible and (hides or visibility.Get(self._time) != UsdGeom.Tokens.invisible)
             authored = imageable.GetPurposeAttr()

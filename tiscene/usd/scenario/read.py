@@ -26,6 +26,7 @@ from tiscene.usd.core.semantics import is_outermost_object, object_name
 from tiscene.usd.core.stage import Variants, open_stage, quiet, readable, reading_time
 from tiscene.usd.core.transform import to_matrix
 from tiscene.usd.core.units import Units
+from tiscene.usd.core.value_times import is_time_varying
 from tiscene.usd.geometry.skinning import baked_paths
 from tiscene.usd.read.object_builder import may_collide
 from tiscene.usd.read.stage_camera import read_camera, unique_names
@@ -184,8 +185,8 @@ class _ScenarioReader:
             visibility = UsdGeom.Imageable(each).GetVisibilityAttr() if each.IsA(UsdGeom.Imageable) else None
             if (
                 visibility
-                and not visibility.ValueMightBeTimeVarying()
                 and visibility.Get(self._time) == UsdGeom.Tokens.invisible
+                and not is_time_varying(visibility)
             ):
                 return False
         purpose = UsdGeom.Imageable(prim).ComputePurpose()
