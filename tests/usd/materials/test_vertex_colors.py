@@ -168,6 +168,20 @@ def test_one_color_with_alpha_is_read_as_a_color(tmp_path, interpolation, count)
     assert description.materials[0].diffuse_color == (0.5, 0.25, 0.0)
 
 
+@pytest.mark.parametrize("interpolation", ["constant", "uniform"])
+def test_display_color_with_alpha_is_read_as_a_color(tmp_path, interpolation):
+    """The type that USD gives the attribute is that of its schema, color3f, whatever a file says."""
+    color = f'color4f[] primvars:displayColor = [(0.5, 0.25, 0, 0.5)] (interpolation = "{interpolation}")'
+    description = read(tmp_path, QUAD % ("", color))
+    assert [description.materials[row].diffuse_color for row in description.meshes[0].materials] == [(0.5, 0.25, 0)] * 2
+
+
+def test_display_color_of_two_numbers_is_named(tmp_path):
+    text = "primvar 'displayColor' has no 3 numbers in each value; it is not used: </M>"
+    mesh = QUAD % ("", "float2[] primvars:displayColor = [(1, 0)]")
+    assert read_with_warning(tmp_path, mesh, text).materials[0].diffuse_color == (0.18, 0.18, 0.18)
+
+
 def test_meshes_with_and_without_color_primvar_share_a_network(tmp_path):
     """Constant, uniform and vertex colors, and none: the primvar reader's fallback."""
     surface = "color3f inputs:diffuseColor.connect = </Look/Reader.outputs:result>"

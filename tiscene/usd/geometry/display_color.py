@@ -17,7 +17,7 @@ from tiscene.usd.core.color_space import attribute_colors
 from tiscene.usd.core.prims import type_of
 from tiscene.usd.core.report import StageReport
 from tiscene.usd.core.value_times import value_times
-from tiscene.usd.geometry.primvar import SHAPE_TOPOLOGIES, Topology, primvar_topology, read_primvar
+from tiscene.usd.geometry.primvar import SHAPE_TOPOLOGIES, Topology, primvar_topology, read_color, read_primvar
 from tiscene.usd.geometry.vertex_weld import sum_rows
 
 Floats = NDArray[np.floating]
@@ -36,22 +36,26 @@ def constant_primvar(
         name: the primvar, without "primvars:".
         width: components of each value.
         time: when to evaluate it.
-        report: collects values that are not finite, or of another number than the gprim has points or faces.
+        report: collects values that are of another size, not finite, or of another number than the gprim has points or
+            faces.
         report_varying: whether to report as an omission that a primvar of several values is replaced by its mean, also
             where the gprim has faces, points or curves that could have their own values.
 
     Returns:
         `width` numbers: the constant primvar, or the mean of one that varies, without the alpha of four read as three;
-        None if it is unauthored, of another size, not finite, or, which is reported, does not fit the gprim.
+        None if it is unauthored or empty, or, which is reported, of another size, not finite or unfit for the gprim.
     """
     primvar = UsdGeom.PrimvarsAPI(gprim).FindPrimvarWithInheritance(name)
     value = primvar.Get(time) if primvar else None
     if value is None:
         return None
     values = np.asarray(value, dtype=np.float64)
-    has_alpha = width == 3 and np.size(primvar.GetTypeName().scalarType.defaultValue) == 4
+    has_alpha = width == 3 and values.shape[-1:] == (4,)  # whatever its type: that of displayColor is its schema's
     size = 4 if has_alpha else width
-    if values.size == 0 or values.size % size:
+    if values.size % size:
+        report.omission(gprim.GetPath(), f"primvar {name!r} has no {width} numbers in each value; it is not used")
+        return None
+    if values.size == 0:
         return None
     values = attribute_colors(primvar.GetAttr(), values.reshape(-1, size))
     if primvar.IsIndexed() and (indices := np.asarray(primvar.GetIndices(time))).size:
@@ -139,10 +143,12 @@ def _element_means(
     primvar = UsdGeom.PrimvarsAPI(gprim).FindPrimvarWithInheritance(name)
     if not _is_not_constant(primvar) or len(topology.counts) == 0:
         return None
-    read = read_primvar(primvar, width, topology, time, report)
+    read = (
+        read_color(primvar, topology, time, report) if width == 3 else read_primvar(primvar, 1, topology, time, report)
+    )
     if read is None or not len(read.values):
         return None
-    corners = read.at(topology.indices, np.arange(len(topology.indices))).astype(np.float64)
+    corners = read.at(topology.indices, np.arange(len(topology.indices)))[:, :width].astype(np.float64)
     sums = sum_rows(topology.face_of_corner, corners, len(topology.counts))
     values = np.asarray(sums / np.maximum(topology.counts, 1)[:, None])
     if np.abs(corners - values[topology.face_of_corner]).max(initial=0.0) > 1.0 / 255.0:
