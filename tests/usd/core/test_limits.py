@@ -69,6 +69,39 @@ def test_layers_outside_the_root_are_refused(tmp_path):
         read_stage(inside, root="gone")
 
 
+def test_layers_that_are_opened_late_must_be_in_the_root(tmp_path):
+    """Those of value clips, once a value is read, and those of a variant that a template selects."""
+    inside = tmp_path / "inside"
+    inside.mkdir()
+    write(tmp_path, 'def Cube "A"\n{\n double size.timeSamples = { 0: 1, 9: 2 }\n}', name="clip.usda")
+    write(inside, 'over "A"\n{\n double size\n}', name="manifest.usda")
+    clips = """def Cube "B" (clips = {
+        dictionary default = {
+            asset[] assetPaths = [@../clip.usda@]
+            asset manifestAssetPath = @manifest.usda@
+            string primPath = "/A"
+            double2[] active = [(0, 0)]
+        }
+    }) {}"""
+    with pytest.raises(StageError, match=r"layer @.*clip.usda@ is outside .*inside\nroot= "):
+        read_stage(write(inside, clips), root=inside)
+    variants = """def Xform "B" (
+        variantSets = "shape"
+    ) {
+        variantSet "shape" = {
+            "none" {
+            }
+            "other" {
+                def "C" (references = @../clip.usda@</A>) {}
+            }
+        }
+    }"""
+    path = write(inside, variants)
+    assert read_template(path, variants={"shape": "other"}).description.instances
+    with pytest.raises(StageError, match=r"layer @.*clip.usda@ is outside .*inside\nroot= "):
+        read_template(path, variants={"shape": "other"}, root=inside)
+
+
 def test_assets_outside_the_root_are_refused(tmp_path):
     (tmp_path / "inside").mkdir()
     Image.new("RGB", (1, 1)).save(tmp_path / "secret.png")

@@ -27,6 +27,11 @@ INSTANCER = """def PointInstancer "P" {
 BROKEN = {
     "reference": ('def "A" (references = @./missing.usda@) {}\n', "</A> composition: .*missing.usda"),
     "payload": ('def "A" (payload = @./missing.usda@) {}\n', "</A> composition: .*missing.usda"),
+    "clips": (
+        'def Cube "Clips" (clips = {\ndictionary default = {\nasset[] assetPaths = [@missing.usda@]\n'
+        'string primPath = "/A"\ndouble2[] active = [(0, 0)]\n}\n}) {\ndouble size = -1\n}\n',
+        "</Clips> composition: .*missing.usda@ for the value clips default",
+    ),
     "cycle": (
         'def "A" (references = </B>) {}\ndef "B" (references = </A>) {}\n',
         "</A> composition: .*[cC]ycle",

@@ -137,8 +137,10 @@ class RootFolder:
     def check(self, stage: Usd.Stage, name: str) -> None:
         """Raise StageError if any layer of a stage is outside the folder.
 
+        USD opens the layers of value clips when a value of them is read: they are checked after the stage is read.
+
         Args:
-            stage: the opened stage.
+            stage: the stage.
             name: name of the stage in the error message.
         """
         used = [layer.realPath for layer in stage.GetUsedLayers() if not layer.anonymous]

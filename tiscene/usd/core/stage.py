@@ -108,6 +108,7 @@ def open_stage(path: str | Path, variants: Variants | None = None, report: Stage
         missing.raise_problems()
         raise
     _report_composition(stage, report)
+    _report_missing_clips(stage, report)
     _correct_unit(stage, report)
     _refuse_time_codes(stage, report)
     report.raise_refused()
@@ -149,6 +150,22 @@ def _report_composition(stage: Usd.Stage, report: StageReport, prims: Sequence[S
         text = f"{fault}{_REASON}{reasons[fault]}" if reasons[fault] else fault
         advice = next((found for asset in _ASSET.findall(text) if (found := old_crate_advice(asset))), "")
         report.problem(path, COMPOSITION, f"{text}: {advice}" if advice else text)
+
+
+def _report_missing_clips(stage: Usd.Stage, report: StageReport) -> None:
+    """Report files of value clips that do not exist: USD composes the stage without them, and without an error."""
+    for prim in filter(_has_clips, distinct_prims(stage)):
+        with report.guard(prim):
+            clips = Usd.ClipsAPI(prim)
+            for name in clips.GetClips():
+                for asset in clips.ComputeClipAssetPaths(name):
+                    if not asset.resolvedPath:
+                        text = f"Could not open asset @{asset.path}@ for the value clips {name}"
+                        report.problem(prim.GetPath(), COMPOSITION, text)
+
+
+def _has_clips(prim: Usd.Prim) -> bool:
+    return bool(prim.HasAuthoredMetadata("clips"))
 
 
 def _correct_unit(stage: Usd.Stage, report: StageReport) -> None:
@@ -294,4 +311,4 @@ def changes_over_time(stage: Usd.Stage) -> bool:
 def _has_time_samples(stage: Usd.Stage) -> bool:
     if any(layer.ListAllTimeSamples() for layer in stage.GetUsedLayers()):
         return True
-    return any(prim.HasAuthoredMetadata("clips") for prim in stage.TraverseAll())
+    return any(map(_has_clips, distinct_prims(stage)))

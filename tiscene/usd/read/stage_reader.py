@@ -120,6 +120,7 @@ def read_stage(
         moved = tuple(box for template, box in extracted if template.description.instances)
         rooms, gravity = read_room_volumes(stage, time, report), read_gravity(stage, report)
         description = replace(description, rooms=rooms, gravity=gravity, moved=moved)
+        root_folder.check(stage, str(path))
         report.raise_problems(anything_left=bool(description.instances or templates))
         _report_distance(description, stage, report)
     report.warn()

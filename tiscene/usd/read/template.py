@@ -93,6 +93,7 @@ def template_and_report(
         prepare_skinning(stage, time, report)
         limit_subdivision(stage, time, DEFAULT_TRIANGLES, report)
         template = template_of(prim, display_name(prim) or readable_name(Path(path)), report, up_axis, taxonomy)
+        root_folder.check(stage, str(path))
         report.raise_problems(anything_left=bool(template.description.instances))
     return _with_unique_materials(template, str(prim.GetPath())), report
 
