@@ -185,6 +185,7 @@ def test_omissions_are_listed_once_in_one_warning(tmp_path):
     def HermiteCurves "Dust" {}
     def NurbsPatch "Patch" {}
     def Volume "Smoke" {}
+    def Volume "Fire" (prepend apiSchemas = ["VolumeLightAPI"]) {}
     def MyFancyGprim "Fancy" {}
     def Scope "Fine" {}
     def "Typeless" {}
@@ -198,7 +199,7 @@ def test_omissions_are_listed_once_in_one_warning(tmp_path):
         "  prims of type NurbsCurves are not drawn: </Hair>, </Fur>\n"
         "  prims of type HermiteCurves are not drawn: </Dust>\n"
         "  prims of type NurbsPatch are not drawn: </Patch>\n"
-        "  prims of type Volume are not drawn: </Smoke>\n"
+        "  prims of type Volume are not drawn: </Smoke>, </Fire>\n"
         "  prims of the unknown type MyFancyGprim are not drawn: </Fancy>"
     )
 

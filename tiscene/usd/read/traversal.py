@@ -223,8 +223,10 @@ class StageReader(PointInstancerReader):
 
     def _read_light(self, prim: Usd.Prim, here: TraversalContext) -> None:
         matrix = to_matrix(here.world, self._meters)
-        if prim.IsA(UsdGeom.Gprim):
+        if is_drawable(prim):
             self._read_mesh_light(prim, here, matrix)
+        elif prim.IsA(UsdGeom.Gprim):
+            self._report_undrawn(prim)
         elif self._parts is not None:
             self._prototype_lights.append(PrototypeLight(prim, matrix, here.animated))
         else:  # the emission of the stage's own lights is played by the scenario
