@@ -57,6 +57,26 @@ def test_prim_is_hidden_by_constant_time_samples(tmp_path, on_itself):
     assert ts.Scenario.load(path).objects == ()
 
 
+@pytest.mark.parametrize(
+    "content",
+    ['def SphereLight "Lamp" {}', 'def Camera "Eye" {}', 'def Cube "Handle"\n{\n uniform token purpose = "guide"\n}'],
+)
+def test_moving_component_without_geometry_is_no_object(tmp_path, content):
+    """Its light and its camera move, and nothing is left out."""
+    rig = f'def Xform "Rig" (\n kind = "component"\n)\n{{\n {MOVED}\n {content}\n}}\n'
+    path = write(tmp_path, FLOOR + 'def SphereLight "Other" {}\n' + rig, more=RANGE)
+    scenario = ts.Scenario.load(path)
+    assert scenario.objects == ()
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        source = stream(path)
+    for frame, x in ((0, -1.0), (10, 1.0)):
+        lights = source.world.state(frame).placement.lights or ()
+        assert [each.world_from_light[0, 3] for _, each in lights if each.name == "Lamp"] == [x] * ("Lamp" in content)
+    moved = getattr(scenario.camera, "dynamic", None)
+    assert (moved is not None) == ("Eye" in content)
+
+
 def test_object_that_is_never_shown_has_no_warnings(tmp_path):
     """It is hidden by one group, then by another."""
     shown, group = (

@@ -19,14 +19,13 @@ from tiscene.usd.core import schema
 from tiscene.usd.core.keyframes import plays_in_parts, read_keyframes, read_lifespan
 from tiscene.usd.core.limits import Limits
 from tiscene.usd.core.pose import is_same_pose, read_pose
-from tiscene.usd.core.prims import DRAWN_PURPOSES, ancestors, is_light_only, renders, with_ancestors
+from tiscene.usd.core.prims import ancestors, is_light_only
 from tiscene.usd.core.report import StageReport
 from tiscene.usd.core.schema import authored, targets
 from tiscene.usd.core.semantics import is_outermost_object, object_name
 from tiscene.usd.core.stage import Variants, open_stage, quiet, readable, reading_time
 from tiscene.usd.core.transform import to_matrix
 from tiscene.usd.core.units import Units
-from tiscene.usd.core.value_times import is_time_varying
 from tiscene.usd.geometry.skinning import baked_paths
 from tiscene.usd.read.object_builder import may_collide
 from tiscene.usd.read.stage_camera import read_camera, unique_names
@@ -38,6 +37,7 @@ from tiscene.usd.scenario.layer_files import layer_file
 from tiscene.usd.scenario.light_time_samples import read_light_motion
 from tiscene.usd.scenario.motion_schema import read_dynamic
 from tiscene.usd.scenario.rigid_body_schema import read_rigid_body
+from tiscene.usd.scenario.shown_prims import is_shown, shows_geometry
 from tiscene.usd.scenario.stage_cameras import exact_camera, listed_name, stage_cameras
 
 _TIMINGS = {schema.token(name): name for name in ("AllTogether", "WaitUntilComplete", "DictTimings")}
@@ -171,26 +171,11 @@ class _ScenarioReader:
             closed = prim.IsInstance() or is_outermost_object(prim)  # `_walk` does not enter it
             inside = Usd.PrimRange(prim, Usd.TraverseInstanceProxies()) if closed and not is_object else [prim]
             for each in inside:
-                shown = is_light_only(each) and self._is_shown(each)
+                shown = is_light_only(each) and is_shown(each, self._time)
                 motion = read_light_motion(each, self._units, self._report) if shown else None
                 if motion is not None:
                     lights.append(motion)
         return lights
-
-    def _is_shown(self, prim: Usd.Prim) -> bool:
-        """Return whether a prim is read as one of the stage: visible at some time, and in no prototype of points."""
-        for each in with_ancestors(prim):
-            if each.IsA(UsdGeom.PointInstancer):
-                return False
-            visibility = UsdGeom.Imageable(each).GetVisibilityAttr() if each.IsA(UsdGeom.Imageable) else None
-            if (
-                visibility
-                and visibility.Get(self._time) == UsdGeom.Tokens.invisible
-                and not is_time_varying(visibility)
-            ):
-                return False
-        purpose = UsdGeom.Imageable(prim).ComputePurpose()
-        return purpose in DRAWN_PURPOSES and (purpose != UsdGeom.Tokens.render or renders(prim))
 
     def _walk(self) -> Iterator[tuple[Usd.Prim, bool]]:
         """Yield each prim and whether it is an object of the scenario.
@@ -226,7 +211,7 @@ class _ScenarioReader:
             return True
         if not is_outermost_object(prim) or plays_in_parts(prim) or prim.GetPath() in self._baked:
             return False
-        return read_keyframes(prim, self._units, self._report) is not None
+        return shows_geometry(prim, self._time) and read_keyframes(prim, self._units, self._report) is not None
 
     def _target(self, root: Usd.Prim, path: Sdf.Path) -> Usd.Prim | None:
         """Return a prim that the scenario lists; None, with a problem, if it cannot be an object."""
@@ -238,7 +223,7 @@ class _ScenarioReader:
 
     def _object(self, prim: Usd.Prim) -> dict[str, Any] | None:
         """Return an object's JSON object; None if it is not shown or, with a problem, for an invalid transform."""
-        if not self._is_shown(prim):
+        if not is_shown(prim, self._time):
             return None
         pose = read_pose(prim, self._time, self._units)
         if isinstance(pose, str):
