@@ -129,6 +129,16 @@ def test_selected_variants_are_read(tmp_path):
     assert path.read_bytes() == before
 
 
+def test_variants_within_variants_are_selected_in_any_order(tmp_path):
+    """`Scenario.sample` and recipes sort them."""
+    inner = VARIANTS.replace("Room", "Lamp")
+    body = f'def Xform "A" (\n prepend variantSets = "v"\n) {{\n variantSet "v" = {{\n "x" {{\n{inner}\n}}\n}}\n}}\n'
+    path = write(tmp_path, body)
+    both = {"/A/Lamp{lighting}": "night", "/A{v}": "x"}
+    for variants in (both, dict(reversed(both.items()))):
+        assert [each.name for each in read_stage(path, variants=variants).objects] == ["Moon"]
+
+
 WRONG_VARIANTS = [
     ({"/Room{lightning}": "night"}, UnknownName, "no variant set 'lightning' on </Room>. Did you mean 'lighting'?"),
     ({"/Room{lighting}": "x"}, UnknownName, "no variant 'x' in </Room>{lighting}. There are: day, night."),

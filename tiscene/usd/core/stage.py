@@ -240,18 +240,31 @@ def select_variants(stage: Usd.Stage, variants: Variants, layer: Sdf.Layer | Non
     """
     if not isinstance(variants, Mapping):
         raise ArgumentError(f"variants={variants!r} must be a mapping such as {{'/Room{{lighting}}': 'night'}}")
+    pending = list(_selections(variants))
     with Usd.EditContext(stage, layer or stage.GetSessionLayer()):
-        for prim_path, set_name, choice in _selections(variants):
-            prim = stage.GetPrimAtPath(prim_path)
-            if not prim:
-                raise UnknownName("prim", prim_path, _paths_with_variants(stage), hint="Variants are selected on it.")
-            sets = prim.GetVariantSets()
-            if set_name not in sets.GetNames():
-                raise UnknownName("variant set", set_name, sets.GetNames(), where=f" on <{prim_path}>")
-            names = sets.GetVariantSet(set_name).GetVariantNames()
-            if choice not in names:
-                raise UnknownName("variant", choice, names, where=f" in <{prim_path}>{{{set_name}}}")
-            sets.GetVariantSet(set_name).SetVariantSelection(choice)
+        while pending:  # one may bring along the prim or the variant set of another, in whichever order they are
+            errors: dict[tuple[str, str, str], UnknownName] = {}
+            for each in pending:
+                try:
+                    _select(stage, *each)
+                except UnknownName as error:
+                    errors[each] = error
+            if len(errors) == len(pending):
+                raise errors[pending[0]]
+            pending = list(errors)
+
+
+def _select(stage: Usd.Stage, prim_path: str, set_name: str, choice: str) -> None:
+    prim = stage.GetPrimAtPath(prim_path)
+    if not prim:
+        raise UnknownName("prim", prim_path, _paths_with_variants(stage), hint="Variants are selected on it.")
+    sets = prim.GetVariantSets()
+    if set_name not in sets.GetNames():
+        raise UnknownName("variant set", set_name, sets.GetNames(), where=f" on <{prim_path}>")
+    names = sets.GetVariantSet(set_name).GetVariantNames()
+    if choice not in names:
+        raise UnknownName("variant", choice, names, where=f" in <{prim_path}>{{{set_name}}}")
+    sets.GetVariantSet(set_name).SetVariantSelection(choice)
 
 
 def _selections(variants: Variants) -> Iterator[tuple[str, str, str]]:
