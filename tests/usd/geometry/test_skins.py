@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import pickle
+import warnings
 
 import numpy as np
 import pytest
@@ -12,6 +13,7 @@ from pxr import Gf, Usd, UsdGeom, UsdSkel, Vt
 import tiscene as ts
 from tests.usd.characters import author_character
 from tests.usd.helpers import write
+from tiscene.errors import StageWarning
 from tiscene.scene import skinned_deformation
 from tiscene.scene.skinned_deformation import SkinnedDeformation
 from tiscene.usd.core.transform import to_matrix
@@ -69,6 +71,23 @@ def test_vertices_equal_those_that_usd_bakes(tmp_path, options):
             np.testing.assert_allclose(normals, expected, atol=1e-6)
         else:
             assert normals is None
+
+
+@pytest.mark.parametrize("method", ["classicLinear", "dualQuaternion"])
+def test_skin_with_a_transform_out_of_range_is_named(tmp_path, method):
+    """Of a pair of meshes, one of which has a scale of 0 that USD inverts to numbers beyond single precision."""
+    path = author_character(tmp_path / "character.usda", samples=2, meshes=2)
+    stage = Usd.Stage.Open(str(path))
+    mesh = stage.GetPrimAtPath("/Root/Mesh_0")
+    UsdSkel.BindingAPI(mesh).CreateSkinningMethodAttr(method)
+    UsdGeom.XformCommonAPI(mesh).SetScale((0.0, 1.0, 1.0))
+    stage.Save()
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always")
+        description = read_stage(path)
+    assert [each.category for each in caught] == [StageWarning]
+    assert "</Root/Mesh_0> skinning: its transform holds numbers above 1e+18" in str(caught[0].message)
+    assert [each.name for each in description.objects] == ["Mesh_1"]
 
 
 @pytest.mark.parametrize("case", ["uneven", "rigid", "dual quaternions"])

@@ -8,7 +8,7 @@ import pytest
 from pxr import Usd, UsdGeom
 
 import tiscene as ts
-from tests.usd.helpers import read, write
+from tests.usd.helpers import read, read_with_warning, write
 from tests.usd.read.test_animation import RANGE, placed, stream
 from tiscene.usd.read.stage_reader import read_stage
 
@@ -239,3 +239,20 @@ def test_component_with_lights_at_points_moves_as_a_whole(tmp_path):
     body = f'    def PointInstancer "P"\n    {{{WHEELS % ("/Car/P", lamp)}}}'
     stage = ts.Stream(str(write(tmp_path, CAR % ("Xform", body), more=RANGE)), width=8, height=6, buffers=("instance",))
     assert [row.name for row in stage[3].objects] == ["Car"]
+
+
+def test_prototype_whose_transform_is_not_finite_at_some_time_is_left_out(tmp_path):
+    body = """def PointInstancer "P" {
+        rel prototypes = </P/A>
+        int[] protoIndices = [0]
+        point3f[] positions = [(1, 2, 3)]
+        def Xform "A" {
+            def Cube "Good" {}
+            def Cube "Bad" {
+                double3 xformOp:translate.timeSamples = { 0: (0, 0, 0), 5: (nan, 0, 0) }
+                uniform token[] xformOpOrder = ["xformOp:translate"]
+            }
+        }
+    }"""
+    text = "</P/A/Bad> transform: its transform holds numbers that are not finite; left out"
+    assert len(read_with_warning(tmp_path, body, text).instances) == 1

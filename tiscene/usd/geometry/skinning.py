@@ -21,6 +21,7 @@ from tiscene.usd.core.prims import DEFINED, ancestors, with_ancestors
 from tiscene.usd.core.report import StageReport
 from tiscene.usd.core.semantics import shared_path, uninstance
 from tiscene.usd.core.time_samples import in_seconds
+from tiscene.usd.core.transform import range_fault
 from tiscene.usd.core.value_times import dense_times, transform_times
 from tiscene.usd.geometry.primvar import outside
 
@@ -219,9 +220,19 @@ class _SkinReader:
                 number = {name: row for row, name in enumerate(order)}
                 joints = np.array([number.get(name, len(order)) for name in own])[joints]
             bind = _matrices([query.GetGeomBindTransform(self._time)])[0]
+        if not self._is_in_range(prim, np.concatenate([frames, bind[None]])):
+            return None
         shapes = self._shapes(skeleton, query, times, len(points)) if query.HasBlendShapes() else None
         indices = None if joints is None else joints.astype(np.int32)
         return Skin(poses, points, None, None, indices, weights, bind, frames, shapes)
+
+    def _is_in_range(self, prim: Usd.Prim, matrices: NDArray[np.float64]) -> bool:
+        """Return whether transforms between a skeleton and a prim are finite and not too large; others are reported."""
+        fault = range_fault(matrices)
+        if fault:
+            text = f"{fault}, or its geomBindTransform or its skeleton's transform does; it is drawn unposed"
+            self._report.problem(prim.GetPath(), "skinning", text)
+        return not fault
 
     def _shapes(
         self, skeleton: UsdSkel.SkeletonQuery, query: UsdSkel.SkinningQuery, times: Sequence[float], points: int
@@ -287,6 +298,8 @@ class _SkinReader:
                     self._report.omission(prim.GetPath(), "a prim whose skinning USD cannot compute is drawn unposed")
                     return
                 matrix = _matrices([_skeleton_to_prim(skeleton, prim, code)])[0]
+                if not self._is_in_range(prim, matrix):
+                    return
                 moved = np.asarray(points, np.float64) @ matrix[:, :3].T + matrix[:, 3]
                 authored[code] = Vt.Vec3fArray.FromNumpy(moved.astype(np.float32))
         with Usd.EditContext(self._stage, session):

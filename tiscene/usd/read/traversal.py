@@ -262,9 +262,10 @@ class StageReader(PointInstancerReader):
         if here.is_drawn:
             report_unskinned(prim, self._report)
         matrix = to_matrix(here.world, self._meters)
-        samples = TransformSamples.of(here.animated, here.world, self._meters) if self._parts is None else None
+        over_time = TransformSamples.of(here.animated, here.world, self._meters)
+        samples = over_time if self._parts is None else None
         matrix = first_shown(matrix, samples)
-        if fault := range_fault(matrix if samples is None else samples.matrices):
+        if fault := range_fault(matrix if over_time is None else over_time.matrices):
             self._report.problem(prim.GetPath(), "transform", fault)
         elif is_singular(matrix) and (samples is not None or not here.animated):
             self._report.omission(prim.GetPath(), "geometry that its transform flattens is not drawn")
