@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import math
+import warnings
 
 import numpy as np
 import pytest
@@ -188,12 +189,18 @@ WRONG = [
         'float3 xformOp:scale = (0, 1, 1)\nuniform token[] xformOpOrder = ["xformOp:scale"]',
         "camera: its transform is singular or not finite",
     ),
+    (
+        'double3 xformOp:translate = (inf, inf, inf)\nuniform token[] xformOpOrder = ["xformOp:translate"]',
+        "camera: its transform is singular or not finite",
+    ),
 ]
 
 
 @pytest.mark.parametrize(("lines", "expected"), WRONG)
 def test_invalid_cameras_are_problems(tmp_path, lines, expected):
-    (problem,) = problems_of(tmp_path, camera(lines))
+    with warnings.catch_warnings():
+        warnings.simplefilter("error", RuntimeWarning)
+        (problem,) = problems_of(tmp_path, camera(lines))
     assert problem.startswith(f"</Eye> {expected}")
 
 

@@ -66,7 +66,13 @@ def transform_fault(matrix: Matrix) -> str:
 
 def unmirrored(matrix: Matrix) -> Matrix:
     """Return the transform of a camera, which looks along -z with +y up, with x flipped where it mirrors."""
-    return matrix @ np.diag([-1.0, 1.0, 1.0, 1.0]) if np.linalg.det(matrix[:3, :3]) < 0.0 else matrix
+    return matrix @ np.diag([-1.0, 1.0, 1.0, 1.0]) if is_mirroring(matrix) else matrix
+
+
+def is_mirroring(matrix: Matrix) -> bool:
+    """Return whether a transform turns left-handed objects into right-handed ones; False if it is not finite."""
+    with np.errstate(invalid="ignore"):
+        return bool(np.linalg.det(matrix[:3, :3]) < 0.0)
 
 
 def unscaled(matrix: Matrix) -> Matrix | None:

@@ -32,7 +32,7 @@ from tiscene.scene.description import (
 from tiscene.scene.lights.light_kinds import UsdLightInputs, usd_reader
 from tiscene.usd.core.prims import type_of
 from tiscene.usd.core.report import StageReport
-from tiscene.usd.core.transform import is_sheared, scale_along, to_matrix, unmirrored, unscaled
+from tiscene.usd.core.transform import is_mirroring, is_sheared, scale_along, to_matrix, unmirrored, unscaled
 from tiscene.usd.lights.light_linking import links_of
 from tiscene.usd.lights.shaping import is_seen_by_camera, light_input, read_shaping, report_unsupported
 from tiscene.usd.materials.texture import TextureTable
@@ -123,7 +123,7 @@ class LightReader:
     def _is_mirrored(self, prim: Usd.Prim, matrix: Matrix) -> bool:
         """Return whether a transform mirrors a light's texture or IES profile; other lights look the same mirrored."""
         files = (self._input(prim, name, None) for name in ("texture:file", "shaping:ies:file"))
-        return any(getattr(each, "path", "") for each in files) and bool(np.linalg.det(matrix[:3, :3]) < 0.0)
+        return any(getattr(each, "path", "") for each in files) and is_mirroring(matrix)
 
     def _controls(self, prim: Usd.Prim, mirrored: bool) -> dict[str, Any] | None:
         """Read the controls common to all types: diffuse and specular multipliers, texture, shaping, shadows.
