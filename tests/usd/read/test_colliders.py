@@ -6,7 +6,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from tests.usd.helpers import read
+from tests.usd.helpers import read, read_with_warning
 
 COLLIDERS = """
 def Xform "Chair" (kind = "component"%s) {
@@ -87,3 +87,20 @@ def test_rigid_bodies_are_movable(tmp_path):
     assert [each.movable for each in read(tmp_path, body).objects] == [True, False, False]
     off = body.replace('def Cube "Drawn"', 'bool physics:rigidBodyEnabled = 0\ndef Cube "Drawn"')
     assert not read(tmp_path, off).objects[0].movable
+
+
+@pytest.mark.parametrize("kind", ["component", "group"])
+def test_moving_collider_that_is_not_drawn_is_named(tmp_path, kind):
+    body = f"""def Cube "Floor" {{}}
+    def Xform "Rig" (
+        kind = "{kind}"
+    ) {{
+        double3 xformOp:translate.timeSamples = {{ 0: (0, 0, 0), 9: (1, 0, 0) }}
+        uniform token[] xformOpOrder = ["xformOp:translate"]
+        def Cube "Wall" (prepend apiSchemas = ["PhysicsCollisionAPI"]) {{
+            uniform token purpose = "guide"
+        }}
+    }}"""
+    text = "a collider that moves and is not drawn stays where it is at the time read: </Rig/Wall>"
+    description = read_with_warning(tmp_path, body, text)
+    assert [each.prim_path for each in description.colliders] == ["/Rig/Wall"]

@@ -8,6 +8,7 @@
     broken_prims    prims whose bounds cannot be computed
     limits          limits of size, time, memory and location
     prims           traversal, ancestors and instances of prims
+    shown_prims     which prims are drawn at some time
     layers          files of a stage and their digests; layers to files
     package         paths into .usdz packages
     transform       matrices

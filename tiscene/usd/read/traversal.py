@@ -19,6 +19,7 @@ from tiscene.usd.core.keyframes import plays_in_parts
 from tiscene.usd.core.prims import DEFINED, DRAWN_PURPOSES, ancestors, is_light, is_light_only, renders
 from tiscene.usd.core.report import UNDRAWN, StageReport
 from tiscene.usd.core.semantics import direct_label, is_component, is_object_instance, taxonomies_of
+from tiscene.usd.core.shown_prims import shows_geometry
 from tiscene.usd.core.time_samples import TransformSamples
 from tiscene.usd.core.transform import is_singular, range_fault, to_matrix
 from tiscene.usd.core.value_times import JUMP, dense_times, is_time_varying
@@ -166,8 +167,8 @@ class StageReader(PointInstancerReader):
     def _is_animated_by_scenario(self, prim: Usd.Prim, inherited: TraversalContext, is_object: bool) -> bool:
         """Return whether a scenario animates a prim, not an instance track: objects, lights and whole templates.
 
-        No scenario holds an object within another one, within an instance of several or below a gprim, a Scope, and an
-        object whose motion is not that of a rigid whole: they move by tracks.
+        No scenario holds an object within another one, within an instance of several or below a gprim, a Scope, an
+        object in which nothing is drawn, and one whose motion is not that of a rigid whole: they move by tracks.
         """
         if self._parts is not None or prim.GetPath() in self._report.budget.baked_skins:
             return False
@@ -178,7 +179,7 @@ class StageReader(PointInstancerReader):
         is_outermost = (is_object or prim.IsA(UsdGeom.Gprim)) and inherited.owner is None and not prim.IsInstanceProxy()
         if not is_outermost or any(each.IsA(UsdGeom.Gprim) for each in ancestors(prim)):
             return False
-        return bool(prim.IsA(UsdGeom.Xformable)) and not plays_in_parts(prim)
+        return prim.IsA(UsdGeom.Xformable) and shows_geometry(prim, self._time) and not plays_in_parts(prim)
 
     def _read(self, prim: Usd.Prim, here: TraversalContext) -> bool:
         """Read one prim and return whether to traverse its children."""
@@ -279,6 +280,9 @@ class StageReader(PointInstancerReader):
         else:
             owner = here.owner or StageObject.of(prim, here.label, True, matrix, samples)
             if not here.is_drawn:
+                if over_time is not None:
+                    text = "a collider that moves and is not drawn stays where it is at the time read"
+                    self._report.omission(prim.GetPath(), text)
                 mesh = shapes[0][0]
                 self._objects.add_collider(owner, mesh, self._meshes.placed(mesh, matrix), str(prim.GetPath()))
                 return

@@ -4,7 +4,6 @@
 ::
 
     read                read the scenario of a stage
-    shown_prims         which prims are drawn
     write               write a scenario as a layer over its scene
     motion_schema       trajectories as attributes of TisceneMotionAPI
     rigid_body_schema   rigid bodies by the schemas of UsdPhysics

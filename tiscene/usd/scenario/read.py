@@ -23,6 +23,7 @@ from tiscene.usd.core.prims import ancestors, is_light_only
 from tiscene.usd.core.report import StageReport
 from tiscene.usd.core.schema import authored, targets
 from tiscene.usd.core.semantics import is_outermost_object, object_name
+from tiscene.usd.core.shown_prims import is_shown, shows_geometry
 from tiscene.usd.core.stage import Variants, open_stage, quiet, readable, reading_time
 from tiscene.usd.core.transform import to_matrix
 from tiscene.usd.core.units import Units
@@ -37,7 +38,6 @@ from tiscene.usd.scenario.layer_files import layer_file
 from tiscene.usd.scenario.light_time_samples import read_light_motion
 from tiscene.usd.scenario.motion_schema import read_dynamic
 from tiscene.usd.scenario.rigid_body_schema import read_rigid_body
-from tiscene.usd.scenario.shown_prims import is_shown, shows_geometry
 from tiscene.usd.scenario.stage_cameras import exact_camera, listed_name, stage_cameras
 
 _TIMINGS = {schema.token(name): name for name in ("AllTogether", "WaitUntilComplete", "DictTimings")}

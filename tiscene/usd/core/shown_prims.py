@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Which prims of a stage are drawn, and so are objects and lights that a scenario moves."""
+"""Which prims of a stage are drawn at some time: objects and lights that a scenario moves are."""
 
 from __future__ import annotations
 
