@@ -317,6 +317,12 @@ def test_camera_whose_name_is_that_of_a_folder_of_exports_has_another_one(tmp_pa
     assert set(contents(tmp_path)) == {NAME, "Shards_/shard-000000.tar", "pieces_/shard-000000.tar"}
 
 
+def test_camera_without_a_name_has_a_folder(tmp_path):
+    stream = ThreeCameraStream()
+    stream.names = ("", "..", "Main")
+    assert export(stream, tmp_path, frames=range(1)).folders == ["Main/", "_/", "__/"]
+
+
 def test_cameras_with_equal_folder_names_are_refused(tmp_path):
     stream = ThreeCameraStream()
     stream.names = ("a/b", "A:B")

@@ -168,7 +168,8 @@ def buffer_digest(buffer: NDArray[Any]) -> str:
 def views_by_folder(frame: Frame) -> dict[str, Frame]:
     """Return the view of each camera by the folder of its files, which ends in "/"; {"": frame} for a single camera.
 
-    A folder has the camera's name, with `_` for characters that are unsafe in file names, and behind a name in _TAKEN.
+    A folder has the camera's name, with `_` for characters that are unsafe in file names, for an empty name, and behind
+    a name in _TAKEN.
 
     Raises:
         ExportError: Two cameras would share a folder.
@@ -177,7 +178,7 @@ def views_by_folder(frame: Frame) -> dict[str, Frame]:
         return {"": frame}
     result: dict[str, Frame] = {}
     for name, view in frame.views.items():
-        folder = re.sub(r"[^\w .-]|^[ .]|[ .]$", "_", name)
+        folder = re.sub(r"[^\w .-]|^[ .]|[ .]$", "_", name) or "_"
         folder += "_/" if folder.lower() in _TAKEN else "/"
         if folder.lower() in map(str.lower, result):
             names = ", ".join(map(repr, frame.views))
