@@ -12,6 +12,7 @@ class FakeCommandStream(FakeStream):
 
     made: list["FakeCommandStream"] = []  # noqa: RUF012
     interrupt_at = None
+    arch = "cuda"
     world = SimpleNamespace(descriptions=[SimpleNamespace(instances=("cube",))])
 
     def __init__(self, source, *, width, height, buffers, seed=0, **others) -> None:

@@ -197,7 +197,9 @@ def test_show_shortens_long_lists():
 
 def test_bench_prints_a_line_for_each_size_and_kind(fake, capsys):
     assert cli.main(["bench", "somewhere", "--seconds", "0"]) == 0
-    head, *rows = capsys.readouterr().out.splitlines()
+    printed = capsys.readouterr()
+    assert printed.err.startswith("somewhere, cuda, ")
+    head, *rows = printed.out.splitlines()
     assert head.split()[-1] == "frames/s"
     tried, *measured = fake.made
     assert tried.rendered == []

@@ -30,8 +30,9 @@ def run(args: argparse.Namespace) -> None:
     source = args.scene or SCENE
     if not args.seconds >= 0.0:
         raise ArgumentError(f"--seconds {args.seconds:g}: must be 0 or more")
-    Stream(source, width=8, height=8, buffers=("depth",), arch=args.arch)  # raises errors before the table is begun
-    note(f"{source}, {args.arch or 'cpu'}, {os.cpu_count()} logical cores; the first frame includes compiling")
+    # Raises errors before the table is begun.
+    arch = Stream(source, width=8, height=8, buffers=("depth",), arch=args.arch).arch
+    note(f"{source}, {arch}, {os.cpu_count()} logical cores; the first frame includes compiling")
     print_table(source, seconds=args.seconds, arch=args.arch)
 
 
@@ -41,7 +42,7 @@ def print_table(source: str | Scenario, *, seconds: float, arch: str | None = No
     Args:
         source: The source of the streams, as of `Stream`.
         seconds: The duration of each measurement, s; the first frame is extra.
-        arch: "cpu" or "cuda"; None for "cpu".
+        arch: As of `Stream`.
     """
     print(f"{'buffers':<22} {'size':>9} {'spp':>4} {'first frame':>12} {'frame':>10} {'frames/s':>9}")
     for width, height in SIZES:
