@@ -6,7 +6,7 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
-from tiscene.cli.terminal import progress
+from tiscene.cli.terminal import progress, task_shown
 from tiscene.errors import ArgumentError, export_errors
 from tiscene.export.array_files import json_file
 from tiscene.export.difficulty_plot import difficulty_plot
@@ -33,6 +33,7 @@ def run(args: argparse.Namespace) -> None:
             buffers=buffers,
             quality=args.quality,
             arch=args.arch,
+            progress=task_shown(step),
         )
         step(0, "measuring")
         for index in frames:
