@@ -30,7 +30,7 @@ def stream_of(manifest: Manifest, folders: Sequence[Path] = (), arch: str | None
     Args:
         manifest: Of the export.
         folders: Where files are looked for that are not where the scenario says; all folders below too.
-        arch: "cpu" or "cuda"; None for "cpu".
+        arch: "cpu" or "cuda"; None: as of `Stream`.
 
     Raises:
         ExportError: A file of the scene is missing, or has another content than at the export.

@@ -80,7 +80,7 @@ def verify(
             compared; None: all.
         frames: Indices of the frames that are rendered again, as far as the export has them; None: as `sample` says.
         search: Folders, beside the export's own, in which files of the scene are looked for by their digest.
-        arch: "cpu" or "cuda"; None for "cpu".
+        arch: "cpu" or "cuda"; None: as of `Stream`.
         progress: Called with the index of a frame, and whether it was rendered; else its files were compared.
 
     Raises:

@@ -84,7 +84,7 @@ class Environment(EnvironmentEdits):
                 as it is at that time. False: it starts at frame 0, as in SAILenv. A scenario always starts at frame 0.
             physics: Whether objects fall and are pushed: those of scenarios without a dynamic, and those that are
                 spawned with their default dynamics. Needs the extra `physics`.
-            arch: "cpu" or "cuda"; None for "cpu".
+            arch: "cpu" or "cuda"; None: as of `Stream`.
 
         Raises:
             TisceneError: An argument is invalid.

@@ -127,7 +127,7 @@ def generate(
         recipe: What the scenarios are drawn from.
         folder: The folder to write, which all nodes must share.
         count: Number of scenarios.
-        arch: "cpu" or "cuda"; None for "cpu".
+        arch: "cpu" or "cuda"; None: as of `Stream`.
         address: As of `render`.
         cpus: As of `render`.
         unlike: As of `render`.

@@ -16,7 +16,7 @@ class ScenarioWork:
 
     Args:
         data_set: The data set.
-        arch: "cpu", "cuda" or None for "cpu".
+        arch: "cpu" or "cuda"; None: as of `Stream`.
     """
 
     def __init__(self, data_set: DataSet, arch: str | None) -> None:

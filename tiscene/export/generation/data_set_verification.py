@@ -62,7 +62,7 @@ def verify_data_set(
         folder: The folder of the data set.
         sample: How many frames are rendered again, evenly from the first scenario to the last; 0: none; None: all.
         search: As of `verify`.
-        arch: "cpu" or "cuda"; None for "cpu".
+        arch: "cpu" or "cuda"; None: as of `Stream`.
         progress: Called with the number of a scenario and the index of a frame that was rendered; None when the
             scenario is done.
         index_progress: Called with a task and the fraction of it that is done, while the index is compared.

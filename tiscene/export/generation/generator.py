@@ -66,7 +66,7 @@ def generate(
         count: Number of scenarios.
         shard: (i, n): render part i of n; several processes may write into one folder at the same time. The index is
             then written by `finish`.
-        arch: "cpu" or "cuda"; None for "cpu".
+        arch: "cpu" or "cuda"; None: as of `Stream`.
         progress: Called with the number of a scenario and the index of its frame; None when the scenario is done.
         index_progress: Called with a task and the fraction of it that is done, while the index is written.
 
@@ -199,7 +199,7 @@ class ScenarioRenderer:
 
     Args:
         data_set: The data set.
-        arch: "cpu" or "cuda"; None for "cpu".
+        arch: "cpu" or "cuda"; None: as of `Stream`.
     """
 
     def __init__(self, data_set: DataSet, arch: str | None) -> None:
