@@ -43,6 +43,18 @@ def test_export_errors_names_the_file_that_cannot_be_written(tmp_path, monkeypat
     assert list(tmp_path.iterdir()) == []
 
 
+def test_export_errors_names_the_file_in_the_place_of_a_folder(tmp_path):
+    out, below = tmp_path / "out", tmp_path / "out" / "rgb"
+    out.write_text("")
+    with pytest.raises(ExportError, match=r"^cannot write '.*out': it is a file, not a folder$"), export_errors(out):
+        out.mkdir(exist_ok=True)
+    out.unlink()
+    out.mkdir()
+    below.write_text("")
+    with pytest.raises(ExportError, match=r"^cannot write '.*out': '.*rgb' is a file, not"), export_errors(out):
+        write_atomically(below / "0.png", b"")
+
+
 @pytest.mark.parametrize("name", ["folder", "x" * 250])
 def test_failed_write_names_the_file_and_not_the_partial_one(tmp_path, name):
     (tmp_path / "folder").mkdir()

@@ -172,6 +172,9 @@ def export_errors(path: str | os.PathLike[str]) -> Iterator[None]:
         yield
     except TisceneError:  # MissingFile is of what was to be read
         raise
+    except FileExistsError as error:  # where a folder is to be made
+        place = "it" if error.filename == os.fspath(path) else repr(error.filename)
+        raise ExportError(f"cannot write {os.fspath(path)!r}: {place} is a file, not a folder") from error
     except OSError as error:
         raise ExportError(f"cannot write {os.fspath(path)!r}: {error}") from error
 

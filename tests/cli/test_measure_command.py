@@ -46,5 +46,5 @@ def test_measure_refuses_endless_ranges_and_unknown_scenes(tmp_path, monkeypatch
     assert "Did you mean 'object_view'" in capsys.readouterr().err
     (tmp_path / "file").write_text("")
     assert cli.main(["measure", "object_view", "--frames", "0:1", "--width", "8", "--height", "6", "-o", "file"]) == 2
-    assert "cannot write" in capsys.readouterr().err
+    assert "tiscene: cannot write 'file': it is a file, not a folder" in capsys.readouterr().err
     assert not list(tmp_path.glob("tiscene-measure*"))

@@ -123,8 +123,6 @@ def writing_into(folder: Path) -> Iterator[None]:
     Raises:
         ExportError: Another process writes into it, or a file cannot be written.
     """
-    if folder.exists() and not folder.is_dir():
-        raise ExportError(f"cannot write {str(folder)!r}: it is a file, not a folder")
     with export_errors(folder):
         folder.mkdir(parents=True, exist_ok=True)
         with lock_folder(folder):
