@@ -15,7 +15,7 @@ from typing import Any
 # Arguments of `Stream` and `export` whose values a manifest holds under their own names.
 _ARGUMENTS = (
     *("format", "buffers", "objects", "width", "height", "fps", "seed", "spp", "max_depth", "relative_error", "clamp"),
-    *("pixel_filter", "shutter", "time_code", "variants", "taxonomy", "camera"),
+    *("pixel_filter", "shutter", "time_code", "variants", "taxonomy", "categories", "subdivision", "camera"),
 )
 _SWITCHES = {"denoiser": "denoise", "incremental": "incremental"}  # None where the switch is off
 _PRESET_ARGUMENTS = ("spp", "max_depth", "denoise", "incremental")  # parts of a quality preset
@@ -77,8 +77,10 @@ def cure(found: Sequence[Difference], there: Mapping[str, Any]) -> str:
             steps.append(f"use tiscene {value}")
         elif top == "name":
             steps.append("let `tiscene generate` continue its data set")
-        elif top == "file_digests":
+        elif top == "file_digests" or each.key == "settings.files":
             steps.append("restore the files of the scene that have changed since")
+        elif each.key == "settings.lights":
+            steps.append("replace its lights as for that export (set_light)")
         elif name in _SWITCHES and (each.there is None or each.now is None):
             arguments[_SWITCHES[name]] = value is not None
         elif top == "scenario" and (name != "variants" if name != "camera" else _has_pose(value, each.now)):
