@@ -5,6 +5,7 @@ import contextlib
 
 from tiscene.cli import main as cli
 from tiscene.cli import merge
+from tiscene.export.manifest import Manifest
 from tiscene.export.packing import PACKING
 
 
@@ -32,3 +33,16 @@ def test_merge_shows_progress_towards_the_number_of_frames(tmp_path, fake, monke
     assert cli.main(["merge", str(tmp_path)]) == 0
     assert (totals, len(steps)) == ([5], 5)
     assert capsys.readouterr().out.splitlines()[-1] == str(tmp_path)
+
+
+def test_shards_of_other_settings_replace_merged_ones_on_request(tmp_path, fake, capsys):
+    render = ["render", "somewhere", "--width", "12", "--height", "8", "--frames", "0:5", "-o"]
+    assert cli.main([*render, str(tmp_path / "out")]) == 0
+    render += [str(tmp_path / "out"), "--seed", "1"]
+    for shard in ("0/2", "1/2"):
+        assert cli.main([*render, "--shard", shard, "--overwrite"]) == 0
+    merging = ["merge", str(tmp_path / "out")]
+    assert cli.main(merging) == 2
+    assert "--overwrite" in capsys.readouterr().err
+    assert cli.main([*merging, "--overwrite"]) == 0
+    assert Manifest.load(tmp_path / "out").provenance["settings"]["seed"] == 1

@@ -108,6 +108,16 @@ def test_parts_that_do_not_belong_together_are_refused(tmp_path):
         Shard(4, 4, (0, 8, 1))
 
 
+def test_file_of_many_frames_is_not_extended_without_the_parts_that_it_was_merged_of(tmp_path):
+    first, second = (render_shard(tmp_path, number, 2, "webdataset") for number in (0, 1))
+    merge(tmp_path, [first], partial=True)
+    before = merged(tmp_path)
+    with pytest.raises(ExportError, match=r"frames that are in no part now, such as 2: name all parts that it was"):
+        merge(tmp_path, [second], partial=True)
+    assert merged(tmp_path) == before
+    assert list(merge(tmp_path, [first, second]).frames) == list(FRAMES)
+
+
 def test_folder_of_another_export_is_refused_or_replaced(tmp_path):
     export(FakeStream(seed=5), tmp_path, frames=range(20))
     render_shard(tmp_path, 0, 1)

@@ -83,6 +83,7 @@ def add_merge(commands: Commands) -> None:
     )
     merge.add_argument("--partial", action="store_true", help="merge although frames are missing")
     merge.add_argument("--unlike", action="store_true", help="merge shards of unlike machines")
+    merge.add_argument("--overwrite", action="store_true", help="replace frames that were made with other settings")
 
 
 def add_sample(commands: Commands) -> None:

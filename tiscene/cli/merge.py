@@ -35,6 +35,7 @@ def run(args: argparse.Namespace) -> int:
                 parts,
                 partial=args.partial,
                 unlike=args.unlike,
+                overwrite=args.overwrite,
                 progress=lambda index: step(task=f"frame {index}"),
             )
     print(args.folder)

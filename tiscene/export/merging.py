@@ -159,7 +159,10 @@ def _merge(
     frames = sorted(owners)
     lost = [index for index in writer.plan(frames) if index not in owners]
     if lost:
-        raise ExportError(f"{str(folder)!r} was merged with frames that are in no part now, such as {lost[0]}")
+        raise ExportError(
+            f"{str(folder)!r} was merged with frames that are in no part now, such as {lost[0]}: name all parts that "
+            "it was merged of, or merge into another folder"
+        )
     try:
         if not frames:
             writer.claim((), ())
