@@ -98,8 +98,10 @@ def test_edits_check_their_values():
                 edit(3, id)
     with pytest.raises(ScenarioError, match="aspect=0: must be greater"):
         SetFrustumWalls(3, None, ts.Camera(), 0)
-    with pytest.raises(ScenarioError, match=r"edits\[0\].object"):
-        ts.Scenario("room", edits=[Spawn(3, type("Fake", (), {"first_frame": 3})())])
+    with pytest.raises(ScenarioError, match="frustum=3: must be a Frustum or None"):
+        SetFrustumWalls(3, 3, ts.Camera(), 1)
+    with pytest.raises(ScenarioError, match="object: must be an Object whose first_frame is 3"):
+        Spawn(3, type("Fake", (), {"first_frame": 3})())
 
 
 def test_a_thing_that_is_not_there_has_a_nearest_one():

@@ -36,7 +36,7 @@ class Spawn:
     def __post_init__(self) -> None:
         with scenario_errors():
             set_checked(self, frame=index)
-            if getattr(self.object, "first_frame", None) != self.frame:
+            if not isinstance(self.object, Object) or self.object.first_frame != self.frame:
                 raise ScenarioError(
                     f"object: must be an Object whose first_frame is {self.frame}, the frame of its spawn"
                 )
@@ -109,6 +109,8 @@ class SetFrustumWalls:
     def __post_init__(self) -> None:
         with scenario_errors():
             set_checked(self, frame=index)
+            if not isinstance(self.frustum, Frustum | None):
+                raise ScenarioError(f"frustum={self.frustum!r}: must be a Frustum or None")
             if not isinstance(self.camera, Camera) or self.camera.dynamic is not None or self.camera.lens is not None:
                 text = "must be a Camera without a dynamic and without keyframes of its lens"
                 raise ScenarioError(f"camera={self.camera!r}: {text}; to move walls, set them again")

@@ -72,13 +72,7 @@ def check_objects(value: Any, name: str) -> tuple[Object, ...]:
 def check_edits(value: Any, name: str) -> tuple[Edit, ...]:
     """Return edits as a tuple."""
     kinds = "a Spawn, Despawn, Move, PlaceCamera or SetFrustumWalls"
-    edits = check_each(value, name, Edit, "Spawn, Despawn, Move, ...", kinds)
-    for row, each in enumerate(edits):
-        if isinstance(each, SetFrustumWalls) and not isinstance(each.frustum, Frustum | None):
-            raise ScenarioError(f"{name}[{row}].frustum={each.frustum!r}: must be a Frustum or None")
-        if isinstance(each, Spawn) and not isinstance(each.object, Object):
-            raise ScenarioError(f"{name}[{row}].object={each.object!r}: must be an Object(id, template, ...)")
-    return edits
+    return check_each(value, name, Edit, "Spawn, Despawn, Move, ...", kinds)
 
 
 def check_variants(value: Any, name: str) -> dict[str, Any]:

@@ -160,8 +160,6 @@ class ObjectEdits(CameraEdits):
             CameraNotFound: the scenario has no such camera.
             ScenarioError: an argument is of the wrong kind.
         """
-        if not isinstance(frustum, Frustum | None):
-            raise ScenarioError(f"frustum={frustum!r}: must be a Frustum or None")
         if not isinstance(camera, Camera | str | None):
             raise ScenarioError(f"camera={camera!r}: must be a Camera, the name of one or None")
         if isinstance(camera, Camera):
