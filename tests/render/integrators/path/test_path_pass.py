@@ -230,6 +230,24 @@ def test_denoiser_features_see_through_mirrors() -> None:
     assert image.normal.mean(axis=(0, 1)) == pytest.approx([0.0, 0.0, -1.0], abs=1e-3)
 
 
+@pytest.mark.parametrize("max_depth", [1, 2, 3])
+def test_images_do_not_depend_on_materials_of_objects_that_are_not_there(max_depth: int) -> None:
+    """Objects that emit or have holes may appear in a later frame. A mirror shows a wall and the sky."""
+    mirror = Material("mirror", diffuse_color=WHITE, metallic=1.0, roughness=0.0)
+    front = quad((-2, -2, 0), (2, -2, 0), (2, 2, 0), (-2, 2, 0))
+    back = quad((-50, -50, 9), (-50, 50, 9), (0, 50, 9), (0, -50, 9), material=1)
+    materials = [mirror, matte("m", (0.2, 0.5, 0.9))]
+    absent = [], [Material("lamp", emissive_color=WHITE)], [Material("holes", opacity=0.5, opacity_mode="presence")]
+    images = [
+        render(described([front, back], [*materials, *others], [SKY]), CLOSE, spp=4, max_depth=max_depth)
+        for others in absent
+    ]
+    for other in images[1:]:
+        for name in ("hdr", "albedo", "normal"):
+            np.testing.assert_array_equal(getattr(other, name), getattr(images[0], name), err_msg=name)
+    assert np.isclose(images[0].albedo[..., 2], 0.9).any() == (max_depth > 2)
+
+
 def test_normal_map_tilts_shading_normal() -> None:
     """A normal map tilted by 30 degrees toward +u, lit from +u, is as bright as a surface tilted so."""
     lean = math.radians(30.0)

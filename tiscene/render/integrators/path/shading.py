@@ -246,8 +246,9 @@ def shade(
 
                 light, distance = nearest_light(lights, depth, origin, direction, hits[i][0])
                 # At the last vertex of a path only emission counts: a surface that cannot emit need not be evaluated.
-                skip_surface = False
-                if instance >= 0 and depth + 1 >= max_depth and (status_bits & FEATURES_WRITTEN) != 0:
+                # It has no features, as with `finish_at_lights`: else a frame would tell whether a later object emits.
+                is_last, skip_surface = depth > 0 and depth + 1 >= max_depth, False
+                if instance >= 0 and is_last:
                     material_row = geometry.triangle_material[hit_ids[i][1]]
                     skip_surface = (materials.info[material_row, FLAGS] & (COVERAGE | EMITS)) == 0
                 emitted = vec3(0.0)  # radiance that arrives along the segment
@@ -287,7 +288,7 @@ def shade(
                             throughput *= transmittance(materials, surface, hits[i][0])
                         wo = -1.0 * direction
                         normal = shading_normal(surface, material, wo)
-                        if (status_bits & FEATURES_WRITTEN) == 0 and is_mirror_like(material) == 0:
+                        if (status_bits & FEATURES_WRITTEN) == 0 and not is_last and is_mirror_like(material) == 0:
                             status_bits |= FEATURES_WRITTEN
                             # Bright as it shines: else black lamps would count as surfaces in very much light.
                             write3(features, i, ALBEDO, ti.min(material.diffuse_color + emission, 1.0))
@@ -342,7 +343,7 @@ def shade(
                 if emitted.max() > 0.0:
                     radiance += throughput * emitted
                 # Paths that end before any feature was written have the feature of a visible light, or none.
-                if (status_bits & FEATURES_WRITTEN) == 0 and (this_step == 0 or not continues):
+                if (status_bits & FEATURES_WRITTEN) == 0 and not is_last and (this_step == 0 or not continues):
                     write3(features, i, ALBEDO, vec3(0.0) if continues else ti.min(throughput * emitted, 1.0))
                     write3(features, i, NORMAL, vec3(0.0))
                 set3(state, i, RADIANCE, radiance)
