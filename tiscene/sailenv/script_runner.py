@@ -119,7 +119,7 @@ def run_scenario(path: Path, agent: type[ScriptAgent], size: tuple[int, int]) ->
     """
     existing(path)
     if agent.limit is None:
-        raise ArgumentError(f"{path.name} has no end: give the number of frames")
+        raise ArgumentError(f"{path.name} has no end: give the number of frames (--frames)")
     try:
         content = json.loads(path.read_text("utf-8-sig"))
     except (OSError, ValueError, RecursionError) as error:

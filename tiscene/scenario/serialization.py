@@ -197,7 +197,7 @@ def _unique(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
 
 
 def _refuse_constant(name: str) -> None:
-    raise ScenarioError(f"{name} is not a number that a scenario can hold")
+    raise ScenarioError(f"{name} is not a number of JSON")
 
 
 def _lines(value: Any, indent: str, before: str) -> str:

@@ -90,11 +90,13 @@ def test_mistakes_name_their_place(tmp_path, change, message):
 
 
 def test_file_that_is_no_recipe_raises(tmp_path):
-    with pytest.raises(MissingFile, match="no recipe"):
+    with pytest.raises(MissingFile, match="no file"):
         Recipe.load(tmp_path / "gone.json")
-    (tmp_path / "broken.json").write_text("{")
-    with pytest.raises(ArgumentError, match="not a JSON file"):
-        Recipe.load(tmp_path / "broken.json")
+    broken = tmp_path / "broken.json"
+    for text, message in (("{", "line 1, column 2: not JSON"), ('{"frames": 1, "frames": 2}', "'frames' stands twice")):
+        broken.write_text(text)
+        with pytest.raises(ScenarioError, match=f"broken.json: .*{message}"):
+            Recipe.load(broken)
 
 
 def test_splits_have_their_shares_and_do_not_change_with_other_scenes():

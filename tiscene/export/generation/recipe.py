@@ -24,6 +24,7 @@ from tiscene.errors import ArgumentError, MissingFile, ScenarioError, TisceneErr
 from tiscene.export.formats import find_format
 from tiscene.frame.buffers import buffer_names
 from tiscene.render.view import image_size
+from tiscene.scenario import serialization
 from tiscene.scenario.providers import provider
 from tiscene.scenario.relative_files import beside
 from tiscene.scenario.scenario import DRAWN_FACTORS, Scenario
@@ -95,21 +96,16 @@ class Recipe:
 
         Raises:
             MissingFile: There is no such file.
-            ArgumentError: It is not a recipe; the message names the file and the place in it.
+            ArgumentError, ScenarioError: It is not a recipe; the message names the file and the place in it.
         """
-        try:
-            content = json.loads(Path(path).read_text(encoding="utf-8"))
-        except FileNotFoundError as error:
-            raise MissingFile(f"no recipe {str(path)!r}") from error
-        except (OSError, ValueError) as error:
-            raise ArgumentError(f"{path}: not a JSON file: {error}") from error
-        try:
+        folder = Path(path).parent
+
+        def make(content: Any) -> Recipe:
             if isinstance(content, dict):
-                folder = Path(path).parent
                 content |= {name: _from_folder(content[name], folder) for name in FILES & content.keys()}
             return cls.from_json(content)
-        except ArgumentError as error:
-            raise ArgumentError(f"{path}: {error}") from error
+
+        return serialization.read(path, make)
 
     @classmethod
     def from_json(cls, content: Any) -> Recipe:
