@@ -9,6 +9,13 @@ from pathlib import Path
 from tests.usd.helpers import write
 from tiscene.scene.camera import Vector3
 
+SMALL = ("Ball 01", "Cup 01", "Dish 01")  # templates
+# Center and half the size of each wall: a room 8 m wide and long, 4 m high, with a screen across the view.
+WALLS = {
+    "Floor": ((0, -0.05, 0), (4, 0.05, 4)),
+    "Ceiling": ((0, 4.05, 0), (4, 0.05, 4)),
+    "Screen": ((1.5, 1.5, -0.5), (1.5, 1.5, 0.05)),
+}
 # Centers of boxes of 0.2 m on a floor and a low table, by name, m. All but the last are rigid bodies.
 BOXES = {
     "A": (-0.6, 0.1, 0),
