@@ -19,11 +19,16 @@ def is_shown(prim: Usd.Prim, time: Usd.TimeCode) -> bool:
     for each in with_ancestors(prim):
         if each.IsA(UsdGeom.PointInstancer):
             return False
-        visibility = UsdGeom.Imageable(each).GetVisibilityAttr() if each.IsA(UsdGeom.Imageable) else None
-        if visibility and visibility.Get(time) == UsdGeom.Tokens.invisible and not is_time_varying(visibility):
+        if each.IsA(UsdGeom.Imageable) and is_always_invisible(UsdGeom.Imageable(each), time):
             return False
     purpose = UsdGeom.Imageable(prim).ComputePurpose()
     return purpose in DRAWN_PURPOSES and (purpose != UsdGeom.Tokens.render or renders(prim))
+
+
+def is_always_invisible(imageable: UsdGeom.Imageable, time: Usd.TimeCode) -> bool:
+    """Return whether a prim's own visibility hides it at all times."""
+    visibility = imageable.GetVisibilityAttr()
+    return visibility.Get(time) == UsdGeom.Tokens.invisible and not is_time_varying(visibility)
 
 
 def shows_geometry(prim: Usd.Prim, time: Usd.TimeCode) -> bool:

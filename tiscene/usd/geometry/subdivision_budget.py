@@ -20,8 +20,8 @@ from tiscene.usd.core.content import content_digest
 from tiscene.usd.core.prims import DRAWN_PURPOSES, distinct_prims
 from tiscene.usd.core.report import StageReport
 from tiscene.usd.core.semantics import shared_path
+from tiscene.usd.core.shown_prims import is_always_invisible
 from tiscene.usd.core.transform import point_matrices
-from tiscene.usd.core.value_times import is_time_varying
 from tiscene.usd.geometry.primvar import Topology, array_of
 from tiscene.usd.geometry.subdivision import MAX_LEVELS, smooth_levels
 
@@ -154,10 +154,9 @@ def _cages(
 
 
 def _is_hidden(imageable: UsdGeom.Imageable, time: Usd.TimeCode) -> bool:
-    purpose, visibility = imageable.GetPurposeAttr(), imageable.GetVisibilityAttr()
-    if purpose.HasAuthoredValue() and purpose.Get() not in DRAWN_PURPOSES:
-        return True
-    return visibility.Get(time) == UsdGeom.Tokens.invisible and not is_time_varying(visibility)
+    purpose = imageable.GetPurposeAttr()
+    is_drawn = not purpose.HasAuthoredValue() or purpose.Get() in DRAWN_PURPOSES
+    return not is_drawn or is_always_invisible(imageable, time)
 
 
 def _focal_length(camera: UsdGeom.Camera, time: Usd.TimeCode) -> float:
